@@ -69,7 +69,7 @@ def test_each_command_of_the_page_does_what_the_page_shows(tmp_path: Path) -> No
                 assert [line for line in lines if line not in said] == [], said
         assert walk.run is not None, "the page does not run the robot"
         assert [line.split()[1] for line in commands if line.startswith("cobot ")] == [
-            "new-robot", "new-robot", "check", "check", "run", "stop",
+            "new-robot", "check", "check", "run", "stop",
         ]  # fmt: skip
     finally:
         if walk.run is not None:

@@ -121,6 +121,7 @@ def _new_robot(chosen: argparse.Namespace) -> int:
         srdf=chosen.srdf,
         group=chosen.group,
         hulls=chosen.hulls,
+        xacro=dict(chosen.xacro),
     )
     folder = chosen.output or Path(chosen.file.name.split(".")[0])
     robot.write(folder)

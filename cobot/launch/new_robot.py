@@ -1,4 +1,4 @@
-"""`cobot new-robot`: from a URDF or MJCF file to a folder that `cobot run --config` takes.
+"""`cobot new-robot`: from a URDF, xacro or MJCF file to a folder that `cobot run --config` takes.
 
 The folder has model.xml (MJCF), meshes, joint_limits.yaml, robot.srdf and cobot-setting.yaml. It is made
 beside its final place and checked there, so it is complete or it is not there.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -72,6 +72,7 @@ class NewRobot:
         srdf, group: an SRDF, and the group of it whose joints drives move.
         packages: folders, in which or as which the packages of package://NAME/... are looked for.
         hulls: whether each mesh is its convex hull for collisions, even where that fills free space.
+        xacro: values of the arguments of a xacro file.
         guessed: sentences, filled in by `write`.
     """
 
@@ -85,6 +86,7 @@ class NewRobot:
     srdf: Path | None = None
     group: str | None = None
     hulls: bool = False
+    xacro: Mapping[str, str] = field(default_factory=dict)
     guessed: list[str] = field(default_factory=list)
 
     def write(self, folder: Path) -> None:
@@ -106,7 +108,7 @@ class NewRobot:
                 inside.mkdir()
                 name = re.sub(r"[^A-Za-z0-9_-]", "_", folder.resolve().name)[:48]
                 with Worker() as worker:
-                    root = read_xml(self.file)
+                    root, self.file = read_xml(self.file, worker, self.xacro, self.packages)
                     visuals = Visuals(self.file, root, self.packages, self.guessed)
                     self._fill(inside, name, root, worker)
                     visuals.write(inside, worker)

@@ -170,14 +170,22 @@ def _add_doctor_and_install(commands: Any, config: argparse.ArgumentParser) -> N
 
 def _add_new_robot(commands: Any) -> None:
     new = commands.add_parser("new-robot", help="make the configuration of an arm from its URDF or MJCF")
-    new.add_argument("file", type=Path, metavar="FILE", help="URDF or MJCF; xacro has to be expanded first")
+    new.add_argument("file", type=Path, metavar="FILE", help="URDF, xacro or MJCF")
     new.add_argument("--output", type=Path, metavar="FOLDER", help="to be made; FILE's name without it")
     new.add_argument(
         "--actuators", nargs="+", default=[], metavar="JOINT", help="that drives move; else those of the arm"
     )
     new.add_argument("--without", nargs="+", default=[], metavar="JOINT", help="that are not part of the arm")
     new.add_argument(
-        "--package", type=Path, nargs="+", default=[], metavar="FOLDER", help="where package:// is found"
+        "--package", type=Path, nargs="+", default=[], metavar="FOLDER", help="where ROS packages are found"
+    )
+    new.add_argument(
+        "--xacro",
+        type=_xacro_argument,
+        nargs="+",
+        default=[],
+        metavar="NAME:=VALUE",
+        help="arguments of a xacro file",
     )
     new.add_argument(
         "--hulls", action="store_true", help="take the convex hull of each mesh, never several solids"
@@ -228,6 +236,13 @@ def _mass(argument: str) -> tuple[str, float]:
         if link and equals:
             return link, float(mass)
     raise argparse.ArgumentTypeError(f"{argument!r} is not LINK=KG, such as upper_arm=3.5")
+
+
+def _xacro_argument(argument: str) -> tuple[str, str]:
+    name, assigned, value = argument.partition(":=")
+    if name and assigned:
+        return name, value
+    raise argparse.ArgumentTypeError(f"{argument!r} is not NAME:=VALUE, such as ur_type:=ur5e")
 
 
 def _port(argument: str) -> int:

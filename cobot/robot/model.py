@@ -264,7 +264,7 @@ class RobotModel:
 def _advice(path: Path, said: str) -> str:
     """For files as ROS has them."""
     if path.suffix == ".xacro":
-        return f"; it is xacro, expand it first: xacro {path.name} > {path.name.split('.')[0]}.urdf"
+        return f"; it is xacro, let `cobot new-robot {path.name}` make a model of it"
     if "package:" in said:
         return f"; let `cobot new-robot {path.name} --package FOLDER` make a model of it, with its meshes"
     return ""

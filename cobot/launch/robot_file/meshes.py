@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element
 import mujoco
 
 from cobot.errors import ConfigError
+from cobot.launch.robot_file.packages import find_package
 from cobot.launch.robot_file.worker import Worker, absolute
 from cobot.xml_file import numbers, shown, where
 
@@ -167,12 +168,10 @@ def located(file: Path, name: str, packages: Sequence[Path]) -> Path:
             raise ConfigError(f"{path} does not exist")
         return path
     package, _, inner = name.removeprefix("package://").partition("/")
-    for folder in packages:
-        for place in (folder / package / inner, folder / inner):
-            if place.is_file() and (place != folder / inner or folder.resolve().name == package):
-                return place
-    looked = f" ({', '.join(map(str, packages))})" if packages else ""
-    raise ConfigError(
-        f"{name} is in none of the packages given{looked}; add --package FOLDER, the folder {package} or the "
-        "one above it"
-    )
+    try:
+        path = find_package(package, file, packages) / inner
+    except ConfigError as exc:
+        raise ConfigError(f"{name}: {exc}") from exc
+    if not path.is_file():
+        raise ConfigError(f"{name}: {path} does not exist")
+    return path

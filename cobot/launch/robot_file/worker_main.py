@@ -53,10 +53,21 @@ def compile_mjcf(file: str) -> dict[str, Any]:
 
 
 DAMAGED = "cannot be read: it is damaged, empty or of another format; export it again, for example as STL"
+
+
+def expand_xacro(file: str, into: str, arguments: dict[str, str], packages: list[str]) -> dict[str, Any]:
+    """Write the URDF that a xacro file describes; see `xacro_file.expand`."""
+    from cobot.launch.robot_file import xacro_file
+
+    xacro_file.expand(Path(file), Path(into), arguments, [Path(package) for package in packages])
+    return {}
+
+
 TASKS: dict[str, Callable[..., dict[str, Any]]] = {
     "solids": write_solids,
     "look": write_look,
     "mjcf": compile_mjcf,
+    "xacro": expand_xacro,
 }
 
 

@@ -198,23 +198,6 @@ def test_an_effort_that_the_file_does_not_give_is_guessed_in_the_joints_unit(tmp
     assert [sentence.split()[3].rstrip(",") for sentence in said] == ["N", "N", *["N·m"] * 4]
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "advice"),
-    [
-        ("arm.urdf.xacro", '<robot name="a"/>', "xacro arm.urdf.xacro > arm.urdf"),
-        ("arm.urdf", '<robot><xacro:include filename="x"/></robot>', "xacro arm.urdf > arm_expanded.urdf"),
-        ("arm.xacro", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>', "xacro arm.xacro > arm.urdf"),
-    ],
-)
-def test_xacro_is_refused_with_the_command_that_expands_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, advice: str
-) -> None:
-    (tmp_path / name).write_text(text)
-    assert main(["new-robot", str(tmp_path / name), "--output", str(tmp_path / "made")]) == 1
-    assert advice in capsys.readouterr().err
-    assert not (tmp_path / "made").exists()
-
-
 @pytest.mark.parametrize("given", ["", "parts"])
 def test_packages_are_found_in_or_as_the_folders_given(tmp_path: Path, given: str) -> None:
     stl(tmp_path / "ws" / "parts" / "meshes" / "a.stl")
@@ -229,7 +212,8 @@ def test_a_package_that_is_in_no_folder_given_is_named_with_the_folders(tmp_path
     text = urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', '<mesh filename="package://parts/a.stl"/>', 1)
     stl(tmp_path / "others" / "a.stl")
     with pytest.raises(
-        ConfigError, match=r"package://parts/a\.stl is in none .*others\); .* folder parts or"
+        ConfigError,
+        match=r"package://parts/a\.stl: there is no package .parts. .*others\) .*folder of parts or",
     ):
         made_of(tmp_path / "arm.urdf", text, packages=[tmp_path / "others"])
 

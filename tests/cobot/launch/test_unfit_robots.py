@@ -121,7 +121,7 @@ def _found(made: Path) -> str:
 @pytest.mark.parametrize(
     ("name", "advice"),
     [
-        ("arm.urdf.xacro", "it is xacro, expand it first: xacro arm.urdf.xacro > arm.urdf"),
+        ("arm.urdf.xacro", "it is xacro, let `cobot new-robot arm.urdf.xacro` make a model of it"),
         ("arm.urdf", "let `cobot new-robot arm.urdf --package FOLDER` make a model of it"),
     ],
 )

@@ -1,0 +1,59 @@
+"""ROS packages that a robot's file names, as `package://NAME/...` or, in xacro, `$(find NAME)`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from cobot.errors import ConfigError
+
+MANIFEST = "package.xml"
+
+
+def find_package(name: str, file: Path, given: Sequence[Path]) -> Path:
+    """The folder of a package.
+
+    A package is found by the name of its folder or of its manifest: in the given folders and those directly
+    below them, then among the folders that the file is in and the packages next to its own.
+
+    Args:
+        file: the robot's file.
+        given: folders of packages, or folders that hold packages.
+
+    Raises:
+        ConfigError: the package is not there; says what to do.
+    """
+    for folder in _candidates(name, file, given):
+        if (folder / name).is_dir():
+            return folder / name
+        for place in (folder, *_packages_below(folder)):
+            if _name(place) == name:
+                return place
+    looked = f" ({', '.join(map(str, given))})" if given else ""
+    raise ConfigError(
+        f"there is no package {name!r} in the folders given{looked} or next to the file: add "
+        f"--package FOLDER, the folder of {name} or the one above it"
+    )
+
+
+def _candidates(name: str, file: Path, given: Sequence[Path]) -> Iterator[Path]:
+    yield from given
+    for folder in file.resolve().parents:
+        if (folder / MANIFEST).is_file() or folder.name == name:
+            yield folder
+            yield folder.parent
+
+
+def _packages_below(folder: Path) -> Iterator[Path]:
+    for manifest in sorted(folder.glob(f"*/{MANIFEST}")):
+        yield manifest.parent
+
+
+def _name(folder: Path) -> str:
+    """Of the package in a folder: as its manifest says, otherwise the folder's own."""
+    try:
+        found = ElementTree.parse(folder / MANIFEST).getroot().findtext("name")
+    except (OSError, ElementTree.ParseError):
+        found = None
+    return (found or folder.resolve().name).strip()

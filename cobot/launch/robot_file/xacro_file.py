@@ -1,0 +1,60 @@
+"""Expands xacro to URDF.
+
+Runs in the worker, because a xacro file holds Python expressions and may never end.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from xml.dom.minidom import parse
+from xml.parsers.expat import ExpatError
+
+from cobot.errors import ConfigError
+from cobot.launch.robot_file.packages import find_package
+
+
+def expand(file: Path, into: Path, arguments: Mapping[str, str], packages: Sequence[Path]) -> None:
+    """Writes the URDF that a xacro file describes.
+
+    Args:
+        into: the file to write, in UTF-8.
+        arguments: values of the file's `<xacro:arg>`.
+        packages: see `find_package`.
+
+    Raises:
+        ConfigError: xacro's reason, without the file.
+    """
+    _provide_packages(file, packages)
+    import xacro
+
+    try:
+        document = xacro.process_file(str(file), mappings=dict(arguments))
+    except ConfigError:
+        raise
+    except (Exception, SystemExit) as exc:  # Expressions of the file raise whatever they like.
+        reason = " ".join(str(exc).split()) or type(exc).__name__
+        raise ConfigError(f"xacro cannot expand it: {reason}{_known_arguments(file)}") from exc
+    into.write_text(document.toprettyxml(indent="  "), encoding="utf-8")
+
+
+def _provide_packages(file: Path, packages: Sequence[Path]) -> None:
+    """Answers `$(find NAME)`, for which xacro asks the index of an installed ROS."""
+    index = ModuleType("ament_index_python.packages")
+    index.get_package_share_directory = (  # type: ignore[attr-defined]
+        lambda name: str(find_package(name, file, packages))
+    )
+    sys.modules["ament_index_python"] = ModuleType("ament_index_python")
+    sys.modules["ament_index_python.packages"] = index
+
+
+def _known_arguments(file: Path) -> str:
+    """The arguments that a file declares, as a hint; "" if it has none."""
+    try:
+        declared = parse(str(file)).getElementsByTagName("xacro:arg")
+    except (ExpatError, OSError, ValueError):  # has been reported already
+        return ""
+    names = [argument.getAttribute("name") for argument in declared]
+    return f"; its arguments are: {', '.join(names)}; set them with --xacro NAME:=VALUE" if names else ""
