@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 from running import PATIENT_PLANNING
+from scipy.spatial.transform import Rotation
 from virtual import VirtualService, virtual_service
 
 from benchmarks.explanations import examined
@@ -144,3 +146,20 @@ def test_a_sequence_is_planned_as_it_moves(service: VirtualService) -> None:
     assert moved["duration_s"] == pytest.approx(done["duration_s"], abs=0.05)
     refusal = service.post("/robot/plan/sequence", json={"motions": motions, "radii": [0.1, 0.1]})
     assert refusal.json()["detail"] == "radii: 2 motions need 1, one for each but the last; got 2"
+
+
+def test_where_a_line_cannot_end_in_the_joints_that_are_asked_for_any_end_works(
+    service: VirtualService,
+) -> None:
+    """The same pose with the wrist turned over: no line leads to it."""
+    start = [0.2, 0.5, -0.3, -1.3, 0.4, 0.9, 0.1]
+    goal = service.post("/robot/plan/joints", json={"joints": start, "samples": 2}).json()["path"][-1]
+    a, b, c = Rotation.from_quat(goal["quaternion"]).as_euler("ZYX").tolist()
+    x, y, z = goal["position"]
+    over = [*start[:4], start[4] - np.pi, -start[5], start[6] + np.pi]
+    near = [*start[:6], start[6] - 0.3]
+    line = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "planner": "lin", "start": near}
+    works = refused(service, "pose", **line, end_joints=over)["explain"]["works"]
+    end = next(each for each in works if each["change"] == "end")
+    assert "end_joints" not in end["body"]
+    assert service.post(end["endpoint"], json=end["body"]).status_code == 200

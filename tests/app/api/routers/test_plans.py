@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from virtual import VirtualService, virtual_service
 
 from app.api.plan_schemas import PlanAnswer
@@ -341,3 +342,65 @@ def test_a_plan_that_moves_nothing_runs_through(service: VirtualService) -> None
     assert (answer["runs_through"], answer["duration_s"], answer["planned_duration_s"]) == (True, 0.0, 0.0)
     assert answer["off"] == [0.0] * 7
     assert max(answer["effort"]) > 0.0
+
+
+def test_a_plan_of_a_full_circle_runs_again_and_again(service: VirtualService) -> None:
+    """Each run begins where the one before has ended, to 1e-6 rad, or it is refused."""
+    start = [0.2, 0.5, -0.3, -1.3, 0.4, 0.9, 0.1]
+    assert post(service, "/robot/move/joints", {"joints": start, "speed": 1.0}).json()["success"]
+    at = service.get("/robot/pose").json()["position"]
+    centre = {"x": at["x"] - 0.05, "y": at["y"], "z": at["z"]}
+    arc = {"centre": centre, "axis": {"x": 0, "y": 0, "z": 1}, "angle": 6.2832, "speed": 1.0}
+    plan = post(service, "/robot/plan/arc", arc).json()
+    np.testing.assert_allclose(plan["path"][-1]["joints"], start, atol=1e-9)
+    for _ in range(6):
+        answer = post(service, "/robot/execute", {"plan_id": plan["plan_id"]})
+        assert answer.json()["success"], answer.text
+    drifting = post(service, "/robot/plan/arc", arc | {"cyclic": False}).json()
+    assert np.abs(np.array(drifting["path"][-1]["joints"]) - start).max() > 1e-4
+
+
+def test_a_line_back_ends_in_the_joints_that_are_asked_for(service: VirtualService) -> None:
+    first = planned(service, samples=2)
+    here = first["path"][-1]
+    assert post(service, "/robot/move/joints", {"joints": THERE, "speed": 1.0}).json()["success"]
+    x, y, z = here["position"]
+    turn = service.get("/robot/pose").json()["orientation"]["euler_rad"]
+    away = {"x": x, "y": y + 0.2, "z": z - 0.1, **turn, "planner": "lin", "speed": 1.0}
+    there = post(service, "/robot/plan/pose", away | {"samples": 2}).json()
+    back = {"x": x, "y": y, "z": z, "planner": "lin", "end_joints": THERE, "speed": 1.0, "samples": 2}
+    back |= {"start": there["path"][-1]["joints"], **_angles(here["quaternion"])}
+    plan = post(service, "/robot/plan/pose", back)
+    assert plan.status_code == 200, plan.text
+    np.testing.assert_allclose(plan.json()["path"][-1]["joints"], THERE, atol=1e-9)
+    for wrong, said in (
+        (THERE[:6], "end_joints: must have 7 angles, got 6"),
+        (HOME, "end_joints: their pose is"),
+        ([9.0, *THERE[1:]], "end_joints: the angle of joint1 is 9 rad"),
+    ):
+        refused = post(service, "/robot/plan/pose", back | {"end_joints": wrong})
+        assert refused.status_code == 422
+        assert said in refused.json()["detail"]
+
+
+def _angles(quaternion: list[float]) -> dict[str, float]:
+    """KUKA's angles of x, y, z, w, by scipy."""
+    a, b, c = Rotation.from_quat(quaternion).as_euler("ZYX").tolist()
+    return {"a": a, "b": b, "c": c}
+
+
+def test_a_rotation_of_the_tool_can_be_free(service: VirtualService) -> None:
+    at_home(service)
+    body = {"x": 0.45, "y": 0.2, "z": 0.4, "b": np.pi, "free_axes": ["rz"], "samples": 2}
+    for planner in ("ptp", "lin", "ompl"):
+        end = post(service, "/robot/plan/pose", body | {"planner": planner}).json()["path"][-1]
+        np.testing.assert_allclose(end["position"], [0.45, 0.2, 0.4], atol=1e-6)
+        down = Rotation.from_quat(end["quaternion"]).as_matrix()[:, 2]
+        np.testing.assert_allclose(down, [0.0, 0.0, -1.0], atol=1e-6)
+    for axes, said in (
+        (["c"], "free_axes[0]: input should be 'rx', 'ry' or 'rz', got 'c'"),
+        (["rx", "rz"], "free_axes: has rx and rz, by which every orientation is reached"),
+    ):
+        refused = post(service, "/robot/plan/pose", body | {"free_axes": axes})
+        assert refused.status_code == 422
+        assert said in refused.json()["detail"]
