@@ -23,7 +23,7 @@ from cobot.planners.joint_path import (
 from cobot.planners.path import Path
 from cobot.planners.tcp_path import TcpPath, angles_between
 from cobot.robot.description import RobotDescription
-from cobot.robot.inverse_kinematics import apart, cause_of
+from cobot.robot.inverse_kinematics import allowed, apart, cause_of, missing
 from cobot.types import Array, JointLimits
 
 STEP_RAD = 0.4
@@ -53,13 +53,13 @@ def continued(
 
 def _led_to(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, end: Array) -> Array:
     """The joints, shape (n, dof), with what they miss at the end spread over the whole path."""
-    arm, missing = robot.model.kinematics(path.free), end - rows[-1]
-    if np.abs(missing).max() > SAME_RAD:
+    arm, drift = robot.model.kinematics(path.free), end - rows[-1]
+    if np.abs(drift).max() > SAME_RAD:
         if not arm.redundant:
-            joint = int(np.abs(missing).argmax())
+            joint = int(np.abs(drift).argmax())
             raise _elsewhere(path, robot.limits, joint, float(rows[-1, joint]), float(end[joint]))
         weights = shares**3 * (10.0 + shares * (6.0 * shares - 15.0))  # at rest at both ends
-        guesses = rows + weights[:, None] * missing
+        guesses = rows + weights[:, None] * drift
         poses = path.poses(shares)
         rows = rows.copy()
         for place in range(1, len(rows) - 1):
@@ -172,21 +172,19 @@ def _failure(
     if solved:
         return jump_of(place, limits, joint, abs(float(joints[joint] - before[joint])), share)
     pose, target = robot.model.forward(joints), path.pose_at(next_share)
-    missing = float(np.linalg.norm(pose.position - target.position))
+    distance_m = float(np.linalg.norm(pose.position - target.position))
     angle = float(angles_between(pose.quaternion[None], target.quaternion[None], path.free)[0])
     cause = cause_of(robot.model, target, joints, path.free, share)
     if cause.finding is not None and cause.finding.check == "limit":
         beyond = limits.names.index(cause.finding.of[0])
         return at_limit_of(place, limits, beyond, cause.finding.value, cause.finding.limit, share)
-    allowed = ""
-    if robot.model.inverse_kinematics.lacking:
-        allowed = f" after {100 * next_share:.0f} %, allowed are 0.05 mm and 0.01 degrees"
+    at = f" after {100 * next_share:.0f} %" if robot.model.inverse_kinematics.lacking else ""
+    away = f"{apart(distance_m, angle)} away{at}{allowed(robot.model)}"
     return UnreachableError(
-        f"{place} the TCP cannot go on: {cause.says}; it stays {apart(missing, angle)} away{allowed}, "
-        f"with {moving(limits, joint)} most, to {joints[joint]:.3f} {limits.unit(joint)}",
+        f"{place} the TCP cannot go on: {cause.says}; it stays {away}, with {moving(limits, joint)} most, to "
+        f"{joints[joint]:.3f} {limits.unit(joint)}",
         findings=[
             *([] if cause.finding is None else [cause.finding]),
-            Finding("reach", "distance to the path", missing, 0.0, "m", share, (name,)),
-            Finding("reach", "angle to the path", angle, 0.0, "rad", share, (name,)),
+            *missing(robot.model, distance_m, angle, "path", share, (name,)),
         ],
     )

@@ -21,6 +21,8 @@ MIN_GAP_M = 1e-6
 NEAR_STARTS, NEAR_STEPS = 12, 300
 """Random starts and steps of the descents that come as near to an unreachable pose as they can."""
 TURN_RAD = 2.0 * np.pi
+NEAR_M, NEAR_RAD = 5e-5, float(np.radians(0.01))
+"""An arm that cannot move its TCP in all six directions is at a pose when it is within these."""
 POSE_DOF = 6
 ROUNDING = 1e-6
 """What is less is called 0, mm or degrees."""
@@ -175,16 +177,33 @@ def out_of_reach(
     cause = cause_of(model, pose, nearest.joints, free)
     findings = [
         *([] if cause.finding is None else [cause.finding]),
-        Finding("reach", "distance to the goal", float(nearest.distance_m), 0.0, "m", 1.0),
-        Finding("reach", "angle to the goal", float(nearest.angle_rad), 0.0, "rad", 1.0),
+        *missing(model, nearest.distance_m, nearest.angle_rad, "goal", 1.0),
     ]
-    near = f"comes as near as {apart(nearest.distance_m, nearest.angle_rad)}"
+    near = f"comes as near as {apart(nearest.distance_m, nearest.angle_rad)}{allowed(model)}"
     is_far = cause.finding is not None and cause.finding.check == "reach"
     why = f"{cause.says}, and {near}" if is_far else f"{cause.says}; within the joints' limits it {near}"
     return UnreachableError(
         f"the TCP cannot reach x {x:.6g}, y {y:.6g}, z {z:.6g} m in this orientation: {why}",
         findings=findings,
     )
+
+
+def missing(
+    model: RobotModel, distance_m: float, angle_rad: float, to: str, share: float, of: tuple[str, ...] = ()
+) -> list[Finding]:
+    """How far the TCP stays from the goal or the path."""
+    most_m, most_rad = (NEAR_M, NEAR_RAD) if model.inverse_kinematics.lacking else (0.0, 0.0)
+    return [
+        Finding("reach", f"distance to the {to}", float(distance_m), most_m, "m", share, of),
+        Finding("reach", f"angle to the {to}", float(angle_rad), most_rad, "rad", share, of),
+    ]
+
+
+def allowed(model: RobotModel) -> str:
+    """The tolerance in words, of an arm that has one."""
+    if not model.inverse_kinematics.lacking:
+        return ""
+    return f", allowed are {1e3 * NEAR_M:g} mm and {np.degrees(NEAR_RAD):g} degrees"
 
 
 def apart(distance_m: float, angle_rad: float) -> str:
