@@ -18,11 +18,7 @@ cdef class MujocoBackend(CompiledBackend):
     cdef double* _c_jacobian
     cdef Observer _observer
     cdef Springs _springs
-    # Position control: stiffness and damping of each joint, N·m/rad and N·m s/rad.
-    cdef double _stiffness[MAX_DOF]
-    cdef double _damping[MAX_DOF]
-    cdef double _joint_damping[MAX_DOF]
-    cdef double _friction[MAX_DOF]
+    cdef object _losses  # damping and dry friction of the model's file, each of shape (dof,)
     cdef double _command[3 * MAX_DOF]
     cdef double _pull[MAX_DOF]
     cdef bint _yielding  # an impedance is set
@@ -51,4 +47,5 @@ cdef class MujocoBackend(CompiledBackend):
     cdef void _exert_push(self) noexcept nogil
     cdef void _report(self) noexcept nogil
     cdef void _read_sensors(self, double* wrench) noexcept nogil
+    cdef _make_up_for_losses(self)
     cdef _find_sensors(self)

@@ -1,14 +1,18 @@
 """A simulated torque-controlled arm: MuJoCo's dynamics under joint impedance control.
 
-The drives get, each cycle,
+In position control the drives get the computed torque, each cycle,
 
-    tau = M(q) ddq_cmd + bias(q, dq) + friction + springs
+    tau = M(q) (ddq_cmd + w² (q_cmd - q) + 2 z w (dq_cmd - dq)) + bias(q, dq)
 
-clamped to the effort limits. In position control the springs are K (q_cmd - q) + D (dq_cmd - dq), stiff,
-and the friction is what the model knows at dq_cmd. On a planned motion the first three terms do the work
-and the springs see only what the model does not know; pushed, the arm yields by force over stiffness. With
-an `Impedance` the springs are softer, and such an arm's torque sensors, behind the gears, let the drives
-make up for most of the dry friction that was really there in the last cycle.
+clamped to the effort limits. Every arm then has the frequency w and the damping ratio z in every posture and
+with every payload, so the stability in a cycle of 1 ms does not depend on masses. Springs with a fixed
+stiffness do not have this property: with the dampers that suit the inertia of one posture, or even the
+present diagonal of M, light arms and coupled axes diverge. The efforts are those of the gears' output. The
+drives make up for dry friction and damping of the model in front of it, so neither slows the arm down.
+
+With an `Impedance` the drives get M(q) ddq_cmd + bias + friction + springs instead, and friction and damping
+act on the arm. The torque sensors behind the gears let the drives make up for most of the dry friction that
+was there in the last cycle.
 
 Long, because drives, dynamics and sensors are one step of one simulation.
 """
@@ -27,16 +31,13 @@ from rtloop.backends.springs cimport Springs
 
 from cobot.robot.device import Capabilities
 from cobot.robot.model import RobotModel
-from cobot.robot.tool import BARE
 from rtloop.backends import BackendError
 
-# Each joint has this frequency about its inertia at the start. 60 rad/s gives some 5000 N·m/rad in the large
-# joints and 500 in the small ones, the range in which the LBR's own joint impedance works, and is a hundredth
-# of the rate of a 1 kHz cycle, far from what discrete damping would make unstable.
+# Position control. 60 rad/s makes some 5000 N·m/rad of the inertias of the iiwa's large joints and 500 of the
+# small ones, the range of the LBR's own joint impedance. It is a hundredth of the rate of a 1 kHz cycle, far
+# from what a discrete controller would make unstable.
 cdef double NATURAL_FREQUENCY_RAD_S = 60.0
 cdef double DAMPING_RATIO = 0.7
-# Commanded speed over which the compensation of dry friction grows to its full value.
-cdef double FRICTION_VELOCITY_RAD_S = 0.01
 # Share of the measured dry friction that is made up for: all of it would leave a joint without any.
 cdef double FRICTION_SHARE = 0.9
 # Time in which the arm goes over to another impedance.
@@ -72,9 +73,8 @@ cdef class MujocoBackend(CompiledBackend):
         self._springs = Springs(robot, self._data, self._jacobian)
         self.nominal_stiffness = self._springs.joint_stiffness
         self.nominal_cartesian_stiffness = self._springs.tcp_stiffness
-        for i in range(dof):
-            self._joint_damping[i] = self._c_model.dof_damping[i]
-            self._friction[i] = self._c_model.dof_frictionloss[i]
+        self._losses = self._model.dof_damping.copy(), self._model.dof_frictionloss.copy()
+        self._make_up_for_losses()
         self._transition = np.zeros(dof)
         self._c_transition = doubles(self._transition, dof)
         self._transition_cycles = round(TRANSITION_S / settings.rt.period_s)
@@ -85,22 +85,12 @@ cdef class MujocoBackend(CompiledBackend):
 
     def open(self, initial_position: object) -> None:
         cdef int i
-        tool = self._robot.tool
-        if tool.version:  # the drives are as stiff with a load as without
-            self._robot.carry(BARE)
         self._position[:] = initial_position
         self._data.qvel[:] = 0.0
-        mujoco.mj_forward(self._model, self._data)
-        inertia = np.zeros((self._dof, self._dof))
-        mujoco.mj_fullM(self._model, self._data, inertia)
         for i in range(self._dof):
-            self._stiffness[i] = inertia[i, i] * NATURAL_FREQUENCY_RAD_S**2
-            self._damping[i] = inertia[i, i] * 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY_RAD_S
             self._command[i] = self._position[i]
             self._command[self._dof + i] = self._command[2 * self._dof + i] = 0.0
-        if tool.version:
-            self._robot.carry(tool)
-            mujoco.mj_forward(self._model, self._data)
+        mujoco.mj_forward(self._model, self._data)
         self._data.ctrl[:] = self._data.qfrc_bias
         mujoco.mj_forward(self._model, self._data)
         self._transition[:] = 0.0
@@ -131,6 +121,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._yielding = impedance is not None
         if self._yielding:
             self._springs.use(impedance)
+        self._make_up_for_losses()
         self._changing = True
 
     def read(self, Measured measured not None) -> None:
@@ -251,7 +242,7 @@ cdef class MujocoBackend(CompiledBackend):
                     )
 
     cdef void _find_pull(self) noexcept nogil:
-        """Springs and friction towards the command."""
+        """Torques towards the commanded position and velocity."""
         cdef int i
         if not self._yielding:
             self._pull_stiffly()
@@ -259,7 +250,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._springs.c_torques(self._command, self._pull)
         for i in range(self._dof):
             self._pull[i] += (
-                self._joint_damping[i] * self._command[self._dof + i]
+                self._c_model.dof_damping[i] * self._command[self._dof + i]
                 - FRICTION_SHARE * self._observer.c_friction[i]
             )
 
@@ -267,21 +258,14 @@ cdef class MujocoBackend(CompiledBackend):
         """In position control."""
         cdef const double* position = self._c_data.qpos
         cdef const double* velocity = self._c_data.qvel
-        cdef const double* wanted = self._command + self._dof
-        cdef double friction
+        cdef double acceleration[MAX_DOF]
         cdef int i
         for i in range(self._dof):
-            friction = self._friction[i] / FRICTION_VELOCITY_RAD_S * wanted[i]
-            if friction > self._friction[i]:
-                friction = self._friction[i]
-            elif friction < -self._friction[i]:
-                friction = -self._friction[i]
-            self._pull[i] = (
-                self._stiffness[i] * (self._command[i] - position[i])
-                + self._damping[i] * (wanted[i] - velocity[i])
-                + self._joint_damping[i] * wanted[i]
-                + friction
+            acceleration[i] = (
+                NATURAL_FREQUENCY_RAD_S * NATURAL_FREQUENCY_RAD_S * (self._command[i] - position[i])
+                + 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY_RAD_S * (self._command[self._dof + i] - velocity[i])
             )
+        mj_mulM(self._c_model, self._c_data, self._pull, acceleration)
 
     cdef void _begin_transition(self) noexcept nogil:
         cdef int i
@@ -349,6 +333,11 @@ cdef class MujocoBackend(CompiledBackend):
             for i in range(6):
                 product += self._from_sensors[6 * row + i] * readings[i]
             wrench[row] = product
+
+    cdef _make_up_for_losses(self):
+        """Have dry friction and damping act on the arm only while it gives way."""
+        share = 1.0 if self._yielding else 0.0
+        self._model.dof_damping[:], self._model.dof_frictionloss[:] = (share * each for each in self._losses)
 
     cdef _find_sensors(self):
         """What turns the readings of MuJoCo's sensors `flange_force` and `flange_torque`, if the model has

@@ -6,9 +6,7 @@ cdef class Observer:
     cdef const mjModel* _model
     cdef mjData* _data
     cdef object _owners  # of what the addresses lead to
-    cdef int _dof, _rubbing_count
-    cdef int _rubbing[MAX_DOF]
-    cdef double _damping[MAX_DOF]
+    cdef int _dof
     cdef double _before[MAX_DOF]
     cdef double _change[MAX_DOF]  # of the velocity in the last period
     cdef double _share, _rate_hz

@@ -27,17 +27,10 @@ cdef double MIN_SINGULAR = 0.01
 cdef class Observer:
     def __init__(self, model: object, data: object, jacobian: object) -> None:
         cdef int dof = checked_dof(model.nv)
-        cdef int joint
         self._owners = model, data, jacobian
         self._model, self._data = model_of(model), data_of(data)
         self._jacobian = doubles(jacobian, 6 * dof)
         self._dof = dof
-        self._rubbing_count = 0
-        for joint in range(dof):
-            self._damping[joint] = self._model.dof_damping[joint]
-            if self._model.dof_frictionloss[joint] != 0.0:
-                self._rubbing[self._rubbing_count] = joint
-                self._rubbing_count += 1
         self._share = 1.0 - exp(-GAIN_HZ * self._model.opt.timestep)
         self._rate_hz = 1.0 / self._model.opt.timestep
         self.effort, self.friction, self.wrench = np.zeros(dof), np.zeros(dof), np.zeros(6)
@@ -59,20 +52,21 @@ cdef class Observer:
         cdef mjData* data = self._data
         cdef double momentum[MAX_DOF]  # M (dq' - dq)
         cdef double external
-        cdef int i, dof = self._dof
+        cdef int i, row = data.ne, dof = self._dof
         for i in range(dof):
             self._change[i] = data.qvel[i] - self._before[i]
             self._before[i] = data.qvel[i]
         mj_mulM(self._model, data, momentum, self._change)
         # MuJoCo's forces of constraint: equalities, then dry friction, if a model does not switch it off.
-        if data.nf >= self._rubbing_count:
-            for i in range(self._rubbing_count):
-                self.c_friction[self._rubbing[i]] = data.efc_force[data.ne + i]
         for i in range(dof):
+            self.c_friction[i] = 0.0
+            if self._model.dof_frictionloss[i] > 0.0 and row < data.ne + data.nf:
+                self.c_friction[i] = data.efc_force[row]
+                row += 1
             external = (
                 momentum[i] * self._rate_hz
                 + data.qfrc_bias[i]
-                + self._damping[i] * data.qvel[i]
+                + self._model.dof_damping[i] * data.qvel[i]
                 - data.qfrc_actuator[i]
                 - self.c_friction[i]
             )

@@ -1,6 +1,6 @@
 """How the simulated arm gives way: springs and dampers on its joints or on its TCP.
 
-Joint impedance, with D_i = 2 Z_i sqrt(K_i M_ii):
+Joint impedance:
 
     tau = K (q_cmd - q) + D (dq_cmd - dq)
 
@@ -9,9 +9,10 @@ Cartesian impedance, with the pose error e and L = (J M⁻¹ J')⁻¹, the inert
     tau = J' (K e + D J (dq_cmd - dq)) + (1 - J' L J M⁻¹) tau_null
 
 The second term lets springs on the joints act where they do not accelerate the TCP (Khatib 1987). D is
-found along the axes in which K and L are both diagonal (double diagonalisation: Albu-Schäffer, Ott, Frese
-and Hirzinger, ICRA 2003), so that no configuration is damped less than asked for, nor so much that a
-1 kHz cycle could not follow.
+found along the axes in which K and the inertia, M or L, are both diagonal (double diagonalisation:
+Albu-Schäffer, Ott, Frese and Hirzinger, ICRA 2003). No configuration is damped less than requested, and none
+so much that a 1 kHz cycle becomes unstable: a damper that suits the diagonal of M alone does so where axes
+are coupled, as the parallel ones of a UR.
 """
 
 from libc.math cimport sqrt
@@ -25,6 +26,8 @@ from cobot.robot.mujoco cimport data_of, mj_solveM, mju_rotVecQuat, mju_subQuat,
 # The stiffest springs have this frequency on the least inertia that they meet. A 1 kHz cycle carries ten
 # times the stiffness and more before it becomes unstable.
 NOMINAL_FREQUENCY_RAD_S = 100.0
+# How much heavier than with its neighbours free a joint may count.
+MAX_COUPLING = 2.0
 # Postures in which the least inertia is looked for.
 POSTURES = 200
 # What holds the null space has this share of the nominal frequency: soft, for near a singularity some of it
@@ -49,7 +52,8 @@ def nominal_stiffness(robot):
     inertia, mobility = np.full(limits.dof, np.inf), np.zeros(6)
     for posture in postures:
         mass, jacobian = robot.mass_matrix(posture), robot.jacobian(posture)
-        inertia = np.minimum(inertia, mass.diagonal())
+        free = 1.0 / np.linalg.inv(mass).diagonal()
+        inertia = np.minimum(inertia, np.minimum(mass.diagonal(), MAX_COUPLING * free))
         mobility = np.maximum(mobility, (jacobian @ np.linalg.solve(mass, jacobian.T)).diagonal())
     moves = mobility > 1e-9
     cartesian = np.divide(1.0, mobility, out=np.zeros(6), where=moves)
@@ -62,6 +66,8 @@ cdef class Springs:
         self._owners = robot, data, jacobian
         self._model, self._data = model_of(robot.mj), data_of(data)
         self._jacobian = doubles(jacobian, 6 * self._dof)
+        self._unit = np.eye(self._dof)
+        self._identity = doubles(self._unit, self._dof * self._dof)
         self._chain = robot.chain
         self.joint_stiffness, self.tcp_stiffness = nominal_stiffness(robot)
 
@@ -76,7 +82,8 @@ cdef class Springs:
         cdef int i
         for i in range(self._dof):
             self._stiffness[i] = stiffness[i]
-            self._damping_squared[i] = stiffness[i] * (2.0 * ratio[i]) ** 2
+            self._stiffness_roots[i] = sqrt(self._stiffness[i])
+            self._damping_roots[i] = sqrt(2.0 * ratio[i]) * self._stiffness_roots[i]
         self._cartesian = impedance.cartesian
 
     def torques(self, command: object) -> object:
@@ -89,21 +96,22 @@ cdef class Springs:
         cdef int i
         for i in range(6):
             self._tcp_stiffness[i] = stiffness[i]
-            self._stiffness_roots[i] = sqrt(self._tcp_stiffness[i])
-            self._damping_roots[i] = sqrt(2.0 * ratio[i]) * self._stiffness_roots[i]
+            self._tcp_stiffness_roots[i] = sqrt(self._tcp_stiffness[i])
+            self._tcp_damping_roots[i] = sqrt(2.0 * ratio[i]) * self._tcp_stiffness_roots[i]
 
     cdef void c_torques(self, const double* command, double* torques) noexcept nogil:
         """Towards `command`, position and velocity, from MuJoCo's present state, N·m."""
         cdef double velocity_error[MAX_DOF]
-        cdef double inertia
+        cdef double mobility[MAX_DOF * MAX_DOF]  # M⁻¹
         cdef int i, dof = self._dof
         for i in range(dof):
             velocity_error[i] = command[dof + i] - self._data.qvel[i]
-            inertia = self._data.M[self._model.M_rowadr[i] + self._model.M_rownnz[i] - 1]  # its diagonal
-            torques[i] = (
-                self._stiffness[i] * (command[i] - self._data.qpos[i])
-                + sqrt(self._damping_squared[i] * inertia) * velocity_error[i]
-            )
+        mj_solveM(self._model, self._data, mobility, self._identity, dof)
+        damp(
+            dof, mobility, self._stiffness_roots, self._damping_roots, velocity_error, torques
+        )
+        for i in range(dof):
+            torques[i] += self._stiffness[i] * (command[i] - self._data.qpos[i])
         if self._cartesian:
             self._pull_tcp(command, velocity_error, torques)
 
@@ -112,10 +120,15 @@ cdef class Springs:
     ) noexcept nogil:
         """Keep of the joints' springs what does not move the TCP, and add the TCP's own."""
         cdef double force[6]
+        cdef double twist[6]
         cdef double pull
         cdef int i, row, dof = self._dof
         self._find_mobility()
-        self._damp(velocity_error, force)
+        for row in range(6):
+            twist[row] = 0.0
+            for i in range(dof):
+                twist[row] += self._jacobian[row * dof + i] * velocity_error[i]
+        damp(6, self._mobility, self._tcp_stiffness_roots, self._tcp_damping_roots, twist, force)
         self._add_pull(position, force)
         self._take_from_null_space(torques, force)
         for i in range(dof):
@@ -134,39 +147,6 @@ cdef class Springs:
                 for i in range(dof):
                     product += self._response[row * dof + i] * self._jacobian[column * dof + i]
                 self._mobility[6 * row + column] = self._mobility[6 * column + row] = product
-
-    cdef void _damp(self, const double* velocity_error, double* force) noexcept nogil:
-        """What the dampers do: D = B V W^(-1/2) V' B with sqrt(K) L⁻¹ sqrt(K) = V W V', and B² = 2 Z K."""
-        cdef double curvature[36]
-        cdef double axes[36]
-        cdef double squared_frequencies[6]
-        cdef double along[6]
-        cdef double[6] roots
-        cdef int row, column, i
-        for row in range(6):
-            for column in range(6):
-                curvature[6 * row + column] = (
-                    self._mobility[6 * row + column]
-                    * self._stiffness_roots[row] * self._stiffness_roots[column]
-                )
-        eigen_symmetric(curvature, 6, squared_frequencies, axes)
-        for row in range(6):
-            along[row] = 0.0
-            for i in range(self._dof):
-                along[row] += self._jacobian[row * self._dof + i] * velocity_error[i]
-            along[row] *= self._damping_roots[row]
-            force[row] = 0.0
-        for column in range(6):
-            roots[column] = 0.0
-            for row in range(6):
-                roots[column] += along[row] * axes[6 * row + column]
-            if not squared_frequencies[column] >= MIN_SQUARED_FREQUENCY:
-                squared_frequencies[column] = MIN_SQUARED_FREQUENCY
-            roots[column] /= sqrt(squared_frequencies[column])
-            for row in range(6):
-                force[row] += axes[6 * row + column] * roots[column]
-        for row in range(6):
-            force[row] *= self._damping_roots[row]
 
     cdef void _add_pull(self, const double* position, double* force) noexcept nogil:
         """What the springs do, from where the TCP is to where it should be: translation and rotation
@@ -200,3 +180,39 @@ cdef class Springs:
         cholesky_solve(mobility, 6, moved)
         for row in range(6):
             force[row] -= moved[row]
+
+
+cdef void damp(
+    int n,
+    const double* mobility,
+    const double* stiffness_roots,
+    const double* damping_roots,
+    const double* velocity_error,
+    double* force,
+) noexcept nogil:
+    """What the dampers of `n` springs do: D = B V W^(-1/2) V' B with sqrt(K) mobility sqrt(K) = V W V', and
+    B² = 2 Z K.
+    """
+    cdef double curvature[MAX_DOF * MAX_DOF]
+    cdef double axes[MAX_DOF * MAX_DOF]
+    cdef double squared_frequencies[MAX_DOF]
+    cdef double along
+    cdef int row, column
+    for row in range(n):
+        force[row] = 0.0
+        for column in range(n):
+            curvature[n * row + column] = (
+                mobility[n * row + column] * stiffness_roots[row] * stiffness_roots[column]
+            )
+    eigen_symmetric(curvature, n, squared_frequencies, axes)
+    for column in range(n):
+        along = 0.0
+        for row in range(n):
+            along += axes[n * row + column] * damping_roots[row] * velocity_error[row]
+        if not squared_frequencies[column] >= MIN_SQUARED_FREQUENCY:
+            squared_frequencies[column] = MIN_SQUARED_FREQUENCY
+        along /= sqrt(squared_frequencies[column])
+        for row in range(n):
+            force[row] += axes[n * row + column] * along
+    for row in range(n):
+        force[row] *= damping_roots[row]

@@ -11,7 +11,6 @@ import numpy as np
 from cobot.types import Array
 
 NATURAL_FREQUENCY_RAD_S, DAMPING_RATIO = 60.0, 0.7
-FRICTION_VELOCITY_RAD_S = 0.01
 OBSERVER_HZ, MIN_SINGULAR = 100.0, 0.01
 NULL_STIFFNESS_SHARE = 0.04
 MIN_MOBILITY, MIN_SQUARED_FREQUENCY = 1e-4, 1.0
@@ -26,29 +25,31 @@ def transposed(matrices: Array) -> Array:
     return np.swapaxes(matrices, 1, 2)
 
 
-def stiff_pull(
-    error: Array, velocity_error: Array, velocity: Array, inertia: Array, damping: Array, friction: Array
-) -> Array:
-    """Springs and friction in position control.
+def stiff_pull(error: Array, velocity_error: Array, inertia: Array) -> Array:
+    """Torques of position control, in which M⁻¹ tau is the same for every arm.
 
     Args:
         error, velocity_error: commanded less measured.
-        velocity: commanded.
-        inertia, damping, friction: of each joint: where the arm was opened, and what the model knows, (dof,).
     """
-    springs = inertia * NATURAL_FREQUENCY_RAD_S**2 * error
-    dampers = inertia * 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY_RAD_S * velocity_error
-    dry = np.clip(friction / FRICTION_VELOCITY_RAD_S * velocity, -friction, friction)
-    return springs + dampers + damping * velocity + dry
+    acceleration = NATURAL_FREQUENCY_RAD_S**2 * error
+    acceleration += 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY_RAD_S * velocity_error
+    return times(inertia, acceleration)
+
+
+def dampers(velocity_error: Array, mobility: Array, stiffness: Array, damping_ratio: Array) -> Array:
+    """Of springs that act on an inertia, the inverse of `mobility`, by double diagonalisation."""
+    roots = np.sqrt(stiffness)
+    values, axes = np.linalg.eigh(mobility * roots[..., :, None] * roots[..., None, :])
+    scaled = np.sqrt(2.0 * damping_ratio) * roots
+    along = times(transposed(axes), scaled * velocity_error)
+    return scaled * times(axes, along / np.sqrt(np.maximum(values, MIN_SQUARED_FREQUENCY)))
 
 
 def joint_springs(
     error: Array, velocity_error: Array, inertia: Array, stiffness: Array, damping_ratio: Array
 ) -> Array:
-    """tau = K (q_cmd - q) + D (dq_cmd - dq), D_i = 2 Z_i sqrt(K_i M_ii)."""
-    diagonal = np.einsum("nii->ni", inertia)
-    damping = 2.0 * damping_ratio * np.sqrt(stiffness * diagonal)
-    return stiffness * error + damping * velocity_error
+    """tau = K (q_cmd - q) + D (dq_cmd - dq)."""
+    return stiffness * error + dampers(velocity_error, np.linalg.inv(inertia), stiffness, damping_ratio)
 
 
 def tcp_springs(
@@ -63,14 +64,10 @@ def tcp_springs(
     """tau = J' (K e + D J (dq_cmd - dq)) + (1 - J' L J M⁻¹) tau_null."""
     response = transposed(np.linalg.solve(inertia, transposed(jacobian)))
     mobility = response @ transposed(jacobian)
-    roots = np.sqrt(stiffness)
-    values, axes = np.linalg.eigh(mobility * roots[:, :, None] * roots[:, None, :])
-    scaled = np.sqrt(2.0 * damping_ratio) * roots
-    along = times(transposed(axes), scaled * times(jacobian, velocity_error))
-    dampers = scaled * times(axes, along / np.sqrt(np.maximum(values, MIN_SQUARED_FREQUENCY)))
+    damping = dampers(times(jacobian, velocity_error), mobility, stiffness, damping_ratio)
     heavier = mobility + MIN_MOBILITY * np.eye(6)
     kept = np.linalg.solve(heavier, times(response, null_torques)[:, :, None])[:, :, 0]
-    return null_torques + times(transposed(jacobian), stiffness * pose_error + dampers - kept)
+    return null_torques + times(transposed(jacobian), stiffness * pose_error + damping - kept)
 
 
 def observed_effort(
