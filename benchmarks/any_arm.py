@@ -34,6 +34,8 @@ DRAWS = 3000
 """Random postures among which free ones are looked for that the drives can hold."""
 HOLDABLE = 0.9
 """Share of the efforts that gravity may need in a posture that counts as holdable."""
+CARRIES = 0.95
+"""Share of the postures in which the drives hold the payload, of those in which they hold the arm."""
 DISTURBANCE = 1e-3
 """Initial distance of each joint from the commanded posture, rad; of a slide, as a share of the reach."""
 HOLDS_S = 1.0
@@ -152,7 +154,7 @@ class _Arm:
         self.size = np.where(slides, self.reach_m, 1.0)
 
     def payload(self) -> Tool:
-        """The permitted payload, halved until the drives hold it in half of the postures that they hold."""
+        """The permitted payload, halved until the drives hold it nearly wherever they hold the arm."""
         mass = self.settings.robot.max_payload_kg
         drawn = [joints for joints in self._drawn[:300] if self._holds(joints)]
         while mass > 1e-3:
@@ -160,7 +162,7 @@ class _Arm:
             self.robot.model.carry(tool)
             held = sum(self._holds(joints) for joints in drawn)
             self.robot.model.carry(BARE)
-            if 2 * held >= len(drawn):
+            if held >= CARRIES * len(drawn):
                 return tool
             mass /= 2.0
         return BARE

@@ -255,15 +255,20 @@ cdef class MujocoBackend(CompiledBackend):
             )
 
     cdef void _pull_stiffly(self) noexcept nogil:
-        """In position control."""
+        """In position control. MuJoCo's velocity is that of the middle of the last period: it is the distance of
+        a period by its duration.
+        """
         cdef const double* position = self._c_data.qpos
         cdef const double* velocity = self._c_data.qvel
+        cdef const double* wanted = self._command + self._dof
+        cdef double half_s = 0.5 * self._c_model.opt.timestep
         cdef double acceleration[MAX_DOF]
         cdef int i
         for i in range(self._dof):
             acceleration[i] = (
                 NATURAL_FREQUENCY_RAD_S * NATURAL_FREQUENCY_RAD_S * (self._command[i] - position[i])
-                + 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY_RAD_S * (self._command[self._dof + i] - velocity[i])
+                + 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY_RAD_S
+                * (wanted[i] - half_s * wanted[self._dof + i] - velocity[i])
             )
         mj_mulM(self._c_model, self._c_data, self._pull, acceleration)
 

@@ -21,6 +21,7 @@ cdef class Springs:
     cdef double _tcp_stiffness_roots[6]
     cdef double _tcp_damping_roots[6]
     cdef double _response[6 * MAX_DOF]  # J M⁻¹
+    cdef double _min_mobility[6]
     cdef double _mobility[36]  # J M⁻¹ J'
     cdef void c_torques(self, const double* command, double* torques) noexcept nogil
     cdef void _pull_tcp(

@@ -34,10 +34,8 @@ POSTURES = 200
 # reaches the TCP.
 NULL_FREQUENCY_SHARE = 0.2
 NULL_DAMPING_RATIO = 1.0
-# 1/kg: where the TCP is heavier than the inverse of this, the arm is singular and its joints' own springs
-# take over.
-cdef double MIN_MOBILITY = 1e-4
-# (rad/s)²: slower motions are damped no more than this one.
+# (rad/s)²: slower motions are damped no more than this one. Where the stiffest springs on the TCP are slower,
+# the arm is singular and its joints' own springs take over.
 cdef double MIN_SQUARED_FREQUENCY = 1.0
 
 
@@ -70,6 +68,10 @@ cdef class Springs:
         self._identity = doubles(self._unit, self._dof * self._dof)
         self._chain = robot.chain
         self.joint_stiffness, self.tcp_stiffness = nominal_stiffness(robot)
+        cdef int row
+        for row in range(6):  # an axis along which the TCP never moves may have any
+            stiffest = self.tcp_stiffness[row]
+            self._min_mobility[row] = MIN_SQUARED_FREQUENCY / stiffest if stiffest > 0.0 else 1.0
 
     def use(self, impedance: object) -> None:
         if impedance.cartesian:
@@ -173,7 +175,7 @@ cdef class Springs:
         for i in range(36):
             mobility[i] = self._mobility[i]
         for row in range(6):
-            mobility[7 * row] += MIN_MOBILITY
+            mobility[7 * row] += self._min_mobility[row]
             moved[row] = 0.0
             for i in range(self._dof):
                 moved[row] += self._response[row * self._dof + i] * torques[i]

@@ -13,7 +13,7 @@ from cobot.types import Array
 NATURAL_FREQUENCY_RAD_S, DAMPING_RATIO = 60.0, 0.7
 OBSERVER_HZ, MIN_SINGULAR = 100.0, 0.01
 NULL_STIFFNESS_SHARE = 0.04
-MIN_MOBILITY, MIN_SQUARED_FREQUENCY = 1e-4, 1.0
+MIN_SQUARED_FREQUENCY = 1.0
 
 
 def times(matrices: Array, vectors: Array) -> Array:
@@ -29,7 +29,7 @@ def stiff_pull(error: Array, velocity_error: Array, inertia: Array) -> Array:
     """Torques of position control, in which M⁻¹ tau is the same for every arm.
 
     Args:
-        error, velocity_error: commanded less measured.
+        error, velocity_error: commanded less measured; the measured velocity is half a period old.
     """
     acceleration = NATURAL_FREQUENCY_RAD_S**2 * error
     acceleration += 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY_RAD_S * velocity_error
@@ -60,12 +60,13 @@ def tcp_springs(
     jacobian: Array,
     stiffness: Array,
     damping_ratio: Array,
+    stiffest: Array,
 ) -> Array:
     """tau = J' (K e + D J (dq_cmd - dq)) + (1 - J' L J M⁻¹) tau_null."""
     response = transposed(np.linalg.solve(inertia, transposed(jacobian)))
     mobility = response @ transposed(jacobian)
     damping = dampers(times(jacobian, velocity_error), mobility, stiffness, damping_ratio)
-    heavier = mobility + MIN_MOBILITY * np.eye(6)
+    heavier = mobility + MIN_SQUARED_FREQUENCY * np.diag(1.0 / stiffest)
     kept = np.linalg.solve(heavier, times(response, null_torques)[:, :, None])[:, :, 0]
     return null_torques + times(transposed(jacobian), stiffness * pose_error + damping - kept)
 

@@ -70,18 +70,24 @@ def cycles(settings: Settings, robot: RobotDescription) -> tuple[Recorded, Array
     return recorded, states, commands
 
 
-def test_the_drives_get_the_torque_of_the_law(cycles: tuple[Recorded, Array, Array]) -> None:
+def test_the_drives_get_the_torque_of_the_law(
+    cycles: tuple[Recorded, Array, Array], settings: Settings
+) -> None:
     recorded, states, commands = cycles
-    pull = law.stiff_pull(commands[:, 0] - states[0], commands[:, 1] - states[1], recorded.inertia)
+    then = commands[:, 1] - 0.5 * settings.rt.period_s * commands[:, 2]
+    pull = law.stiff_pull(commands[:, 0] - states[0], then - states[1], recorded.inertia)
     inertial = law.times(recorded.inertia, commands[:, 2])
     expected = inertial + recorded.bias + pull
-    scale = np.abs(inertial) + np.abs(recorded.bias) + np.abs(pull) + 3600.0 * np.abs(recorded.inertia).sum(axis=2)
+    scale = (
+        np.abs(inertial)
+        + np.abs(recorded.bias)
+        + np.abs(pull)
+        + 3600.0 * np.abs(recorded.inertia).sum(axis=2)
+    )
     assert (np.abs(recorded.control - expected) <= SHARE * scale).all()
 
 
-def test_the_observer_follows_the_momentum(
-    cycles: tuple[Recorded, Array, Array], settings: Settings
-) -> None:
+def test_the_observer_follows_the_momentum(cycles: tuple[Recorded, Array, Array], settings: Settings) -> None:
     recorded, _, _ = cycles
     period_s = settings.rt.period_s
     before = np.vstack([np.zeros_like(recorded.after[:1]), recorded.after[:-1]])
@@ -173,7 +179,7 @@ def test_springs_on_the_tcp_pull_by_the_law(robot: RobotDescription) -> None:
     pose_error, velocity_error = pushed.pose_errors(), pushed.errors[1]
     expected = law.tcp_springs(
         *(pose_error, velocity_error, null_torques, pushed.inertia, pushed.jacobians),
-        *(pushed.stiffness, pushed.ratio),
+        *(pushed.stiffness, pushed.ratio, pushed.springs.tcp_stiffness),
     )
     off = np.linalg.norm(pushed.torques - expected, axis=1) / np.linalg.norm(expected, axis=1)
     assert np.quantile(off, 0.999) <= SHARE
