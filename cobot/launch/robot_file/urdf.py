@@ -29,6 +29,8 @@ CHILDREN = {
 }
 FIXED = ("origin", "parent", "child")
 """What counts of a fixed joint: a <mimic> means nothing there."""
+MAX_NAME = 250
+"""Longer names are no files; the system rejects them."""
 DIRECTORIES = ("meshdir", "texturedir", "assetdir", "autolimits")
 """Compiler options that do not fit the copy."""
 
@@ -46,6 +48,7 @@ def read_urdf(file: Path, root: Element, still: Container[str], meshes: Meshes) 
     for joint in root.findall("joint"):
         _check_joint(file, joint, still)
     _strip(root)
+    _apply_meshdir(file, root)
     for link in root.findall("link"):
         _replace_meshes(link, meshes)
     _add_world(root)
@@ -85,6 +88,22 @@ def _strip(root: Element) -> None:
         for child in list(parent) if kept else []:
             if child.tag not in (kept or ()):
                 parent.remove(child)
+
+
+def _apply_meshdir(file: Path, root: Element) -> None:
+    """Name the meshes that are in the compiler's `meshdir` by their path, as MuJoCo finds them: without
+    `strippath="false"` only the last part of a name counts.
+    """
+    compiler = root.find("mujoco/compiler")
+    folder = "" if compiler is None else compiler.get("meshdir") or compiler.get("assetdir") or ""
+    if compiler is None or not folder:
+        return
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename") or ""
+        if compiler.get("strippath") != "false":
+            name = name.rpartition("/")[2]
+        if 0 < len(name) <= MAX_NAME and (path := file.parent / folder / name).is_file():
+            mesh.set("filename", str(path.resolve()))
 
 
 def _replace_meshes(link: Element, meshes: Meshes) -> None:

@@ -212,6 +212,22 @@ def test_options_of_the_compiler_count_and_are_reported(
     assert [each for each in said if each.startswith(sentence)], said
 
 
+@pytest.mark.parametrize("strippath", ["true", "false"])
+def test_meshdir_and_strippath_of_the_compiler_find_the_meshes(tmp_path: Path, strippath: str) -> None:
+    """A tetrahedron with legs of 0.1 m has a sixth of a litre."""
+    corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], dtype="<f4")
+    faces = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    triangles = b"".join(bytes(12) + corners[list(face)].tobytes() + bytes(2) for face in faces)
+    folder = tmp_path / "shapes" / ("" if strippath == "true" else "parts")
+    folder.mkdir(parents=True)
+    (folder / "a.stl").write_bytes(bytes(80) + (4).to_bytes(4, "little") + triangles)
+    name = "package://somewhere/else/a.stl" if strippath == "true" else "parts/a.stl"
+    shape = f'<collision><geometry><mesh filename="{name}"/></geometry></collision>'
+    option = f'<mujoco><compiler meshdir="shapes" strippath="{strippath}"/></mujoco></robot>'
+    robot, _ = made(tmp_path, with_link("link2", "", shape).replace("</robot>", option))
+    assert mass_of(robot, "link2") == pytest.approx(DENSITY_KG_M3 * 0.1**3 / 6.0, rel=1e-5)
+
+
 def test_mjcf_keeps_the_densities_of_its_file_and_lists_the_masses(tmp_path: Path) -> None:
     text = (
         '<mujoco><worldbody><body name="one" pos="0 0 .2"><joint name="j" range="-90 90"/>'
