@@ -105,6 +105,7 @@ class Kind:
     doubled: bool = False
 
 
+SOLID = Build(inertia=None)
 LIGHT = Build(0.015, 0.008, 0.02, 0.5, None, (1.5, 3.0, 2.0, 1.0, 0.5, 0.5), 0.05, 0.03)
 HEAVY = Build(0.2, 0.1, 20.0, 200.0, None, (15000.0, 25000.0, 12000.0, 1500.0, 1500.0, 800.0))
 KINDS: dict[str, Kind] = {
@@ -112,7 +113,7 @@ KINDS: dict[str, Kind] = {
     "ur": Kind(JOINTS["ur"], TIPS["ur"], (0.3, -1.3, 1.5, -1.7, -1.4, 0.2)),
     "spherical": Kind(SPHERICAL, TIPS["spherical"], BENT),
     "gantry": Kind(JOINTS["gantry"], TIPS["gantry"], (0.1, 0.05, *BENT)),
-    "five": Kind(ELBOW, (0.0, 0.0, 1.25), (0.3, 0.5, 0.9, 0.8, 0.2)),
+    "five": Kind(ELBOW, (0.0, 0.0, 1.25), (0.3, 0.5, 0.9, 0.8, 0.2), SOLID),
     "scara": Kind(
         [
             (TURN, Z, (0.0, 0.0, 0.4), (-2.3, 2.3)),
@@ -122,16 +123,17 @@ KINDS: dict[str, Kind] = {
         ],
         (0.65, 0.0, 0.15),
         (0.3, 0.8, 0.1, 0.2),
+        SOLID,
     ),
     "light": Kind(scaled(SPHERICAL, 0.5), (0.425, 0.0, 0.5), BENT, LIGHT),
     "heavy": Kind(scaled(SPHERICAL, 3.0), (2.55, 0.0, 3.0), BENT, HEAVY),
-    "linkage": Kind(SPHERICAL, TIPS["spherical"], BENT, extra=RODS,
+    "linkage": Kind(SPHERICAL, TIPS["spherical"], BENT, SOLID, RODS,
                     held={"rod_joint": 0.0, "lever_joint": 0.0}),
-    "fingers": Kind(JOINTS["srs"], TIPS["srs"], (0.3, 0.5, 0.2, -1.2, 0.1, 0.8, 0.2), extra=HAND,
+    "fingers": Kind(JOINTS["srs"], TIPS["srs"], (0.3, 0.5, 0.2, -1.2, 0.1, 0.8, 0.2), SOLID, HAND,
                     held={"finger_joint1": 0.005, "finger_joint2": 0.005}, tcp="hand_tcp"),
     "jaw": Kind(scaled(ELBOW, 0.4), (0.0, 0.0, 0.5), (0.3, 0.5, 0.9, 0.8, 0.2), LIGHT, JAW, {"jaw": 0.1},
                 in_mjcf=True),
-    "two": Kind(JOINTS["ur"], TIPS["ur"], (0.3, -1.3, 1.5, -1.7, -1.4, 0.2), tcp="left_tool0",
+    "two": Kind(JOINTS["ur"], TIPS["ur"], (0.3, -1.3, 1.5, -1.7, -1.4, 0.2), SOLID, tcp="left_tool0",
                 held={f"right_a{index}": 0.0 for index in range(1, 7)}, options=("--tcp", "left_tool0"),
                 doubled=True),
 }  # fmt: skip

@@ -21,7 +21,7 @@ from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import ConfigError
 from cobot.launch import efforts, home_posture, masses, robot_guesses
 from cobot.launch.inertials import Stated, set_aside
-from cobot.launch.robot_file.arm import find_arm, guess_tcp, require_serial
+from cobot.launch.robot_file.arm import find_arm, guess_tcp, named_arm
 from cobot.launch.robot_file.joints import keep_joints, remove_shapes
 from cobot.launch.robot_file.meshes import Meshes, collect_meshes
 from cobot.launch.robot_file.mjcf import mjcf_rates, read_mjcf
@@ -211,16 +211,12 @@ class NewRobot:
         for given, valid in ((self.actuators, names), (self.without, in_file)):
             if name := next((name for name in given if name not in valid), ""):
                 raise ConfigError(f"{self.file}: has no joint {name!r}; valid are: {', '.join(names)}")
-        if semantics.joints:
-            chosen = [name for name in names if name in semantics.joints and name not in self.without]
-            nodes = JointTree(spec).nodes
-            require_serial(self.file, spec, [nodes[name] for name in chosen if name in nodes])
-            tcp = self._tcp(spec.joint(chosen[-1]).parent, semantics.tcp)
-            self._leave_out(spec, chosen)
-            return chosen, tcp
         tree = JointTree(spec, self.without)
-        chain = find_arm(self.file, spec, tree, self.tcp)
-        tcp = self._tcp(chain[-1].joint.parent)
+        if semantics.joints:
+            chain = named_arm(self.file, spec, tree, semantics.joints)
+        else:
+            chain = find_arm(self.file, spec, tree, self.tcp)
+        tcp = self._tcp(chain[-1].joint.parent, semantics.tcp)
         fingers = [node.name for child in chain[-1].children for node in child.subtree]
         rods = tree.linkages(chain)
         remove_shapes(rods)
@@ -240,7 +236,7 @@ class NewRobot:
     ) -> None:
         """All joints but the arm's, and say where they stay."""
         slides = {joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
-        resting = keep_joints(self.file, spec, arm)
+        resting = keep_joints(spec, arm)
         parts = {
             "gripper found; its joints stay where they are, with mass and shapes": fingers,
             "linkage found; its joints stay where they are, with mass and without shapes": linkage,

@@ -69,6 +69,8 @@ def test_kinematics_and_dynamics_are_those_of_the_file(kind: Made) -> None:
         still = np.zeros(limits.dof)
         torques = pinocchio.rnea(model, data, joints, still, still)
         np.testing.assert_allclose(robot.model.gravity_torques(joints), torques, rtol=1e-4, atol=1e-4)
+        if KINDS[kind.arm.name].build.inertia is not None:
+            continue  # no body has such inertias, so cobot has replaced some
         mass = pinocchio.crba(model, data, joints)
         mass = np.triu(mass) + np.triu(mass, 1).T + np.diag(armature)
         np.testing.assert_allclose(robot.model.mass_matrix(joints), mass, rtol=1e-4, atol=1e-4 * mass.max())

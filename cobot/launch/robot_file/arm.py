@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Container
 from pathlib import Path
 
 import mujoco
 
 from cobot.errors import ConfigError
-from cobot.launch.robot_file.tree import JointTree, Node, moved_by_loop, moved_together, rigid_with
+from cobot.launch.robot_file.tree import MOVABLE, JointTree, Node, moved_by_loop, moved_together, rigid_with
 
 TCP_NAMES = tuple(
     re.compile(rf"(?:^|[^a-z]){name}(?:_?(?:link|frame|site|point))?$", re.IGNORECASE)
@@ -34,6 +35,9 @@ def find_arm(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str | None) 
     chain = _only_arm(file, tree) if tcp is None else _chain_to(file, spec, tree, tcp)
     if not chain:
         raise ConfigError(f"{file}: has no joint that moves")
+    if unnamed := next((node for node in chain if not node.name), None):
+        body = unnamed.joint.parent.name
+        raise ConfigError(f"{file}: the joint of {body!r} has no name; give each joint of the arm its own")
     if tree.is_finger(chain[0]):
         raise ConfigError(
             f"{file}: has no arm: its joints are those of a gripper ({', '.join(tree.nodes)}); give the file "
@@ -44,11 +48,30 @@ def find_arm(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str | None) 
             f"{file}: the arm has a ball joint, at {ball.parent.name!r}; cobot moves hinges and slides: "
             "describe it as three hinges"
         )
-    require_serial(file, spec, chain)
+    _require_serial(file, spec, chain)
     return chain
 
 
-def require_serial(file: Path, spec: mujoco.MjSpec, chain: list[Node]) -> None:
+def named_arm(file: Path, spec: mujoco.MjSpec, tree: JointTree, names: Container[str]) -> list[Node]:
+    """The joints of these names, in the file's order.
+
+    Raises:
+        ConfigError: one is neither a hinge nor a slide, or has no name; joints are coupled.
+    """
+    for joint in spec.joints:
+        if joint.name in names and joint.type not in MOVABLE:
+            raise ConfigError(
+                f"{file}: joint {joint.name!r} is a free or ball joint: an arm has a base that stands, and "
+                "hinges and slides; take the joint out of the file, or leave it out of --actuators"
+            )
+    chain = [node for name, node in tree.nodes.items() if name in names]
+    if not chain:
+        raise ConfigError(f"{file}: has no joint that moves")
+    _require_serial(file, spec, chain)
+    return chain
+
+
+def _require_serial(file: Path, spec: mujoco.MjSpec, chain: list[Node]) -> None:
     """Raises:
     ConfigError: a joint of the chain follows another joint, or is moved by a closed loop.
     """

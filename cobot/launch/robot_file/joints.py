@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable
-from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from cobot.errors import ConfigError
-from cobot.launch.robot_file.tree import LOOPS, MOVABLE, JointTree, Node
+from cobot.launch.robot_file.tree import LOOPS, JointTree, Node
 from cobot.robot.quaternion import Quaternion, exp, normalised, product, rotated
 
 
-def keep_joints(file: Path, spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
-    """Take away all other joints, and what names them; returns where each stays, rad or m. Actuators, sensors
-    and keys go altogether.
+def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
+    """Remove all other joints and what refers to them, and all actuators, sensors and keys.
 
-    Raises:
-        ConfigError: a joint that stays is no hinge or slide, or has no name.
+    Returns:
+        Where each of the other joints stays, rad or m.
     """
     for element in (*spec.actuators, *spec.sensors, *spec.keys):
         spec.delete(element)
-    for joint in spec.joints:
-        if joint.name in kept:
-            _check_kept(file, joint)
     gone = {joint.name: joint for joint in spec.joints if joint.name not in kept}
     tree = JointTree(spec)
     resting = tree.resting(bool(spec.compiler.degree))
@@ -51,16 +45,6 @@ def remove_shapes(branches: Iterable[Node]) -> None:
             pending.extend(body.bodies)
             for geom in body.geoms:  # without an <inertial> its mass is that of the shapes, so these stay
                 geom.contype = geom.conaffinity = 0
-
-
-def _check_kept(file: Path, joint: mujoco.MjsJoint) -> None:
-    if joint.type not in MOVABLE:
-        raise ConfigError(
-            f"{file}: joint {joint.name!r} is a free or ball joint: an arm has a base that stands, and "
-            "hinges and slides; take the joint out of the file, or leave it out of --actuators"
-        )
-    if not joint.name:
-        raise ConfigError(f"{file}: a joint has no name of its own; each needs one")
 
 
 def _place(spec: mujoco.MjSpec, resting: dict[Node, float]) -> None:
