@@ -1,0 +1,286 @@
+"""What `cobot new-robot` accepts and rejects of a file. Oracles: the formats (XML 1.0, URDF), numbers and
+lines that the tests write, and files broken at random with a fixed seed.
+"""
+
+from __future__ import annotations
+
+import codecs
+import random
+from pathlib import Path
+
+import pytest
+import yaml
+from urdf_arms import ARMS, urdf
+
+from cobot.errors import ConfigError
+from cobot.launch.cli import main
+from cobot.launch.new_robot import NewRobot
+from cobot.launch.robot_file.mjcf_checks import check_mjcf
+from cobot.launch.robot_file.urdf_checks import check_urdf
+from cobot.launch.robot_file.xml_file import read_xml
+from cobot.robot.file_limits import urdf_rates
+
+ARM = urdf(ARMS["ur"])
+LINES = ARM.replace("<link", "\n<link").replace("<joint", "\n<joint")
+"""A line for each link and joint."""
+
+
+def line_of(text: str, part: str) -> int:
+    return text[: text.index(part)].count("\n") + 1
+
+
+def checked(file: Path) -> None:
+    root = read_xml(file)
+    check_urdf(file, root)
+    urdf_rates(file, root)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "name", "mark"),
+    [
+        ("ISO-8859-1", "Gelenk_ä", b""),
+        ("windows-1252", "Gelenk_€", b""),
+        ("GBK", "关节", b""),
+        ("Shift_JIS", "関節", b""),
+        ("UTF-8", "关节", codecs.BOM_UTF8),
+        ("UTF-16-LE", "关节", codecs.BOM_UTF16_LE),
+        ("UTF-16-BE", "关节", codecs.BOM_UTF16_BE),
+        ("UTF-16-LE", "关节", b""),
+    ],
+)
+def test_the_declaration_and_the_byte_order_mark_decide_the_encoding(
+    tmp_path: Path, encoding: str, name: str, mark: bytes
+) -> None:
+    declared = "UTF-16" if "16" in encoding else encoding
+    text = f'<?xml version="1.0" encoding="{declared}"?>' + ARM.replace('"a0"', f'"{name}"')
+    file = tmp_path / "arm.urdf"
+    file.write_bytes(mark + text.encode(encoding))
+    assert name in {joint.get("name") for joint in read_xml(file).iter("joint")}
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"<robot>\n<link name='\xe4'/></robot>", r":2: is not valid utf-8 text: .*declaration name the enc"),
+        (b"<?xml version='1.0' encoding='klingon'?><robot/>", "unknown encoding 'klingon'; save it as UTF-8"),
+        (b"<?xml version='1.0' encoding='punycode'?><robot/>", "unknown encoding 'punycode'"),
+        (b"<?xml version='1.0' encoding='zlib'?><robot/>", "unknown encoding 'zlib'"),
+        (b"", ":1: is not XML: no element found"),
+        (b"\n<!DOCTYPE robot [<!ENTITY a 'b'>]><robot/>", ":2: has a DOCTYPE; remove it"),
+        (b"<robot>" + b"<a>" * 600, "nested more than 500 deep"),
+        (b"<sdf/>", "first element is <sdf>; it must be <robot>"),
+    ],
+)
+def test_what_is_not_xml_of_a_robot_is_rejected_with_the_line(
+    tmp_path: Path, content: bytes, reason: str
+) -> None:
+    (tmp_path / "arm.urdf").write_bytes(content)
+    with pytest.raises(ConfigError, match=reason):
+        read_xml(tmp_path / "arm.urdf")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 0),
+        ("</robot>", "<!-- <xacro:macro/> ${a} --></robot>", 0),
+        ("</robot>", "\n<xacro:include filename='a'/></robot>", 1),
+        ("</robot>", "\n<x:macro xmlns:x='http://ros.org/wiki/xacro'/></robot>", 1),
+        ('name="a0"', 'name="${prefix}a0"', 1),
+    ],
+)
+def test_only_elements_and_substitutions_make_a_file_xacro(
+    tmp_path: Path, old: str, new: str, line: int
+) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM.replace(old, new, 1))
+    if not line:
+        assert read_xml(tmp_path / "arm.urdf").tag == "robot"
+        return
+    place = line_of(ARM.replace(old, new, 1), new.strip().split("'")[0].split("=")[0]) if "x" in new else 1
+    with pytest.raises(ConfigError, match=rf"arm\.urdf:{place}: is xacro; expand it first: xacro arm\.urdf"):
+        read_xml(tmp_path / "arm.urdf")
+
+
+WRONG = {
+    "duplicate joint": ('joint name="a2"', 'joint name="a1"', "joint 'a1' has the name of the joint in line"),
+    "duplicate link": ('link name="link2"', 'link name="link1"', "link 'link1' has the name of the link in"),
+    "no name": ('joint name="a2"', 'joint name=""', "a <joint> has no name"),
+    "control character": ('joint name="a2"', 'joint name="a&#10;2"', r"has the name 'a\\n2'; give"),
+    "no type": ('name="a2" type="revolute"', 'name="a2"', "joint 'a2' has no type; valid are: revolute"),
+    "type": ('name="a2" type="revolute"', 'name="a2" type="hinge"', "'a2' has the type 'hinge'; valid are"),
+    "two parents": ('<child link="link2"/>', '<child link="link1"/>', "'link1' is the child of two"),
+    "no parent": ('<parent link="link1"/>', "", "joint 'a2': its <parent> names no link"),
+    "unknown": ('<parent link="link1"/>', '<parent link="l"/>', "its <parent> is 'l', which is not a"),
+    "hexadecimal": ('xyz="0.0 1.0 0.0"', 'xyz="0 -0x1 0"', "joint 'a1': xyz of <axis> is '0 -0x1 0'; it"),
+    "too few": ('xyz="0.0 1.0 0.0"', 'xyz="0 1"', "'0 1'; it must be 3 decimal numbers separated by spaces"),
+    "commas": ('xyz="0.0 1.0 0.0"', 'xyz="0, 1, 0"', "'0, 1, 0'; it must be 3 decimal numbers"),
+    "no direction": ('xyz="0.0 1.0 0.0"', 'xyz="0 0 0"', "joint 'a1': its axis is 0 0 0; give it a direction"),
+    "not a number": ('lower="-2.9"', 'lower="nan"', "joint 'a0': lower of <limit> is 'nan'"),
+    "infinite": ('upper="2.9"', 'upper="1e999"', "joint 'a0': upper of <limit> is '1e999'"),
+    "negative": ('velocity="1.5"', 'velocity="-1.5"', "joint 'a0': velocity is -1.5; it must be 0"),
+    "radius": ('radius="0.03"', 'radius="-0.03"', "radius of <sphere> is '-0.03'; it must be above 0 m"),
+    "shape": ('<sphere radius="0.03"/>', "<cone/>", "<cone> is not a shape of URDF; valid are: mesh, box"),
+    "no shape": ('<sphere radius="0.03"/>', "", "its <collision> has no shape"),
+    "scale": ('<sphere radius="0.03"/>', '<mesh filename="a" scale="1 0 1"/>', "scale of <mesh> has a 0"),
+    "inertia": (' iyz="0"', "", "iyz of <inertia> is missing; give a decimal number"),
+    "mimic": ("<limit ", '<mimic joint="ghost"/><limit ', "mimics 'ghost', which is not a joint of this file"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", sorted(WRONG))
+def test_an_error_of_a_urdf_names_the_line_and_the_joint_or_link(tmp_path: Path, kind: str) -> None:
+    old, new, reason = WRONG[kind]
+    assert old in LINES
+    text = LINES.replace(old, new, 1)
+    file = tmp_path / "arm.urdf"
+    file.write_text(text)
+    lines = {
+        line_of(LINES, old),
+        *(n for n, line in enumerate(text.split("\n"), 1) if 'link="link1"/>' in line),
+    }
+    with pytest.raises(ConfigError, match=reason) as said:
+        checked(file)
+    assert int(str(said.value).split(":")[1]) in lines
+
+
+def test_loops_and_links_that_hang_on_nothing_are_named(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(ARM.replace("</robot>", '<link name="shelf"/></robot>'))
+    with pytest.raises(ConfigError, match="child of no joint: .*shelf; exactly one may be, so connect"):
+        checked(file)
+    circle = (
+        '<link name="p"/><link name="q"/><joint name="pq" type="fixed"><parent link="p"/><child link="q"/></joint>'
+        '<joint name="qp" type="fixed"><parent link="q"/><child link="p"/></joint></robot>'
+    )
+    file.write_text(ARM.replace("</robot>", circle))
+    with pytest.raises(
+        ConfigError, match="connect these links in a loop: p, q; .* remove the joint that closes"
+    ):
+        checked(file)
+
+
+def made(folder: Path, text: str, **options: object) -> dict[str, dict[str, float]]:
+    """The limits of the robot that is made."""
+    (folder / "arm.urdf").write_text(text)
+    NewRobot(folder / "arm.urdf", **options).write(folder / "made")  # type: ignore[arg-type]
+    limits = yaml.safe_load((folder / "made" / "joint_limits.yaml").read_text())["joint_limits"]
+    assert isinstance(limits, dict)
+    return limits
+
+
+def test_a_missing_end_of_a_range_is_0_and_a_continuous_joint_has_none(tmp_path: Path) -> None:
+    text = ARM.replace('lower="-2.9" upper="2.9"', 'upper="0.123456789012"', 1)
+    text = text.replace('lower="-2.9" upper="2.9"', 'lower="-0.123456789012"', 1)
+    text = text.replace('name="a2" type="revolute"', 'name="a2" type="continuous"')
+    limits = made(tmp_path, text)
+    assert (limits["a0"]["min_position"], limits["a0"]["max_position"]) == (0.0, 0.123456789012)
+    assert (limits["a1"]["min_position"], limits["a1"]["max_position"]) == (-0.123456789012, 0.0)
+    assert limits["a2"]["max_position"] == pytest.approx(6.283185307179586)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ('lower="-2.9" upper="2.9"', "", "joint 'a0' is revolute and has a range of 0.*--without a0"),
+        ('lower="-2.9" upper="2.9"', 'lower="1" upper="1"', "make it continuous, or leave it out"),
+        ('upper="2.9"', 'upper="1e4"', "'a0': max_position is 10000, cobot supports less than 1000"),
+        ('velocity="1.5"', 'velocity="1e7"', "'a0': max_velocity is 1e.07, cobot supports less than 1000000"),
+        ('effort="200"', 'effort="1e9"', "'a0': max_effort is 1e.09, cobot supports less than 1000000"),
+    ],
+)
+def test_a_range_of_nothing_and_limits_beyond_cobots_are_rejected(
+    tmp_path: Path, old: str, new: str, reason: str
+) -> None:
+    with pytest.raises(ConfigError, match=rf"arm\.urdf:\d+: .*{reason}"):
+        made(tmp_path, ARM.replace(old, new, 1))
+    assert [file.name for file in tmp_path.iterdir()] == ["arm.urdf"]
+
+
+def test_a_mimic_of_a_fixed_joint_means_nothing_and_its_name_can_be_typed(tmp_path: Path) -> None:
+    tool = (
+        '<link name="camera"/><joint name="mount" type="fixed"><parent link="link5"/><child link="camera"/>'
+        '<mimic joint="ghost"/></joint></robot>'
+    )
+    limits = made(tmp_path, ARM.replace("</robot>", tool), without=["mount"])
+    assert list(limits) == [f"a{index}" for index in range(6)]
+
+
+def test_a_joint_in_a_transmission_is_none_of_the_arms(tmp_path: Path) -> None:
+    text = ARM.replace("</robot>", '<transmission name="t"><joint name="a0"/></transmission></robot>')
+    assert list(made(tmp_path, text)) == [f"a{index}" for index in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("element", "reason"),
+    [
+        ('<replicate count="900000000"><geom size="1"/></replicate>', "<replicate> makes 9\\d+ elements"),
+        (
+            '<replicate count="400"><replicate count="400"><geom size="1"/></replicate></replicate>',
+            "elements",
+        ),
+        ('<composite type="grid" count="3000 3000 1"/>', "<composite> makes 9\\d+ elements"),
+        ('<replicate count="0x10"/>', "count of <replicate> is '0x10'; it must be a whole number"),
+        ('<include file="arm.xml"/>', "included files; at most 100"),
+    ],
+)
+def test_monstrous_mjcf_is_counted_before_it_is_made(tmp_path: Path, element: str, reason: str) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(f"<mujoco><worldbody>\n{element}</worldbody></mujoco>")
+    with pytest.raises(ConfigError, match=rf"arm\.xml:\d: .*{reason}"):
+        check_mjcf(file, read_xml(file))
+
+
+def test_a_monstrous_height_field_is_rejected(tmp_path: Path) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        '<mujoco><asset><hfield name="h" nrow="99999" ncol="99999" size="1 1 1 1"/></asset></mujoco>'
+    )
+    with pytest.raises(ConfigError, match=r"arm\.xml:1: <hfield> makes 9999800001 cells; at most 4000000"):
+        check_mjcf(file, read_xml(file))
+
+
+def test_memory_that_nothing_announces_is_bounded(tmp_path: Path) -> None:
+    """MuJoCo would allocate it: the worker may not."""
+    file = tmp_path / "arm.xml"
+    file.write_text('<mujoco><size memory="900G"/><worldbody><body name="b"><joint name="j"/><geom size="1"/></body>'
+                    "</worldbody></mujoco>")  # fmt: skip
+    with pytest.raises(ConfigError, match=r"arm\.xml: .*(memory|cannot)"):
+        NewRobot(file).write(tmp_path / "made")
+    assert not (tmp_path / "made").exists()
+
+
+def broken(text: str, chance: random.Random) -> bytes:
+    """A file with some bytes, attributes or numbers of it changed."""
+    content = bytearray(text.encode())
+    kind = chance.randrange(4)
+    if kind == 0:
+        for _ in range(chance.randrange(1, 6)):
+            content[chance.randrange(len(content))] = chance.randrange(256)
+        return bytes(content)
+    quotes = [index for index, byte in enumerate(content) if byte == ord('"')]
+    first = chance.randrange(len(quotes) // 2) * 2
+    begin, end = quotes[first] + 1, quotes[first + 1]
+    if kind == 1:
+        values = [b"", b"nan", b"-0x1", b"1e999", b"1 2", b"0", b"-1", b"\xff", b"a" * 3000, b"1e14"]
+        return bytes(content[:begin] + chance.choice(values) + content[end:])
+    if kind == 2:
+        space = content.rindex(b" ", 0, begin)
+        return bytes(content[:space] + content[end + 1 :])
+    other = chance.randrange(len(quotes) // 2) * 2
+    return bytes(content[:begin] + content[quotes[other] + 1 : quotes[other + 1]] + content[end:])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whatever_is_in_a_file_it_is_made_or_rejected_in_words(
+    tmp_path: Path, seed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The command itself, so that any other exception is one here."""
+    chance = random.Random(seed)
+    for number in range(10):
+        file = tmp_path / f"{number}.urdf"
+        file.write_bytes(broken(ARM, chance))
+        code = main(["new-robot", str(file), "--output", str(tmp_path / str(number))])
+        said = capsys.readouterr().err
+        assert code in (0, 1), said
+        assert (tmp_path / str(number)).exists() == (code == 0)
+        assert code == 0 or said.startswith(f"cobot: {file}"), said
