@@ -66,7 +66,7 @@ def _scene(file: Path, max_triangles: int) -> trimesh.Scene:
         raise InputError(
             f"has {count} triangles; at most {max_triangles} are allowed, so simplify it"
             if count
-            else "has no triangles"
+            else "has no triangles: it is empty or damaged"
         )
     return scene
 

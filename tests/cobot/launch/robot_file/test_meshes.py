@@ -1,0 +1,262 @@
+"""Meshes of `cobot new-robot`. Oracles: numbers written into the files, coal's (assimp's) reading of them,
+and the planes of a solid's faces.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from urdf_arms import ARMS, urdf
+
+from cobot.config import load_settings
+from cobot.errors import ConfigError
+from cobot.launch.new_robot import NewRobot
+from cobot.launch.robot_file.convex import solids
+from cobot.launch.robot_file.mesh_reading import as_glb, read_mesh
+from cobot.launch.robot_file.worker import Worker, absolute
+from cobot.robot.description import load_robot
+
+CORNERS = np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.06, 0], [0, 0, 0.07]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+BALL = '<sphere radius="0.03"/>'
+
+
+def as_text_stl() -> bytes:
+    facets = [
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in CORNERS[face])
+        + "endloop\nendfacet\n"
+        for face in FACES
+    ]
+    return f"solid a\n{''.join(facets)}endsolid a\n".encode()
+
+
+def as_binary_stl() -> bytes:
+    triangles = b"".join(bytes(12) + CORNERS[face].astype("<f4").tobytes() + bytes(2) for face in FACES)
+    return b"solid, although it is binary".ljust(80) + len(FACES).to_bytes(4, "little") + triangles
+
+
+def as_obj() -> bytes:
+    lines = [f"v {x} {y} {z}" for x, y, z in CORNERS] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES]
+    return "\n".join(lines).encode()
+
+
+def as_dae(metres: float = 1.0, head: str = "") -> bytes:
+    places = " ".join(map(str, (CORNERS / metres).ravel()))
+    indices = " ".join(map(str, FACES.ravel()))
+    return (
+        f'<?xml version="1.0"?>{head}<COLLADA version="1.4.1" '
+        'xmlns="http://www.collada.org/2005/11/COLLADASchema">'
+        f'<asset><unit name="a" meter="{metres}"/><up_axis>Z_UP</up_axis></asset><library_geometries>'
+        f'<geometry id="g"><mesh><source id="s"><float_array id="f" count="12">{places}</float_array>'
+        '<technique_common><accessor source="#f" count="4" stride="3"><param name="X" type="float"/>'
+        '<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>'
+        '<vertices id="v"><input semantic="POSITION" source="#s"/></vertices>'
+        f'<triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>{indices}</p></triangles>'
+        '</mesh></geometry></library_geometries><library_visual_scenes><visual_scene id="c"><node id="n">'
+        '<instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>'
+        '<scene><instance_visual_scene url="#c"/></scene></COLLADA>'
+    ).encode()
+
+
+def as_msh() -> bytes:
+    return (
+        np.array([4, 0, 0, 4], "<i4").tobytes()
+        + CORNERS.astype("<f4").tobytes()
+        + FACES.astype("<i4").tobytes()
+    )
+
+
+def as_glb_file(folder: Path) -> bytes:
+    (folder / "source.obj").write_bytes(as_obj())
+    return as_glb(folder / "source.obj")
+
+
+def as_gltf(uri: str) -> bytes:
+    buffers = [{"uri": uri, "byteLength": 96}]
+    views = [
+        {"buffer": 0, "byteOffset": 0, "byteLength": 48},
+        {"buffer": 0, "byteOffset": 48, "byteLength": 48},
+    ]
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+        {"bufferView": 1, "componentType": 5125, "count": 12, "type": "SCALAR"},
+    ]
+    mesh = {"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}
+    return json.dumps(
+        {
+            "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+            "meshes": [mesh], "buffers": buffers, "bufferViews": views, "accessors": accessors,
+        }
+    ).encode()  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "kind", ["text.stl", "binary.STL", "a.obj", "metres.dae", "inches.dae", "a.msh", "a.glb", "a.gltf"]
+)
+def test_each_format_gives_the_corners_that_were_written(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "buffer.bin").write_bytes(CORNERS.astype("<f4").tobytes() + FACES.astype("<u4").tobytes())
+    contents = {
+        "text.stl": as_text_stl(), "binary.STL": as_binary_stl(), "a.obj": as_obj(), "metres.dae": as_dae(),
+        "inches.dae": as_dae(0.0254), "a.msh": as_msh(), "a.glb": as_glb_file(tmp_path),
+        "a.gltf": as_gltf("buffer.bin"),
+    }  # fmt: skip
+    (tmp_path / kind).write_bytes(contents[kind])
+    vertices, triangles = read_mesh(tmp_path / kind)
+    found = np.unique(np.round(vertices[triangles].reshape(-1, 3), 6), axis=0)
+    np.testing.assert_allclose(found, np.unique(np.round(CORNERS, 6), axis=0), atol=1e-6)
+    assert len(triangles) == 4
+    if kind in ("text.stl", "binary.STL", "a.obj", "metres.dae"):
+        other = coal.MeshLoader().load(str(tmp_path / kind), np.ones(3))
+        other.computeLocalAABB()
+        np.testing.assert_allclose(vertices.max(axis=0), other.aabb_local.max_, atol=1e-6)
+
+
+def made_with(folder: Path, mesh: str, content: bytes, **options: object) -> NewRobot:
+    (folder / mesh).write_bytes(content)
+    (folder / "arm.urdf").write_text(urdf(ARMS["ur"]).replace(BALL, f'<mesh filename="{mesh}"/>', 1))
+    new = NewRobot(folder / "arm.urdf", **options)  # type: ignore[arg-type]
+    new.write(folder / "made")
+    return new
+
+
+@pytest.mark.parametrize(
+    ("mesh", "content", "reason"),
+    [
+        ("a.stl", b"", "has no triangles: it is empty or damaged"),
+        ("a.stl", b"x" * 1000, "has no triangles"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv nan 0 1\nf 1 2 3", "has no triangles|not finite"),
+        (
+            "a.obj",
+            b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3",
+            "is a line or a point, not a surface|cannot be read",
+        ),
+        ("a.dae", b"PK\3\4zipped", "is not COLLADA: its first character is not <"),
+        ("a.dae", as_dae(head='<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]>'), "has a DOCTYPE"),
+        ("a.gltf", as_gltf("../../../../etc/passwd"), "cannot be read"),
+        ("a.msh", b"\xff" * 16, "is not a mesh of MuJoCo"),
+    ],
+)
+def test_hostile_meshes_are_rejected_with_the_line_the_link_and_the_path(
+    tmp_path: Path, mesh: str, content: bytes, reason: str
+) -> None:
+    with pytest.raises(ConfigError, match=rf"arm\.urdf:1: link 'link0': mesh .*{mesh} .*({reason})"):
+        made_with(tmp_path, mesh, content)
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_buffer_of_a_size_that_is_only_claimed_is_not_allocated(tmp_path: Path) -> None:
+    claimed = (
+        as_gltf("buffer.bin")
+        .replace(b'"count": 4', b'"count": 4000000000')
+        .replace(b'"bufferView": 0, ', b"")
+    )
+    (tmp_path / "buffer.bin").write_bytes(bytes(96))
+    with pytest.raises(ConfigError, match=r"a\.gltf .*(memory|cannot be read)"):
+        made_with(tmp_path, "a.gltf", claimed)
+
+
+def test_a_worker_that_takes_too_long_is_killed_and_the_next_request_has_another(tmp_path: Path) -> None:
+    (tmp_path / "a.stl").write_bytes(as_binary_stl())
+    request = {"file": absolute(tmp_path / "a.stl"), "into": absolute(tmp_path / "a.glb")}
+    with Worker() as worker:
+        with pytest.raises(ConfigError, match="takes longer than 0 s"):
+            worker.ask("look", 0.0, **request)
+        assert worker.ask("look", **request) == {}
+
+
+def test_millimetres_and_flat_meshes_are_reported(tmp_path: Path) -> None:
+    large = as_obj().replace(b"0.05", b"50").replace(b"0.06", b"60").replace(b"0.07", b"70")
+    flat = b"v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0.1 0.1 0\nf 1 2 3\nf 2 4 3"
+    assert "link0: a.obj is 70 m long, which looks like millimetres" in " ".join(
+        made_with(tmp_path, "a.obj", large).guessed
+    )
+    (tmp_path / "flat").mkdir()
+    assert "link0: a.obj is flat" in " ".join(made_with(tmp_path / "flat", "a.obj", flat).guessed)
+
+
+def yoke() -> tuple[np.ndarray, np.ndarray]:
+    """Three boxes that leave 0.2 m by 0.3 m free between them, as vertices and triangles."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    faces = np.array(
+        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
+         [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    )  # fmt: skip
+    boxes = [((0, 0, 0), (0.3, 0.1, 0.05)), ((0, 0, 0), (0.05, 0.1, 0.35)), ((0.25, 0, 0), (0.05, 0.1, 0.35))]
+    vertices = np.concatenate([np.array(low) + corners * size for low, size in boxes])
+    return vertices, np.concatenate([faces + 8 * index for index in range(3)])
+
+
+def test_a_yoke_becomes_solids_that_cover_it_and_leave_its_inside_free() -> None:
+    vertices, triangles = yoke()
+    whole = solids(vertices, triangles, split=False)
+    assert whole.is_wrong
+    assert len(whole.solids) == 1
+    assert 0.05 < whole.void_m < 0.15
+    split = solids(vertices, triangles, split=True)
+    assert 2 <= len(split.solids) <= 8
+    weights = np.random.default_rng(0).dirichlet(np.ones(3), (50, len(triangles)))
+    points = np.einsum("nti,tij->ntj", weights, vertices[triangles]).reshape(-1, 3)
+    assert np.min([beyond(solid, points) for solid in split.solids], axis=0).max() < 0.01
+    middle = np.array([[0.15, 0.05, 0.2], [0.15, 0.05, 0.3]])
+    assert min(beyond(solid, middle).min() for solid in split.solids) > 0.01
+    assert beyond(whole.solids[0], middle).max() < 0.0
+
+
+def beyond(solid: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
+    """How far each point is outside the planes of a convex solid's faces, m."""
+    offsets = np.einsum("ij,ij->i", solid.face_normals, solid.triangles[:, 0])
+    return (points @ solid.face_normals.T - offsets).max(axis=1)
+
+
+def test_solids_are_switched_off_and_a_convex_mesh_stays_one(tmp_path: Path) -> None:
+    vertices, triangles = yoke()
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices] + [
+        f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles
+    ]
+    for name, options, least, most in (("split", {}, 2, 8), ("hull", {"hulls": True}, 1, 1)):
+        (tmp_path / name).mkdir()
+        new = made_with(tmp_path / name, "yoke.obj", "\n".join(lines).encode(), **options)
+        robot = load_robot(load_settings(tmp_path / name / "made" / "cobot-setting.yaml"))
+        assert least <= robot.model.mj.nmesh <= most
+        assert any("convex solids" in sentence for sentence in new.guessed) == (most > 1)
+
+
+def test_visuals_are_kept_beside_the_model_and_change_nothing_in_it(tmp_path: Path) -> None:
+    (tmp_path / "a.dae").write_bytes(as_dae())
+    text = urdf(ARMS["ur"])
+    seen = (
+        '<visual><origin xyz="0.1 0.2 0.3" rpy="0 0 1.5707963267948966"/><geometry>'
+        '<mesh filename="a.dae" scale="2 2 2"/>'
+        '</geometry><material name="red"/></visual><visual><geometry><box size="1 2 3"/></geometry></visual>'
+        '<visual><geometry><mesh filename="gone.dae"/></geometry></visual><collision>'
+    )
+    red = '<material name="red"><color rgba="1 0 0 1"/></material></robot>'
+    models = []
+    for name, content in (
+        ("without", text),
+        ("with", text.replace("<collision>", seen, 1).replace("</robot>", red)),
+    ):
+        (tmp_path / f"{name}.urdf").write_text(content)
+        new = NewRobot(tmp_path / f"{name}.urdf")
+        new.write(tmp_path / name)
+        models.append((tmp_path / name / "model.xml").read_bytes())
+    assert models[0] == models[1]
+    assert not (tmp_path / "without" / "visuals.yaml").exists()
+    first, second = yaml.safe_load((tmp_path / "with" / "visuals.yaml").read_text())["visuals"]
+    assert first["color"] == [1.0, 0.0, 0.0, 1.0]
+    assert first["position"] == [0.1, 0.2, 0.3]
+    np.testing.assert_allclose(first["quaternion"], [0.5**0.5, 0, 0, 0.5**0.5], atol=1e-12)
+    assert (second["shape"], second["size"]) == ("box", [1.0, 2.0, 3.0])
+    vertices, _ = read_mesh(tmp_path / "with" / first["file"])
+    np.testing.assert_allclose(vertices.max(axis=0), CORNERS.max(axis=0), atol=1e-6)
+    assert any(
+        "link0: a <visual> is left out: " in each and "gone.dae does not exist" in each
+        for each in new.guessed
+    )
