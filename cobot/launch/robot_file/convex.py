@@ -17,7 +17,7 @@ from cobot.errors import InputError
 from cobot.robot.mesh import Indices, cells_met, cells_outside
 from cobot.types import Array
 
-VOID_M, VOID_SHARE = 0.015, 0.1
+VOID_M, VOID_SHARE = 0.02, 0.1
 """A hull is wrong if a point in it is further from the mesh than both: m, and as a share of its size."""
 CELLS = 24
 """Of the grid, along the longest side."""
@@ -127,10 +127,10 @@ def _decomposed(vertices: Array, triangles: Indices, size_m: float) -> list[trim
         threshold=CONCAVITY,
         max_convex_hull=MAX_SOLIDS,
         preprocess_mode="auto",
-        preprocess_resolution=20,
+        preprocess_resolution=15,
         resolution=500,
         mcts_nodes=10,
-        mcts_iterations=20,
+        mcts_iterations=10,
         mcts_max_depth=2,
         seed=0,
     )
