@@ -53,7 +53,10 @@ async def send_trajectory(
 async def send_csv(
     file: Annotated[
         UploadFile,
-        File(description=f"As {link('trajectory.csv')}: header joint1 ... joint7, t; angles in rad, t in s."),
+        File(
+            description=f"As {link('trajectory.csv')}: header joint1 ... joint7 or the joints' own names, t; "
+            "angles in rad, t in s."
+        ),
     ],
     query: Annotated[CsvQuery, Query()],
     request: Request,
@@ -61,12 +64,11 @@ async def send_csv(
 ) -> SentAnswer | Response:
     """Run a trajectory from a CSV file; answers when it has begun."""
     call = Call(request)
-    dof = call.services.robot.limits.dof
     options = Options(query.validate_limits, query.retime, query.move_to_start, query.smoothing_rad)
     digest = await asyncio.to_thread(hashlib.file_digest, cast(Any, file.file), "sha256")
     await file.seek(0)
     audit.add_details(file=file.filename or "", bytes=file.size, sha256=digest.hexdigest())
-    read = partial(read_points, file.file, query.separator, dof)
+    read = partial(read_points, file.file, query.separator, call.services.robot.limits.names)
     caller = call.caller(gone, JobKind.TRAJECTORY, file.filename or "", wait=query.wait)
     return await _sent(call, caller, call.services.trajectories.send(read, options, caller))
 

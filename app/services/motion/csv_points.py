@@ -8,51 +8,83 @@ import io
 import itertools
 import math
 import re
-from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import BinaryIO
 
+from app.services.motion.csv_columns import Columns, brief, columns_of
 from cobot.errors import InputError
-from cobot.strict import unknown_key
 from cobot.types import Waypoint
 
 MAX_ROWS = 100_000
 MAX_LINES = 200_000
 """Blank ones too, and those of quoted cells."""
 CHUNK_BYTES = 1 << 20
-SHOWN_CHARACTERS = 40
 SEPARATORS = (";", "\t", ",")
 WHITESPACE = " "
 HEADER_BYTES = LINE_CHARACTERS = 65536
 DECIMAL_COMMAS = 1.5
 """A row with so many times more cells than the header had its numbers cut at decimal commas."""
 NO_DECIMAL_COMMA = "a decimal comma is understood only where semicolons separate the columns: write 0.5"
-TIME_NAMES = ("t", "time", "time_from_start")
+ONE_POINT = "write numbers without separators of thousands, and all of them with the same decimal sign"
 _DIGIT = re.compile(rb"[0-9]")
-_JOINT_NAME = re.compile(r"(joint|velocity|acceleration)_?([0-9]{1,3})")
 
 
-@dataclass(frozen=True, slots=True)
-class _Columns:
-    """Where the numbers stand: indices into a row."""
+class _Numbers:
+    """Reads the cells of a file.
 
-    names: list[str]
-    time: int
-    positions: list[int]
-    velocities: list[int] | None
-    accelerations: list[int] | None
+    Args:
+        decimal_comma: whether numbers may have one. A file with a decimal comma in one cell has a point in
+            none: `2.000` is 2 in English and 2000 in German.
+    """
+
+    def __init__(self, names: list[str], *, decimal_comma: bool) -> None:
+        self._names = names
+        self._decimal_comma = decimal_comma
+        self._first: dict[str, str] = {}
+
+    def read(self, cell: str, row: int, index: int) -> float:
+        """Raises InputError: naming the cell, what it holds and what to write."""
+        place = f"row {row}, column {self._names[index]}"
+        if self._decimal_comma and ("," in cell or "." in cell):
+            self._require_one_sign(cell, place)
+        text = cell.replace(",", ".") if self._decimal_comma else cell
+        try:
+            # Python would read 1_0 as ten, and the digits of every script.
+            value = float(text) if "_" not in text and text.strip().isascii() else math.nan
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            comma = not self._decimal_comma and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell)
+            raise InputError(
+                f"{place}: must be a finite number, got {brief(cell)!r}"
+                + (f"; {NO_DECIMAL_COMMA}" if comma else "")
+            )
+        return value
+
+    def _require_one_sign(self, cell: str, place: str) -> None:
+        """`1.234,5` is refused at its first cell, other mixtures at the first cell that differs."""
+        for sign in ",.":
+            if sign in cell:
+                self._first.setdefault(sign, f"{brief(cell)!r} in {place}")
+        if len(self._first) == 2:
+            comma, point = self._first[","], self._first["."]
+            raise InputError(f"{point} has a point, but {comma} has a decimal comma; {ONE_POINT}")
 
 
 def read_points(
-    file: BinaryIO, separator: str | None, dof: int, check: Callable[[Waypoint], None] | None = None
+    file: BinaryIO,
+    separator: str | None,
+    joints: Sequence[str],
+    check: Callable[[Waypoint], None] | None = None,
 ) -> list[Waypoint]:
     """The waypoints of a CSV file, each labelled with its row; the header is row 1.
 
-    Columns, in any order and any case: joint1 or joint_1 and so on (rad), one of t, time,
-    time_from_start (s), and optionally velocity1 ... (rad/s) and acceleration1 ... (rad/s²).
-    With ";" as separator numbers may have a decimal comma.
+    Columns, in any order and any case: the robot's own names of the joints, or joint1 or joint_1 and so on
+    (rad); one of t, time, time_from_start (s); and optionally velocity_NAME or velocity1 ... (rad/s) and
+    acceleration_NAME or acceleration1 ... (rad/s²). With ";" as separator numbers may have a decimal comma.
 
     Args:
+        joints: the robot's names, from the base to the flange.
         separator: None for what the header has: semicolons, tabs, commas, or else white space.
         check: called with the first point, before the others are read; what it raises is raised.
 
@@ -64,13 +96,13 @@ def read_points(
         separator = _found(file)
         if separator == WHITESPACE:
             rows = _spaced_rows(file)
-            return _read(rows, separator, dof, check)
+            return _read(rows, separator, joints, check)
     printable = separator.isprintable() or separator == "\t"
     if len(separator) != 1 or not printable or separator.isalnum() or separator in "\"'.+-":
         raise InputError(
             f"separator: {separator!r} cannot separate numbers; use one character such as , ; | space or tab"
         )
-    return _read(_rows(file, separator), separator, dof, check)
+    return _read(_rows(file, separator), separator, joints, check)
 
 
 def _require_few(file: BinaryIO) -> None:
@@ -107,22 +139,23 @@ def _found(file: BinaryIO) -> str:
 def _read(
     rows: Generator[tuple[int, list[str]]],
     separator: str,
-    dof: int,
+    joints: Sequence[str],
     check: Callable[[Waypoint], None] | None,
 ) -> list[Waypoint]:
     with contextlib.closing(rows):
         _, header = next(rows, (1, []))
         if not header:
             raise InputError("row 1 is empty; it must name the columns")
-        return _points(rows, _columns(header, dof), check, decimal_comma=separator == ";")
+        columns = columns_of(header, joints)
+        numbers = _Numbers(columns.names, decimal_comma=separator == ";")
+        return _points(rows, columns, check, numbers)
 
 
 def _points(
     rows: Iterator[tuple[int, list[str]]],
-    columns: _Columns,
+    columns: Columns,
     check: Callable[[Waypoint], None] | None,
-    *,
-    decimal_comma: bool,
+    numbers: _Numbers,
 ) -> list[Waypoint]:
     points: list[Waypoint] = []
     blank = 0
@@ -134,7 +167,7 @@ def _points(
             raise InputError(f"row {blank} is blank, but row {number} is not")
         if len(points) == MAX_ROWS:
             raise _too_many(number)
-        points.append(_waypoint(row, number, columns, decimal_comma))
+        points.append(_waypoint(row, number, columns, numbers))
         if check is not None and len(points) == 1:
             check(points[0])
     if not points:
@@ -193,48 +226,14 @@ def _no_text(number: int, exc: UnicodeDecodeError) -> InputError:
     return InputError(f"row {number} or soon after: not UTF-8 text (byte 0x{exc.object[exc.start]:02x})")
 
 
-def _columns(header: list[str], dof: int) -> _Columns:
-    names = [cell.strip() for cell in header]
-    places: dict[str, int] = {}
-    valid = [*(f"joint{n}" for n in range(1, dof + 1)), TIME_NAMES[0]]
-    optional = [f"{kind}{n}" for kind in ("velocity", "acceleration") for n in range(1, dof + 1)]
-    for index, name in enumerate(names):
-        plain = name.lower()
-        match = _JOINT_NAME.fullmatch(plain)
-        key = f"{match[1]}{int(match[2])}" if match else TIME_NAMES[0] if plain in TIME_NAMES else plain
-        if key not in valid and key not in optional:
-            raise InputError(f"row 1, column {index + 1}: {unknown_key(name, [*valid, *optional])}")
-        if key in places:
-            raise InputError(
-                f"row 1, column {index + 1}: {name!r} names the same as {names[places[key]]!r} in column "
-                f"{places[key] + 1}"
-            )
-        places[key] = index
-    missing = [key for key in valid if key not in places]
-    for kind in ("velocity", "acceleration"):
-        family = [key for key in optional if key.startswith(kind)]
-        if any(key in places for key in family):
-            missing += [key for key in family if key not in places]
-    if missing:
-        raise InputError(
-            f"row 1: missing column {', '.join(missing)}; the row has {_shown(', '.join(names))}"
-        )
-
-    def group(kind: str) -> list[int] | None:
-        return [places[f"{kind}{n}"] for n in range(1, dof + 1)] if f"{kind}1" in places else None
-
-    positions = [places[f"joint{n}"] for n in range(1, dof + 1)]
-    return _Columns(names, places[TIME_NAMES[0]], positions, group("velocity"), group("acceleration"))
-
-
-def _waypoint(row: list[str], number: int, columns: _Columns, decimal_comma: bool) -> Waypoint:
+def _waypoint(row: list[str], number: int, columns: Columns, numbers: _Numbers) -> Waypoint:
     if len(row) != len(columns.names):
         cut = len(row) >= DECIMAL_COMMAS * len(columns.names)
         raise InputError(
             f"row {number}: has {len(row)} columns, the header has {len(columns.names)}"
             + (f"; {NO_DECIMAL_COMMA}" if cut else "")
         )
-    values = [_number(cell, number, index, columns, decimal_comma) for index, cell in enumerate(row)]
+    values = [numbers.read(cell, number, index) for index, cell in enumerate(row)]
 
     def pick(indices: list[int] | None) -> list[float] | None:
         return None if indices is None else [values[index] for index in indices]
@@ -246,23 +245,3 @@ def _waypoint(row: list[str], number: int, columns: _Columns, decimal_comma: boo
         pick(columns.accelerations),
         f"row {number}",
     )
-
-
-def _number(cell: str, number: int, index: int, columns: _Columns, decimal_comma: bool) -> float:
-    text = cell.replace(",", ".") if decimal_comma else cell
-    try:
-        # Python would read 1_0 as ten, and the digits of every script.
-        value = float(text) if "_" not in text and text.strip().isascii() else math.nan
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        comma = not decimal_comma and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell)
-        raise InputError(
-            f"row {number}, column {columns.names[index]}: must be a finite number, got {_shown(cell)!r}"
-            + (f"; {NO_DECIMAL_COMMA}" if comma else "")
-        )
-    return value
-
-
-def _shown(text: str) -> str:
-    return text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."

@@ -150,7 +150,12 @@ def test_points_are_those_of_the_motion_without_the_rests(recorded: tuple[Path, 
     assert 0.4 < times_s[-1] <= 0.502
     np.testing.assert_allclose(np.diff(times_s)[:-1], 0.02, atol=1e-9)
     np.testing.assert_allclose(positions[-1], np.linspace(-0.4, 0.4, DOF), atol=2e-4)
-    read = read_points(io.BytesIO(csv_of(times_s, positions).encode()), None, DOF, lambda point: None)
+    read = read_points(
+        io.BytesIO(csv_of(times_s, positions).encode()),
+        None,
+        [f"joint{n}" for n in range(1, DOF + 1)],
+        lambda point: None,
+    )
     np.testing.assert_allclose([each.positions for each in read], positions, atol=1e-9)
     np.testing.assert_allclose([each.time_from_start_s for each in read], times_s, atol=1e-9)
 

@@ -10,6 +10,7 @@ import contextlib
 import csv
 import io
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.services.motion import csv_points
-from app.services.motion.csv_points import SHOWN_CHARACTERS, read_points
+from app.services.motion.csv_columns import SHOWN_CHARACTERS
+from app.services.motion.csv_points import read_points
 from cobot.errors import InputError
 from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.robot.description import RobotDescription
@@ -34,8 +36,8 @@ EXAMPLE = Path(__file__).parents[4] / "examples" / "trajectory.csv"
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 
 
-def read(text: str | bytes, separator: str | None = ",", dof: int = DOF) -> list[Waypoint]:
-    return read_points(io.BytesIO(text if isinstance(text, bytes) else text.encode()), separator, dof)
+def read(text: str | bytes, separator: str | None = ",", joints: Sequence[str] = JOINTS) -> list[Waypoint]:
+    return read_points(io.BytesIO(text if isinstance(text, bytes) else text.encode()), separator, joints)
 
 
 def refusal(text: str | bytes, separator: str | None = ",") -> str:
@@ -83,7 +85,7 @@ def test_what_a_csv_writer_writes_is_read_back_exactly(
     writer.writerow(names)
     decimal = "," if comma and separator == ";" else "."
     writer.writerows([repr(value).replace(".", decimal) for value in row] for row in rows)
-    points = read(file.getvalue().encode(encoding) + line_end.encode(), separator, dof=3)
+    points = read(file.getvalue().encode(encoding) + line_end.encode(), separator, JOINTS[:3])
     assert len(points) == len(rows)
     for number, (point, row) in enumerate(zip(points, rows, strict=True), start=2):
         written = {plain(name): value for name, value in zip(names, row, strict=True)}
@@ -174,6 +176,45 @@ def test_a_decimal_comma_is_for_semicolons_only() -> None:
     assert "'1.000,5'" in refusal(f"{HEADER.replace(',', ';')}\n{row.replace('1,5', '1.000,5')}\n", ";")
 
 
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (["0;0,5;1", "0;0;2.000"], ["'2.000' in row 3, column t", "'0,5' in row 2, column joint2"]),
+        (["0;0.5;1", "0;0;2,000"], ["'0.5' in row 2, column joint2", "'2,000' in row 3, column t"]),
+        (["0;1.234,5;1"], ["'1.234,5' in row 2, column joint2"]),
+    ],
+)
+def test_a_file_with_points_and_decimal_commas_is_refused_with_a_cell_of_each(
+    rows: list[str], words: list[str]
+) -> None:
+    with pytest.raises(InputError) as caught:
+        read("\n".join(["joint1;joint2;t", *rows]), None, JOINTS[:2])
+    for word in [*words, "write numbers without separators of thousands"]:
+        assert word in str(caught.value)
+
+
+def test_a_file_with_semicolons_may_have_points_throughout() -> None:
+    (point,) = read("joint1;joint2;t\n0.5;-1.25;2.000\n", None, JOINTS[:2])
+    assert (point.positions, point.time_from_start_s) == ([0.5, -1.25], 2.0)
+
+
+def test_the_robots_own_names_head_the_columns_in_any_order_and_case() -> None:
+    own = ["shoulder_pan", "joint_0", "Elbow"]
+    header = "elbow,SHOULDER_PAN,time,joint_0,velocity_joint_0,velocity_elbow,velocity_shoulder_pan"
+    (point,) = read(f"{header}\n3,1,0,2,5,6,4\n", None, own)
+    assert (point.positions, point.velocities) == ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0])
+
+
+def test_numbers_name_the_joints_of_a_robot_whose_own_names_are_others() -> None:
+    (point,) = read("joint_1,joint_2,t\n0.1,0.2,0\n", None, ["shoulder", "elbow"])
+    assert point.positions == [0.1, 0.2]
+
+
+def test_a_number_never_stands_for_another_joint_than_the_one_of_that_name() -> None:
+    with pytest.raises(InputError, match=r"column 2: unknown key 'joint_2'.*valid are: joint_0, joint_1, t"):
+        read("joint_1,joint_2,t\n0,0,0\n", None, ["joint_0", "joint_1"])
+
+
 @pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
 @pytest.mark.parametrize("written", [";", "\t", ",", ", ", " ; ", " ", "   "])
 def test_the_separator_is_found_in_the_header(written: str, line_end: str) -> None:
@@ -220,7 +261,7 @@ def test_the_first_point_is_looked_at_before_the_others_are_read() -> None:
         raise Elsewhere
 
     with pytest.raises(Elsewhere):
-        read_points(io.BytesIO(f"{HEADER}\n{ROW}\nnonsense\n".encode()), None, DOF, check)
+        read_points(io.BytesIO(f"{HEADER}\n{ROW}\nnonsense\n".encode()), None, JOINTS, check)
 
 
 @given(st.binary(max_size=400))
@@ -332,5 +373,5 @@ def test_the_file_stays_open_for_its_owner() -> None:
     for content in (f"{HEADER}\n{ROW}\n", "nonsense"):
         file = io.BytesIO(content.encode())
         with contextlib.suppress(InputError):
-            read_points(file, ",", DOF)
+            read_points(file, ",", JOINTS)
         assert not file.closed

@@ -1,0 +1,108 @@
+"""The columns of a CSV file with timed joint waypoints, by the names in its header."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from cobot.errors import InputError
+from cobot.strict import unknown_key
+
+SHOWN_CHARACTERS = 40
+TIME_NAMES = ("t", "time", "time_from_start")
+_JOINT_NAME = re.compile(r"(joint|velocity|acceleration)_?([0-9]{1,3})")
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Where the numbers stand: indices into a row."""
+
+    names: list[str]
+    time: int
+    positions: list[int]
+    velocities: list[int] | None
+    accelerations: list[int] | None
+
+
+def columns_of(header: list[str], joints: Sequence[str]) -> Columns:
+    """The columns of a header.
+
+    Args:
+        joints: the robot's names, from the base to the flange.
+
+    Raises:
+        InputError: naming a column that is unknown, stands twice or is missing.
+    """
+    names = [cell.strip() for cell in header]
+    keys = _keys(names, joints)
+    valid = [*keys.positions, TIME_NAMES[0]]
+    optional = [*keys.velocities, *keys.accelerations]
+    places: dict[str, int] = {}
+    for index, name in enumerate(names):
+        key = keys.of(name)
+        if key not in valid and key not in optional:
+            raise InputError(f"row 1, column {index + 1}: {unknown_key(name, [*valid, *optional])}")
+        if key in places:
+            raise InputError(
+                f"row 1, column {index + 1}: {name!r} names the same as {names[places[key]]!r} in column "
+                f"{places[key] + 1}"
+            )
+        places[key] = index
+    missing = [key for key in valid if key not in places]
+    for family in (keys.velocities, keys.accelerations):
+        if any(key in places for key in family):
+            missing += [key for key in family if key not in places]
+    if missing:
+        raise InputError(f"row 1: missing column {', '.join(missing)}; the row has {brief(', '.join(names))}")
+
+    def group(family: list[str]) -> list[int] | None:
+        return [places[key] for key in family] if family[0] in places else None
+
+    positions = [places[key] for key in keys.positions]
+    return Columns(names, places[TIME_NAMES[0]], positions, group(keys.velocities), group(keys.accelerations))
+
+
+@dataclass(frozen=True, slots=True)
+class _Keys:
+    """What the columns of a header are called, in the order of the joints."""
+
+    positions: list[str]
+    velocities: list[str]
+    accelerations: list[str]
+    numbered: bool
+
+    def of(self, name: str) -> str:
+        """The key that a column's name stands for; the name itself if there is none."""
+        if name.lower() in TIME_NAMES:
+            return TIME_NAMES[0]
+        if self.numbered:
+            match = _JOINT_NAME.fullmatch(name.lower())
+            return f"{match[1]}{int(match[2])}" if match else name.lower()
+        known = [*self.positions, *self.velocities, *self.accelerations]
+        return next((key for key in known if key.lower() == name.lower()), name)
+
+
+def _keys(header: list[str], joints: Sequence[str]) -> _Keys:
+    """Those with the robot's own names, if the header has one of them; else those with numbers.
+
+    So `joint_1` of a robot whose joints are joint_0 to joint_5 is never taken for the first one.
+    """
+    own = [name.lower() for name in joints]
+    numbered = own == [f"joint{n}" for n in range(1, len(own) + 1)] or not any(
+        name.lower() in own for name in header
+    )
+    if numbered:
+        positions, *rates = (
+            [f"{kind}{n}" for n in range(1, len(own) + 1)] for kind in ("joint", "velocity", "acceleration")
+        )
+    else:
+        positions, *rates = [
+            [f"{kind}{name}" for name in joints] for kind in ("", "velocity_", "acceleration_")
+        ]
+    return _Keys(positions, *rates, numbered=numbered)
+
+
+def brief(text: str) -> str:
+    """A text of the file, cut to a readable length."""
+    return text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."
