@@ -4,7 +4,8 @@ CobotError
 ├── ConfigError          a file of the configuration is missing, unreadable or contradicts itself
 ├── InputError           a request cannot be honoured as it is written; nothing has moved
 │   ├── LimitError       a value lies beyond a limit of joint_limits.yaml
-│   └── NotFoundError    what it names does not exist
+│   ├── NotFoundError    what it names does not exist
+│   └── HeaderError      a header of the request is missing
 ├── PlanningError        no motion could be planned; nothing has moved
 │   ├── UnreachableError     no joint position puts the TCP there
 │   ├── CollisionError       the motion would touch the robot itself or its surroundings
@@ -79,6 +80,10 @@ class LimitError(InputError):
 
 class NotFoundError(InputError):
     code = "not_found"
+
+
+class HeaderError(InputError):
+    code = "header"
 
 
 class PlanningError(CobotError):

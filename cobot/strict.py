@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import json
+import math
 import reprlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,10 +13,41 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, model_validator
 
 SHOWN_CHARACTERS = 80
+LONG_CHARACTERS = 40
+"""A longer text is not counted at a glance, so an error says how long it is."""
 SHOWN_ERRORS = 10
-_BRIEF = reprlib.Repr()  # of a list of a million, only what is shown is written
-_BRIEF.maxlist = _BRIEF.maxdict = SHOWN_CHARACTERS
-_BRIEF.maxstring = _BRIEF.maxother = 2 * SHOWN_CHARACTERS
+
+
+class _Brief(reprlib.Repr):
+    """JSON's words for values. Of a list of a million items, only what is shown is written."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlist = self.maxdict = SHOWN_CHARACTERS
+        self.maxstring = self.maxother = 2 * SHOWN_CHARACTERS
+
+    def repr1(self, x: Any, level: int) -> str:
+        if x is None or isinstance(x, bool) or (isinstance(x, float) and not math.isfinite(x)):
+            return json.dumps(x)
+        return super().repr1(x, level)
+
+
+_BRIEF = _Brief()
+MUST_BE = {
+    "bool_type": "true or false",
+    "dataclass_type": "an object",
+    "dict_type": "an object",
+    "float_type": "a number",
+    "int_from_float": "an integer",
+    "int_type": "an integer",
+    "list_type": "a list",
+    "model_attributes_type": "an object",
+    "model_type": "an object",
+    "none_required": "null",
+    "string_type": "a string",
+    "tuple_type": "a list",
+}
+"""JSON's word for what pydantic's types of errors miss."""
 
 
 class StrictModel(BaseModel):
@@ -55,9 +88,18 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
             return f"{place}: is missing"
         case "value_error":
             text = str(error["ctx"]["error"])
-        case _:
-            text = f"{error['msg'][:1].lower()}{error['msg'][1:]}, got {shown(error['input'])}"
+        case kind:
+            text = f"{_requirement(kind, error['msg'])}, got {shown(error['input'])}"
+            if isinstance(error["input"], str) and len(error["input"]) > LONG_CHARACTERS:
+                text += f" ({len(error['input'])} characters)"
     return f"{place}: {text}" if place else text
+
+
+def _requirement(kind: str, message: str) -> str:
+    if kind in MUST_BE:
+        return f"must be {MUST_BE[kind]}"
+    plain = message.replace("Input should be", "must be", 1)
+    return f"{plain[:1].lower()}{plain[1:]}"
 
 
 def _key(name: str) -> str:

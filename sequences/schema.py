@@ -10,6 +10,7 @@ from typing import Annotated, Any, Self
 from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from cobot.errors import InputError
+from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import (
     ARC,
     JOINT,
@@ -24,12 +25,12 @@ from cobot.motions.bodies import (
     Radius,
     kind_of,
 )
-from cobot.strict import StrictModel, sentences, without_repetition
+from cobot.strict import sentences, without_repetition
 
 SCHEMA_FILE = Path(__file__).with_name("sequence.schema.json")
 
 
-class Target(StrictModel):
+class Target(RequestModel):
     """What every target may say beside its motion, which is a body of POST /robot/move/..."""
 
     label: str = Field("", max_length=200, description="For the log.")
@@ -82,7 +83,7 @@ AnyTarget = Annotated[
 ]
 
 
-class Sequence(StrictModel):
+class Sequence(RequestModel):
     """Targets that are visited in order, as often as one likes; home first in each iteration."""
 
     home: AnyTarget | None = None

@@ -1,5 +1,5 @@
-"""Refuses request bodies beyond a size, announced or not, before they are taken in, and what all of them
-together may have.
+"""Refuses request bodies that are compressed, or beyond a size, announced or not, before they are taken in;
+and limits the size of all of them together.
 
 FastAPI's own `max_body_size` does the same but answers in plain text, past every error handler.
 """
@@ -11,7 +11,10 @@ from collections.abc import Awaitable
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from cobot.errors import PayloadError, UnavailableError
+from cobot.errors import CobotError, MediaTypeError, PayloadError, UnavailableError
+from cobot.strict import shown
+
+IDENTITY = b"identity"
 
 
 class BodyLimit:
@@ -34,11 +37,18 @@ class BodyLimit:
         limit_bytes = web.max_body_bytes if form else web.max_json_bytes
         length = headers.get(b"content-length", b"0")
         announced = int(length) if length.isdigit() else 0
+        coding = headers.get(b"content-encoding", IDENTITY).strip().lower()
         received = 0
 
         async def counted() -> Message:
             """Asked for only by an endpoint that takes a body."""
             nonlocal received
+            if coding not in (b"", IDENTITY):
+                error: CobotError = MediaTypeError(
+                    f"the header Content-Encoding says {shown(coding.decode('latin-1'))}: bodies are read as "
+                    "they are, so send the body uncompressed and without this header"
+                )
+                raise HTTPException(415) from error
             if announced <= limit_bytes:
                 message = await receive()
                 size = len(message.get("body", b""))

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import gc
-import json
-import sys
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Coroutine, Iterator
 from inspect import iscoroutinefunction
 from typing import Annotated, Any, TypeVar, cast
@@ -24,13 +22,14 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.clients import MOTION_TOKEN
 from app.api.errors import status_of
+from app.api.json_text import decoded
 from app.robot_services import Services
 from app.services.jobs.job import JobKind
 from app.services.motion.ownership import Caller
 from cobot.config import Endpoint
 from cobot.errors import CobotError, InputError, MediaTypeError, NotFoundError
 from cobot.motions.bodies import MOTION_TAGS
-from cobot.strict import sentences, shown, unknown_key, without_repetition
+from cobot.strict import sentences, shown, unknown_key
 
 STOPS = "cobot.stops"
 BEGUN_S = "cobot.begun_s"
@@ -178,45 +177,14 @@ def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
     Raises:
         InputError: naming what is wrong and where.
     """
+    content = decoded(body, "the body")
+    if not isinstance(content, dict):
+        held = ": it is JSON inside a JSON string, send the object itself" if isinstance(content, str) else ""
+        raise InputError(f"the body must be an object, got {shown(content)}{held}")
     try:
-        return model.model_validate(decoded(body, "the body"))
+        return model.model_validate(content)
     except ValidationError as exc:
         raise InputError(sentences(exc.errors(), ignored=MOTION_TAGS)) from exc
-
-
-def decoded(text: bytes | str, name: str) -> Any:
-    """JSON, in which no key stands twice in one object.
-
-    Raises:
-        InputError: naming it, and what is wrong where.
-    """
-    try:
-        return json.loads(
-            text, object_pairs_hook=without_repetition, parse_float=_as_float, parse_int=_as_int
-        )
-    except json.JSONDecodeError as exc:
-        raise InputError(f"{name} is not valid JSON: {exc.msg} at character {exc.pos}") from exc
-    except UnicodeDecodeError as exc:
-        raise InputError(f"{name} cannot be read as {exc.encoding}: {exc.reason}") from exc
-    except ValueError as exc:
-        raise InputError(f"{name}: {exc}") from exc
-    except RecursionError as exc:
-        raise InputError(f"{name}: nested too deeply") from exc
-
-
-def _as_float(digits: str) -> float:
-    """As `float`, but in Python: between two numbers others may have the interpreter, else a large text keeps
-    it for itself, for 15 ms per megabyte.
-    """
-    return float(digits)
-
-
-def _as_int(digits: str) -> int:
-    try:
-        return int(digits)
-    except ValueError as exc:
-        limit = sys.get_int_max_str_digits()
-        raise ValueError(f"a whole number has {len(digits)} characters, up to {limit} are read") from exc
 
 
 def without_collection(function: Callable[..., Result], *arguments: Any) -> Result:
@@ -288,18 +256,18 @@ def _answering(handler: Callable[[Request], Coroutine[Any, Any, Response]]) -> A
     return answer
 
 
-def _require_type(request: Request, expected: str) -> None:
+def _require_type(request: Request, expected: str, way: str) -> None:
     found = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if found != expected:
-        raise MediaTypeError(f"Content-Type must be {expected}, got {found or 'none'}")
+        raise MediaTypeError(f"Content-Type must be {expected}, got {found or 'none'}: {way}")
 
 
 async def json_body(request: Request) -> None:
-    _require_type(request, "application/json")
+    _require_type(request, "application/json", "send this header (curl -H 'Content-Type: application/json')")
 
 
 async def form_body(request: Request) -> None:
-    _require_type(request, "multipart/form-data")
+    _require_type(request, "multipart/form-data", "send the file as a field of a form (curl -F file=@FILE)")
     valid = [field.alias for field in request.scope["route"].dependant.body_params]
     for name in await request.form():
         if name not in valid:

@@ -9,13 +9,13 @@ from typing import Literal, Self
 from pydantic import BaseModel, Field
 
 from cobot.ipc.device_record import Device
+from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import example
 from cobot.robot.device import FLAGS, MEASURED_NAMES
 from cobot.robot.io_points import IoKind, IoPoint
-from cobot.strict import StrictModel
 
 
-class Acknowledge(StrictModel):
+class Acknowledge(RequestModel):
     """What whoever acknowledges has seen to."""
 
     model_config = example({"payload_checked": True})

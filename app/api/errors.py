@@ -5,7 +5,9 @@ Only what is no HTTP at all is answered by the server itself, with 400 and in pl
 
 from __future__ import annotations
 
+import difflib
 import logging
+import re
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -23,11 +25,14 @@ from cobot.logs import log_context
 from cobot.strict import sentence, shown
 
 log = logging.getLogger("cobot.service")
+MAX_GUESSED = 100
+"""Maximum length of an unknown path for which a similar one is looked for, in characters."""
 
 STATUS: dict[type[CobotError], int] = {
     CobotError: 500,
     errors.InputError: 422,
     errors.NotFoundError: 404,
+    errors.HeaderError: 400,
     errors.PlanningError: 422,
     errors.ExecutionError: 409,
     errors.ConflictError: 409,
@@ -44,6 +49,12 @@ STATUS: dict[type[CobotError], int] = {
     errors.ConfigError: 503,
 }
 """The HTTP status of an error is that of the most specific of these classes that it belongs to."""
+
+
+HEADERS = {
+    errors.AuthenticationError: {"WWW-Authenticate": "Bearer"},
+    errors.MediaTypeError: {"Accept-Encoding": "identity"},  # RFC 9110, 15.5.16
+}
 
 
 class ErrorAnswer(BaseModel):
@@ -104,7 +115,7 @@ def install(app: FastAPI) -> None:
 
 def answer_to(error: CobotError, explain: Explain | None = None) -> JSONResponse:
     """The answer that tells of an error; `explain` instead of the facts alone."""
-    headers = {"WWW-Authenticate": "Bearer"} if isinstance(error, errors.AuthenticationError) else None
+    headers = next((more for kind, more in HEADERS.items() if isinstance(error, kind)), None)
     return _answer(status_of(error), str(error), error.code, headers, explain or explain_of(error))
 
 
@@ -168,6 +179,19 @@ def _allowed(request: Request) -> str:
     return ", ".join(sorted(methods)) or "GET, HEAD"  # what is no route is a file
 
 
+def _meant(request: Request) -> str:
+    """The path that a wrong one may stand for: with single slashes, in small letters, or one much like it."""
+    path = request.url.path
+    if len(path) > MAX_GUESSED:
+        return ""
+    routes = [each for each in request.app.routes if isinstance(each, Route)]
+    plain = re.sub("/+", "/", path).lower()
+    if any(each.path_regex.fullmatch(plain) for each in routes):
+        return f" (did you mean {plain}?)"
+    guess = difflib.get_close_matches(plain, [each.path for each in routes if "{" not in each.path], 1, 0.8)
+    return f" (did you mean {guess[0]}?)" if guess else ""
+
+
 async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, HTTPException)
     if isinstance(exc.__cause__, CobotError):
@@ -179,7 +203,8 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
         case 400:  # FastAPI: a body that could not even be taken apart
             return _answer(422, f"the body cannot be read: {exc.detail}", errors.InputError.code)
         case 404:
-            return _answer(404, f"there is no {path}; /docs lists what there is", errors.NotFoundError.code)
+            detail = f"there is no {path}{_meant(request)}; /docs lists what there is"
+            return _answer(404, detail, errors.NotFoundError.code)
         case 405:
             allowed = _allowed(request)
             detail = f"{request.method} is not possible on {path}; allowed: {allowed}"

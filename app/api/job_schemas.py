@@ -18,6 +18,7 @@ from app.services.jobs.book import KEPT
 from app.services.jobs.job import JobKind, JobRecord, JobState
 from cobot import audit
 from cobot.errors import CobotError
+from cobot.loose_lists import RequestModel
 from cobot.strict import StrictModel
 
 MAX_WAIT_S = 60.0
@@ -98,7 +99,7 @@ class MoveQuery(BaseModel):
     )
 
 
-class SpeedOverrideBody(StrictModel):
+class SpeedOverrideBody(RequestModel):
     """How fast motions go."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"fraction": 1.0}]})

@@ -23,7 +23,7 @@ from starlette.types import Scope
 
 from cobot.access.authentication import is_loopback, parsed
 from cobot.config import WebSection
-from cobot.errors import MisdirectedError, PermissionDenied
+from cobot.errors import HeaderError, MisdirectedError, PermissionDenied
 from cobot.strict import shown
 
 _HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([a-z0-9._-]+))(:[0-9]{1,5})?", re.IGNORECASE)
@@ -63,10 +63,16 @@ class Origins:
             headers: of it, those that `app.api.access` has picked.
 
         Raises:
+            HeaderError: it has no header Host.
             MisdirectedError: it was meant for another host.
             PermissionDenied: a page of somebody else's has sent it.
         """
-        host, origin = headers.get(b"host", b""), headers.get(b"origin")
+        host, origin = headers.get(b"host"), headers.get(b"origin")
+        if host is None:
+            raise HeaderError(
+                "the header Host is missing: send it with the name or address of this service, as in "
+                "Host: localhost:8007"
+            )
         server = scope.get("server")
         if not self._host_known(host, server[0] if server else ""):
             raise MisdirectedError(

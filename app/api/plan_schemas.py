@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field
+from pydantic import BaseModel, ConfigDict, FailFast, Field
 
+from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import (
     HOME,
     Finite,
@@ -17,14 +18,17 @@ from cobot.motions.bodies import (
     PathPose,
     Radius,
     TcpMotion,
-    as_list,
     example,
 )
 from cobot.strict import StrictModel
 
 Start = Annotated[
     list[Finite] | None,
-    Field(max_length=64, description="Joint angles to plan from, rad; without it where the arm rests now."),
+    Field(
+        min_length=1,
+        max_length=64,
+        description="Joint angles to plan from, rad; without it where the arm rests now.",
+    ),
 ]
 Samples = Annotated[
     int, Field(ge=2, le=1000, description="How many points of the path are answered, evenly over its time.")
@@ -91,7 +95,7 @@ class KeptPlan(BaseModel):
     approved_by: str | None = Field(description="Who lets an agent run it, once; null: nobody yet.")
 
 
-class Approve(StrictModel):
+class Approve(RequestModel):
     """Which plan an agent may run, once."""
 
     model_config = example({"plan_id": "2f1c9a0b7d3e4855"})
@@ -100,7 +104,7 @@ class Approve(StrictModel):
     approved: Annotated[bool, Field(description="false takes an approval back.")] = True
 
 
-class Planning(StrictModel):
+class Planning(RequestModel):
     """What a plan is asked for beside its motion."""
 
     start: Start = None
@@ -154,7 +158,7 @@ class PlanPath(Planning, TcpMotion):
         }
     )
 
-    poses: Annotated[list[PathPose], FailFast(), BeforeValidator(as_list)] = Field(
+    poses: Annotated[list[PathPose], FailFast()] = Field(
         min_length=1, max_length=201, description="Where it goes through; the last is the goal."
     )
     radius: Radius = Field(
@@ -292,7 +296,7 @@ class RehearsalAnswer(BaseModel):
     closest_environment: PlanDistance | None = Field(description="The same.")
 
 
-class Execute(StrictModel):
+class Execute(RequestModel):
     """Which plan to run."""
 
     model_config = example({"plan_id": "2f1c9a0b7d3e4855"})

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cobot.strict import StrictModel
+from cobot.loose_lists import RequestModel
 
 
-class AskRecording(StrictModel):
+class AskRecording(RequestModel):
     """What shall be recorded."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"action": "dump", "seconds": 10.0}]})

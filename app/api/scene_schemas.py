@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import Finite, few
 from cobot.robot.scene import SceneObject
-from cobot.strict import StrictModel
 
 Name = Annotated[
     str,
@@ -37,7 +37,7 @@ def _example(body: Any) -> ConfigDict:
     return ConfigDict(json_schema_extra={"examples": [body]})
 
 
-class Place(StrictModel):
+class Place(RequestModel):
     """Where something is."""
 
     model_config = _example({"x": 0.5, "y": 0.2, "z": 0.1, "a": 0.5})
@@ -157,7 +157,7 @@ class PutObject(Place):
         return tuple(value for value in (self.radius, self.length) if value is not None)
 
 
-class ChangeScene(StrictModel):
+class ChangeScene(RequestModel):
     """Changes that are made together, in the order of these fields, or not at all."""
 
     model_config = _example(

@@ -9,12 +9,13 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field
+from pydantic import BaseModel, ConfigDict, FailFast, Field
 
 from app.api.device_schemas import DeviceAnswer
 from app.api.explain_schemas import Explain
 from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
-from cobot.motions.bodies import HOME, Finite, as_list, example
+from cobot.loose_lists import RequestModel
+from cobot.motions.bodies import HOME, Finite, example
 from cobot.strict import StrictModel
 
 
@@ -55,7 +56,7 @@ class ResetAnswer(BaseModel):
     message: str = Field(description="The same in words.")
 
 
-class TakeControl(StrictModel):
+class TakeControl(RequestModel):
     """How long, and whether from somebody else."""
 
     model_config = example({"timeout_s": 60.0})
@@ -168,16 +169,16 @@ MAX_SMOOTHING_RAD = 0.01
 MOVE_TO_START = "Go to the first point by ptp before; else the arm has to be there."
 
 
-class TrajectoryPoint(StrictModel):
+class TrajectoryPoint(RequestModel):
     """Where the joints are at a time. Missing rates are those of a smooth curve through all points."""
 
     positions: list[Finite] = Field(max_length=64, description="rad, one for each joint")
     time_from_start: Finite = Field(ge=0.0, description="s")
-    velocities: list[Finite] | None = Field(None, max_length=64, description="rad/s")
-    accelerations: list[Finite] | None = Field(None, max_length=64, description="rad/s²")
+    velocities: list[Finite] | None = Field(None, min_length=1, max_length=64, description="rad/s")
+    accelerations: list[Finite] | None = Field(None, min_length=1, max_length=64, description="rad/s²")
 
 
-class SendTrajectory(StrictModel):
+class SendTrajectory(RequestModel):
     """A timed joint trajectory."""
 
     model_config = example(
@@ -191,7 +192,7 @@ class SendTrajectory(StrictModel):
         }
     )
 
-    points: Annotated[list[TrajectoryPoint], FailFast(), BeforeValidator(as_list)] = Field(
+    points: Annotated[list[TrajectoryPoint], FailFast()] = Field(
         min_length=1, max_length=100_000, description="At strictly increasing times."
     )
     validate_limits: bool = Field(True, description=VALIDATE)

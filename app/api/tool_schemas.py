@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.scene_schemas import Coordinate, Name, ObjectAnswer, PutObject
+from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import Finite, few
-from cobot.strict import StrictModel
 
 INERTIA = [0.004, 0.0, 0.0, 0.004, 0.0, 0.002]
 
@@ -17,7 +17,7 @@ def _example(body: Any) -> ConfigDict:
     return ConfigDict(json_schema_extra={"examples": [body]})
 
 
-class ToolTip(StrictModel):
+class ToolTip(RequestModel):
     """Where the TCP is in the flange's frame."""
 
     model_config = _example({"x": 0.0, "y": 0.0, "z": 0.15})
@@ -57,7 +57,7 @@ class ToolShape(PutObject):
         return self
 
 
-class ChangeTool(StrictModel):
+class ChangeTool(RequestModel):
     """What is on the flange. What is not given stays; but mass, centre and inertia go together."""
 
     model_config = _example(

@@ -39,6 +39,7 @@ class Code(IntEnum):
     DEVICE_TIMEOUT = 62
     PAYLOAD = 70
     MEDIA_TYPE = 71
+    HEADER = 72
     UNAUTHENTICATED = 80
     FORBIDDEN = 81
     MISDIRECTED = 82
@@ -70,6 +71,7 @@ MEANINGS: dict[Code, str] = {
     Code.DEVICE_TIMEOUT: "a device, a port or a peer did not answer in the time given",
     Code.PAYLOAD: "the request is larger than the service takes",
     Code.MEDIA_TYPE: "the request is of another type than the service takes",
+    Code.HEADER: "a header of the request is missing",
     Code.UNAUTHENTICATED: "the call needs an access token, and no valid one was shown",
     Code.FORBIDDEN: "the role of who calls does not permit it, or it comes from a page of somebody else's",
     Code.MISDIRECTED: "the service was called by the name of another host",
@@ -91,6 +93,7 @@ OF_ERROR: dict[type[CobotError], Code] = {
     errors.ConflictError: Code.CONFLICT,
     errors.PayloadError: Code.PAYLOAD,
     errors.MediaTypeError: Code.MEDIA_TYPE,
+    errors.HeaderError: Code.HEADER,
     errors.AuthenticationError: Code.UNAUTHENTICATED,
     errors.PermissionDenied: Code.FORBIDDEN,
     errors.MisdirectedError: Code.MISDIRECTED,

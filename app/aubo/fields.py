@@ -68,13 +68,20 @@ def argument(field: Field, arguments: dict[str, Any]) -> Any:
     Raises:
         InputError: naming the field, what is wrong, and what is valid.
     """
-    value = arguments.get(field.name, field.empty)
+    value = _with_brackets(field, arguments.get(field.name, field.empty))
     checked = _list(field, value) if field.kind.endswith("[]") else _scalar(field.kind, field.name, value)
     if field.default is not REQUIRED and checked == field.empty:
         return list(field.default) if isinstance(field.default, list | tuple) else field.default
     if field.kind == "json":
         return _parsed(field.name, str(checked))
     return checked
+
+
+def _with_brackets(field: Field, value: Any) -> Any:
+    """As `cobot.loose_lists`: one item is a list of one, and an empty list is nothing."""
+    if field.kind.endswith("[]"):
+        return [value] if isinstance(value, bool | int | float | str) else value
+    return field.empty if value == [] else value
 
 
 def _list(field: Field, value: Any) -> list[Any]:

@@ -18,8 +18,9 @@ from starlette.types import Scope
 
 from app.api.access import identity_of
 from app.api.clients import MOTION_TOKEN
-from app.api.dependencies import BEGUN_S, LARGE_BYTES, decoded, json_body, services_of
+from app.api.dependencies import BEGUN_S, LARGE_BYTES, json_body, services_of
 from app.api.errors import ErrorAnswer
+from app.api.json_text import decoded
 from app.api.openapi import CONTROL, error_components, error_references
 from app.aubo.classes import CLASSES, REGISTRY
 from app.aubo.fields import REQUIRED, Field

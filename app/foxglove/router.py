@@ -17,8 +17,9 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 from pydantic import ConfigDict, Field, ValidationError
 
-from app.api.dependencies import addressed, decoded
+from app.api.dependencies import addressed
 from app.api.errors import status_of
+from app.api.json_text import decoded
 from app.foxglove.channels import EVENTS, Channels
 from app.services.events.listener import Listener, Wanted
 from app.services.events.ring import Event

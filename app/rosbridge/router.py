@@ -10,8 +10,9 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
 from app.api.access import identity_of
-from app.api.dependencies import LARGE_BYTES, decoded, without_collection
+from app.api.dependencies import LARGE_BYTES, without_collection
 from app.api.errors import status_of
+from app.api.json_text import decoded
 from app.graph.graph import Graph
 from app.rosbridge.connection import Connection
 from app.services.motion.lease import CLIENT

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, FailFast, Field, Tag
 
-from cobot.strict import StrictModel
+from cobot.loose_lists import RequestModel
 from cobot.types import RRT_CONNECT, Algorithm, FreeAxis
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -43,11 +43,6 @@ def few(most: int) -> BeforeValidator:
         return value
 
     return BeforeValidator(check)
-
-
-def as_list(value: Any) -> Any:
-    """MATLAB encodes a list of one object as the object."""
-    return [value] if isinstance(value, dict) else value
 
 
 Speed = Annotated[
@@ -87,7 +82,7 @@ JointPlanner = Annotated[
 OmplAlgorithm = Annotated[Algorithm, Field(description="Of planner ompl, by OMPL's names.")]
 
 
-class PathPoint(StrictModel):
+class PathPoint(RequestModel):
     """A point in the frame of the motion, m."""
 
     x: Coordinate = Field(description="m")
@@ -95,7 +90,7 @@ class PathPoint(StrictModel):
     z: Coordinate = Field(description="m")
 
 
-class Direction(StrictModel):
+class Direction(RequestModel):
     """A direction, of any length but 0."""
 
     x: Coordinate = Field(description="Of any unit.")
@@ -103,7 +98,7 @@ class Direction(StrictModel):
     z: Coordinate = Field(description="Of any unit.")
 
 
-class KeptOrientation(StrictModel):
+class KeptOrientation(RequestModel):
     """An axis of the tool stays near a direction: a glass stays upright."""
 
     tool_axis: Direction = Field(Direction(x=0.0, y=0.0, z=1.0), description="In the TCP's frame.")
@@ -113,14 +108,14 @@ class KeptOrientation(StrictModel):
     within_rad: Finite = Field(gt=0.0, le=math.pi, description="So near it stays, rad.")
 
 
-class KeptBox(StrictModel):
+class KeptBox(RequestModel):
     """The TCP stays in a box along the axes of the base frame."""
 
     min: PathPoint = Field(description="The corner with the least coordinates, m.")
     max: PathPoint = Field(description="The opposite corner, m.")
 
 
-class MotionConstraints(StrictModel):
+class MotionConstraints(RequestModel):
     """What the whole motion keeps to, its start and goal included."""
 
     orientation: KeptOrientation | None = Field(None, description="Of the tool.")
@@ -139,7 +134,7 @@ KeptTo = Annotated[
 ]
 
 
-class JointMotion(StrictModel):
+class JointMotion(RequestModel):
     """How, where the goal is joint angles."""
 
     speed: Speed = 0.1
@@ -166,7 +161,7 @@ class MoveJoints(JointMotion):
     joints: list[Finite] = Field(min_length=1, max_length=64, description="rad, one for each joint")
 
 
-class PathPose(StrictModel):
+class PathPose(RequestModel):
     """A pose of the TCP in the frame of the motion."""
 
     x: Coordinate = Field(description="m")
@@ -195,14 +190,8 @@ FrameId = Annotated[
 Radius = Annotated[Finite, Field(ge=0.0, le=1.0)]
 
 
-def _one_in_list(value: Any) -> Any:
-    """MATLAB encodes a list of one text as the text."""
-    return [value] if isinstance(value, str) else value
-
-
 FreeAxes = Annotated[
     list[FreeAxis],
-    BeforeValidator(_one_in_list),
     Field(
         max_length=3,
         description="Rotations of the tool that the pose does not fix, about its own axes: one of rx, ry and "
@@ -220,7 +209,7 @@ Cyclic = Annotated[
 ]
 
 
-class TcpMotion(StrictModel):
+class TcpMotion(RequestModel):
     """How, where the TCP has somewhere to go."""
 
     speed: Speed = 0.1
@@ -278,7 +267,7 @@ class MovePose(TcpMotion, PathPose):
         description="Of lin, circ and polyline: the joints in which the motion ends, rad, with the TCP at "
         "the pose; so a line back to where the arm was ends in the joints it had there.",
     )
-    through: Annotated[list[PathPose], FailFast(), BeforeValidator(as_list)] = Field(
+    through: Annotated[list[PathPose], FailFast()] = Field(
         [], max_length=200, description="Of polyline: poses on the way."
     )
     radius: Radius = Field(
@@ -309,7 +298,7 @@ MAX_MOTIONS = 50
 """So many are planned as one at the most."""
 
 
-class MoveSequence(StrictModel):
+class MoveSequence(RequestModel):
     """Motions one after the other, round where one goes over into the next."""
 
     model_config = example(
@@ -323,7 +312,7 @@ class MoveSequence(StrictModel):
         }
     )
 
-    motions: Annotated[list[AnyMotion], FailFast(), BeforeValidator(as_list)] = Field(
+    motions: Annotated[list[AnyMotion], FailFast()] = Field(
         min_length=1,
         max_length=MAX_MOTIONS,
         description="Bodies of move/named, move/joints, move/pose and move/arc, mixed.",

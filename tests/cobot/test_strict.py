@@ -26,7 +26,7 @@ def mistake(content: object) -> str:
 
 
 def test_the_place_the_reason_and_the_value_are_named() -> None:
-    assert mistake({"targets": [{"x": "1"}]}) == "targets[0].x: input should be a valid number, got '1'"
+    assert mistake({"targets": [{"x": "1"}]}) == "targets[0].x: must be a number, got '1'"
     assert mistake({"targets": [{"x": 1.0}, {}]}) == "targets[1].x: is missing"
     assert mistake({}) == "targets: is missing"
 

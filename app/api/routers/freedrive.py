@@ -10,13 +10,13 @@ from pydantic import BaseModel, Field
 from app.api.dependencies import Call, CobotRoute, json_body
 from app.api.errors import responses
 from app.services.streaming.freedrive import TIMEOUT_S, TIMEOUTS_S, FreedriveService
+from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import Finite, example
-from cobot.strict import StrictModel
 
 router = APIRouter(prefix="/robot/freedrive", tags=["robot"], route_class=CobotRoute)
 
 
-class Freedrive(StrictModel):
+class Freedrive(RequestModel):
     """Switches it on, or has it go on."""
 
     model_config = example({"timeout_s": 3.0})

@@ -11,13 +11,13 @@ from app.api.dependencies import Call, CobotRoute, json_body
 from app.api.device_schemas import IoAnswer
 from app.api.errors import responses
 from cobot import audit
+from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import Finite, example
-from cobot.strict import StrictModel
 
 router = APIRouter(prefix="/robot/io", tags=["robot"], route_class=CobotRoute)
 
 
-class SetOutput(StrictModel):
+class SetOutput(RequestModel):
     """What an output is to be."""
 
     model_config = example({"value": True})

@@ -12,14 +12,14 @@ from app.api.errors import responses
 from app.api.scene_schemas import Name
 from app.api.schemas import NamedPositionAnswer
 from app.services.motion.positions import TAUGHT
+from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import HOME, Finite, example
-from cobot.strict import StrictModel
 from cobot.types import NamedPosition
 
 router = APIRouter(prefix="/robot/positions", tags=["robot"], route_class=CobotRoute)
 
 
-class TeachPosition(StrictModel):
+class TeachPosition(RequestModel):
     """A name for a place."""
 
     model_config = example({"name": "beside", "joints": [0.3, *HOME[1:]], "description": "beside home"})

@@ -12,8 +12,9 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
 from app.api.access import identity_of
-from app.api.dependencies import decoded, robots_of, services_of
+from app.api.dependencies import robots_of, services_of
 from app.api.errors import status_of
+from app.api.json_text import decoded
 from app.api.stream_frames import (
     Chunk,
     Control,

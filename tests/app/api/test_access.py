@@ -20,6 +20,7 @@ from streaming_client import Frames
 from virtual import VirtualService, virtual_service
 
 from app.api.access import Access
+from app.api.errors import status_of
 from app.api.origins import Origins
 from app.api.roles import PUBLIC, ROLES, endpoint_of, guard
 from app.aubo.classes import REGISTRY
@@ -29,7 +30,7 @@ from cobot.access.authentication import authentication_required, rights_of_ros, 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
 from cobot.config import ENDPOINTS, Settings, load_settings
-from cobot.errors import ConfigError, MisdirectedError, PermissionDenied
+from cobot.errors import ConfigError, HeaderError, MisdirectedError, PermissionDenied
 
 NAMES = {role: role.name.lower() for role in Role if role}
 APP = "https://app.example"
@@ -234,6 +235,12 @@ def origins_at(address: str, *hosts: str) -> Origins:
 
 def scope(server: str, scheme: str = "http") -> dict[str, Any]:
     return {"type": "http", "method": "POST", "scheme": scheme, "server": (server, 8007)}
+
+
+def test_a_request_without_a_host_is_told_which_header_is_missing() -> None:
+    with pytest.raises(HeaderError, match="the header Host is missing") as caught:
+        origins_at("127.0.0.1").check(scope("127.0.0.1"), {})
+    assert status_of(caught.value) == 400
 
 
 @pytest.mark.parametrize(

@@ -66,12 +66,12 @@ def test_a_body_larger_than_any_tool_needs_is_not_taken_in(service: VirtualServi
         (
             "plan_to_joints",
             {"joints": ["x"] * 5000},
-            "plan_to_joints: joints[0]: input should be a valid num",
+            "plan_to_joints: joints[0]: must be a valid num",
         ),
         ("plan_to_joints", {"what": 1, "outcome": 2}, "plan_to_joints: joints: is missing"),
         ("y" * 9000, {}, "there is no tool 'yyy"),
         ("get_state", {"robot": "nobody"}, "there is no robot 'nobody'; valid are: "),
-        ("get_log", {"lines": 10**12}, "get_log: lines: input should be less than or equal to 300"),
+        ("get_log", {"lines": 10**12}, "get_log: lines: must be less than or equal to 300"),
     ],
 )
 def test_what_is_wrong_is_said_in_few_words(

@@ -581,7 +581,7 @@ def test_fragments_that_contradict_each_other_or_pile_up_are_refused(monkeypatch
         ({"op": "fly"}, "there is no op 'fly'"),
         ({"op": []}, r"there is no op \[\]"),
         ({"op": "subscribe"}, "subscribe: topic: is missing"),
-        ({"op": "subscribe", "topic": 3}, "subscribe: topic: input should be a valid string, got 3"),
+        ({"op": "subscribe", "topic": 3}, "subscribe: topic: must be a string, got 3"),
         ({"op": "subscribe", "topic": "/a"}, "nobody publishes /a, so its type must be given"),
         ({"op": "subscribe", "topic": "/a", "type": "x/Y"}, "there is no type 'x/msg/Y' here"),
         ({"op": "subscribe", "topic": "/a", "type": STRING, "compression": "png"}, "'png' is not supported"),

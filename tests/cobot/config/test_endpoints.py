@@ -28,5 +28,5 @@ def test_the_endpoints_file_names_all_endpoints_and_no_other(tmp_path: Path) -> 
         other = every.replace("1.0", "5.0").replace("POST /stop: {timeout_s: 5.0}", f"POST /stop: {stop}")
         with pytest.raises(ConfigError, match="POST /stop: must be enabled, with a timeout_s of 4 at least"):
             load_endpoints(write(tmp_path, "endpoints:\n" + other))
-    with pytest.raises(ConfigError, match=r"timeout_s: input should be greater than 0"):
+    with pytest.raises(ConfigError, match=r"timeout_s: must be greater than 0"):
         load_endpoints(write(tmp_path, "endpoints:\n" + every.replace("1.0", "0.0")))

@@ -28,13 +28,13 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
     ("joints", {"joints": JOINTS, "speed": 0.0}, ["speed", "greater than or equal to 0.01", "got 0.0"]),
     ("joints", {"joints": JOINTS, "speed": -0.5}, ["speed", "greater than or equal to 0.01", "got -0.5"]),
     ("joints", {"joints": JOINTS, "speed": 1.01}, ["speed", "less than or equal to 1", "got 1.01"]),
-    ("joints", {"joints": JOINTS, "speed": NAN}, ["speed", "got nan"]),
+    ("joints", {"joints": JOINTS, "speed": NAN}, ["speed", "got NaN"]),
     (
         "joints",
         {"joints": JOINTS, "accel_scale": -0.1},
         ["accel_scale", "greater than or equal to 0", "-0.1"],
     ),
-    ("joints", {"joints": [NAN, *JOINTS[1:]]}, ["joints[0]", "finite number", "got nan"]),
+    ("joints", {"joints": [NAN, *JOINTS[1:]]}, ["joints[0]", "finite number", "got NaN"]),
     ("joints", {"joints": JOINTS[:6]}, ["joints must have 7 angles, got 6"]),
     ("joints", {"joints": [9.0, *JOINTS[1:]]}, ["joint1 is 9 rad, allowed is -2.97 to 2.97 rad"]),
     ("joints", {"joints": JOINTS, "planner": "lin"}, ["planner", "'ptp'", "got 'lin'"]),
@@ -50,17 +50,17 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
         ["algorithm: PRM", "not for chomp"],
     ),
     ("named", {"name": "nowhere"}, ["'nowhere'", "valid are: home"]),
-    ("pose", POSE | {"x": NAN}, ["x", "finite number", "got nan"]),
-    ("pose", POSE | {"a": float("inf")}, ["a", "finite number", "got inf"]),
+    ("pose", POSE | {"x": NAN}, ["x", "finite number", "got NaN"]),
+    ("pose", POSE | {"a": float("inf")}, ["a", "finite number", "got Infinity"]),
     ("pose", POSE | {"planner": "auto", "via": VIA}, ["via: is for planner circ only, not for auto"]),
     ("pose", POSE | {"planner": "lin", "via": VIA}, ["via: is for planner circ only, not for lin"]),
     ("pose", POSE | {"planner": "circ"}, ["via: is missing", "circ"]),
-    ("pose", POSE | {"planner": "circ", "via": VIA | {"x": NAN}}, ["via.x", "finite number", "got nan"]),
+    ("pose", POSE | {"planner": "circ", "via": VIA | {"x": NAN}}, ["via.x", "finite number", "got NaN"]),
     ("pose", POSE | {"planner": "lin", "radius": 0.1}, ["radius: is for planner polyline only, not for lin"]),
     ("pose", LINES | {"radius": -0.1}, ["radius", "greater than or equal to 0", "got -0.1"]),
-    ("pose", LINES | {"radius": NAN}, ["radius", "got nan"]),
+    ("pose", LINES | {"radius": NAN}, ["radius", "got NaN"]),
     ("pose", LINES | {"through": []}, ["through: is empty", "polyline", "lin"]),
-    ("pose", LINES | {"through": [POSE | {"z": NAN}]}, ["through[0].z", "finite number", "got nan"]),
+    ("pose", LINES | {"through": [POSE | {"z": NAN}]}, ["through[0].z", "finite number", "got NaN"]),
     ("pose", POSE | {"y": -4.5e183}, ["y", "greater than or equal to -1000", "got -4.5e+183"]),
     ("pose", POSE | {"frame_id": "pallet"}, ["frame_id: there is no frame 'pallet'", "valid are: base_link"]),
     ("pose", POSE | {"frame_id": "link3"}, ["frame_id: 'link3' moves with the joints", "valid are:"]),
@@ -91,10 +91,10 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
     (
         "sequence",
         {"motions": [{"joints": JOINTS}, {"name": "home"}], "radii": [NAN]},
-        ["radii[0]", "got nan"],
+        ["radii[0]", "got NaN"],
     ),
     ("arc", ARC | {"angle": 0.0}, ["angle: is 0 rad", "rise"]),
-    ("arc", ARC | {"angle": NAN}, ["angle", "got nan"]),
+    ("arc", ARC | {"angle": NAN}, ["angle", "got NaN"]),
     ("arc", ARC | {"angle": 300.0}, ["angle", "less than or equal to 200", "got 300.0"]),
     (
         "arc",
@@ -102,7 +102,7 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
         ["axis: has a length of 0, which is no direction"],
     ),
     ("arc", ARC | {"constraints": {"joints": {"joint9": [0, 1]}}}, ["there is no such joint"]),
-    ("sequence", {"motions": [ARC | {"rise": NAN}]}, ["motions[0].rise", "got nan"]),
+    ("sequence", {"motions": [ARC | {"rise": NAN}]}, ["motions[0].rise", "got NaN"]),
     ("sequence", {"motions": ["home"]}, ["motions[0]", "got 'home'"]),
     ("sequence", {"motions": [{"named": "home"}]}, ["'named' (did you mean 'name'?)"]),
 ]
@@ -110,16 +110,16 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
 PLANS = [
     ("path", {"poses": []}, ["poses", "at least 1 item"]),
     ("path", {"poses": [POSE], "radius": -0.1}, ["radius", "greater than or equal to 0", "got -0.1"]),
-    ("path", {"poses": [POSE | {"x": NAN}]}, ["poses[0].x", "finite number", "got nan"]),
+    ("path", {"poses": [POSE | {"x": NAN}]}, ["poses[0].x", "finite number", "got NaN"]),
     ("path", {"poses": [POSE], "frame_id": "link3"}, ["frame_id: 'link3' moves with the joints"]),
-    ("joints", {"joints": JOINTS, "start": [NAN, *JOINTS[1:]]}, ["start[0]", "got nan"]),
+    ("joints", {"joints": JOINTS, "start": [NAN, *JOINTS[1:]]}, ["start[0]", "got NaN"]),
     ("joints", {"joints": JOINTS, "samples": 1001}, ["samples", "less than or equal to 1000", "got 1001"]),
     ("joints", {"joints": JOINTS, "explain": "yes"}, ["explain", "got 'yes'"]),
 ]
 ALL = [(f"/robot/move/{what}", body, said) for what, body, said in BAD]
 ALL += [(f"/robot/plan/{what}", body, said) for what, body, said in BAD + PLANS]
 POINTS = [{"positions": JOINTS, "time_from_start": 3.0}]
-ALL += [("/trajectory/send", {"points": POINTS, "smoothing_rad": NAN}, ["smoothing_rad", "got nan"])]
+ALL += [("/trajectory/send", {"points": POINTS, "smoothing_rad": NAN}, ["smoothing_rad", "got NaN"])]
 
 
 @pytest.fixture(scope="module")

@@ -96,7 +96,7 @@ def test_the_python_client_sets_one_while_the_arm_moves(run: ServiceOfArm) -> No
         ("Gripper.Shut", True, 404, "not_found", f"outputs are: {CLOSE}, {FORCE}, {SPEED}"),
         (PART, False, 422, "input", "is an input: only the device sets it"),
         (CLOSE, 1, 422, "input", "boolean: true or false, got 1"),
-        (SPEED, True, 422, "input", "digital: a number, got True"),
+        (SPEED, True, 422, "input", "digital: a number, got true"),
         (SPEED, 1.5, 422, "input", "a whole number, got 1.5"),
         (SPEED, -1, 422, "limit", "a whole number from 0 to 9007199254740991, got -1"),
         (SPEED, 2**53, 422, "limit", "a whole number from 0 to 9007199254740991"),

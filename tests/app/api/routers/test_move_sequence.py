@@ -119,7 +119,7 @@ def test_corners_are_round_beside_constraints_too(service: VirtualService) -> No
     [
         (
             {"motions": MOTIONS, "radii": [-0.1]},
-            "radii[0]: input should be greater than or equal to 0, got -0.1",
+            "radii[0]: must be greater than or equal to 0, got -0.1",
         ),
         (
             {"motions": MOTIONS, "radii": [0.1, 0.1]},

@@ -526,7 +526,7 @@ def test_options_are_checked(settings: Settings, robot: RobotDescription) -> Non
         ({"addres": "1.2.3.4"}, "unknown key 'addres'"),
         ({"address": "robot"}, "'robot' is no IPv4 address"),
         ({"port": 0}, "port"),
-        ({"port": True}, "port: input should be a valid integer, got True"),
+        ({"port": True}, "port: must be an integer, got true"),
         ({"overlay": "pose"}, "overlay"),
     ):
         with pytest.raises(ConfigError, match=text):

@@ -1,0 +1,133 @@
+"""JSON as MATLAB and R write it: a list of one item as the item, and nothing as `[]`.
+
+Both encoders drop the brackets of a list of one item and have no other word for an absent value than an empty
+list. `RequestModel` reads both, in each field alike, by what the field's type accepts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, model_validator
+
+from cobot.strict import StrictModel
+
+ABSENT: Any = object()
+"""The value of a field that the document leaves to its default."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What a type accepts as JSON.
+
+    Attributes:
+        kinds: Python's types of the values.
+        item: of a list.
+        entry: of an object that is a mapping.
+        filled: a list of this type has at least one item.
+    """
+
+    kinds: frozenset[type]
+    item: Shape | None = None
+    entry: Shape | None = None
+    filled: bool = False
+
+    def read(self, value: Any) -> Any:
+        """A value as the type expects it; one that does not fit is left for the type to reject."""
+        if isinstance(value, list) and not value:
+            return self._nothing()
+        if self.item is not None and not self._is_accepted(value):
+            item = self.item.read(value)
+            return [item] if self.item.accepts(item) else value
+        if self.entry is not None and isinstance(value, dict):
+            return {name: self.entry.read_kept(each) for name, each in value.items()}
+        return value
+
+    def read_kept(self, value: Any) -> Any:
+        """As `read`, of a value that cannot be left out."""
+        found = self.read(value)
+        return value if found is ABSENT else found
+
+    def accepts(self, value: Any) -> bool:
+        return type(value) in self.kinds
+
+    def _is_accepted(self, value: Any) -> bool:
+        """Whether it needs no brackets: a row of numbers is not yet a list of rows."""
+        if not self.accepts(value):
+            return False
+        rows = isinstance(value, list) and self.item is not None and self.item.item is not None
+        return not rows or any(isinstance(each, list) for each in value)
+
+    def _nothing(self) -> Any:
+        if list in self.kinds and not (self.filled and NoneType in self.kinds):
+            return []
+        if self.entry is not None:
+            return {}
+        return None if NoneType in self.kinds else ABSENT
+
+
+class RequestModel(StrictModel):
+    """The base of what clients send as JSON."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _add_brackets(cls, content: Any) -> Any:
+        if not isinstance(content, dict):
+            return content
+        shapes, read = _shapes(cls), content
+        for name, value in content.items():
+            shape = shapes.get(name)
+            found = value if shape is None else shape.read(value)
+            if found is value or (found is ABSENT and cls.model_fields[name].is_required()):
+                continue
+            read = dict(content) if read is content else read
+            read[name] = found
+            if found is ABSENT:
+                del read[name]
+        return read
+
+
+@cache
+def _shapes(model: type[BaseModel]) -> Mapping[str, Shape]:
+    found = {}
+    for name, field in model.model_fields.items():
+        shape = _shape(field.annotation)
+        found[name] = replace(shape, filled=shape.filled or _has_items(field.metadata))
+    return found
+
+
+def _has_items(metadata: Any) -> bool:
+    return any(
+        getattr(each, "min_length", None) or _has_items(getattr(each, "metadata", ())) for each in metadata
+    )
+
+
+def _shape(annotation: Any) -> Shape:
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        shape = _shape(arguments[0])
+        return replace(shape, filled=shape.filled or _has_items(arguments[1:]))
+    if origin in (Union, UnionType):
+        return _either([_shape(each) for each in arguments])
+    if origin is list:
+        return Shape(frozenset({list}), item=_shape(arguments[0]))
+    if origin is dict:
+        return Shape(frozenset({dict}), entry=_shape(arguments[1]))
+    if origin is Literal:
+        return Shape(frozenset(map(type, arguments)))
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return Shape(frozenset({dict, annotation}))
+    return Shape(frozenset({int, float} if annotation in (int, float) else {annotation}))
+
+
+def _either(shapes: list[Shape]) -> Shape:
+    return Shape(
+        frozenset().union(*(each.kinds for each in shapes)),
+        next((each.item for each in shapes if each.item is not None), None),
+        next((each.entry for each in shapes if each.entry is not None), None),
+        any(each.filled for each in shapes),
+    )
