@@ -18,7 +18,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.actions.fjt_goal import FjtGoal, GoalError, GoalViolated, Message, PathViolated, read_goal
+from app.actions.fjt_goal import (
+    WIDER_PATH,
+    FjtGoal,
+    GoalError,
+    GoalViolated,
+    Message,
+    PathViolated,
+    read_goal,
+)
 from app.actions.fjt_progress import Progress, on_path
 from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, ServoExecution
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
@@ -31,6 +39,7 @@ from app.services.streaming.servo import ServoService
 from cobot.config import RosSection
 from cobot.errors import CobotError, ExecutionError, InputError, MotionStopped, PlanningError
 from cobot.ipc.layout import MotionResult, ServoMode
+from cobot.motions.points import FOLLOW_JOINT_TRAJECTORY
 from cobot.motions.requests import WaypointRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
@@ -170,6 +179,7 @@ class FollowJointTrajectory:
             retime=not streamed,
             corridor_rad=goal.corridor_rad(self._smoothing_rad),
             longest_s=points[-1].time_from_start_s + goal.late_s,
+            ways=FOLLOW_JOINT_TRAJECTORY,
         )
         trajectory = await self._motion.plan(claim, request, PLAN_S)
         assert trajectory is not None  # plan_waypoints always has one
@@ -187,7 +197,8 @@ class FollowJointTrajectory:
             name, unit = self._limits.names[joint], self._limits.unit(joint)
             raise GoalError(
                 f"points[0]: the only point is at time 0, but {name} is {off.max():.4f} {unit} away from it, "
-                f"allowed are {self._start_tolerance_rad:g} {unit}"
+                f"allowed are {self._start_tolerance_rad:g} {unit}; give it a "
+                "time_from_start above 0, and the arm goes there"
             )
 
     async def _follow(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
@@ -229,7 +240,7 @@ class FollowJointTrajectory:
                         self._link.clock.now_s() - begun_s - (claim.speed_override.paused_s - paused_s)
                     )
                     if elapsed_s > latest_s and self._under_way(goal, trajectory, state):
-                        claim.interrupt(GoalViolated(goal.late))
+                        claim.interrupt(GoalViolated(goal.late(trajectory.duration_s)))
             await asyncio.sleep(WATCH_S)
 
     async def _arrived(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
@@ -241,13 +252,13 @@ class FollowJointTrajectory:
             if not off:
                 return
             if self._link.clock.now_s() > deadline_s:
-                raise GoalViolated(f"at the end {off} by goal_tolerance")
+                raise GoalViolated(f"at the end {off} by goal_tolerance; raise it, or set it to 0")
             claim.proceed()
             await asyncio.sleep(WATCH_S)
 
     def _judge(self, claim: Claim, goal: FjtGoal, progress: Progress) -> None:
         if claim.interruption is None and (violation := progress.path_violation(goal, self._limits)):
-            claim.interrupt(PathViolated(f"{violation} by path_tolerance"))
+            claim.interrupt(PathViolated(f"{violation} by path_tolerance; {WIDER_PATH}"))
 
     def _under_way(self, goal: FjtGoal, trajectory: Trajectory, state: RobotState) -> bool:
         """Whether the arm is not where the goal wants it yet; what it then takes to settle does not count."""

@@ -7,6 +7,7 @@ can be wrong with the message itself is found here; whether it is a motion for t
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -17,9 +18,11 @@ from cobot.ros.failures import FjtError
 from cobot.strict import shown
 from cobot.types import Array, JointLimits, Waypoint
 
+SHOWN_NAMES = 10
 LATE_START_S = 1.0
 """A goal whose header.stamp is past by up to this begins at once; a later one is refused, s."""
 EARLIEST_START_S = 600.0
+WIDER_PATH = "raise it, or send a slower trajectory"
 Message = dict[str, Any]
 
 
@@ -94,11 +97,19 @@ class FjtGoal:
         """
         return np.minimum(smoothing_rad, 0.5 * np.minimum(self.path.position, self.end.position))
 
-    @property
-    def late(self) -> str:
-        """What is said of an arm that is not there in time."""
-        allowed = "" if math.isinf(self.late_s) else f" and goal_time_tolerance ({self.late_s:g} s)"
-        return f"not arrived within the trajectory's time ({self.points[-1].time_from_start_s:g} s){allowed}"
+    def late(self, planned_s: float) -> str:
+        """The sentence about an arm that is not there in time.
+
+        Args:
+            planned_s: duration of the motion as it was planned.
+        """
+        bounded = not math.isinf(self.late_s)
+        allowed = f" and goal_time_tolerance ({self.late_s:g} s)" if bounded else ""
+        way = "; raise goal_time_tolerance, or set it to 0" if bounded else ""
+        return (
+            f"not arrived within the trajectory's time ({self.points[-1].time_from_start_s:g} s){allowed}: "
+            f"the motion was planned to take {planned_s:.3f} s{way}"
+        )
 
 
 def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
@@ -133,8 +144,20 @@ def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
 def _order(given: list[str], names: tuple[str, ...]) -> list[int]:
     """Where each of the robot's joints stands in the goal."""
     if sorted(given) != sorted(names):
-        raise JointsError(f"joint_names must be {', '.join(names)} in any order, got {shown(given)}")
+        raise JointsError(f"joint_names must be {', '.join(names)} in any order: {_misnamed(given, names)}")
     return [given.index(name) for name in names]
+
+
+def _misnamed(given: list[str], names: tuple[str, ...]) -> str:
+    missing = [name for name in names if name not in given]
+    unknown = [name for name in given if name not in names]
+    twice = [name for name, count in Counter(given).items() if count > 1 and name in names]
+    wrong = [
+        f"{verb} {', '.join(map(shown, found[:SHOWN_NAMES]))}"
+        for verb, found in (("missing are", missing), ("unknown are", unknown), ("twice there are", twice))
+        if found
+    ]
+    return "; ".join(wrong)
 
 
 def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
@@ -146,7 +169,7 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
         index = int(late[0]) + 1
         raise GoalError(
             f"points[{index}]: time_from_start must increase strictly, it is {times[index]:g} s after "
-            f"{times[index - 1]:g} s"
+            f"{times[index - 1]:g} s; {_retimed(times, index)}"
         )
     if times[0] < 0.0:
         raise GoalError(f"points[0]: time_from_start is {times[0]:g} s, must not be negative")
@@ -155,7 +178,7 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
             raise GoalError(f"points[{index}]: effort is not supported")
     positions = _rows(messages, "positions", order)
     if positions is None:
-        raise GoalError("points[0]: positions are missing; velocities alone are not supported")
+        raise GoalError("points[0]: positions are missing; velocities alone are not supported: send both")
     velocities = _rows(messages, "velocities", order)
     accelerations = _rows(messages, "accelerations", order)
     if accelerations is not None and velocities is None:
@@ -179,6 +202,11 @@ def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
     if not any(rows):
         return None
     for index, row in enumerate(rows):
+        if not row and name != "positions":
+            having = next(place for place, each in enumerate(rows) if each)
+            raise GoalError(
+                f"points[{index}] has no {name}, but points[{having}] has: give them at all points or at none"
+            )
         if len(row) != len(order):
             raise GoalError(f"points[{index}]: {name} must be {len(order)} numbers, got {len(row)}")
     values = np.array(rows, dtype=np.float64)
@@ -186,6 +214,13 @@ def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
         index, joint = np.argwhere(~np.isfinite(values))[0]
         raise GoalError(f"points[{index}]: {name}[{joint}] is no finite number")
     return np.asarray(values[:, order])
+
+
+def _retimed(times: Array, index: int) -> str:
+    """What to do about a time that is not later than the one before."""
+    if not times.any():
+        return "all times are 0: add a time parameterization (MoveIt has an adapter for it)"
+    return "leave the point out" if times[index] == times[index - 1] else "order the points by their times"
 
 
 def hermite_accelerations(times_s: Array, positions: Array, velocities: Array) -> Array:
@@ -210,7 +245,10 @@ def _start(stamp: Message, duration_s: float, now_s: float) -> float | None:
         return None
     if start_s < now_s - LATE_START_S:
         end = "ended" if start_s + duration_s < now_s else "begun"
-        raise OldGoalError(f"header.stamp: the trajectory should have {end} {now_s - start_s:.3f} s ago")
+        raise OldGoalError(
+            f"header.stamp: the trajectory should have {end} {now_s - start_s:.3f} s ago, allowed are "
+            f"{LATE_START_S:g} s; a stamp of 0 begins at once"
+        )
     if start_s > now_s + EARLIEST_START_S:
         raise GoalError(
             f"header.stamp is {start_s - now_s:.0f} s ahead, allowed are {EARLIEST_START_S:g} s: "

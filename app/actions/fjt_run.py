@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.actions.fjt_goal import FjtGoal, GoalViolated, PathViolated
+from app.actions.fjt_goal import WIDER_PATH, FjtGoal, GoalViolated, PathViolated
 from app.actions.fjt_progress import Progress, on_path
 from app.graph.actions import GoalHandle
 from app.services.motion.ownership import Claim
@@ -140,7 +140,7 @@ class ServoExecution:
                 if elapsed_s >= trajectory.duration_s and _finished(goal, progress):
                     return
                 if elapsed_s > latest_s:
-                    raise GoalViolated(goal.late)
+                    raise GoalViolated(goal.late(trajectory.duration_s))
         finally:
             if servo.holds(session):
                 await servo.end(str(run.cause or "follow_joint_trajectory is done"))
@@ -151,7 +151,7 @@ class ServoExecution:
         time_s, stamp_ns = min(elapsed_s, trajectory.duration_s), self._link.clock.wall_ns()
         progress = on_path(trajectory, time_s, rate, self._link.state(), stamp_ns)
         if violation := progress.path_violation(goal, self._limits):
-            raise PathViolated(f"{violation} by path_tolerance")
+            raise PathViolated(f"{violation} by path_tolerance; {WIDER_PATH}")
         return progress
 
 

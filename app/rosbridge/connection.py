@@ -24,6 +24,7 @@ from app.graph.action_server import ASKER
 from app.graph.graph import Graph
 from app.graph.topics import Publisher
 from app.rosbridge import operations as op
+from app.rosbridge.actionlib import refuse_topic
 from app.rosbridge.fragments import Assembly
 from app.rosbridge.offers import Offers
 from app.rosbridge.outbox import MAX_PER_TOPIC, Outbox
@@ -151,6 +152,7 @@ class Connection:
         audit.require(self._identity, ROLES[type(asked)], "rosbridge", type(asked).__name__)
         match asked:
             case op.Publish():
+                refuse_topic(self._graph.actions, asked.topic, None)
                 self._publish(asked, size)
             case op.CallService():
                 self._begin(self._call(asked), asked.compression)
@@ -158,12 +160,14 @@ class Connection:
                 self._offers.take_response(asked)
             case op.Subscribe():
                 _require_plain(asked.compression)
+                refuse_topic(self._graph.actions, asked.topic, asked.type)
                 if asked.topic not in self.outbox.feeds and len(self.outbox.feeds) >= MAX_ENDS:
                     raise ConflictError(f"a client may subscribe {MAX_ENDS} topics")
                 self.outbox.subscribe(self._graph, asked, self, self.tell)
             case op.Unsubscribe():
                 self.outbox.unsubscribe(asked.topic, asked.id)
             case op.Advertise():
+                refuse_topic(self._graph.actions, asked.topic, asked.type)
                 self._advertise(asked.topic, asked.type, asked.latch, asked.id)
             case op.Unadvertise():
                 self._unadvertise(asked)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +17,32 @@ SHORTEST_S, LONGEST_S = 1e-9, 1e6
 does, so near that nothing overflows."""
 LARGEST = 1e6
 """An angle, a velocity or an acceleration of a point is no larger, for the same reason."""
-GO_THERE = "go there first, or send move_to_start=true (of a command: --move-to-start)"
+
+
+@dataclass(frozen=True, slots=True)
+class WaysOut:
+    """What the sender of timed points can change, in the words of its interface.
+
+    Attributes:
+        start: of points that do not begin where the arm is.
+        rates: of points that are too fast, where the sender can have them slowed down.
+        time: of a motion that takes longer than the sender permits; `{late_s}` is by how much, s.
+    """
+
+    start: str
+    rates: str = ""
+    time: str = ""
+
+
+REST = WaysOut(
+    "go there first, or send move_to_start=true (of a command: --move-to-start)",
+    "retime=true slows the motion down until the limits hold",
+)
+FOLLOW_JOINT_TRAJECTORY = WaysOut(
+    "go there first, or give the first point a time_from_start above 0, so that the arm goes there from "
+    "where it is",
+    time="raise goal_time_tolerance to {late_s:.3f} s, or set it to 0, and time does not matter",
+)
 
 
 def check_first(
@@ -86,7 +112,9 @@ def require_order(times: Array, labels: list[str]) -> None:
             f"{labels[0]}: time_from_start is {times[0]} s, must be 0 or at least {SHORTEST_S:g} s"
         )
     for index in np.flatnonzero(times > LONGEST_S)[:1]:
-        raise InputError(f"{labels[index]}: time_from_start is {times[index]} s, may be {LONGEST_S:g} s")
+        raise InputError(
+            f"{labels[index]}: time_from_start is {times[index]} s, may be up to {LONGEST_S:g} s"
+        )
     late = np.flatnonzero(np.diff(times) < SHORTEST_S / 2.0)  # which of times near the longest is rounding
     if len(late):
         index = int(late[0]) + 1
@@ -104,10 +132,16 @@ def require_rest(points: Sequence[Waypoint], labels: list[str], *, first: bool) 
         ):
             if values is not None and np.abs(np.asarray(values)).max() > REST_TOLERANCE:
                 end = "start" if index == 0 else "end"
-                raise InputError(f"{labels[index]}: the motion must {end} at rest, but its {name} are not 0")
+                joint = int(np.abs(np.asarray(values)).argmax())
+                raise InputError(
+                    f"{labels[index]}: the motion must {end} at rest, but its {name} are not 0: "
+                    f"{name}[{joint}] is {values[joint]:g}; send 0 there, or no {name} at all"
+                )
 
 
-def require_start(first: Array, start: Array, limits: JointLimits, tolerance_rad: float, label: str) -> None:
+def require_start(
+    first: Array, start: Array, limits: JointLimits, tolerance_rad: float, label: str, ways: WaysOut = REST
+) -> None:
     off = np.abs(first - start)
     if off.max() <= tolerance_rad:
         return
@@ -116,5 +150,5 @@ def require_start(first: Array, start: Array, limits: JointLimits, tolerance_rad
     raise InputError(
         f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} {unit}, but it is at "
         f"{start[joint]:.4f} {unit}: {off[joint]:.4f} {unit} apart, allowed are {tolerance_rad:g} {unit}; "
-        f"{GO_THERE}"
+        f"{ways.start}"
     )

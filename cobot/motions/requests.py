@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from cobot.errors import InputError
 from cobot.motions.constraints import Constraints
+from cobot.motions.points import REST, WaysOut
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import (
@@ -118,6 +119,7 @@ class WaypointRequest:
             limits, shape (dof,) or one for all; 0: nothing is smoothed, and all is slowed down evenly.
         longest_s: what `retime` may make of the duration, without `approach`.
         approach: go to the first point by ptp before, with this scaling; None: it must be at `start`.
+        ways: what an error advises.
     """
 
     start: Array
@@ -128,6 +130,7 @@ class WaypointRequest:
     approach: Scaling | None = None
     corridor_rad: Array | float = 0.0
     longest_s: float = math.inf
+    ways: WaysOut = REST
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cobot.errors import InputError
-from cobot.motions.points import labels_of, require_order, require_rest, require_size, require_start
+from cobot.motions.points import (
+    REST,
+    WaysOut,
+    labels_of,
+    require_order,
+    require_rest,
+    require_size,
+    require_start,
+)
 from cobot.trajectory import CHANGE_PEAKS, UNCHANGED, Changes, Trajectory, from_hermite
 from cobot.types import Array, JointLimits, Waypoint
 
@@ -64,7 +72,11 @@ class Course:
 
 
 def course_of(
-    points: Sequence[Waypoint], start: Array, limits: JointLimits, start_tolerance_rad: float
+    points: Sequence[Waypoint],
+    start: Array,
+    limits: JointLimits,
+    start_tolerance_rad: float,
+    ways: WaysOut = REST,
 ) -> Course:
     """See `through`."""
     labels = labels_of(points, limits.dof)
@@ -76,7 +88,7 @@ def course_of(
     if times[-1] == 0.0:
         raise InputError(f"{labels[0]}: a motion needs a point with a time_from_start above 0")
     if times[0] == 0.0:
-        require_start(positions[0], start, limits, start_tolerance_rad, labels[0])
+        require_start(positions[0], start, limits, start_tolerance_rad, labels[0], ways)
         return _blended(Course(times, positions, labels, points), start, limits)
     times, positions = np.append(0.0, times), np.vstack([start, positions])
     return Course(times, positions, [PRESENT, *labels], [Waypoint(start.tolist(), 0.0), *points])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from cobot.errors import LimitError
-from cobot.motions.points import GO_THERE, labels_of, require_positions
+from cobot.motions.points import labels_of, require_positions
 from cobot.motions.requests import MotionRequest, WaypointRequest
 from cobot.planners.checks import is_there, validate
 from cobot.planners.course import PRESENT, Course, course_of, through
@@ -57,7 +58,7 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
         start, tolerance_rad = np.asarray(request.points[0].positions, dtype=np.float64), 0.0
     if len(request.points) == 1 and request.approach is not None:
         start = request.start
-    course = course_of(request.points, start, limits, tolerance_rad)
+    course = course_of(request.points, start, limits, tolerance_rad, request.ways)
     if request.check_limits or request.retime:
         motion = _within_limits(course, limits.including(start), request)
         motion = _within_efforts(robot, motion, float(course.times_s[-1]), request)
@@ -221,15 +222,16 @@ def _with_way_out(
 ) -> LimitError:
     """The same with what would help, and how long the motion would then take."""
     sentence = str(excess)
-    if f"between {PRESENT} and" in sentence and request.approach is None:
-        return LimitError(f"{sentence}; {GO_THERE}")
+    if f"between {PRESENT} and" in sentence and request.approach is None and not request.retime:
+        return LimitError(f"{sentence}; {request.ways.start}")
     if "the position of" in sentence:
         return excess
     takes = "" if possible is None else f"{possible.duration_s:.3f} s instead of {asked_s:.3f} s"
     if not request.retime:
-        return LimitError(
-            f"{sentence}; retime=true slows the motion down until the limits hold"
-            + (f" ({takes})" if takes else "")
-        )
-    allowed = f", and no more than {request.longest_s:.3f} s are allowed"
-    return LimitError(f"{sentence}; within the limits it takes {takes}{allowed}") if takes else excess
+        return LimitError(f"{sentence}; {request.ways.rates}" + (f" ({takes})" if takes else ""))
+    if possible is None:
+        return excess
+    late_s = math.ceil(1e3 * (possible.duration_s - asked_s)) / 1e3
+    way = f": {request.ways.time.format(late_s=late_s)}" if request.ways.time else ""
+    allowed = f"no more than {request.longest_s:.3f} s are allowed{way}"
+    return LimitError(f"{sentence}; within the limits it takes {takes}, and {allowed}")

@@ -104,9 +104,17 @@ def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
     ("message", "code", "words"),
     [
         (goal([]), FjtError.INVALID_GOAL, "no points"),
-        (goal([point(HERE, 1.0)], NAMES[:6]), FjtError.INVALID_JOINTS, "joint_names must be joint1"),
-        (goal([point(HERE, 1.0)], [*NAMES[:6], "joint1"]), FjtError.INVALID_JOINTS, "in any order"),
-        (goal([point(HERE, 1.0)], [*NAMES, "joint8"]), FjtError.INVALID_JOINTS, "joint_names"),
+        (
+            goal([point(HERE, 1.0)], NAMES[:6]),
+            FjtError.INVALID_JOINTS,
+            "joint_names must be joint1.* in any order: missing are 'joint7'$",
+        ),
+        (
+            goal([point(HERE, 1.0)], [*NAMES[:6], "joint1"]),
+            FjtError.INVALID_JOINTS,
+            "missing are 'joint7'; twice there are 'joint1'",
+        ),
+        (goal([point(HERE, 1.0)], [*NAMES, "joint8"]), FjtError.INVALID_JOINTS, "unknown are 'joint8'"),
         (goal([point(HERE, 1.0)], []), FjtError.INVALID_JOINTS, "joint_names"),
         (
             goal([point(HERE[:6], 1.0)]),
@@ -118,13 +126,23 @@ def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
         (
             goal([point(HERE, 1.0, HERE), point(HERE, 2.0)]),
             FjtError.INVALID_GOAL,
-            r"points\[1\]: velocities must be 7 numbers, got 0",
+            r"points\[1\] has no velocities, but points\[0\] has: give them at all points or at none",
         ),
         (goal([point(HERE, 1.0, [], HERE)]), FjtError.INVALID_GOAL, "accelerations need velocities"),
         (
             goal([point(HERE, 1.0), point(HERE, 1.0)]),
             FjtError.INVALID_GOAL,
-            r"points\[1\]: time_from_start must increase strictly, it is 1 s after 1 s",
+            r"points\[1\]: time_from_start must increase strictly, it is 1 s after 1 s; leave the point out",
+        ),
+        (
+            goal([point(HERE, 0.0)] * 2),
+            FjtError.INVALID_GOAL,
+            "all times are 0: add a time parameterization",
+        ),
+        (
+            goal([point(HERE, 2.0), point(HERE, 1.0)]),
+            FjtError.INVALID_GOAL,
+            "order the points by their times",
         ),
         (goal([point(HERE, -1.0)]), FjtError.INVALID_GOAL, "must not be negative"),
         (goal([point([*HERE[:6], math.nan], 1.0)]), FjtError.INVALID_GOAL, r"positions\[6\] is no finite"),
@@ -418,7 +436,10 @@ def test_a_goal_that_makes_no_sense_ends_with_its_code_and_leaves_the_running_on
 @pytest.mark.parametrize(
     ("points", "words"),
     [
-        ([(0.3, 0.0), (0.4, 1.0)], r"points\[0\]: starts with joint"),
+        (
+            [(0.3, 0.0), (0.4, 1.0)],
+            r"points\[0\]: starts with joint.*; go there first, or give the first point a time_from_start",
+        ),
         ([(9.0, 100.0)], r"points\[0\]: angle of joint1"),
         ([(0.3, 0.0)], "the only point is at time 0"),
     ],
@@ -463,7 +484,13 @@ def test_too_fast_a_goal_is_slowed_down_if_it_may_be_late(stand: Stand) -> None:
         bound = stand.to(0.0, 0.2, goal_time_tolerance=duration(0.1))
         result = await stand.send(bound, Handle())
         assert result["error_code"] == FjtError.INVALID_GOAL
-        assert "its limit is" in result["error_string"]
+        advice = re.search(
+            r"raise goal_time_tolerance to ([0-9.]+) s, or set it to 0", result["error_string"]
+        )
+        assert "its limit is" in result["error_string"] and advice, result
+        assert "move_to_start" not in result["error_string"]
+        followed = stand.to(0.0, 0.2, goal_time_tolerance=duration(float(advice[1])))
+        assert (await stand.send(followed, Handle()))["error_code"] == 0
 
     stand.run(live())
 

@@ -106,6 +106,40 @@ def test_what_one_publishes_the_other_gets() -> None:
     live(test)
 
 
+@pytest.mark.parametrize(
+    ("op", "content"),
+    [
+        ("advertise", {"topic": "/wait/goal", "type": "control_msgs/FollowJointTrajectoryActionGoal"}),
+        ("advertise", {"topic": "wait/cancel", "type": "actionlib_msgs/GoalID"}),
+        ("subscribe", {"topic": "/wait/status", "type": "actionlib_msgs/GoalStatusArray"}),
+        ("subscribe", {"topic": "/wait/result"}),
+        ("publish", {"topic": "/wait/goal", "msg": {"goal": {}}}),
+        ("subscribe", {"topic": "/other/feedback", "type": "control_msgs/PointHeadActionFeedback"}),
+    ],
+)
+def test_a_client_of_ros_1_actions_is_told_the_operation_for_goals(op: str, content: dict[str, Any]) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        graph.add_action(Waiting())
+        one.ask(op, id="asked", **content)
+        (status,) = one.got()
+        assert (status["op"], status["level"], status["id"]) == ("status", "error", "asked")
+        assert "send the operation send_action_goal" in status["msg"]
+        assert "/wait" in status["msg"]
+        assert content["topic"] not in graph.topics()
+
+    live(test)
+
+
+def test_a_topic_named_goal_of_no_action_is_like_any_other() -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        graph.add_action(Waiting())
+        one.ask("advertise", topic="/mission/goal", type=STRING)
+        one.ask("advertise", topic="/wait/other", type=STRING)
+        assert errors(one) == []
+
+    live(test)
+
+
 def test_subscriptions_and_advertisements_are_counted_by_their_ids() -> None:
     async def test(graph: Graph, one: Client, two: Client) -> None:
         for number in ("1", "2"):
