@@ -611,7 +611,7 @@ def test_fragments_that_contradict_each_other_or_pile_up_are_refused(monkeypatch
     [
         ([], r"a message must be a JSON object, got \[\]"),
         (None, "a message must be a JSON object"),
-        ({}, "there is no op None; valid are: advertise, unadvertise"),
+        ({}, "there is no op null; valid are: advertise, unadvertise"),
         ({"op": "fly"}, "there is no op 'fly'"),
         ({"op": []}, r"there is no op \[\]"),
         ({"op": "subscribe"}, "subscribe: topic: is missing"),
@@ -634,7 +634,7 @@ def test_fragments_that_contradict_each_other_or_pile_up_are_refused(monkeypatch
         ({"op": "publish", "topic": "/cobot/graph", "msg": {}}, "/cobot/graph tells what its owner knows"),
         ({"op": "set_level", "level": "loud"}, "set_level: level"),
         ({"op": "fragment", "data": "", "num": -1, "total": 1}, "fragment: num"),
-        ({"op": "service_response", "service": "/a", "values": {}}, "no call None of /a waits"),
+        ({"op": "service_response", "service": "/a", "values": {}}, "no call null of /a waits"),
     ],
 )
 def test_what_is_wrong_is_told_and_the_connection_lives(content: Any, sentence: str) -> None:
