@@ -484,11 +484,11 @@ def test_too_fast_a_goal_is_slowed_down_if_it_may_be_late(stand: Stand) -> None:
         bound = stand.to(0.0, 0.2, goal_time_tolerance=duration(0.1))
         result = await stand.send(bound, Handle())
         assert result["error_code"] == FjtError.INVALID_GOAL
-        advice = re.search(
-            r"raise goal_time_tolerance to ([0-9.]+) s, or set it to 0", result["error_string"]
-        )
-        assert "its limit is" in result["error_string"] and advice, result
-        assert "move_to_start" not in result["error_string"]
+        sentence = result["error_string"]
+        advice = re.search(r"raise goal_time_tolerance to ([0-9.]+) s, or set it to 0", sentence)
+        assert advice, sentence
+        assert "its limit is" in sentence
+        assert "move_to_start" not in sentence
         followed = stand.to(0.0, 0.2, goal_time_tolerance=duration(float(advice[1])))
         assert (await stand.send(followed, Handle()))["error_code"] == 0
 
