@@ -7,14 +7,16 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import Finite, few
+from cobot.motions.bodies import Angle, Finite, Within, few
 from cobot.robot.scene import SceneObject
+from cobot.units import require_way
 
 Name = Annotated[
     str,
     Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$", description="Letters, digits, and _ . -; at the most 64."),
 ]
 Coordinate = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False, description="m")]
+PlaceCoordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, 100.0)]
 Length = Annotated[float, Field(ge=1e-4, le=100.0, allow_inf_nan=False)]
 FIELDS = {
     "box": ("size",),
@@ -42,12 +44,12 @@ class Place(RequestModel):
 
     model_config = _example({"x": 0.5, "y": 0.2, "z": 0.1, "a": 0.5})
 
-    x: Coordinate = Field(description="m")
-    y: Coordinate = Field(description="m")
-    z: Coordinate = Field(description="m")
-    a: Finite = Field(0.0, description="KUKA angle A about z, rad")
-    b: Finite = Field(0.0, description="KUKA angle B about the new y, rad")
-    c: Finite = Field(0.0, description="KUKA angle C about the newest x, rad")
+    x: PlaceCoordinate = Field(description="m")
+    y: PlaceCoordinate = Field(description="m")
+    z: PlaceCoordinate = Field(description="m")
+    a: Angle = Field(0.0, description="KUKA angle A about z, rad")
+    b: Angle = Field(0.0, description="KUKA angle B about the new y, rad")
+    c: Angle = Field(0.0, description="KUKA angle C about the newest x, rad")
     frame_id: str = Field(
         "",
         max_length=200,

@@ -6,10 +6,12 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.api.scene_schemas import Coordinate, Name, ObjectAnswer, PutObject
+from app.api.scene_schemas import Name, ObjectAnswer, PutObject
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import Finite, few
+from cobot.motions.bodies import Angle, Finite, Within, few
+from cobot.units import MAX_TIP_M, require_way
 
+TipCoordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, MAX_TIP_M)]
 INERTIA = [0.004, 0.0, 0.0, 0.004, 0.0, 0.002]
 
 
@@ -22,12 +24,12 @@ class ToolTip(RequestModel):
 
     model_config = _example({"x": 0.0, "y": 0.0, "z": 0.15})
 
-    x: Coordinate = Field(0.0, description="m")
-    y: Coordinate = Field(0.0, description="m")
-    z: Coordinate = Field(0.0, description="m")
-    a: Finite = Field(0.0, description="KUKA angle A about z, rad")
-    b: Finite = Field(0.0, description="KUKA angle B about the new y, rad")
-    c: Finite = Field(0.0, description="KUKA angle C about the newest x, rad")
+    x: TipCoordinate = Field(0.0, description="m")
+    y: TipCoordinate = Field(0.0, description="m")
+    z: TipCoordinate = Field(0.0, description="m")
+    a: Angle = Field(0.0, description="KUKA angle A about z, rad")
+    b: Angle = Field(0.0, description="KUKA angle B about the new y, rad")
+    c: Angle = Field(0.0, description="KUKA angle C about the newest x, rad")
     quaternion: list[Finite] | None = Field(
         None, min_length=4, max_length=4, description="x, y, z, w of length 1, instead of a, b and c."
     )

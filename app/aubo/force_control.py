@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.aubo.poses import pose_of
+from app.aubo.poses import place_of
 from app.aubo.registry import Json, service
 from cobot.errors import InputError, NotSupportedError
 
@@ -90,7 +90,7 @@ def set_target_force(
         raise NotSupportedError(
             f"frame_type {frame_type}: no force frame turns with a point or a motion here; use 2 or 4"
         )
-    place = pose_of(feature or [0.0] * 6, "feature")
+    place = place_of(feature or [0.0] * 6, "feature")
     frame = np.concatenate([place.position, place.quaternion])
     robot.force.set_target(compliance, wrench, limits, frame, in_tcp=frame_type == TaskFrame.TOOL_FORCE)
 

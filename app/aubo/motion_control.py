@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.aubo.poses import pose_of
+from app.aubo.poses import place_of
 from app.aubo.registry import Json, Origin, service
 from app.services.motion.queue_moves import QueueRequest
 from cobot.errors import ConflictError, InputError, NotFoundError, NotSupportedError
@@ -88,7 +88,7 @@ async def move_line(
         duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
     """
     rate = Rate(a, v, blend_radius, duration)
-    await _add(robot, origin, "moveLine", PlannerName.LIN, pose_of(pose), rate)
+    await _add(robot, origin, "moveLine", PlannerName.LIN, place_of(pose), rate)
 
 
 @service("MotionControl")
@@ -112,7 +112,7 @@ async def move_circle(
         blend_radius: m, as of moveJoint.
         duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
     """
-    via, goal = pose_of(via_pose, "via_pose").position, pose_of(end_pose, "end_pose")
+    via, goal = place_of(via_pose, "via_pose").position, place_of(end_pose, "end_pose")
     rate = Rate(a, v, blend_radius, duration)
     await _add(robot, origin, "moveCircle", PlannerName.CIRC, goal, rate, via)
 

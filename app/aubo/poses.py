@@ -11,6 +11,7 @@ import numpy as np
 from cobot.errors import InputError
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.types import Array, Pose
+from cobot.units import require_angle, require_way
 
 FARTHEST_M = 1e6
 """Farther than any arm reaches, so near that nothing that is computed with it overflows."""
@@ -29,6 +30,21 @@ def pose_of(values: list[float], name: str = "pose") -> Pose:
         if abs(value) > FARTHEST_M:
             raise InputError(f"{name}: {axis} may be up to {FARTHEST_M:g} m, got {value:g} m")
     return pose_from_abc(x, y, z, rz, ry, rx)
+
+
+def place_of(values: list[float], name: str = "pose", most_m: float = FARTHEST_M) -> Pose:
+    """A pose that something is brought to, or is at: as `pose_of`, with numbers that can be m and rad.
+
+    Raises:
+        InputError: see `pose_of`; a coordinate is beyond `most_m`, or an angle beyond one and a half turns.
+    """
+    pose = pose_of(values, name)
+    for index, (axis, value) in enumerate(zip(("x", "y", "z", "rx", "ry", "rz"), values, strict=True)):
+        try:
+            _ = require_way(value, most_m) if index < 3 else require_angle(value)
+        except ValueError as exc:
+            raise InputError(f"{name}: {axis} {exc}") from exc
+    return pose
 
 
 def numbers_of(pose: Pose) -> list[float]:

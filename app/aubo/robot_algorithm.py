@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.aubo.poses import as_list, numbers_of, pose_of
+from app.aubo.poses import as_list, numbers_of, place_of
 from app.aubo.registry import Json, service
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
@@ -65,7 +65,7 @@ async def inverse_kinematics(robot: Services, qnear: list[float], pose: list[flo
     Returns:
         JSON: [[q1, q2, ...], 0], rad.
     """
-    return [await _inverse(robot, pose_of(pose), qnear), 0]
+    return [await _inverse(robot, place_of(pose), qnear), 0]
 
 
 @service("RobotAlgorithm")
@@ -79,7 +79,7 @@ async def inverse_tool_kinematics(robot: Services, qnear: list[float], pose: lis
     Returns:
         JSON: [[q1, q2, ...], 0], rad.
     """
-    return [await _inverse(robot, robot.settings.tcp_of_flange(pose_of(pose)), qnear), 0]
+    return [await _inverse(robot, robot.settings.tcp_of_flange(place_of(pose)), qnear), 0]
 
 
 @service("RobotAlgorithm")
@@ -93,7 +93,7 @@ async def inverse_kinematics_all(robot: Services, pose: list[float]) -> Json:
         JSON: [[[q1, q2, ...], ...], 0], rad: of each branch those nearest to the middle of the limits; with
         seven joints of each interval of the elbow's circle that the limits permit.
     """
-    work = partial(_inverse_all, pose=pose_of(pose))
+    work = partial(_inverse_all, pose=place_of(pose))
     return [[as_list(joints) for joints in await robot.planning.compute(work, TIMEOUT_S)], 0]
 
 
@@ -194,4 +194,4 @@ def _pose(values: object, name: str) -> Pose:
     )
     if not isinstance(values, list) or not numbers:
         raise InputError(f"{name} must be a list of numbers")
-    return pose_of(values, name)
+    return place_of(values, name)

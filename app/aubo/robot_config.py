@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from app.aubo.poses import as_list, numbers_of, pose_of, pose_of_seven
+from app.aubo.poses import as_list, numbers_of, place_of, pose_of_seven
 from app.aubo.registry import Json, service
 from cobot.errors import InputError, LimitError, NotSupportedError
 from cobot.robot.frames import rotation_matrix
 from cobot.robot.scene import Numbers6, numbers
 from cobot.robot.tool import Tool, chained, check_gravity, inverse
 from cobot.types import Array, CartesianLimits, JointLimits
+from cobot.units import MAX_TIP_M
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -254,7 +255,7 @@ async def set_tcp_offset(robot: Services, offset: list[float]) -> None:
     Args:
         offset: [x, y, z, rx, ry, rz] in the frame of the TCP in the model's file, m and rad; at most 2 m.
     """
-    tip = pose_of(offset, "offset")
+    tip = place_of(offset, "offset", MAX_TIP_M)
     if np.linalg.norm(tip.position) > 2.0:
         raise LimitError(f"offset must be at most 2 m away, got {np.linalg.norm(tip.position):.3g} m")
     tcp = chained(robot.robot.model.file_tcp_in_flange, numbers(tip)) if any(offset) else None
@@ -323,7 +324,7 @@ async def set_payload(
         if len(values) != count:
             raise InputError(f"{name} must have {count} numbers, got {len(values)}")
     matrix = Tool(mass=m, inertia=cast(Numbers6, tuple(inertia))).inertia_matrix
-    turn = rotation_matrix(pose_of([0.0, 0.0, 0.0, *aom], "aom").quaternion)
+    turn = rotation_matrix(place_of([0.0, 0.0, 0.0, *aom], "aom").quaternion)
     along = as_list((turn @ matrix @ turn.T)[np.triu_indices(3)]) if any(inertia) else None
     changes = {"mass": m, "centre": tuple(cog), "inertia": None if along is None else tuple(along)}
     await robot.tool.change(lambda tool: replace(tool, **cast(dict[str, Any], changes)), "setPayload")

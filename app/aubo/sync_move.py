@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from app.aubo.poses import numbers_of, pose_of
+from app.aubo.poses import numbers_of, place_of
 from app.aubo.registry import service
 from app.services.motion.frames import WORLD
 from app.services.motion.tool_and_limits import compose
@@ -154,7 +154,7 @@ def frame_add(robot: Services, name: str, pose: list[float], ref_frame: str = WO
         pose: [x, y, z, rx, ry, rz] in the reference frame, m and rad, about fixed axes.
         ref_frame: on which it hangs; empty for world.
     """
-    robot.sync.frames.add(name, pose_of(pose), ref_frame)
+    robot.sync.frames.add(name, place_of(pose), ref_frame)
 
 
 @service(CLASS)
@@ -177,7 +177,7 @@ def frame_move(robot: Services, name: str, pose: list[float], ref_frame: str = "
         pose: [x, y, z, rx, ry, rz], m and rad.
         ref_frame: the frame of the pose; empty for the one on which it hangs.
     """
-    robot.sync.frames.move(name, pose_of(pose), ref_frame)
+    robot.sync.frames.move(name, place_of(pose), ref_frame)
 
 
 @service(CLASS)
@@ -223,7 +223,7 @@ def frame_convert_pose(robot: Services, from_frame: str, to_frame: str, pose: li
         the same.
     """
     there = robot.sync.frames.between(from_frame or WORLD, to_frame or WORLD)
-    return numbers_of(compose(there, pose_of(pose)))
+    return numbers_of(compose(there, place_of(pose)))
 
 
 @service(CLASS)

@@ -9,12 +9,26 @@ Long, for it is the list of them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, FailFast, Field, Tag
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    FailFast,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    Tag,
+)
+from pydantic_core.core_schema import CoreSchema, no_info_after_validator_function
 
 from cobot.loose_lists import RequestModel
 from cobot.types import RRT_CONNECT, Algorithm, FreeAxis
+from cobot.units import MAX_POSE_ANGLE_RAD, require_angle, require_way
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 
@@ -26,7 +40,30 @@ def example(body: Any) -> ConfigDict:
 
 MAX_ARC_RAD = 200.0
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-1000.0, le=1000.0)]
+
+
+@dataclass(frozen=True, slots=True)
+class Within:
+    """Bounds of a number, whose error recognises another unit: see `cobot.units`."""
+
+    require: Callable[[float, float], float]
+    most: float
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        def required(value: float) -> float:
+            return self.require(value, self.most)
+
+        return no_info_after_validator_function(required, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {**handler(schema), "minimum": -self.most, "maximum": self.most}
+
+
+Angle = Annotated[float, Field(allow_inf_nan=False), Within(require_angle, MAX_POSE_ANGLE_RAD)]
+"""Of a pose, rad."""
+Coordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, 1000.0)]
 """m: further than any arm reaches, so near that nothing that is computed with it overflows."""
 
 
@@ -167,9 +204,9 @@ class PathPose(RequestModel):
     x: Coordinate = Field(description="m")
     y: Coordinate = Field(description="m")
     z: Coordinate = Field(description="m")
-    a: Finite = Field(0.0, description="KUKA angle A about z, rad")
-    b: Finite = Field(0.0, description="KUKA angle B about the new y, rad")
-    c: Finite = Field(0.0, description="KUKA angle C about the newest x, rad")
+    a: Angle = Field(0.0, description="KUKA angle A about z, rad")
+    b: Angle = Field(0.0, description="KUKA angle B about the new y, rad")
+    c: Angle = Field(0.0, description="KUKA angle C about the newest x, rad")
 
 
 MetresPerSecond = Annotated[
@@ -231,8 +268,8 @@ class MoveArc(TcpMotion):
 
     centre: PathPoint = Field(description="A point on the axis, m.")
     axis: PathPoint = Field(description="The direction of the axis, of any length; by the right hand.")
-    angle: Finite = Field(
-        ge=-MAX_ARC_RAD, le=MAX_ARC_RAD, description="How far about the axis, rad; several turns too."
+    angle: Annotated[float, Field(allow_inf_nan=False), Within(require_angle, MAX_ARC_RAD)] = Field(
+        description="How far about the axis, rad; several turns too."
     )
     rise: Finite = Field(0.0, ge=-10.0, le=10.0, description="How far along the axis meanwhile, m: a helix.")
     turn_tool: bool = Field(False, description="The hand turns with the arc, or keeps its orientation.")

@@ -33,6 +33,7 @@ from cobot.planners.held import Held
 from cobot.planners.lin import plan_lin
 from cobot.planners.polyline import plan_polyline
 from cobot.planners.ptp import plan_ptp
+from cobot.planners.unit_advice import advising_units
 from cobot.planners.waypoints import plan_waypoints
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
@@ -86,6 +87,11 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     check_end(request.planner, request.cyclic, request.end_joints)
     if request.end_joints is not None:
         check_positions(robot.limits, request.end_joints, "end_joints: the angle", 1.0)
+    with advising_units(robot.model, request):
+        return _planned(robot, request)
+
+
+def _planned(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     if request.planner in PATH_PLANNERS or request.planner is PlannerName.PTP:
         robot.collision.check_position(request.start, "the start", 0.0)
         return _direct(robot, request)

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from cobot.errors import ConfigError
-from cobot.robot.limits import MILLIMETRES_FROM_M
 from cobot.types import JointLimits
+from cobot.units import MILLIMETRES_FROM_M
 
 TOLERANCE = 1e-6
 """Of positions, rad or m: files are rounded."""

@@ -10,6 +10,7 @@ import numpy as np
 from cobot.errors import ConfigError, LimitError
 from cobot.findings import Finding
 from cobot.types import Array, JointLimits, vector
+from cobot.units import DEGREES, DEGREES_FROM_RAD, DEGREES_TO_RAD, MILLIMETRES_FROM_M
 from cobot.yaml_file import read_yaml
 
 _RATES = ("velocity", "acceleration", "jerk", "effort")
@@ -20,14 +21,8 @@ _KEYS = (
     *(key for rate in _RATES for key in (f"has_{rate}_limits", f"max_{rate}")),
 )
 
-DEGREES_FROM_RAD = 9.5
-"""No joint turns one and a half times either way: whose angle is beyond this has written degrees."""
-DEGREES_TO_RAD = 720.0
-"""Nobody means more than two turns in degrees: what is beyond this is no angle in any unit."""
 MAX_POSITION, MAX_RATE = 1e3, 1e6
 """All positions (rad or m) and all velocities, accelerations, jerks and efforts are below these."""
-MILLIMETRES_FROM_M = 50.0
-"""No slide of an arm is that long: whose position is beyond this has written millimetres."""
 
 
 def load_joint_limits(path: Path) -> JointLimits:
@@ -88,7 +83,7 @@ def _mistaken(limits: JointLimits, joints: Array) -> str:
     if len(ways) and ways.max() > MILLIMETRES_FROM_M:
         return "; these look like millimetres, positions of slides are in m"
     if len(angles) and DEGREES_FROM_RAD < angles.max() <= DEGREES_TO_RAD:
-        return "; these look like degrees, angles are in rad"
+        return f"; {DEGREES}"
     return ""
 
 

@@ -1,0 +1,44 @@
+"""Advice about millimetres, added to the errors of motions to places that no arm reaches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from cobot.errors import InputError, PlanningError
+from cobot.motions.requests import MotionRequest
+from cobot.robot.inverse_kinematics import reach_gap
+from cobot.robot.model import RobotModel
+from cobot.types import Array, Pose
+from cobot.units import FAR_M, MILLIMETRES_TO_M
+
+
+@contextmanager
+def advising_units(model: RobotModel, request: MotionRequest) -> Iterator[None]:
+    """Add to the errors of planning that a position looks like millimetres, if one does."""
+    try:
+        yield
+    except (InputError, PlanningError) as exc:
+        for position in _positions(request):
+            if FAR_M < np.abs(position).max() <= MILLIMETRES_TO_M and _is_out_of_reach(model, position):
+                x, y, z = position
+                advice = f"x {x:.6g}, y {y:.6g}, z {z:.6g} look like millimetres, positions are in m"
+                raise exc.said(f"{exc}; {advice}") from exc
+        raise
+
+
+def _positions(request: MotionRequest) -> Iterable[Array]:
+    """Positions that the request names, in the base frame, m."""
+    if isinstance(request.goal, Pose):
+        yield request.goal.position
+    if request.via is not None:
+        yield request.via
+    if request.arc is not None:
+        yield request.arc.centre
+    yield from (pose.position for pose in request.through)
+
+
+def _is_out_of_reach(model: RobotModel, position: Array) -> bool:
+    return reach_gap(model, Pose(position, np.array([1.0, 0.0, 0.0, 0.0]))) > 0.0

@@ -1,0 +1,47 @@
+"""Numbers in another unit than the one that is asked for: degrees for radians, millimetres for metres."""
+
+from __future__ import annotations
+
+import math
+
+DEGREES_FROM_RAD = 9.5
+"""No angle is more than one and a half turns: a larger one is likely to be in degrees."""
+MAX_POSE_ANGLE_RAD = DEGREES_FROM_RAD
+DEGREES_TO_RAD = 720.0
+"""Above two turns in degrees a number is no angle in any unit."""
+MILLIMETRES_FROM_M = 50.0
+"""No slide of an arm is that long: a larger position is likely to be in millimetres."""
+MAX_TIP_M = 10.0
+"""No tool is longer: a larger coordinate of its tip is likely to be in millimetres."""
+MILLIMETRES_TO_M = 1e4
+FAR_M = 10.0
+"""No TCP gets so far: a coordinate beyond this that is out of reach is likely to be in millimetres."""
+DEGREES = "these look like degrees, angles are in rad"
+
+
+def require_angle(value: float, most_rad: float = MAX_POSE_ANGLE_RAD) -> float:
+    """The value, which is an angle, rad.
+
+    Raises:
+        ValueError: it is beyond `most_rad`, with what it is from degrees.
+    """
+    if abs(value) <= most_rad:
+        return value
+    advice = ""
+    if abs(value) <= DEGREES_TO_RAD:
+        advice = f"; this looks like degrees, {value:g} degrees are {math.radians(value):.6g} rad"
+    raise ValueError(f"is {value:g} rad, allowed is -{most_rad:g} to {most_rad:g} rad{advice}")
+
+
+def require_way(value: float, most_m: float) -> float:
+    """The value, which is a coordinate, m.
+
+    Raises:
+        ValueError: it is beyond `most_m`, with what it is from millimetres.
+    """
+    if abs(value) <= most_m:
+        return value
+    advice = ""
+    if abs(value) <= MILLIMETRES_TO_M:
+        advice = f"; this looks like millimetres, {value:g} mm are {1e-3 * value:g} m"
+    raise ValueError(f"is {value:g} m, allowed is -{most_m:g} to {most_m:g} m{advice}")
