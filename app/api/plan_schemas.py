@@ -41,6 +41,9 @@ ExplainIt = Annotated[
         "false: only say what has failed."
     ),
 ]
+PlanId = Annotated[
+    str, Field(min_length=1, max_length=64, description="The plan_id that planning a motion has answered.")
+]
 
 
 PLANNED = {
@@ -100,7 +103,7 @@ class Approve(RequestModel):
 
     model_config = example({"plan_id": "2f1c9a0b7d3e4855"})
 
-    plan_id: Annotated[str, Field(min_length=1, max_length=64, description="As the plan was answered.")]
+    plan_id: PlanId
     approved: Annotated[bool, Field(description="false takes an approval back.")] = True
 
 
@@ -301,4 +304,4 @@ class Execute(RequestModel):
 
     model_config = example({"plan_id": "2f1c9a0b7d3e4855"})
 
-    plan_id: str = Field(max_length=64, description="Of POST /robot/plan.")
+    plan_id: PlanId

@@ -253,12 +253,15 @@ class SentAnswer(BaseModel):
     )
 
 
+LogLines = Annotated[int, Field(ge=1, le=300, description="How many lines, the newest ones.")]
+
+
 class LogQuery(StrictModel):
     """How many log lines."""
 
     model_config = ConfigDict(strict=False)
 
-    n: int = Field(50, ge=1, le=300, description="How many lines, the newest ones.")
+    n: LogLines = 50
 
 
 class LogAnswer(BaseModel):

@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
-from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from mcp import MCPError
@@ -15,16 +14,17 @@ from mcp.server.mcpserver.exceptions import ResourceError, ToolError
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import INVALID_PARAMS, CallToolResult, InputRequiredResult
-from pydantic import ValidationError
+from mcp_types import Tool as MCPTool
 
 from app.api.access import IDENTITY
 from app.mcp import tools
+from app.mcp.arguments import arguments_of, require_valid
 from app.mcp.endpoint import MAX_BODY_BYTES
 from cobot.access.roles import require
 from cobot.addresses import MCP
 from cobot.audit import note, refused
 from cobot.errors import CobotError, InputError
-from cobot.strict import sentences, shown
+from cobot.strict import shown
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -55,9 +55,16 @@ class AgentServer(MCPServer[Any]):
 
     def __init__(self) -> None:
         super().__init__("cobot", version=version("cobot"), instructions=INSTRUCTIONS)
-        self._known = {tool.__name__: (role, signature(tool).parameters) for tool, role, _ in tools.TOOLS}
+        self._known = {tool.__name__: (role, arguments_of(tool)) for tool, role, _ in tools.TOOLS}
         for tool, _, kind in tools.TOOLS:
             self.add_tool(tool, annotations=kind, structured_output=False)
+
+    async def list_tools(self) -> list[MCPTool]:
+        """The library's, with the schemas that calls are checked against."""
+        return [
+            each.model_copy(update={"input_schema": self._known[each.name][1].model_json_schema()})
+            for each in await super().list_tools()
+        ]
 
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
@@ -65,12 +72,13 @@ class AgentServer(MCPServer[Any]):
         """Raises ToolError: there is no such tool, or it refuses, with the reason in words."""
         if name not in self._known:
             raise ToolError(f"there is no tool {shown(name)}; valid are: {', '.join(self._known)}")
-        role, parameters = self._known[name]
+        role, known = self._known[name]
         outcome, code = "no answer", ""
         try:
             request = None if context is None else context.request_context.request
             assert request is not None  # this transport is HTTP alone
             require(request.scope[IDENTITY], role)
+            require_valid(known, name, arguments)
             answer = await super().call_tool(name, arguments, context)
             outcome = "ok"
         except CobotError as exc:
@@ -78,14 +86,15 @@ class AgentServer(MCPServer[Any]):
             raise ToolError(outcome) from exc
         except ToolError as exc:
             outcome, code = str(exc.__cause__ or exc), getattr(_first(exc), "code", InputError.code)
-            if isinstance(exc.__cause__, ValidationError):  # which the library prints whole
-                outcome = sentences(exc.__cause__.errors(include_url=False))
-                raise ToolError(f"{name}: {outcome}") from exc.__cause__
             raise
         finally:
             if code and name == tools.execute.__name__:
                 refused(f"MCP {name}", code, outcome)
-            note(f"MCP {name}", outcome, **{key: arguments[key] for key in parameters if key in arguments})
+            note(
+                f"MCP {name}",
+                outcome,
+                **{key: arguments[key] for key in known.model_fields if key in arguments},
+            )
         return answer
 
     async def read_resource(self, uri: Any, context: Any = None) -> Any:

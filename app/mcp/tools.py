@@ -5,18 +5,20 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from http import HTTPStatus
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from mcp.server.mcpserver import Context, Image
 from mcp.server.mcpserver.exceptions import ToolError
 from mcp_types import ToolAnnotations
-from pydantic import Field
+from pydantic import FailFast, Field
 from starlette.requests import Request
 
 from app.api.access import IDENTITY
 from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
+from app.api.plan_schemas import PlanId
 from app.api.routers.plans import rehearsal
+from app.api.schemas import LogLines
 from app.mcp.departures import GONE
 from app.mcp.endpoint import STOPPED
 from app.mcp.own_rest import OwnRest
@@ -26,18 +28,18 @@ from app.services.motion.ownership import Caller
 from cobot.access.roles import Role, acting
 from cobot.config import Endpoint
 from cobot.errors import CobotError
-from cobot.types import FreeAxis
+from cobot.motions.bodies import Angle, Coordinate, FrameId, FreeAxes, Joints, PositionName, Speed
 
 Ctx = Context[Any, Request]
-MAX_NAME = 64
-Robot = Annotated[
-    str, Field(max_length=MAX_NAME, description="Name of the robot; empty for the default one.")
+Robot = Annotated[str, Field(max_length=64, description="Name of the robot; empty for the default one.")]
+Name = Annotated[PositionName, Field(description="A position of list_positions.")]
+JointAngles = Annotated[
+    Joints, FailFast(), Field(description="rad, one for each joint, in the order of get_state.")
 ]
-Name = Annotated[str, Field(max_length=MAX_NAME, description="As list_positions has it.")]
-Speed = Annotated[float, Field(description="Share of the joint speed limits, 0.01 to 1.")]
-PlanId = Annotated[str, Field(max_length=MAX_NAME, description="As a plan tool has answered it.")]
-Joints = Annotated[list[float], Field(min_length=1, max_length=64, fail_fast=True)]
-Lines = Annotated[int, Field(ge=1, le=300)]
+PosePlanner = Annotated[
+    Literal["ptp", "lin", "ompl", "chomp", "auto"],
+    Field(description="ptp: the joints directly; lin: a straight line; ompl, chomp: around things; auto."),
+]
 LOOKS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 PLANS = ToolAnnotations(read_only_hint=False, destructive_hint=False, open_world_hint=False)
 MOVES = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=False)
@@ -100,7 +102,7 @@ async def plan_to_position(ctx: Ctx, name: Name, speed: Speed = 0.1, robot: Robo
     return await _planned(ctx, robot, "named", {"name": name, "speed": speed})
 
 
-async def plan_to_joints(ctx: Ctx, joints: Joints, speed: Speed = 0.1, robot: Robot = "") -> Any:
+async def plan_to_joints(ctx: Ctx, joints: JointAngles, speed: Speed = 0.1, robot: Robot = "") -> Any:
     """Plan a motion to joint angles in rad, in the order of get_state. Nothing moves; answers a plan_id."""
     return await _planned(ctx, robot, "joints", {"joints": joints, "speed": speed})
 
@@ -108,25 +110,20 @@ async def plan_to_joints(ctx: Ctx, joints: Joints, speed: Speed = 0.1, robot: Ro
 # Its parameters are what an agent sees of it, so none of them is put away in an object.
 async def plan_to_pose(
     ctx: Ctx,
-    x: float,
-    y: float,
-    z: float,
-    a: Annotated[float, Field(description="KUKA angle A about z, rad.")] = 0.0,
-    b: Annotated[float, Field(description="B about the new y, rad; 3.14159 points the tool down.")] = 3.14159,
-    c: Annotated[float, Field(description="C about the newest x, rad.")] = 0.0,
-    planner: Annotated[
-        str,
-        Field(max_length=MAX_NAME, description="ptp, lin (straight line), ompl (around things), auto."),
-    ] = "ptp",
+    x: Annotated[Coordinate, Field(description="m, in the frame.")],
+    y: Annotated[Coordinate, Field(description="m, in the frame.")],
+    z: Annotated[Coordinate, Field(description="m, in the frame.")],
+    a: Annotated[Angle, Field(description="KUKA angle A about z, rad.")] = 0.0,
+    b: Annotated[Angle, Field(description="B about the new y, rad; 3.14159 points the tool down.")] = 3.14159,
+    c: Annotated[Angle, Field(description="C about the newest x, rad.")] = 0.0,
+    planner: PosePlanner = "ptp",
     speed: Speed = 0.1,
     frame_id: Annotated[
-        str,
-        Field(max_length=MAX_NAME, description="Empty: the base frame; or tool, world, a named frame."),
+        FrameId, Field(description="Empty: the base frame; or tool, world, a named frame.")
     ] = "",
     free_axes: Annotated[
-        list[FreeAxis] | None,
+        FreeAxes | None,
         Field(
-            max_length=3,
             description="Free rotations about the tool's own axes: one of rx, ry, rz, or all three.",
         ),
     ] = None,
@@ -204,7 +201,7 @@ async def list_plans(ctx: Ctx, robot: Robot = "") -> Any:
     return {"plans": await _Rest(ctx, robot).get("/robot/plans")}
 
 
-async def get_sequence(ctx: Ctx, lines: Lines = 50, robot: Robot = "") -> Any:
+async def get_sequence(ctx: Ctx, lines: LogLines = 50, robot: Robot = "") -> Any:
     """Whether a sequence runs or how it ended, and the last lines of its output."""
     rest = _Rest(ctx, robot)
     return {
@@ -213,7 +210,7 @@ async def get_sequence(ctx: Ctx, lines: Lines = 50, robot: Robot = "") -> Any:
     }
 
 
-async def get_log(ctx: Ctx, lines: Lines = 50, robot: Robot = "") -> Any:
+async def get_log(ctx: Ctx, lines: LogLines = 50, robot: Robot = "") -> Any:
     """The last lines about motions."""
     return await _Rest(ctx, robot).get("/trajectory/logs", n=lines)
 

@@ -182,12 +182,16 @@ class JointMotion(RequestModel):
     constraints: KeptTo = None
 
 
+PositionName = Annotated[str, Field(max_length=200, description="One of GET /robot/positions.")]
+Joints = Annotated[list[Finite], Field(min_length=1, max_length=64, description="rad, one for each joint")]
+
+
 class MoveNamed(JointMotion):
     """Where to, by name."""
 
     model_config = example({"name": "home", "speed": 0.25})
 
-    name: str = Field(max_length=200, description="One of GET /robot/positions.")
+    name: PositionName
 
 
 class MoveJoints(JointMotion):
@@ -195,7 +199,7 @@ class MoveJoints(JointMotion):
 
     model_config = example({"joints": [0.0, 0.5, *HOME[2:]], "speed": 0.25})
 
-    joints: list[Finite] = Field(min_length=1, max_length=64, description="rad, one for each joint")
+    joints: Joints
 
 
 class PathPose(RequestModel):

@@ -92,15 +92,11 @@ def _keys(header: list[str], joints: Sequence[str]) -> _Keys:
     numbered = own == [f"joint{n}" for n in range(1, len(own) + 1)] or not any(
         name.lower() in own for name in header
     )
-    if numbered:
-        positions, *rates = (
-            [f"{kind}{n}" for n in range(1, len(own) + 1)] for kind in ("joint", "velocity", "acceleration")
-        )
-    else:
-        positions, *rates = [
-            [f"{kind}{name}" for name in joints] for kind in ("", "velocity_", "acceleration_")
-        ]
-    return _Keys(positions, *rates, numbered=numbered)
+    names = [str(n) for n in range(1, len(own) + 1)] if numbered else list(joints)
+    rates = ("velocity", "acceleration") if numbered else ("velocity_", "acceleration_")
+    positions = [f"joint{name}" if numbered else name for name in names]
+    velocities, accelerations = ([f"{rate}{name}" for name in names] for rate in rates)
+    return _Keys(positions, velocities, accelerations, numbered)
 
 
 def brief(text: str) -> str:

@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Coroutine
 from typing import Any
 
+import jsonschema_rs
 import numpy as np
 import pytest
 from mcp import MCPError
@@ -66,9 +67,21 @@ def test_a_body_larger_than_any_tool_needs_is_not_taken_in(service: VirtualServi
         (
             "plan_to_joints",
             {"joints": ["x"] * 5000},
-            "plan_to_joints: joints[0]: must be a valid num",
+            "plan_to_joints: joints[0]: must be a number, got 'x'",
         ),
-        ("plan_to_joints", {"what": 1, "outcome": 2}, "plan_to_joints: joints: is missing"),
+        ("plan_to_joints", {}, "plan_to_joints: joints: is missing"),
+        ("plan_to_joints", {"what": 1, "outcome": 2}, "unknown key 'what'; valid are: joints, speed, robot"),
+        (
+            "plan_to_pose",
+            {"x": 0.0, "y": 0.0, "z": 0.1, "frame": "tool"},
+            "plan_to_pose: unknown key 'frame' (did you mean 'frame_id'?); valid are: x, y, z",
+        ),
+        ("plan_to_pose", {"x": "0.4", "y": 0.0, "z": 0.5}, "x: must be a number, got '0.4'"),
+        ("plan_to_pose", {"x": True, "y": 0.0, "z": 0.5}, "x: must be a number, got true"),
+        ("plan_to_pose", {"x": 0.4, "y": 0.0, "z": 0.5, "b": 180}, "180 degrees are 3.14159 rad"),
+        ("plan_to_pose", {"x": 400, "y": 0, "z": 500}, "look like millimetres"),
+        ("plan_to_joints", {"joints": "[0, 0]"}, "joints: must be a list, got '[0, 0]'"),
+        ("stop", {"robots": ""}, "unknown key 'robots' (did you mean 'robot'?); valid are: robot"),
         ("y" * 9000, {}, "there is no tool 'yyy"),
         ("get_state", {"robot": "nobody"}, "there is no robot 'nobody'; valid are: "),
         ("get_log", {"lines": 10**12}, "get_log: lines: must be less than or equal to 300"),
@@ -80,6 +93,56 @@ def test_what_is_wrong_is_said_in_few_words(
     said = Agent(service).refused(tool, **arguments)
     assert words in said
     assert len(said) < 400
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+def test_each_tool_publishes_a_closed_schema_with_a_description_and_a_range_of_each_argument(
+    service: VirtualService, mode: str
+) -> None:
+    for tool in Agent(service, mode=mode).does(lambda client: client.list_tools()).tools:
+        assert tool.input_schema["additionalProperties"] is False, tool.name
+        for name, field in tool.input_schema["properties"].items():
+            assert field["description"], (tool.name, name)
+            if field.get("type") in ("number", "integer"):
+                assert field["minimum"] < field["maximum"], (tool.name, name)
+            if field.get("type") == "string":
+                assert "maxLength" in field or "enum" in field, (tool.name, name)
+
+
+POSE = {"x": 0.45, "y": 0.0, "z": 0.5}
+CALLS: list[tuple[str, dict[str, Any]]] = [
+    ("plan_to_pose", POSE),
+    ("plan_to_pose", POSE | {"x": "0.45"}),
+    ("plan_to_pose", POSE | {"x": None}),
+    ("plan_to_pose", POSE | {"b": 180.0}),
+    ("plan_to_pose", POSE | {"b": 9}),
+    ("plan_to_pose", POSE | {"speed": 0.001}),
+    ("plan_to_pose", POSE | {"speed": 1}),
+    ("plan_to_pose", POSE | {"planner": "circ"}),
+    ("plan_to_pose", POSE | {"frame": "tool"}),
+    ("plan_to_pose", {"x": 0.45, "y": 0.0}),
+    ("plan_to_joints", {"joints": NEAR}),
+    ("plan_to_joints", {"joints": []}),
+    ("plan_to_joints", {"joints": 0.5}),
+    ("plan_to_position", {"name": "work"}),
+    ("plan_to_position", {"name": 7}),
+    ("get_log", {"lines": 0}),
+    ("get_log", {"lines": 1.5}),
+    ("get_log", {"lines": 300}),
+    ("get_state", {"robot": "x" * 65}),
+]
+
+
+@pytest.mark.parametrize(("tool", "arguments"), CALLS)
+def test_a_call_is_taken_exactly_if_the_published_schema_permits_it(
+    service: VirtualService, tool: str, arguments: dict[str, Any]
+) -> None:
+    """Oracle: a second implementation of JSON Schema."""
+    agent = Agent(service)
+    tools = agent.does(lambda client: client.list_tools()).tools
+    schema = next(each.input_schema for each in tools if each.name == tool)
+    answer = agent.does(lambda client: client.call_tool(tool, arguments))
+    assert answer.is_error is not jsonschema_rs.validator_for(schema).is_valid(arguments)
 
 
 def test_an_agent_sees_where_the_arm_is(service: VirtualService) -> None:

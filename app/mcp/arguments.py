@@ -1,0 +1,37 @@
+"""The arguments of tools: one model of each, which is published as its schema and which calls are checked by.
+
+The library's own model of a tool ignores arguments that it does not know, and reads numbers from strings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from inspect import Parameter, signature
+from typing import Any, get_type_hints
+
+from pydantic import ValidationError, create_model
+
+from cobot.errors import InputError
+from cobot.strict import StrictModel, sentences
+
+CONTEXT = "ctx"
+"""What tools get from the library."""
+
+
+def arguments_of(tool: Callable[..., Any]) -> type[StrictModel]:
+    """The model of a tool's arguments, from its signature."""
+    hints = get_type_hints(tool, include_extras=True)
+    fields: dict[str, Any] = {
+        name: (hints[name], ... if parameter.default is Parameter.empty else parameter.default)
+        for name, parameter in signature(tool).parameters.items()
+        if name != CONTEXT
+    }
+    return create_model(tool.__name__, __base__=StrictModel, **fields)
+
+
+def require_valid(model: type[StrictModel], name: str, arguments: dict[str, Any]) -> None:
+    """Raises InputError: naming the tool, the argument, its value and what is valid."""
+    try:
+        model.model_validate(arguments)
+    except ValidationError as exc:
+        raise InputError(f"{name}: {sentences(exc.errors(include_url=False))}") from exc
