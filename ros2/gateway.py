@@ -19,8 +19,9 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from cobot.access.roles import ROS, Identity, Role, require
+from cobot.codes import code_of
 from cobot.errors import CobotError, PayloadError
-from cobot.ros.failures import FjtError, failed_result
+from cobot.ros.failures import failed_result
 from cobot.ros.messages import ros_time
 from ros2.inbox import Losses
 from ros2.node import CLIENT, Handler, Message, Node, Publisher, Service, Subscription
@@ -30,8 +31,6 @@ GRAPH = "/cobot/graph"
 STATUS_OF_ACTIONS = "/_action/status"
 """Topics that end so are latched, as in ROS: who looks later sees the goals as they are."""
 DEPTH = 1000
-CODE_ERROR, CODE_UNAVAILABLE = 1, 50
-"""The codes of app.aubo.codes for an error in cobot itself and for a service that is away."""
 GOAL_ABORTED, CANCEL_REJECTED = 6, 1
 SEND_GOAL, GET_RESULT = "/_action/send_goal", "/_action/get_result"
 MAX_UNREAD = 64
@@ -176,7 +175,7 @@ class Gateway:
         async def call(request: Message) -> Message:
             action = name.removesuffix(GET_RESULT)
             if action != name and (reason := self._unread.reason(action, request["goal_id"])):
-                return failure(self._default(type_), CODE_ERROR, reason, FjtError.INVALID_GOAL)
+                return failure(self._default(type_), PayloadError(reason))
             try:
                 return await self.link.call(name, request, CLIENT.get())
             except PayloadError as exc:
@@ -184,11 +183,10 @@ class Gateway:
                 if (action := name.removesuffix(SEND_GOAL)) != name:
                     self._unread.add(action, request["goal_id"], str(exc))
                     return {**self._default(type_), "accepted": True, "stamp": ros_time(time.time_ns())}
-                return failure(self._default(type_), CODE_ERROR, str(exc))
+                return failure(self._default(type_), exc)
             except CobotError as exc:
                 log.warning("%s: %s", name, exc)
-                code = CODE_UNAVAILABLE if exc.code == "unavailable" else CODE_ERROR
-                return failure(self._default(type_), code, str(exc))
+                return failure(self._default(type_), exc)
 
         return call
 
@@ -215,21 +213,20 @@ class UnreadGoals:
         return self._reasons.get((action, str(goal_id)))
 
 
-def failure(response: Message, code: int, text: str, goal_error: FjtError = FjtError.INTERRUPTED) -> Message:
+def failure(response: Message, error: CobotError) -> Message:
     """A response that reports a failure in the fields that its type has; ROS itself has none.
 
     Args:
         response: the defaults of the type: a goal is not accepted by default, for example.
-        code: of a vendor service.
-        goal_error: for the result of a goal.
     """
+    code, text = int(code_of(error)), str(error)
     if "code" in response and "message" in response:
         response |= {"code": code, "message": text}
         if type(response.get("result")) is int:
             response["result"] = code
     elif "status" in response and "result" in response:
         response["status"] = GOAL_ABORTED
-        failed_result(response["result"], goal_error, text)
+        failed_result(response["result"], error)
     elif "return_code" in response:
         response["return_code"] = CANCEL_REJECTED
     elif "success" in response and "message" in response:

@@ -21,7 +21,8 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import WebSocketException
 
 from cobot.client.tls import tls_context
-from cobot.errors import ExecutionError, UnavailableError
+from cobot.codes import ERROR_OF, Code
+from cobot.errors import UnavailableError
 from cobot.ros.codec import without_nan
 from cobot.ros.message_limits import check_message
 from ros2.outgoing import Outgoing
@@ -116,7 +117,7 @@ class Rosbridge:
         Raises:
             UnavailableError: the service of cobot is away, goes away, or has too much to do.
             PayloadError: the request is larger than the service accepts.
-            ExecutionError: the call was rejected, with the reason.
+            CobotError: the call was rejected, with the reason, and the class for the code of the answer.
         """
         if len(self._calls) >= MAX_CALLS:
             raise UnavailableError(f"{MAX_CALLS} calls over ROS 2 are under way already")
@@ -181,17 +182,19 @@ class Rosbridge:
             case "publish":
                 self._on_message(content["topic"], content["msg"])
             case "service_response":
-                self._answer(content["id"], content["values"], refused=not content["result"])
+                code = None if content["result"] else content.get("code", Code.EXECUTION)
+                self._answer(content["id"], content["values"], code)
             case "status" if content.get("id") in self._calls:
-                self._answer(content["id"], content["msg"], refused=True)
+                self._answer(content["id"], content["msg"], content.get("code", Code.EXECUTION))
             case "status":
                 log.warning("the service says: %s", content["msg"])
 
-    def _answer(self, number: str, values: Any, *, refused: bool) -> None:
+    def _answer(self, number: str, values: Any, code: int | None) -> None:
+        """Ends a call; `code`: of its rejection, None for a result."""
         answer = self._calls.get(number)
         if answer is None or answer.done():
             return
-        if refused:
-            answer.set_exception(ExecutionError(str(values)))
-        else:
+        if code is None:
             answer.set_result(values)
+        else:
+            answer.set_exception(ERROR_OF[code](str(values)))

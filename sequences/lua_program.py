@@ -13,6 +13,7 @@ from lupa.lua53 import lua_type
 
 from cobot.addresses import ROBOTS
 from cobot.client import Client
+from cobot.codes import code_of
 from cobot.errors import CobotError, ExecutionError, InputError
 from cobot.motions.bodies import JointMotion, TcpMotion
 from cobot.strict import shown
@@ -160,7 +161,10 @@ class Program:
             raise InputError("the arguments must be a table with their names: {q = {...}, v = 0.5}")
         if not self._robot:
             self._robot = str(self._unless_ended(self._client.health)["robot"]["name"])
-        answer = self._unless_ended(lambda: self._client.call_service(self._robot, *names, fields))
+        try:
+            answer = self._unless_ended(lambda: self._client.call_service(self._robot, *names, fields))
+        except CobotError as exc:  # rejected before the service looked at it, by its role for example
+            raise exc.said(f"{'/'.join(names)}: {exc} (code {int(code_of(exc))})") from exc
         if answer["code"] != 0:
             raise ExecutionError(f"{'/'.join(names)}: {answer['message']} (code {answer['code']})")
         return self._lua(answer["result"])

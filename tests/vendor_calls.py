@@ -10,9 +10,9 @@ from typing import Any
 from running import WAIT_S
 
 from app.aubo.classes import REGISTRY
-from app.aubo.codes import Code
 from app.aubo.registry import Answer, call
 from app.services.devices.equipment import Equipment
+from cobot.codes import Code
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import Tool, check_tool
 

@@ -29,7 +29,7 @@ from app.actions.fjt_goal import (
 )
 from app.actions.fjt_progress import Progress, on_path
 from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, ServoExecution
-from app.graph.actions import GoalHandle, GoalStatus, Rejected
+from app.graph.actions import GoalHandle, GoalStatus
 from app.services.jobs.job import JobKind
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership
@@ -37,13 +37,13 @@ from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from app.services.streaming.servo import ServoService
 from cobot.config import RosSection
-from cobot.errors import CobotError, ExecutionError, InputError, MotionStopped, PlanningError
+from cobot.errors import CobotError, ConflictError, ExecutionError, MotionStopped
 from cobot.ipc.layout import MotionResult, ServoMode
 from cobot.motions.points import FOLLOW_JOINT_TRAJECTORY
 from cobot.motions.requests import WaypointRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
-from cobot.ros.failures import FjtError
+from cobot.ros.failures import FjtError, error_code_of
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
@@ -101,7 +101,7 @@ class FollowJointTrajectory:
     async def execute(self, goal: Message, handle: GoalHandle) -> Message:
         settings, stops = self.settings, self._ownership.stops
         if not settings.enabled:
-            raise Rejected(f"{self.name} is switched off; see ros.enable_fjt_action, or fjt_control")
+            raise ConflictError(f"{self.name} is switched off; see ros.enable_fjt_action, or fjt_control")
         if self._newest is None:
             self._ownership.require_free(None)
         await self._link.ready_state(READY_S)
@@ -273,9 +273,6 @@ class FollowJointTrajectory:
     def _failed(self, handle: GoalHandle, error: CobotError) -> Message:
         cancelled = handle.cancel_requested.is_set() and isinstance(error, MotionStopped)
         handle.status = GoalStatus.CANCELED if cancelled else GoalStatus.ABORTED
-        code = getattr(error, "error_code", None)
-        if code is None:
-            wrong = isinstance(error, InputError | PlanningError)
-            code = FjtError.INVALID_GOAL if wrong else FjtError.INTERRUPTED
+        code = error_code_of(error)
         log.warning("%s: %s: %s", self.name, code.name, error)
         return {"error_code": int(code), "error_string": str(error)}

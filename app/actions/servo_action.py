@@ -13,6 +13,7 @@ from typing import Any
 
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
 from app.services.streaming.servo import ServoService
+from cobot.errors import ConflictError
 from cobot.ipc.layout import ServoMode
 
 FEEDBACK_S = 0.05
@@ -78,7 +79,7 @@ class ServoModeAction:
         if goal["mode"] == ServoMode.NONE:
             raise Rejected("mode must be from 1 to 7: cancel the goal to leave a mode")
         if servo.active:
-            raise Rejected("a servo session is under way: end it first")
+            raise ConflictError("a servo session is under way: end it first")
         number = await servo.begin(goal["mode"], goal["watchdog_timeout"], goal["send_period"])
         handle.accept()
         while servo.holds(number):

@@ -31,11 +31,11 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from app.aubo.codes import Code, code_of
 from app.aubo.fields import LARGEST, REQUIRED, ROS_TYPES, Field, Int64, Json, argument
 from app.aubo.roles import needs_control, role_of
 from cobot import audit
 from cobot.access.roles import Role
+from cobot.codes import Code, code_of
 from cobot.errors import CobotError, InputError, exhausted
 from cobot.strict import shown, unknown_key
 
@@ -106,7 +106,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What every service answers: 0 is success, see `app.aubo.codes`."""
+    """What every service answers: 0 is success, see `cobot.codes`."""
 
     code: int
     message: str

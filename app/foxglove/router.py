@@ -24,6 +24,7 @@ from app.foxglove.channels import EVENTS, Channels
 from app.services.events.listener import Listener, Wanted
 from app.services.events.ring import Event
 from app.services.events.ring import Events as Ring
+from cobot.codes import code_of
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
 from cobot.strict import StrictModel, sentences, shown
 
@@ -101,7 +102,7 @@ class _Client:
         topics = [(name, topic) for name, each in channels.items() for topic in each.schemas]
         self._numbers = dict(enumerate(topics, start=1))
         self._wanted: dict[int, tuple[str, str]] = {}
-        self._errors: list[str] = []
+        self._errors: list[CobotError] = []
 
     async def serve(self) -> None:
         """Until the client has gone, or the service ends."""
@@ -116,7 +117,9 @@ class _Client:
                     for event in found:
                         await self._send(event)
                     while self._errors:
-                        await self._tell({"op": "status", "level": ERROR, "message": self._errors.pop(0)})
+                        error = self._errors.pop(0)
+                        about = {"message": str(error), "code": int(code_of(error))}
+                        await self._tell({"op": "status", "level": ERROR, **about})
             finally:
                 reading.cancel()
 
@@ -160,7 +163,7 @@ class _Client:
                 self._take(message.get("text"))
             except CobotError as exc:
                 if len(self._errors) < MAX_CLIENTS:
-                    self._errors.append(str(exc))
+                    self._errors.append(exc)
             await asyncio.sleep(0)
         self._listener.close()
 

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 from app.graph.actions import Action, CancelCode, GoalHandle, GoalStatus, Rejected
 from cobot import audit
 from cobot.access.roles import Role
-from cobot.errors import CobotError
-from cobot.ros.failures import FjtError, failed_result
+from cobot.errors import CobotError, ConflictError, UnavailableError
+from cobot.ros.failures import failed_result
 from cobot.ros.messages import Message, ros_time
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ KEPT_S = 900.0
 
 ASKER: ContextVar[object] = ContextVar("asker", default=None)
 """On whose behalf the present task asks for goals: `ActionServer.abandon` ends them when that has gone."""
+
+ENDS = "the service is shutting down"
 
 log = logging.getLogger("cobot.graph")
 
@@ -110,9 +112,9 @@ class ActionServer:
         """
         self._forget()
         if goal_id in self._goals:
-            raise Rejected(f"goal {goal_id.hex} of {self.action.name} was sent already")
+            raise ConflictError(f"goal {goal_id.hex} of {self.action.name} was sent already")
         if sum(goal.running for goal in self._goals.values()) >= MAX_RUNNING:
-            raise Rejected(f"{self.action.name} works on {MAX_RUNNING} goals already")
+            raise ConflictError(f"{self.action.name} works on {MAX_RUNNING} goals already")
         goal = Goal(goal_id, on_feedback)
         goal.handle = GoalHandle(goal, self)
         self._goals[goal_id] = goal
@@ -199,17 +201,17 @@ class ActionServer:
         except CobotError as exc:
             if not self._refuse(goal, exc):
                 log.warning("a goal of %s is aborted: %s", name, exc)
-                result = failed_result(result, FjtError.INTERRUPTED, str(exc))
+                result = failed_result(result, exc)
         except Exception as exc:
             log.error("%s failed", name, exc_info=exc)
-            reason = Rejected("an error in cobot itself; its log has the details")
+            reason = CobotError("an error in cobot itself; its log has the details")
             if not self._refuse(goal, reason):
-                result = failed_result(result, FjtError.INTERRUPTED, str(reason))
+                result = failed_result(result, reason)
         except asyncio.CancelledError:
-            result = failed_result(result, FjtError.INTERRUPTED, "the service is shutting down")
+            result = failed_result(result, UnavailableError(ENDS))
             raise
         finally:
-            self._refuse(goal, Rejected("the service is shutting down"))
+            self._refuse(goal, UnavailableError(ENDS))
             goal.result, goal.status, goal.ended_s = result, status, self._graph.clock.now_s()
             goal.ended.set()
             if goal.accepted_ns:

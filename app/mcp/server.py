@@ -13,7 +13,7 @@ from mcp.server.mcpserver import Context, MCPServer
 from mcp.server.mcpserver.exceptions import ResourceError, ToolError
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp.server.transport_security import TransportSecuritySettings
-from mcp_types import INVALID_PARAMS, CallToolResult, InputRequiredResult
+from mcp_types import INVALID_PARAMS, CallToolResult, InputRequiredResult, TextContent
 from mcp_types import Tool as MCPTool
 
 from app.api.access import IDENTITY
@@ -23,7 +23,8 @@ from app.mcp.endpoint import MAX_BODY_BYTES
 from cobot.access.roles import require
 from cobot.addresses import MCP
 from cobot.audit import note, refused
-from cobot.errors import CobotError, InputError
+from cobot.codes import code_of
+from cobot.errors import CobotError, NotFoundError
 from cobot.strict import shown
 
 if TYPE_CHECKING:
@@ -69,9 +70,10 @@ class AgentServer(MCPServer[Any]):
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
-        """Raises ToolError: there is no such tool, or it refuses, with the reason in words."""
+        """What is refused is a result with `is_error`, with the reason in words and its code."""
         if name not in self._known:
-            raise ToolError(f"there is no tool {shown(name)}; valid are: {', '.join(self._known)}")
+            valid = ", ".join(self._known)
+            return refusal(NotFoundError(f"there is no tool {shown(name)}; valid are: {valid}"))
         role, known = self._known[name]
         outcome, code = "no answer", ""
         try:
@@ -83,10 +85,13 @@ class AgentServer(MCPServer[Any]):
             outcome = "ok"
         except CobotError as exc:
             outcome, code = str(exc), exc.code
-            raise ToolError(outcome) from exc
+            return refusal(exc)
         except ToolError as exc:
-            outcome, code = str(exc.__cause__ or exc), getattr(_first(exc), "code", InputError.code)
-            raise
+            error = refused_by(exc)
+            if error is None:
+                raise
+            outcome, code = str(exc.__cause__ or exc), error.code
+            return refusal(error, str(exc))
         finally:
             if code and name == tools.execute.__name__:
                 refused(f"MCP {name}", code, outcome)
@@ -118,9 +123,23 @@ class AgentServer(MCPServer[Any]):
                 raise MCPError(INVALID_PARAMS, sentence) from exc
 
 
-def _first(exc: BaseException) -> BaseException:
-    """What it all began with."""
-    return exc if exc.__cause__ is None else _first(exc.__cause__)
+def refused_by(exc: BaseException | None) -> CobotError | None:
+    """The error that a tool's error stands for; None for a mistake in the tool."""
+    return exc if exc is None or isinstance(exc, CobotError) else refused_by(exc.__cause__)
+
+
+def refusal(error: CobotError, text: str = "") -> CallToolResult:
+    """The result of a call that is refused: a sentence, and as structured content its code too.
+
+    Args:
+        text: the sentence, if it says more than the error.
+    """
+    sentence = text or str(error)
+    return CallToolResult(
+        content=[TextContent(type="text", text=sentence)],
+        structured_content={"detail": sentence, "code": error.code, "number": int(code_of(error))},
+        is_error=True,
+    )
 
 
 @contextmanager

@@ -27,7 +27,7 @@ from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import Caller
 from cobot.access.roles import Role, acting
 from cobot.config import Endpoint
-from cobot.errors import CobotError
+from cobot.errors import BY_CODE, CobotError
 from cobot.motions.bodies import Angle, Coordinate, FrameId, FreeAxes, Joints, PositionName, Speed
 
 Ctx = Context[Any, Request]
@@ -73,7 +73,8 @@ def decided(answer: tuple[int, Any]) -> Any:
     status, content = answer
     if status == HTTPStatus.OK:
         return content
-    raise ToolError(f"{status}: {content['detail']}")
+    error = BY_CODE.get(content["code"], CobotError)(content["detail"])
+    raise ToolError(f"{status}: {error}") from error
 
 
 async def get_state(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:

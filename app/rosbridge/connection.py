@@ -31,6 +31,7 @@ from app.rosbridge.outbox import MAX_PER_TOPIC, Outbox
 from app.rosbridge.roles import ROLES
 from cobot import audit
 from cobot.access.roles import SERVICE, Identity
+from cobot.codes import Code, code_of
 from cobot.errors import CobotError, ConflictError, InputError, PayloadError, UnavailableError
 from cobot.ros.message_limits import MAX_MESSAGE
 from cobot.ros.messages import Message
@@ -116,7 +117,7 @@ class Connection:
     def complain(self, error: CobotError, message_id: Any = None) -> None:
         """Tell the client, unless it does not want to know."""
         if self._level != "none":
-            status = {"op": "status", "level": "error", "msg": str(error)}
+            status = {"op": "status", "level": "error", "msg": str(error), "code": int(code_of(error))}
             self.outbox.mention(status if message_id is None else {**status, "id": message_id})
 
     def reject_unread(self, text: str, error: PayloadError) -> None:
@@ -274,12 +275,14 @@ class Connection:
             answer |= {
                 "values": f"{asked.service} has not answered within {asked.timeout} s",
                 "result": False,
+                "code": int(Code.DEVICE_TIMEOUT),
             }
         except CobotError as exc:
-            answer |= {"values": str(exc), "result": False}
+            answer |= {"values": str(exc), "result": False, "code": int(code_of(exc))}
         except Exception as exc:
             log.error("%s failed", asked.service, exc_info=exc)
-            answer |= {"values": "an error in cobot itself; its log has the details", "result": False}
+            message = "an error in cobot itself; its log has the details"
+            answer |= {"values": message, "result": False, "code": int(Code.ERROR)}
         self.outbox.answer(answer, asked.fragment_size)
 
     def _send_goal(self, asked: op.SendActionGoal) -> None:
@@ -305,7 +308,7 @@ class Connection:
             status, values = await self._graph.send_goal(asked.action, goal_id, arguments, on_feedback)
             answer |= {"values": values, "status": int(status), "result": True}
         except CobotError as exc:
-            answer |= {"values": str(exc), "status": 0, "result": False}
+            answer |= {"values": str(exc), "status": 0, "result": False, "code": int(code_of(exc))}
         finally:
             self._goals.pop(asked.id, None)
         self.outbox.answer(answer, asked.fragment_size)

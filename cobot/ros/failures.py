@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+from cobot import errors
+from cobot.errors import CobotError
 from cobot.ros.messages import Message
 
 
@@ -19,18 +21,43 @@ class FjtError(IntEnum):
     INTERRUPTED = -100  # cancelled, preempted, stopped, e-stop, fault: none of the others means that
 
 
-def failed_result(result: Message, error: FjtError, sentence: str) -> Message:
+OF_ERROR: dict[type[CobotError], FjtError] = {
+    CobotError: FjtError.INTERRUPTED,
+    errors.ConfigError: FjtError.INTERRUPTED,
+    errors.InputError: FjtError.INVALID_GOAL,
+    errors.PlanningError: FjtError.INVALID_GOAL,
+    errors.ExecutionError: FjtError.INTERRUPTED,
+    errors.ConflictError: FjtError.INTERRUPTED,
+    errors.NotSupportedError: FjtError.INVALID_GOAL,
+    errors.DeviceError: FjtError.INTERRUPTED,
+    errors.PayloadError: FjtError.INVALID_GOAL,
+    errors.MediaTypeError: FjtError.INVALID_GOAL,
+    errors.AuthenticationError: FjtError.INTERRUPTED,
+    errors.PermissionDenied: FjtError.INTERRUPTED,
+    errors.UnavailableError: FjtError.INTERRUPTED,
+    errors.SharedMemoryError: FjtError.INTERRUPTED,
+}
+"""The `error_code` of errors that have none of their own: the goal is wrong, or something happened to it."""
+
+
+def error_code_of(error: CobotError) -> FjtError:
+    """The `error_code` of an error, by the most specific class in its ancestry."""
+    own: FjtError | None = getattr(error, "error_code", None)
+    return own or next(OF_ERROR[kind] for kind in type(error).__mro__ if kind in OF_ERROR)
+
+
+def failed_result(result: Message, error: CobotError) -> Message:
     """The result of a goal that was accepted and came to nothing.
 
     Args:
         result: the defaults of the type, which would mean success; changed in place.
-        error: for types with an `error_code`; types with another code get 1.
+        error: its class gives the `error_code`, of types that have one; types with another code get 1.
     """
     if "error_code" in result:
-        result["error_code"] = int(error)
+        result["error_code"] = int(error_code_of(error))
     elif "code" in result:
         result["code"] = 1
     for name in ("error_string", "message"):
         if name in result:
-            result[name] = sentence
+            result[name] = str(error)
     return result

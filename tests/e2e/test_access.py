@@ -28,13 +28,13 @@ from running import WAIT_S, Run, answering, until
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.aubo.codes import Code
 from app.aubo.interfaces import interface_definitions
 from cobot import Mode, Robot
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
 from cobot.client import Client
 from cobot.client.tls import tls_context
+from cobot.codes import Code
 from cobot.errors import AuthenticationError, PermissionDenied, UnavailableError
 from cobot.ros.messages import Messages
 

@@ -19,11 +19,11 @@ from node_rig import DEFINITIONS, NodeRig
 from peers import own_domain
 from ros_peer import Peer, until
 
-from app.aubo.codes import Code
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
 from app.graph.graph import Graph, Message
 from app.rosbridge import router as rosbridge
 from cobot.access.roles import Role
+from cobot.codes import Code
 from cobot.errors import PermissionDenied
 from cobot.ros.failures import FjtError
 from cobot.ros.messages import Messages
@@ -161,11 +161,6 @@ def bench() -> Iterator[Bench]:
         made = Bench(domain)
         yield made
         made.close()
-
-
-def test_the_codes_are_those_of_the_services() -> None:
-    assert gateway_module.CODE_ERROR == Code.ERROR
-    assert gateway_module.CODE_UNAVAILABLE == Code.UNAVAILABLE
 
 
 def test_a_service_of_the_hub_is_one_of_ros(bench: Bench) -> None:

@@ -27,7 +27,7 @@ from virtual_time import VirtualClock, VirtualLoop
 
 from app.actions.fjt import FollowJointTrajectory
 from app.actions.fjt_goal import FjtGoal, GoalError, read_goal
-from app.graph.actions import GoalStatus, Rejected
+from app.graph.actions import GoalStatus
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Ownership
 from app.services.motion.planning import PlanningService
@@ -743,7 +743,7 @@ def test_who_has_nothing_to_do_with_the_goal_refuses_it(stand: Stand) -> None:
         with stand.ownership.claim(other), pytest.raises(ConflictError, match="POST /robot/move/joints"):
             await stand.action.execute(stand.to(0.1), handle)  # type: ignore[arg-type]
         stand.servo.rules.fjt = FjtControl(enable=False)
-        with pytest.raises(Rejected, match="switched off"):
+        with pytest.raises(ConflictError, match="switched off"):
             await stand.action.execute(stand.to(0.1), handle)  # type: ignore[arg-type]
         stand.servo.rules.fjt = FjtControl()
         stand.rig.request("estops")

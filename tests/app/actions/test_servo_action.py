@@ -13,7 +13,7 @@ from servo_bench import Bench, Run, runner
 from app.actions.servo_action import DEFINITION, FEEDBACK, RESULT, ServoModeAction
 from app.graph.actions import GoalStatus, Rejected
 from cobot.config import Settings
-from cobot.errors import InputError
+from cobot.errors import ConflictError, InputError
 from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode
 
@@ -70,7 +70,7 @@ def test_the_action_is_refused_when_the_session_cannot_begin(run: Run) -> None:
             await action.execute({**GOAL, "mode": 12}, ToldHandle())  # type: ignore[arg-type]
         bench.set_mode(1)
         await bench.active()
-        with pytest.raises(Rejected, match="under way"):
+        with pytest.raises(ConflictError, match="under way"):
             await action.execute(GOAL, ToldHandle())  # type: ignore[arg-type]
 
     run(test)

@@ -16,7 +16,6 @@ import pytest
 from rig import Rig, no_tokens
 from vendor_calls import Caller, run
 
-from app.aubo.codes import Code
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
@@ -25,6 +24,7 @@ from app.services.programs.sequences import SequenceService
 from app.services.state.link import RobotLink
 from app.services.streaming.force import ForceService
 from app.services.streaming.sessions import StreamService
+from cobot.codes import Code
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse

@@ -19,7 +19,7 @@ from tools import loaded
 from virtual import VirtualService, virtual_service
 
 from app.api.documentation import TAGS
-from app.aubo.codes import Code
+from cobot.codes import Code
 from cobot.robot.tool import Tool
 
 IDLE = -1

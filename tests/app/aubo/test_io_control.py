@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import pytest
 from vendor_calls import Caller, equipped, run
 
-from app.aubo.codes import Code
 from app.services.devices.io_banks import IoBanks
+from cobot.codes import Code
 
 CLASS = "IoControl"
 DIGITAL = {"Standard": 16, "Tool": 4, "Configurable": 8}

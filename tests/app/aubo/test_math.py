@@ -13,8 +13,8 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from app.aubo import math as _registers  # noqa: F401
-from app.aubo.codes import Code
 from app.aubo.registry import call
+from cobot.codes import Code
 from cobot.types import Array
 
 RANDOM = np.random.default_rng(20)

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from vendor_calls import Caller, equipped, eventually, run
 
-from app.aubo.codes import Code
+from cobot.codes import Code
 
 CLASS = "RegisterControl"
 SERVER = """

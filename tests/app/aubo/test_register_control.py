@@ -15,8 +15,8 @@ import pytest
 from vendor_calls import Caller, equipped, eventually
 from virtual_time import VirtualLoop
 
-from app.aubo.codes import Code
 from app.services.devices.registers import COUNT
+from cobot.codes import Code
 
 CLASS = "RegisterControl"
 

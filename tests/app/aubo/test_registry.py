@@ -17,9 +17,9 @@ import jsonschema_rs
 import pytest
 
 from app.aubo import classes, http, registry
-from app.aubo.codes import Code
 from app.aubo.interfaces import PACKAGE, interface_definitions
 from app.aubo.registry import REGISTRY, Answer, Int64, Json, Origin, call, service
+from cobot.codes import Code
 from cobot.errors import LimitError, NotSupportedError
 from cobot.ros.messages import Messages
 

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from second_opinion import second_robot
 from vendor_calls import Caller, ToolHere, run
 
-from app.aubo.codes import Code
 from app.services.motion.tool_and_limits import RobotSettings
+from cobot.codes import Code
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import BARE
 from cobot.types import Array

@@ -18,8 +18,8 @@ from second_opinion import LIMITS, mjcf_root
 from tools import AXES, INERTIA, TILTED, loaded
 from vendor_calls import Caller, ToolHere, run
 
-from app.aubo.codes import Code
 from app.services.motion.tool_and_limits import RobotSettings
+from cobot.codes import Code
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import BARE, Tool
 

@@ -19,9 +19,9 @@ import pytest
 import serial
 from vendor_calls import Caller, equipped, run
 
-from app.aubo.codes import Code
 from app.services.devices import serial_ports
 from app.services.devices.channels import BUFFER_BYTES
+from cobot.codes import Code
 
 CLASS = "Serial"
 

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 import pytest
 from vendor_calls import Caller, equipped, run
 
-from app.aubo.codes import Code
 from app.services.devices.channels import BUFFER_BYTES
+from cobot.codes import Code
 
 CLASS = "Socket"
 

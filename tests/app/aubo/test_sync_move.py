@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio
 from vendor_calls import Caller, run
 
-from app.aubo.codes import Code
 from app.services.motion.synchronous import SyncService
+from cobot.codes import Code
 
 CLASS = "SyncMove"
 

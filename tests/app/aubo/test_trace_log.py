@@ -17,8 +17,8 @@ import pytest
 from vendor_calls import Caller, equipped, run
 
 import cobot
-from app.aubo.codes import Code
 from app.services.devices.traces import CAPACITY
+from cobot.codes import Code
 
 
 def test_messages_are_kept_in_order_and_logged(caplog: pytest.LogCaptureFixture) -> None:

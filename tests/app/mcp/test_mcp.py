@@ -145,6 +145,21 @@ def test_a_call_is_taken_exactly_if_the_published_schema_permits_it(
     assert answer.is_error is not jsonschema_rs.validator_for(schema).is_valid(arguments)
 
 
+def test_a_refusal_brings_its_code_as_structured_content(service: VirtualService) -> None:
+    agent = Agent(service)
+    for tool, arguments, code, number in (
+        ("no_tool", {}, "not_found", 12),
+        ("plan_to_pose", {"x": 0.4, "y": 0.0, "z": 0.5, "frame": "tool"}, "input", 10),
+        ("plan_to_pose", {"x": 5.0, "y": 0.0, "z": 0.5}, "unreachable", 21),
+        ("plan_to_joints", {"joints": [9.0, *NEAR[1:]]}, "limit", 11),
+        ("preview", {"plan_id": "gone"}, "not_found", 12),
+    ):
+        answer = agent.does(lambda client: client.call_tool(tool, arguments))  # noqa: B023
+        assert answer.is_error, tool
+        told = {"detail": answer.content[0].text, "code": code, "number": number}
+        assert answer.structured_content == told
+
+
 def test_an_agent_sees_where_the_arm_is(service: VirtualService) -> None:
     state = Agent(service).call("get_state")
     np.testing.assert_allclose(state["joints"]["position"], service.joints(), atol=1e-3)

@@ -25,8 +25,8 @@ from peers import own_domain
 from ros_peer import Client, Peer, until
 from running import WAIT_S, Run, answering, require_quick
 
-from app.aubo.codes import Code
 from app.aubo.interfaces import interface_definitions
+from cobot.codes import Code
 from cobot.robot.description import RobotDescription
 from cobot.ros.messages import Messages
 from ros2.rtps.announcements import LEASE_S

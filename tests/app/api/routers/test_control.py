@@ -15,8 +15,8 @@ import pytest
 from asgi import Socket
 from virtual import VirtualService, virtual_service
 
-from app.aubo.codes import Code
 from app.services.motion.lease import CLIENT, Client
+from cobot.codes import Code
 from cobot.errors import ConflictError
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]

@@ -10,17 +10,23 @@ from pathlib import Path
 
 import pytest
 
-from app.aubo.codes import MEANINGS, OF_ERROR, Code, code_of
 from cobot import errors
+from cobot.codes import ERROR_OF, MEANINGS, OF_ERROR, Code, code_of
 from cobot.errors import CobotError
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "services.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "services.md"
 
 
 def test_every_error_of_the_tree_has_a_code_of_its_own() -> None:
     tree = {each for each in vars(errors).values() if isinstance(each, type) and issubclass(each, CobotError)}
     assert set(OF_ERROR) == tree
     assert len(set(OF_ERROR.values())) == len(tree)
+    assert all(ERROR_OF[int(code)] is kind for kind, code in OF_ERROR.items())
+
+
+def test_the_words_of_the_rest_api_and_of_streams_are_the_names_of_the_codes() -> None:
+    for kind, code in OF_ERROR.items():
+        assert kind.code == code.name.lower()
 
 
 def test_every_code_has_a_meaning_and_only_success_is_zero() -> None:

@@ -1,4 +1,7 @@
-"""The one table of codes that vendor services answer with: 0 is success, all others are above 0.
+"""The one table of codes: vendor services answer with them, and refusals carry them over every transport.
+
+0 is success, all others are above 0. Transports with words instead of numbers have the names in small
+letters, which are the codes of `cobot.errors`.
 
 `docs/services.md` shows it; a test sees to it that both say the same and that no error is left out.
 """
@@ -107,6 +110,10 @@ OF_ERROR: dict[type[CobotError], Code] = {
     errors.DeviceError: Code.DEVICE,
     errors.DeviceTimeout: Code.DEVICE_TIMEOUT,
 }
+
+
+ERROR_OF: dict[int, type[CobotError]] = {int(code): kind for kind, code in OF_ERROR.items()}
+"""The class of errors that each code stands for."""
 
 
 def code_of(error: CobotError) -> Code:
