@@ -48,13 +48,18 @@ class Refusing:
         raise self.error
 
 
-async def over_rosbridge(error: CobotError, **asked: Any) -> dict[str, Any]:
+async def over_rosbridge(
+    error: CobotError, complaint: CobotError | None = None, **asked: Any
+) -> dict[str, Any]:
     graph = Graph(Messages())
     refusing = Refusing(error)
     graph.add_action(refusing)
     graph.add_service("/refuse_call", "std_srvs/srv/Trigger", refusing.call, owner=refusing)
     client = Connection(graph, "client")
-    client.take(asked)
+    if complaint is None:
+        client.take(asked)
+    else:
+        client.complain(complaint, "1")
     while not (texts := list(client.outbox.texts())):
         await asyncio.sleep(0)
     await client.close()
@@ -98,10 +103,8 @@ def test_rosbridge_has_the_code_of_calls_of_goals_and_of_messages(kind: type[Cob
     goal = done(over_rosbridge(kind("why"), op="send_action_goal", id="1", action="/refuse"))
     for answer in (call, goal):
         assert (answer["result"], answer["values"], answer["code"]) == (False, "why", OF_ERROR[kind])
-    graph = Graph(Messages())
-    client = Connection(graph, "client")
-    client.complain(kind("why"), "1")
-    assert json.loads(next(iter(client.outbox.texts())))["code"] == OF_ERROR[kind]
+    complaint = done(over_rosbridge(kind("why"), complaint=kind("why")))
+    assert (complaint["op"], complaint["code"]) == ("status", OF_ERROR[kind])
 
 
 @pytest.mark.parametrize("kind", ERRORS)
