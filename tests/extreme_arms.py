@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
 from made_arms import new_robot
+
+from cobot.config import SETTINGS_FILE
 
 TURN, SLIDE = "revolute", "prismatic"
 Z, Y, X = "0 0 1", "0 1 0", "1 0 0"
@@ -109,11 +112,10 @@ def extreme_robot(name: str, folder: Path) -> Path:
     """The folder of a robot that the command has made in this folder."""
     made = folder / name
     new_robot(folder / f"{name}.urdf", urdf(name), made)
-    settings = made / "cobot-setting.yaml"
-    permitted = f"robot:\n  max_payload_kg: {EXTREMES[name].payload_kg}\n"
-    settings.write_text(
-        settings.read_text(encoding="utf-8").replace("robot:\n", permitted, 1), encoding="utf-8"
-    )
+    file = made / SETTINGS_FILE
+    settings = yaml.safe_load(file.read_text(encoding="utf-8"))
+    settings["robot"]["max_payload_kg"] = EXTREMES[name].payload_kg
+    file.write_text(yaml.safe_dump(settings), encoding="utf-8")
     return made
 
 
