@@ -33,6 +33,7 @@ def main(words: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks corpus", description=__doc__)
     parser.add_argument("--only", default="", metavar="TEXT", help="descriptions whose name contains it")
     parser.add_argument("--kind", choices=("real", "made"), help="without it: both")
+    parser.add_argument("--convert", action="store_true", help="only convert and check, move nothing")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1, metavar="N")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep files and outcomes.json there")
     arguments = parser.parse_args(words)
@@ -41,11 +42,11 @@ def main(words: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory() as scratch:
         folder = arguments.keep or Path(scratch)
         chosen = [each for each in _descriptions(folder, arguments.kind) if arguments.only in each.name]
-        outcomes = examine_all(chosen, folder / "robots", arguments.processes)
+        outcomes = examine_all(chosen, folder / "robots", arguments.processes, move=not arguments.convert)
         if arguments.keep:
             text = json.dumps([asdict(outcome) for outcome in outcomes], indent=1)
             (folder / "outcomes.json").write_text(text, encoding="utf-8")
-    return _report(chosen, outcomes)
+    return _report(chosen, outcomes, moved=not arguments.convert)
 
 
 def _descriptions(folder: Path, kind: str | None) -> list[Description]:
@@ -53,9 +54,11 @@ def _descriptions(folder: Path, kind: str | None) -> list[Description]:
     return made + ([] if kind == "made" else list(real_descriptions(folder / "real")))
 
 
-def _report(descriptions: list[Description], outcomes: list[Outcome]) -> int:
+def _report(descriptions: list[Description], outcomes: list[Outcome], *, moved: bool) -> int:
     pairs = list(zip(descriptions, outcomes, strict=True))
-    failures = [(outcome, reason) for each, outcome in pairs if (reason := _failure(each, outcome))]
+    failures = [
+        (outcome, reason) for each, outcome in pairs if (reason := _failure(each, outcome, moved=moved))
+    ]
     print("| Description | Conversion | What failed |\n|---|---|---|")
     for outcome, reason in failures:
         print(f"| {outcome.name} | {outcome.conversion} | {reason} |")
@@ -66,7 +69,7 @@ def _report(descriptions: list[Description], outcomes: list[Outcome]) -> int:
     return 1 if failures else 0
 
 
-def _failure(description: Description, outcome: Outcome) -> str:
+def _failure(description: Description, outcome: Outcome, *, moved: bool) -> str:
     """What is not as expected; "" if all is."""
     if outcome.conversion == REFUSED and description.refused is not None:
         return (
@@ -80,7 +83,7 @@ def _failure(description: Description, outcome: Outcome) -> str:
         return f"was expected to be refused: {description.refused}"
     if outcome.check:
         return f"cobot check: {outcome.check}"
-    return "" if outcome.good else outcome.moved
+    return "" if outcome.good or not moved else outcome.moved
 
 
 def _last(said: str) -> str:

@@ -1,6 +1,6 @@
 """One description from file to motion: `cobot new-robot`, `cobot check`, then motions.
 
-    python -m benchmarks.corpus.examine FILE FOLDER [options of cobot new-robot]
+    python -m benchmarks.corpus.examine move|convert FILE FOLDER [options of cobot new-robot]
 
 prints one line of JSON. Each description has a process of its own, which bounds time and memory and makes a
 crash in a library a result too.
@@ -50,19 +50,22 @@ class Outcome:
     seconds: float = 0.0
 
 
-def examine_all(descriptions: list[Description], folder: Path, processes: int) -> list[Outcome]:
+def examine_all(
+    descriptions: list[Description], folder: Path, processes: int, *, move: bool
+) -> list[Outcome]:
     """Examines each description in a process of its own, several at a time."""
     with ThreadPoolExecutor(processes) as pool:
-        return list(pool.map(lambda each: _examine_apart(each, folder), descriptions))
+        return list(pool.map(lambda each: _examine_apart(each, folder, move), descriptions))
 
 
-def _examine_apart(description: Description, folder: Path) -> Outcome:
+def _examine_apart(description: Description, folder: Path, move: bool) -> Outcome:
     into = folder / description.name
     into.parent.mkdir(parents=True, exist_ok=True)
     command = [
         sys.executable,
         "-m",
         "benchmarks.corpus.examine",
+        "move" if move else "convert",
         description.file,
         into,
         *description.options,
@@ -79,8 +82,8 @@ def _examine_apart(description: Description, folder: Path) -> Outcome:
     return outcome
 
 
-def examine(file: Path, folder: Path, options: list[str]) -> Outcome:
-    """Converts, checks and moves one description in this process."""
+def examine(file: Path, folder: Path, options: list[str], *, move: bool) -> Outcome:
+    """Converts, checks and, if asked, moves one description in this process."""
     status, said = _run("new-robot", str(file), "--output", str(folder), *options)
     if status == CRASHED or status != "0":
         return Outcome("", CRASHED if status == CRASHED else REFUSED, said)
@@ -89,6 +92,7 @@ def examine(file: Path, folder: Path, options: list[str]) -> Outcome:
     if status != "0":
         failed = [line for line in report.splitlines() if not line.startswith("ok")]
         outcome.check = "\n".join(failed) or report
+    if outcome.check or not move:
         return outcome
     figures = measure(folder)
     outcome.moved, outcome.good = str(figures), figures.good
@@ -109,5 +113,5 @@ def _run(*words: str) -> tuple[str, str]:
 
 
 if __name__ == "__main__":
-    result = examine(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:])
+    result = examine(Path(sys.argv[2]), Path(sys.argv[3]), sys.argv[4:], move=sys.argv[1] == "move")
     print(json.dumps(asdict(result)))
