@@ -80,7 +80,8 @@ def argument(field: Field, arguments: dict[str, Any]) -> Any:
 def _with_brackets(field: Field, value: Any) -> Any:
     """As `cobot.loose_lists`: one item is a list of one, and an empty list is nothing."""
     if field.kind.endswith("[]"):
-        return [value] if isinstance(value, bool | int | float | str) else value
+        item = {"bool[]": (bool,), "string[]": (str,)}.get(field.kind, (int, float))
+        return [value] if type(value) in item else value
     return field.empty if value == [] else value
 
 
