@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 OPTIONAL, REQUIRED, REPEATED = 1, 2, 3
-DOUBLE, UINT64, INT32, STRING, MESSAGE, UINT32, ENUM = 1, 4, 5, 9, 11, 13, 14
+DOUBLE, UINT64, INT32, FIXED32, STRING, MESSAGE, UINT32, ENUM = 1, 4, 5, 7, 9, 11, 13, 14
 
 ENUMS = {
     "SessionState": 5,
@@ -63,6 +63,7 @@ MESSAGES: dict[str, list[tuple[str, int, int, int | str]]] = {
         ("commandedJointPosition", 3, OPTIONAL, "JointValues"),
         ("commandedTorque", 4, OPTIONAL, "JointValues"),
         ("externalTorque", 5, OPTIONAL, "JointValues"),
+        ("externalForce", 6, OPTIONAL, "CartesianVector"),
         ("readIORequest", 8, REPEATED, "IoValue"),
         ("measuredCartesianPose", 9, OPTIONAL, "Transformation"),
         ("timestamp", 15, OPTIONAL, "TimeStamp"),
@@ -81,6 +82,7 @@ MESSAGES: dict[str, list[tuple[str, int, int, int | str]]] = {
         ("commandedTransformations", 4, REPEATED, "Transformation"),
         ("writeIORequest", 5, REPEATED, "IoValue"),
     ],
+    "FrameLength": [("value", 1, REQUIRED, FIXED32)],
     "Checksum": [("crc32", 1, OPTIONAL, INT32)],
     "EndOf": [("messageLength", 1, OPTIONAL, INT32), ("messageChecksum", 2, OPTIONAL, "Checksum")],
     "FRIMonitoringMessage": [
@@ -101,7 +103,7 @@ MESSAGES: dict[str, list[tuple[str, int, int, int | str]]] = {
 
 
 def fri_messages(*, packed: bool = False) -> Any:
-    """Classes `FRIMonitoringMessage` and `FRICommandMessage`.
+    """Classes `FRIMonitoringMessage`, `FRICommandMessage` and `FrameLength`, a fixed32 in a message.
 
     packed: whether the rows of doubles are packed, which a controller does not do.
     """
@@ -129,6 +131,6 @@ def fri_messages(*, packed: bool = False) -> Any:
     return SimpleNamespace(
         **{
             name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{package}.{name}"))
-            for name in ("FRIMonitoringMessage", "FRICommandMessage")
+            for name in ("FRIMonitoringMessage", "FRICommandMessage", "FrameLength")
         }
     )

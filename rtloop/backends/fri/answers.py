@@ -85,6 +85,7 @@ class Answers:
                 torque=self._overlaid("torque", self.torque, message, command),
                 wrench=self._overlaid("wrench", self.wrench, message, command),
                 io=self.outputs.in_answer(message, self._sequence),
+                framed=message.framed,
             )
         )
 

@@ -23,7 +23,7 @@ from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
 from rtloop.backends.agreement import disagreement, fastest, reduced_share
 from rtloop.backends.fri.answers import Answers
 from rtloop.backends.fri.beat import Beat
-from rtloop.backends.fri.channel import Channel, UdpChannel
+from rtloop.backends.fri.channel import RELEASE_S, Channel, UdpChannel
 from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.messages import Monitoring, OperationMode, SafetyState, SessionState
 from rtloop.backends.fri.options import FriOptions
@@ -282,6 +282,11 @@ class FriBackend:
         soon = self._joins and self._clock() < self._join_until_s
         return soon and message.safety == SafetyState.NORMAL_OPERATION
 
+    def _is_other_version(self, message: Monitoring) -> bool:
+        """Whether the controller frames its messages otherwise than just now: one that was restarted may."""
+        before = self._beat.newest
+        return before is not None and before.framed != message.framed and self._silence_s < RELEASE_S
+
     @property
     def _strangers(self) -> str:
         count = self._open_channel.strangers
@@ -322,6 +327,11 @@ class FriBackend:
         if isinstance(message, Monitoring) and len(message.measured_position) != self._limits.dof:
             message = (
                 f"a robot with {len(message.measured_position)} joints, the model has {self._limits.dof}"
+            )
+        if isinstance(message, Monitoring) and self._is_other_version(message):
+            message = (
+                f"a message of FRI {message.version or '1.x or 2.x'} in a session of FRI "
+                f"{self._newest.version or '1.x or 2.x'}: all messages of a session have one version"
             )
         if isinstance(message, str):
             self._malformed += 1

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from rtloop.backends import BackendError
-from rtloop.backends.fri.codec import MAX_BYTES, decode_monitoring
+from rtloop.backends.fri.codec import MAX_PACKET, decode_monitoring
 
 MAX_AT_ONCE = 256
 """Packets that are taken from the socket in one go."""
@@ -72,7 +72,7 @@ class UdpChannel:
             return packets
         for _ in range(MAX_AT_ONCE):
             try:
-                packet, sender = self._socket.recvfrom(MAX_BYTES + 1)
+                packet, sender = self._socket.recvfrom(MAX_PACKET + 1)
             except OSError:  # no more, or what an answer to nobody has left behind
                 break
             if self._counts(packet, sender):

@@ -1,8 +1,9 @@
 """FRI's messages from and to bytes, for both sides of the wire.
 
 Field numbers are those that the vendor's client publishes with its generated sources. FRI 1.11 to 1.17 and
-2.x share the identifiers and all that is read here; 1.x alone has a commanded joint position (field 3 of the
-monitor data), 2.x alone a measured pose (field 9). Fields that are not known are passed over.
+2.x share the identifiers and all that is read here. Only 1.x has a commanded joint position (field 3 of the
+monitor data), only 2.x a measured pose (field 9), only 2.7 an external force (field 6) and a frame around
+each message (`framing`). Unknown fields are skipped.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from enum import IntEnum
 from typing import TypeVar
 
 from rtloop.backends.fri import wire
+from rtloop.backends.fri.framing import FRAME_BYTES, unframe
 from rtloop.backends.fri.messages import (
     COMMAND_ID,
     MAX_IO,
@@ -36,11 +38,12 @@ from rtloop.backends.fri.messages import (
 from rtloop.backends.fri.wire import WireError, fields, need_length, read_doubles, varint_of
 
 MAX_BYTES = 4096
-"""Of a message; the vendor's client has 1500 for either."""
+"""Maximum size of a message; the vendor's client has 1500 for either."""
+MAX_PACKET = MAX_BYTES + FRAME_BYTES
 
 _Enum = TypeVar("_Enum", bound=IntEnum)
 _Message = TypeVar("_Message", Monitoring, Command)
-_POSE = 7
+_POSE, _WRENCH = 7, 6
 
 
 def decode_monitoring(packet: bytes) -> Monitoring | str:
@@ -57,6 +60,7 @@ def _decoded(
     packet: bytes, wanted: int, name: str, read: Callable[[bytes, Header], _Message]
 ) -> _Message | str:
     try:
+        packet, framed = unframe(packet)
         if len(packet) > MAX_BYTES:
             return f"a packet of {len(packet)} bytes, a {name} message has at most {MAX_BYTES}"
         header = _header(packet)
@@ -65,7 +69,9 @@ def _decoded(
                 f"a message {header.identifier:#x} instead of {wanted:#x}: neither FRI 1.11 to 1.17 nor 2.x "
                 f"sends that as a {name} message"
             )
-        return read(packet, header)
+        message = read(packet, header)
+        message.framed = framed
+        return message
     except WireError as exc:
         return f"no {name} message of FRI: {exc}"
 
@@ -163,6 +169,9 @@ def _read_monitor(message: Monitoring, data: bytes, begin: int, stop: int) -> No
         if row is not None:
             need_length(number, kind)
             setattr(message, row, read_doubles(data, at, end, 1, MAX_JOINTS))
+        elif number == 6:
+            need_length(number, kind)
+            message.external_force = read_doubles(data, at, end, 1, _WRENCH)
         elif number == 8:
             need_length(number, kind)
             _add_io(message.io, data, at, end)

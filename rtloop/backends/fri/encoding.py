@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rtloop.backends.fri.framing import frame
 from rtloop.backends.fri.messages import MAX_NAME, Command, Header, IoType, IoValue, Monitoring
 from rtloop.backends.fri.wire import bytes_field, double_field, doubles_field, number_field
 
@@ -22,7 +23,9 @@ def encode_command(message: Command) -> bytes:
     for value in message.io:
         content += _io(5, value)
     packet = _header(message.header)
-    return packet + bytes_field(2, content) if content else packet
+    if content:
+        packet += bytes_field(2, content)
+    return frame(packet) if message.framed else packet
 
 
 def encode_monitoring(message: Monitoring) -> bytes:
@@ -39,13 +42,14 @@ def encode_monitoring(message: Monitoring) -> bytes:
         + number_field(3, message.send_period_ms)
         + number_field(4, message.receive_multiplier)
     )
-    return (
+    packet = (
         _header(message.header)
         + bytes_field(2, robot)
         + bytes_field(3, _monitor(message))
         + bytes_field(4, connection)
         + bytes_field(5, _interpolator(message))
     )
+    return frame(packet) if message.framed else packet
 
 
 def _header(header: Header) -> bytes:
@@ -69,6 +73,7 @@ def _monitor(message: Monitoring) -> bytes:
         (3, message.commanded_position),
         (4, message.commanded_torque),
         (5, message.external_torque),
+        (6, message.external_force),
     ):
         if values:
             content += _joints(number, values)

@@ -13,6 +13,9 @@ MAX_IO = 10
 MAX_NAME = 63
 """Bytes of the name of an input or output."""
 
+FRAMED_VERSION = "2.7"
+"""The release of FRI that frames its messages."""
+
 _COUNTER = 1 << 32
 
 
@@ -128,7 +131,9 @@ class Monitoring:
         tracking_performance: 0 to 1, how well the arm follows; None where not told.
         time_s: the controller's clock, None where not told.
         measured_pose: x, y, z in mm and a quaternion, of FRI 2.x alone.
-        version: "1.x" or "2.x", "" where the message has nothing that only one of them has.
+        external_force: up to six values, N and N·m, of FRI 2.7 alone.
+        framed: whether the packet has the frame of FRI 2.7.
+        version: "1.x", "2.x" or "2.7"; "" where the message has nothing that only one of them has.
     """
 
     header: Header
@@ -153,9 +158,13 @@ class Monitoring:
     tracking_performance: float | None = None
     time_s: float | None = None
     io: list[IoValue] = field(default_factory=list)
+    external_force: tuple[float, ...] = ()
+    framed: bool = False
 
     @property
     def version(self) -> str:
+        if self.framed:
+            return FRAMED_VERSION
         if self.commanded_position:
             return "1.x"
         return "2.x" if self.measured_pose else ""
@@ -170,6 +179,7 @@ class Command:
         torque: laid over the joints' own, N·m.
         wrench: laid over the controller's own, shape (6,), N and N·m.
         io: outputs to be set.
+        framed: whether the packet has the frame of FRI 2.7.
     """
 
     header: Header
@@ -177,3 +187,4 @@ class Command:
     torque: tuple[float, ...] = ()
     wrench: tuple[float, ...] = ()
     io: list[IoValue] = field(default_factory=list)
+    framed: bool = False

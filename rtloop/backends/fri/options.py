@@ -33,7 +33,7 @@ class FriOptions(BaseModel):
     address: of the robot controller; null takes the first one that sends FRI.
     listen: address of this computer that the controller sends to; 0.0.0.0 for any.
     port: UDP port of this computer that the controller sends to, in its program `setPortOnRemote`.
-    version: of FRI; auto takes either.
+    version: of FRI; 2 includes 2.7, auto takes each.
     overlay: what the cabinet's program has its motion take.
     connect_s: how long the first packet may take.
     enable_s: how long the controller may take until it takes commands.
@@ -48,7 +48,7 @@ class FriOptions(BaseModel):
     address: Address | None = None
     listen: Address = "0.0.0.0"
     port: Annotated[int, Field(ge=1, le=65_535)] = DEFAULT_PORT
-    version: Literal["auto", "1", "2"] = "auto"
+    version: Literal["auto", "1", "2", "2.7"] = "auto"
     overlay: Literal["position", "torque", "wrench"] = "position"
     connect_s: Annotated[float, Field(ge=0.1, le=15.0)] = 10.0
     enable_s: Annotated[float, Field(ge=0.1, le=15.0)] = 3.0

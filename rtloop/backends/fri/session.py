@@ -53,12 +53,17 @@ def obstacle(message: Monitoring) -> str:
     return f"{reason} (session {message.state.name})"
 
 
+def is_version(found: str, wanted: str) -> bool:
+    """Whether a release, "1.x", "2.x" or "2.7", is one of those that an option names."""
+    return found == wanted or found.split(".")[0] == wanted
+
+
 def misfit(message: Monitoring, options: FriOptions, period_s: float) -> str:
     """Why this controller cannot be driven with these settings, whatever it does; "" if it can."""
-    if options.version != "auto" and message.version not in ("", f"{options.version}.x"):
+    if options.version != "auto" and message.version and not is_version(message.version, options.version):
         return (
             f"the controller speaks FRI {message.version}, robot.backend.version asks for {options.version}: "
-            "the option of the other version, or auto, goes with it"
+            "set it to the controller's version or to auto"
         )
     if round(period_s * 1e3, 6) != message.send_period_ms:
         return (

@@ -93,7 +93,7 @@ def _server(chosen: argparse.Namespace) -> CabinetServer:
     options = CabinetOptions(
         chosen.period if chosen.period is not None else round(settings.rt.period_s * 1e3),
         chosen.multiplier,
-        f"{chosen.version}.x",
+        chosen.version if "." in chosen.version else f"{chosen.version}.x",
         OperationMode[chosen.mode],
         mode,
         CONTROLS[chosen.control_mode]
@@ -125,7 +125,7 @@ def _parser() -> argparse.ArgumentParser:
         "--client", type=_endpoint, default=("127.0.0.1", 30200), metavar="HOST:PORT", help="where to send to"
     )
     add("--address", type=_ipv4, default="0.0.0.0", metavar="IPV4", help="of this computer, to send from")
-    add("--port", type=port, default=0, metavar="P", help="to send from; 0 picks a free one")
+    add("--port", type=port, default=0, metavar="P", help=PORT_HELP)
     add(
         "--control-port",
         type=port,
@@ -135,7 +135,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--period", type=int, metavar="MS", help="send period, 1 to 100 ms; rt.period_s of the settings")
     add("--multiplier", type=int, default=1, metavar="N", help="an answer is expected every N messages; 1")
-    add("--version", choices=["1", "2"], default="1", help="of FRI: 1.11 to 1.17, or 2.x")
+    add("--version", choices=["1", "2", "2.7"], default="1", help=VERSION_HELP)
     add("--mode", choices=[each.name for each in OperationMode], default="AUT", help="operation mode; AUT")
     add("--overlay", choices=list(OVERLAYS), default="position", help="what its program takes; position")
     add("--control-mode", choices=list(CONTROLS), help="of the drives; what the overlay needs")
@@ -154,6 +154,8 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+VERSION_HELP = "of FRI: 1 for 1.11 to 1.17, 2 for 2.x before 2.7, or 2.7; default 1"
+PORT_HELP = "to send from; 0: the client's port number if the client has another address, else a free one"
 IO_HELP = "boolean, digital or analog; input or output, as the cabinet sees it; Tool.Open:boolean:output=1"
 
 

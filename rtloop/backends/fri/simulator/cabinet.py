@@ -16,6 +16,7 @@ from cobot.types import Array
 from rtloop.backends.fri.codec import decode_command
 from rtloop.backends.fri.encoding import encode_monitoring
 from rtloop.backends.fri.messages import (
+    FRAMED_VERSION,
     MONITORING_ID,
     Command,
     CommandMode,
@@ -88,6 +89,11 @@ class Cabinet:
         return self.connection.quality
 
     @property
+    def _frames(self) -> bool:
+        """Whether messages have the frame of FRI 2.7."""
+        return self.options.version == FRAMED_VERSION
+
+    @property
     def sequence(self) -> int:
         return self._sequence
 
@@ -116,6 +122,11 @@ class Cabinet:
         if self.state == SessionState.IDLE:
             return
         command = decode_command(packet)
+        if not isinstance(command, str) and command.framed != self._frames:
+            command = (
+                f"a command {'with' if command.framed else 'without'} the frame of FRI {FRAMED_VERSION}, "
+                f"this cabinet uses FRI {self.options.version}"
+            )
         if isinstance(command, str):
             self.malformed += 1
             self.events.append(command)
@@ -296,4 +307,6 @@ class Cabinet:
             tracking_performance=max(0.0, 1.0 - off / TRACKING_RAD),
             time_s=self._sequence % COUNTER * self.period_s,
             io=list(self.io.values()),
+            external_force=tuple(measured.wrench.tolist()) if self._frames else (),
+            framed=self._frames,
         )

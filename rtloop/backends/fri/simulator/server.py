@@ -10,7 +10,7 @@ import sys
 import time
 from typing import Any
 
-from rtloop.backends.fri.codec import MAX_BYTES
+from rtloop.backends.fri.codec import MAX_PACKET
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.control import Control
 from rtloop.backends.fri.simulator.network import Network
@@ -34,6 +34,38 @@ def _ipv4_of(host: str) -> str:
         return socket.gethostbyname(host)
     except (OSError, UnicodeError) as exc:
         raise OSError(f"the client {host!r} is no IPv4 address, nor the name of one: {exc}") from exc
+
+
+def _is_local(host: str) -> bool:
+    """Whether an address is one of this computer."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((host, 0))
+        except OSError:
+            return False
+    return True
+
+
+def _socket_for(client: tuple[str, int], address: tuple[str, int]) -> socket.socket:
+    """The socket to send from.
+
+    A client that was given the controller's name hears only packets from its own port number there. So port 0
+    is the client's, unless client and simulator may share an address; there the client has it.
+    """
+    host, port = address
+    elsewhere = host != client[0] if host != "0.0.0.0" else not _is_local(client[0])
+    ports = [port] if port or not elsewhere else [client[1], 0]
+    problem = ""
+    for each in ports:
+        found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            found.bind((host, each))
+        except OSError as exc:
+            found.close()
+            problem = f"cannot send from UDP {host}:{each}: {exc.strerror}"
+        else:
+            return found
+    raise OSError(problem)
 
 
 class CabinetServer:
@@ -62,12 +94,7 @@ class CabinetServer:
         # Answers come from an address, whatever the name.
         self._client = _ipv4_of(client[0]), client[1]
         self._patience_s = patience_s
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind(address)
-        except OSError as exc:
-            self._socket.close()
-            raise OSError(f"cannot send from UDP {address[0]}:{address[1]}: {exc.strerror}") from exc
+        self._socket = _socket_for(self._client, address)
         self._socket.setblocking(False)
         if sys.platform == "linux":
             self._socket.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
@@ -145,7 +172,7 @@ class CabinetServer:
         """The next packet; whether there was one."""
         try:
             packet, more, _, sender = self._socket.recvmsg(
-                MAX_BYTES + 1, socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
+                MAX_PACKET + 1, socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
             )
         except OSError:
             return False

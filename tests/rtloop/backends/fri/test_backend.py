@@ -21,7 +21,7 @@ from cobot.types import Array
 from rtloop.backends import BackendError, Measured, Paced, Reporting, Stepwise, TorqueControlled
 from rtloop.backends.fri import FriBackend
 from rtloop.backends.fri.beat import Entry
-from rtloop.backends.fri.codec import decode_command
+from rtloop.backends.fri.codec import decode_command, decode_monitoring
 from rtloop.backends.fri.encoding import encode_command, encode_monitoring
 from rtloop.backends.fri.messages import (
     COMMAND_ID,
@@ -166,19 +166,43 @@ def test_a_wrong_period_is_named(settings: Settings, robot: RobotDescription) ->
         backend.open(np.zeros(7))
 
 
-@pytest.mark.parametrize(("spoken", "asked"), [("1.x", "2"), ("2.x", "1")])
+@pytest.mark.parametrize(("spoken", "asked"), [("1.x", "2"), ("2.x", "1"), ("2.7", "1"), ("2.x", "2.7")])
 def test_the_other_version_is_named(make: Make, spoken: str, asked: str) -> None:
     with pytest.raises(BackendError, match=f"speaks FRI {spoken}, robot.backend.version asks for {asked}"):
         make(CabinetOptions(version=spoken), version=asked)
 
 
-@pytest.mark.parametrize("version", ["1.x", "2.x"])
-def test_either_version_moves_the_arm(make: Make, version: str) -> None:
-    driven = make(CabinetOptions(version=version))
+@pytest.mark.parametrize(
+    ("version", "asked"), [("1.x", "auto"), ("2.x", "auto"), ("2.7", "auto"), ("2.7", "2"), ("2.7", "2.7")]
+)
+def test_every_version_moves_the_arm(make: Make, version: str, asked: str) -> None:
+    driven = make(CabinetOptions(version=version), version=asked)
     driven.enable()
     driven.swing(50)
     assert not driven.problems
     assert driven.backend.status().text == f"FRI {version}"
+
+
+def test_answers_are_framed_as_the_controllers_messages_are(make: Make) -> None:
+    """A client that answers without the frame gets no session, and an event says why."""
+    driven = make(CabinetOptions(version="2.7"))
+    driven.enable()
+    answers = [decode_command(each) for each in driven.channel.answers]
+    assert answers
+    assert all(isinstance(each, Command) and each.framed for each in answers)
+    plain = encode_command(Command(Header(COMMAND_ID, 1, driven.cabinet.sequence), (0.0,) * 7))
+    driven.cabinet.answer(plain)
+    assert driven.cabinet.events[-1] == ("a command without the frame of FRI 2.7, this cabinet uses FRI 2.7")
+
+
+def test_a_message_of_another_version_in_a_session_is_refused_by_name(make: Make) -> None:
+    driven = make(CabinetOptions(version="2.7"))
+    driven.enable()
+    message = decode_monitoring(driven.cabinet.packet())
+    assert isinstance(message, Monitoring)
+    driven.channel.injected = [encode_monitoring(replace(message, framed=False))] * 3
+    driven.swing(3)
+    assert "in a session of FRI 2.7: all messages of a session have one version" in driven.backend._refused
 
 
 def test_says_that_nobody_is_there_and_what_else_came(settings: Settings, robot: RobotDescription) -> None:

@@ -70,6 +70,7 @@ MONITORING = st.builds(
     tracking_performance=st.one_of(st.none(), VALUE),
     time_s=st.one_of(st.none(), st.integers(0, 10**6).map(float)),
     io=st.lists(io_values(), max_size=10),
+    external_force=st.one_of(st.just(()), st.lists(VALUE, min_size=6, max_size=6).map(tuple)),
 )
 COMMAND = st.builds(
     Command,
@@ -116,6 +117,7 @@ def filled(message: Any, ours: Monitoring) -> Any:
         data.measuredCartesianPose.element.extend(ours.measured_pose)
     if ours.time_s is not None:
         data.timestamp.sec, data.timestamp.nanosec = int(ours.time_s), 0
+    data.externalForce.element.extend(ours.external_force)
     for value in ours.io:
         fill_io(data.readIORequest.add(), value)
     ipo.clientCommandMode, ipo.overlayType = ours.command_mode, ours.overlay

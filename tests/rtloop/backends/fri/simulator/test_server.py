@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fri_run import free_udp_port
 from lockstep_fri import made_cabinet
 
 from cobot.config import Settings
@@ -36,6 +37,43 @@ def test_a_client_is_known_by_name_and_by_address(
             assert cabinet.connection.reflected == sequence
         finally:
             server.close()
+
+
+def test_it_sends_from_the_port_that_a_connected_client_elsewhere_hears(
+    settings: Settings, robot: RobotDescription
+) -> None:
+    """Oracle: the kernel, which gives a connected UDP socket only what comes from its peer."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.bind(("127.0.0.1", 0))
+        port = client.getsockname()[1]
+        client.connect(("127.0.0.2", port))
+        client.settimeout(20.0)
+        cabinet = made_cabinet(settings, robot)
+        server = CabinetServer(cabinet, Network(), ("127.0.0.1", port), address=("127.0.0.2", 0))
+        try:
+            assert server.port == port
+            server._begin_period()
+            server._begin_period()
+            assert client.recv(4096)
+            client.send(encode_command(Command(Header(COMMAND_ID, 1, cabinet.sequence), (0.0,) * 7)))
+            server._take()
+            assert cabinet.connection.reflected == cabinet.sequence
+        finally:
+            server.close()
+
+
+@pytest.mark.parametrize("address", ["0.0.0.0", "127.0.0.1"])
+def test_it_leaves_the_port_to_a_client_on_its_own_address(
+    settings: Settings, robot: RobotDescription, address: str
+) -> None:
+    port = free_udp_port()
+    server = CabinetServer(
+        made_cabinet(settings, robot), Network(), ("127.0.0.1", port), address=(address, 0)
+    )
+    try:
+        assert server.port != port
+    finally:
+        server.close()
 
 
 def test_a_second_program_that_sends_is_named_once(

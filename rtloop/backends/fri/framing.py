@@ -1,0 +1,50 @@
+"""The frame of FRI 2.7: the length of the message, the message, and a CRC-32 of it.
+
+Length and checksum are fixed32 of protobuf: four bytes, the lowest first. Older releases send the bare
+message, which begins with its header: the key of field 1, the header's length, and the key of the header's
+identifier.
+"""
+
+from __future__ import annotations
+
+import struct
+from zlib import crc32
+
+from rtloop.backends.fri.wire import WireError
+
+FRAME_BYTES = 8
+_NUMBER = struct.Struct("<I")
+_HEADER_KEY, _IDENTIFIER_KEY = 0x0A, 0x08
+
+
+def frame(message: bytes) -> bytes:
+    """The packet of FRI 2.7 that carries a message."""
+    return _NUMBER.pack(len(message)) + message + _NUMBER.pack(crc32(message))
+
+
+def unframe(packet: bytes) -> tuple[bytes, bool]:
+    """The message of a packet, and whether it was framed.
+
+    Raises:
+        WireError: the length or the checksum of the frame is wrong.
+    """
+    if len(packet) < FRAME_BYTES:
+        return packet, False
+    stated, size = _NUMBER.unpack_from(packet)[0], len(packet) - FRAME_BYTES
+    if stated != size:
+        if _begins_message(packet, 0) or not _begins_message(packet, 4):
+            return packet, False
+        raise WireError(
+            f"the frame of FRI 2.7 states a message of {stated} bytes, the packet of {len(packet)} bytes "
+            f"has {size}"
+        )
+    message = packet[4:-4]
+    found, sent = crc32(message), _NUMBER.unpack_from(packet, len(packet) - 4)[0]
+    if found != sent:
+        raise WireError(f"the frame of FRI 2.7 states the CRC-32 {sent:#010x}, its message has {found:#010x}")
+    return message, True
+
+
+def _begins_message(packet: bytes, at: int) -> bool:
+    """Whether a bare message may begin here."""
+    return packet[at] == _HEADER_KEY and len(packet) > at + 2 and packet[at + 2] == _IDENTIFIER_KEY
