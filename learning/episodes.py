@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any, Self, cast
 
 import numpy as np
-from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from cobot.errors import InputError
+from cobot.recording.bounds import bounded_reader
 from cobot.recording.reader import UNREADABLE
 from cobot.recording.store import UNFINISHED
 from cobot.robot.rays import png
@@ -198,7 +198,7 @@ def _read(file: io.BytesIO) -> Episode:
     times_ns: list[int] = []
     rows: dict[str, list[Array]] = {"position": [], "velocity": [], "action": []}
     pictures: dict[str, list[np.ndarray]] = {}
-    reader = make_reader(file, validate_crcs=True)
+    reader = bounded_reader(file)
     about = {each.name: each.metadata for each in reader.iter_metadata()}["episode"]
     for _, channel, message in reader.iter_messages(log_time_order=False):
         if channel.topic == STATE_TOPIC:

@@ -7,6 +7,8 @@ import zlib
 
 import numpy as np
 
+MAX_BYTES = 100_000_000
+"""Maximum size of the pixels of a picture."""
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -32,10 +34,19 @@ def pixels_of_png(content: bytes) -> np.ndarray:
     width, height, *form = struct.unpack(">IIBBBBB", head)
     if form != [8, 2, 0, 0, 0]:
         raise ValueError("a picture in it is not 8 bits of RGB")
+    size = height * (1 + 3 * width)
+    if not 0 < size <= MAX_BYTES:
+        raise ValueError(
+            f"a picture in it claims {width} x {height} pixels, which are {size} bytes; at most {MAX_BYTES} "
+            "are allowed"
+        )
     try:
-        rows = np.frombuffer(zlib.decompress(data), np.uint8).reshape(height, 1 + 3 * width)
+        content = zlib.decompressobj().decompress(data, size + 1)
     except zlib.error as exc:
         raise ValueError("a picture in it is damaged") from exc
+    if len(content) != size:
+        raise ValueError("a picture in it is damaged")
+    rows = np.frombuffer(content, np.uint8).reshape(height, 1 + 3 * width)
     if rows[:, 0].any():
         raise ValueError("a picture in it has filtered rows")
     return rows[:, 1:].reshape(height, width, 3)

@@ -8,11 +8,13 @@ import math
 import numpy as np
 
 from cobot.errors import CobotError
+from cobot.foreign import plain_error
 from cobot.ipc.device_record import fill_capabilities, fill_status
 from cobot.ipc.io_record import fill_points
 from cobot.ipc.layout import IO_NAME_BYTES, IO_POINTS
 from cobot.ipc.shm import RobotMemory, encoded
-from cobot.robot.io_points import IoPoint, output_of, require_number
+from cobot.robot.io_points import IoPoint, io_points, output_of, require_number
+from cobot.strict import shown
 from rtloop.backends import Backend, BackendError, HasIo, Reporting, capabilities_of
 from rtloop.backends.guarded import ForeignError
 
@@ -97,8 +99,8 @@ class DeviceWatch:
                 return str(exc)
             except BackendError:
                 continue
-            except Exception as exc:  # noqa: BLE001 - what somebody else's class gives may be anything
-                return f"the backend's {name}() gives what cannot be told: {type(exc).__name__}: {exc}"
+            except Exception as exc:  # noqa: BLE001 - what a foreign class returns may be anything
+                return f"the backend's {name}() returns what cannot be used: {plain_error(exc)}"
         return ""
 
     def _report_status(self) -> None:
@@ -107,7 +109,9 @@ class DeviceWatch:
         status = self._device.status()
         scaling: object = status.speed_scaling
         if not (isinstance(scaling, int | float | np.number) and math.isfinite(scaling) and scaling >= 0.0):
-            raise ForeignError(f"the backend's status().speed_scaling is {scaling!r}, it is from 0 to 1")
+            raise ForeignError(
+                f"the backend's status().speed_scaling is {shown(scaling)}, it must be a number from 0"
+            )
         fill_status(self._block.data, status)
         if not self.capabilities.trajectories:  # else the device slows down by itself
             self._scaling = min(float(scaling), 1.0)
@@ -128,7 +132,7 @@ class DeviceWatch:
     def _report_io(self) -> None:
         if self._io is None:
             return
-        points = tuple(self._io.io())
+        points = io_points(self._io.io())
         record = self._io_block.data
         if points != self._points:
             left_out = fill_points(record, points)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cobot.foreign import fixed
 from cobot.robot.model import RobotModel
 from cobot.types import Array
 from rtloop.device import FIRST_SHARE
@@ -34,7 +35,8 @@ def place(position: Array) -> str:
     """A point of the base frame as a person beside the arm would say it, metres."""
     names = (("in front", "behind"), ("left", "right"), ("above", "below"))
     words = [
-        f"{abs(value):.2f} m {pair[int(value < 0.0)]}" for value, pair in zip(position, names, strict=True)
+        f"{fixed(abs(value), 2)} m {pair[int(value < 0.0)]}"
+        for value, pair in zip(position, names, strict=True)
     ]
     return ", ".join(words)
 
@@ -57,8 +59,8 @@ def _beyond(model: RobotModel, position: Array) -> list[str]:
 
 def _said(model: RobotModel, joint: int, value: float) -> str:
     if model.limits.unit(joint) == "m":
-        return f"{1e3 * value:.1f} {SLIDE_UNIT}"
-    return f"{np.degrees(value):.1f} {TURN_UNIT}"
+        return f"{fixed(1e3 * value, 1)} {SLIDE_UNIT}"
+    return f"{fixed(float(np.degrees(value)), 1)} {TURN_UNIT}"
 
 
 def _names(model: RobotModel) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from cobot.foreign import plain_text
 from cobot.ipc.layout import MAX_PERIODS, text
 from cobot.robot.device import (
     FLAGS,
@@ -63,8 +64,9 @@ def fill_capabilities(record: np.ndarray, capabilities: Capabilities) -> None:
 def fill_status(record: np.ndarray, status: DeviceStatus) -> None:
     """Put it into such a record; words that are too long are cut."""
     for name in STATUS_WORDS:
-        field = record.dtype[name]
-        record[name] = getattr(status, name).encode()[: field.itemsize].decode("utf-8", "ignore").encode()
+        size = record.dtype[name].itemsize
+        word = plain_text(getattr(status, name), size).encode()
+        record[name] = word[:size].decode("utf-8", "ignore").encode()
     record["speed_scaling"] = status.speed_scaling
     record["packets_lost"] = status.packets_lost
     record["device_time_s"] = np.nan if status.device_time_s is None else status.device_time_s

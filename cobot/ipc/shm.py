@@ -361,8 +361,8 @@ def is_gone(pid: int) -> bool:
 
 
 def encoded(message: str, size: int = np.dtype(TEXT).itemsize) -> bytes:
-    """A message cut to fit a text field, never inside a character."""
-    return message.encode()[:size].decode("utf-8", "ignore").encode()
+    """A message cut to fit a text field, never inside a character; what UTF-8 cannot write is escaped."""
+    return message.encode("utf-8", "backslashreplace")[:size].decode("utf-8", "ignore").encode()
 
 
 def _let_go(path: Path, descriptor: int) -> None:

@@ -11,12 +11,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 from mcap.exceptions import McapError
-from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from zstandard import ZstdError
 
 from cobot.errors import InputError
+from cobot.recording.bounds import bounded_reader
 from cobot.recording.messages import CYCLE, DEFINITIONS, EVENT, JOINT_STATE
 from cobot.recording.path import Marked, RecordedPath
 from cobot.types import Array
@@ -102,7 +102,7 @@ def _sampled(path: Path, samples: int) -> RecordedPath:
     states: list[tuple[int, bytes]] = []
     events: list[tuple[int, Marked]] = []
     with path.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True)
+        reader = bounded_reader(file)
         for _, channel, message in reader.iter_messages(["/joint_states", "/events"], log_time_order=False):
             if channel.topic == "/joint_states":
                 states.append((message.log_time, message.data))
@@ -130,7 +130,7 @@ def _read(path: Path) -> Cycles:
     modes: list[int] = []
     events: list[tuple[int, Marked]] = []
     with path.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True)
+        reader = bounded_reader(file)
         about = {each.name: each.metadata for each in reader.iter_metadata()}["cobot"]
         period_s = float(about["period_s"])
         for _, channel, message in reader.iter_messages(log_time_order=False):

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 from cobot.errors import InputError, LimitError, NotFoundError
+from cobot.foreign import bounded, plain_text
 from cobot.strict import shown
 
 MAX_DIGITAL = 2**53 - 1
 """Whole numbers up to here are exact as a double."""
 ANALOG_SHARE = 1e-3
 """An analog output has its value when the device reports one that is off by so little, as converters are."""
+
+
+MAX_POINTS = 1000
+"""Maximum number of points that a device may report; fewer are published."""
+MAX_POINT_NAME = 1000
+"""Maximum number of characters of a name that a device may report; a shorter one is published."""
 
 
 class IoKind(StrEnum):
@@ -49,6 +56,27 @@ class IoPoint:
         if self.kind is IoKind.ANALOG:
             return math.isclose(self.value, number, rel_tol=ANALOG_SHARE, abs_tol=ANALOG_SHARE)
         return self.value == number
+
+
+def io_points(reported: Iterable[object]) -> tuple[IoPoint, ...]:
+    """What a device reports, of which nothing is certain.
+
+    Raises:
+        InputError: too many points, something else among them, or a name that cannot be printed.
+    """
+    points = bounded(reported, MAX_POINTS, "inputs and outputs")
+    for point in points:
+        if not isinstance(point, IoPoint):
+            raise InputError(
+                f"{plain_text(type(point), 80)} among the inputs and outputs, all must be IoPoint"
+            )
+        name = point.name
+        if type(name) is not str or not 0 < len(name) <= MAX_POINT_NAME or not name.isprintable():
+            raise InputError(
+                f"the name of an input or output is '{plain_text(name, 80)}', it must be a text of 1 to "
+                f"{MAX_POINT_NAME} printable characters"
+            )
+    return points
 
 
 def output_of(points: Sequence[IoPoint], name: str) -> IoPoint:

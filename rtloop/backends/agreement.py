@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 
+from cobot.foreign import fixed
 from cobot.robot import quaternion
 from cobot.robot.model import RobotModel
 from cobot.types import Array, Pose
@@ -33,9 +34,9 @@ def disagreement(model: RobotModel, joints: Array, flange: Pose) -> str:
         return ""
     return (
         f"the device says that its flange is at {_said(flange)} m, the model of robot.model has it at "
-        f"{_said(ours)} m with the same joints: {1e3 * off_m:.1f} mm and {np.degrees(off_rad):.1f} degrees "
-        f"apart, {1e3 * OFF_M:g} mm and {np.degrees(OFF_RAD):.1f} degrees are allowed. Another arm, zero "
-        "position or base; robot.backend.check_pose: false leaves this out"
+        f"{_said(ours)} m with the same joints: {fixed(1e3 * off_m, 1)} mm and {np.degrees(off_rad):.1f} "
+        f"degrees apart, {1e3 * OFF_M:g} mm and {np.degrees(OFF_RAD):.1f} degrees are allowed. Another arm, "
+        "zero position or base; robot.backend.check_pose: false leaves this out"
     )
 
 
@@ -68,4 +69,4 @@ def _after(first: Pose, then: Array) -> Pose:
 
 
 def _said(pose: Pose) -> str:
-    return "({:.3f}, {:.3f}, {:.3f})".format(*pose.position)
+    return f"({', '.join(fixed(float(value), 3) for value in pose.position)})"

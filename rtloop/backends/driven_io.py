@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 from collections import deque
 
-from cobot.robot.io_points import IoPoint
+from cobot.foreign import plain_text
+from cobot.robot.io_points import IoPoint, io_points
 from rtloop.backends.protocols import HasIo
 
 log = logging.getLogger("cobot.rtloop")
@@ -31,9 +32,10 @@ class DrivenIo:
         try:
             while self._wanted:
                 self._device.set_output(*self._wanted.popleft())
-            self._points = tuple(self._device.io())
+            self._points = io_points(self._device.io())
             self._problem = ""
-        except Exception as exc:  # noqa: BLE001 - somebody else's class may raise anything
-            if str(exc) != self._problem:  # it is asked several times a second
-                log.warning("inputs and outputs of the device: %s", exc)
-            self._problem = str(exc)
+        except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
+            problem = plain_text(exc)
+            if problem != self._problem:  # it is asked several times a second
+                log.warning("inputs and outputs of the device: %s", problem)
+            self._problem = problem

@@ -1,4 +1,6 @@
-"""A backend whose errors are all `BackendError`: somebody else's class, or its SDK, may raise anything."""
+"""A backend whose errors are all `BackendError` with printable text: a foreign class or its SDK may raise
+anything.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,7 @@ import logging
 from collections.abc import Callable
 from typing import Any, cast
 
+from cobot.foreign import plain_error, plain_text
 from rtloop.backends import protocols
 from rtloop.backends.protocols import Backend, BackendError
 
@@ -48,17 +51,19 @@ class Guarded:
         def call(*arguments: Any) -> Any:
             try:
                 return getattr(inner, name)(*arguments)
-            except BackendError:
-                raise
-            except Exception as exc:
+            except BackendError as exc:
+                said = plain_text(exc)
+                if type(exc) in (BackendError, ForeignError) and exc.args == (said,):
+                    raise
+                raise (ForeignError if isinstance(exc, ForeignError) else BackendError)(said) from exc
+            except BaseException as exc:  # signals set a flag here and raise nothing
                 raise self._foreign(name, exc) from exc
 
         return call
 
-    def _foreign(self, name: str, exc: Exception) -> ForeignError:
+    def _foreign(self, name: str, exc: BaseException) -> ForeignError:
         kind = type(exc)
-        raised = f"{kind.__name__}: {exc}".removesuffix(": ")
-        said = f"the backend's {name}() raised {raised}; a backend reports with BackendError"
+        said = f"the backend's {name}() raised {plain_error(exc)}; a backend reports with BackendError"
         if (name, kind) not in self._logged:
             self._logged.add((name, kind))
             log.error("%s", said, exc_info=exc)

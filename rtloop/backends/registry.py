@@ -9,6 +9,7 @@ from typing import Any
 
 from cobot.config import Settings
 from cobot.errors import ConfigError
+from cobot.foreign import plain_error
 from cobot.types import JointLimits
 from rtloop.backends.protocols import Backend, BackendError, NoOptions, capabilities_of
 from rtloop.backends.trajectory_driver import as_backend
@@ -45,7 +46,7 @@ def backend_class(name: str) -> Callable[..., Backend]:
         kind: Any = importlib.import_module(module)
         for part in attribute.split("."):
             kind = getattr(kind, part)
-    except Exception as exc:  # somebody else's module may raise anything
+    except BaseException as exc:  # a foreign module may raise anything
         raise _unloadable(name, exc) from exc
     if not callable(kind):
         raise ConfigError(f"robot.backend: cannot load {name!r}: {attribute} is no class")
@@ -73,9 +74,9 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
         return made
     except (BackendError, ConfigError):
         raise
-    except Exception as exc:  # somebody else's class may raise anything
+    except BaseException as exc:  # a foreign class may raise anything
         raise _unloadable(name, exc) from exc
 
 
-def _unloadable(name: str, exc: Exception) -> ConfigError:
-    return ConfigError(f"robot.backend: cannot load {name!r}: {type(exc).__name__}: {exc}")
+def _unloadable(name: str, exc: BaseException) -> ConfigError:
+    return ConfigError(f"robot.backend: cannot load {name!r}: {plain_error(exc)}")

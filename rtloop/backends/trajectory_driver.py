@@ -14,6 +14,7 @@ from typing import cast
 
 import numpy as np
 
+from cobot.foreign import plain_error, plain_text
 from cobot.robot.device import DeviceStatus
 from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
@@ -241,9 +242,9 @@ class TrajectoryDriver:
             if self._motion is not None and self._loaded == self._motion.number:
                 done_s = self._motion.done_s(self.device.progress())
         except BackendError as exc:
-            problem = str(exc)
-        except Exception as exc:  # noqa: BLE001 - somebody else's class may raise anything
-            problem = f"{type(exc).__name__}: {exc}"
+            problem = plain_text(exc)
+        except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
+            problem = plain_error(exc)
         self._ask_status()
         if not problem:
             self._find_velocity(found)
@@ -257,8 +258,8 @@ class TrajectoryDriver:
         if isinstance(self.device, Reporting):
             try:
                 self._status = self.device.status()
-            except Exception as exc:  # noqa: BLE001 - the same
-                self._status = DeviceStatus(text=str(exc))
+            except BaseException as exc:  # noqa: BLE001 - the same
+                self._status = DeviceStatus(text=plain_text(exc))
 
     def _pass_on(self) -> None:
         motion = self._motion
@@ -271,8 +272,8 @@ class TrajectoryDriver:
             try:
                 self.device.load(*motion.points(self._point_period_s))
                 self.device.start()
-            except Exception as exc:
-                self._refused = f"the device does not take the motion: {exc}"
+            except BaseException as exc:
+                self._refused = f"the device does not take the motion: {plain_text(exc)}"
                 raise BackendError(self._refused) from exc
 
     def _find_velocity(self, found: Measured) -> None:

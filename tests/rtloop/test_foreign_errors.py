@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from dataclasses import replace
 
@@ -12,17 +13,47 @@ from rig import CAPACITY, Rig
 from running import unique_name
 
 from cobot.config import Settings
+from cobot.ipc.device_record import device_of
 from cobot.ipc.layout import Command
 from cobot.ipc.shm import RobotMemory
 from cobot.planners import MotionRequest
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription
 from cobot.robot.device import DeviceStatus
-from cobot.robot.io_points import IoPoint
+from cobot.robot.io_points import IoKind, IoPoint
 from cobot.types import Array, JointLimits, LoopMode, PlannerName, Scaling
 from rtloop.backends import BackendError, Measured
 
 UNPLUGGED = OSError(19, "no such device")
+POINT = IoPoint("Tool.Open", IoKind.BOOLEAN, True, 1.0)
+
+
+class Mute(Exception):
+    """Its text is an exception that nothing should survive."""
+
+    def __str__(self) -> str:
+        raise SystemExit(3)
+
+
+class MuteReason(BackendError):
+    def __str__(self) -> str:
+        raise KeyboardInterrupt
+
+
+class Numeric(Exception):
+    def __str__(self) -> str:
+        return 5  # type: ignore[return-value]
+
+
+HOSTILE = {
+    "its text raises": (Mute(), "Mute: (a Mute without text: its str() raises SystemExit)"),
+    "its text is a number": (Numeric(), "Numeric: (a Numeric without text: its str() raises TypeError)"),
+    "it ends the process": (SystemExit(1), "SystemExit: 1"),
+    "it is an interrupt": (KeyboardInterrupt(), "KeyboardInterrupt"),
+    "it clears the screen": (OSError("\x1b[2J\r\nok"), r"OSError: \x1b[2J\r\nok"),
+    "it has half a character": (OSError("\ud800"), r"OSError: \ud800"),
+    "it is long": (OSError("x" * 10**7), "OSError: " + "x" * 2000 + "... (10000000 characters)"),
+}
 
 
 class ForeignArm(PacedArm):
@@ -129,6 +160,58 @@ def test_what_an_sdk_raises_is_a_fault_in_words(
         rig.close()
 
 
+@pytest.mark.parametrize("what", HOSTILE)
+@pytest.mark.parametrize("method", ["read", "write", "wait", "status", "io"])
+def test_any_exception_whatever_its_text_does_is_a_fault_in_printable_words(
+    settings: Settings, robot: RobotDescription, method: str, what: str
+) -> None:
+    raised, said = HOSTILE[what]
+    rig = ForeignRig(settings, robot, ForeignArm(settings, robot.limits))
+    try:
+        rig.arm.raised[method] = raised
+        rig.step(500)
+        assert rig.mode is LoopMode.FAULT
+        assert rig.reason.endswith(f"{method}() raised {said}; a backend reports with BackendError")
+        assert rig.reason.isprintable()
+        rig.arm.raised.clear()
+        assert rig.recovers()
+    finally:
+        rig.close()
+
+
+def test_the_own_words_of_a_backend_are_made_printable_too(
+    settings: Settings, robot: RobotDescription
+) -> None:
+    rig = ForeignRig(settings, robot, ForeignArm(settings, robot.limits))
+    try:
+        mute = "(a MuteReason without text: its str() raises KeyboardInterrupt)"
+        for raised, said in (
+            (BackendError("no\x1b[31m cable"), r"no\x1b[31m cable"),
+            (MuteReason(), mute),
+        ):
+            rig.arm.raised["read"] = raised
+            rig.step(500)
+            assert (rig.mode, rig.reason) == (LoopMode.FAULT, f"reading from the robot failed: {said}")
+            rig.arm.raised.clear()
+            assert rig.recovers()
+    finally:
+        rig.close()
+
+
+def test_words_of_the_device_are_made_printable(settings: Settings, robot: RobotDescription) -> None:
+    rig = ForeignRig(settings, robot, ForeignArm(settings, robot.limits))
+    try:
+        rig.arm.given["status"] = DeviceStatus(text="\x1b[2J\ud800" + "y" * 10**6, quality="a\nb")
+        rig.step(500)
+        status = device_of(rig.memory.device.data).status
+        assert status is not None
+        assert status.text.startswith(r"\x1b[2J\ud800yyy")
+        assert (status.text.isprintable(), status.quality) == (True, r"a\nb")
+        assert rig.mode is LoopMode.TRAJECTORY
+    finally:
+        rig.close()
+
+
 @pytest.mark.parametrize(
     ("method", "given", "said"),
     [
@@ -142,9 +225,20 @@ def test_what_an_sdk_raises_is_a_fault_in_words(
             [0.3],
             r"the backend's read\(\) raised ValueError: measured.position is given the shape \(1,\)",
         ),
-        ("status", None, r"the backend's status\(\) gives what cannot be told: AttributeError: "),
-        ("status", DeviceStatus(packets_lost=-1), r"the backend's status\(\) gives .*: OverflowError: "),
-        ("io", "abc", r"the backend's io\(\) gives what cannot be told: AttributeError: 'str' object"),
+        ("status", None, r"the backend's status\(\) returns what cannot be used: AttributeError: "),
+        ("status", DeviceStatus(packets_lost=-1), r"the backend's status\(\) returns .*: OverflowError: "),
+        ("status", DeviceStatus(packets_lost=10**300), r"status\(\) returns .*: OverflowError: "),
+        ("status", DeviceStatus(speed_scaling=10**400), r"status\(\) returns .*: OverflowError: "),
+        ("io", "abc", r"io\(\) returns .*: InputError: <class 'str'> among the inputs and outputs"),
+        ("io", itertools.repeat(POINT), r"io\(\) returns .*: more than 1000 inputs and outputs, at most"),
+        ("io", [replace(POINT, name="a\x1b[2J")], r"an input or output is 'a\\x1b\[2J', it must be a text"),
+        (
+            "io",
+            [replace(POINT, name="\ud800")],
+            r"an input or output is '\\ud800', it must be a text of 1 to",
+        ),
+        ("io", [replace(POINT, name="n" * 10**6)], r"output is 'n+\.\.\. \(1000000 characters\)', it must"),
+        ("io", [replace(POINT, value=10**400)], r"io\(\) returns .*: OverflowError: "),
     ],
 )
 def test_what_nobody_can_take_is_one_too(

@@ -1,0 +1,96 @@
+"""What a recording claims of its own sizes, checked before the reader takes its word for it.
+
+A chunk of an MCAP file states the size that it decompresses to, and a reader asks for that much memory at
+once. So do the frame of Zstandard in the chunk and the length in front of each record. Source: "MCAP Format
+Specification", Records and Chunk.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from typing import BinaryIO
+
+from mcap.reader import SeekingReader
+from zstandard import CONTENTSIZE_UNKNOWN, get_frame_parameters
+
+MAX_CHUNK_BYTES = 64_000_000
+"""Maximum uncompressed size of a chunk. The recorder writes chunks of about 1 MB."""
+MAGIC_BYTES = 8
+CHUNK = 0x06
+COMPRESSIONS = ("", "zstd")
+_RECORD = struct.Struct("<BQ")
+_SIZES = struct.Struct("<QQQII")  # times of the first and last message, size, checksum, length of a name
+_FRAME_HEADER = 18
+"""Maximum size of the header of a frame of Zstandard (RFC 8878)."""
+
+
+def bounded_reader(file: BinaryIO) -> SeekingReader:
+    """A reader of a file in which no record and no chunk claims more than it may.
+
+    Raises:
+        ValueError: one does, with its place, what it claims and the limit.
+    """
+    size = file.seek(0, os.SEEK_END)
+    for at, length in _records(file, size):
+        _require_chunk(file, at, length)
+    file.seek(0)
+    reader = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)
+    summary = reader.get_summary()
+    for index in summary.chunk_indexes if summary is not None else ():
+        _require_chunk(file, index.chunk_start_offset, _length_at(file, index.chunk_start_offset, size))
+    file.seek(0)
+    return reader
+
+
+def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, int]]:
+    """Where each chunk begins and how long it is."""
+    at = MAGIC_BYTES
+    while at + _RECORD.size <= size - MAGIC_BYTES:
+        length = _length_at(file, at, size)
+        file.seek(at)
+        if file.read(1)[0] == CHUNK:
+            yield at, length
+        at += _RECORD.size + length
+
+
+def _length_at(file: BinaryIO, at: int, size: int) -> int:
+    """Of the record that begins here."""
+    file.seek(min(at, size))
+    head = file.read(_RECORD.size)
+    if len(head) < _RECORD.size:
+        raise ValueError(f"a chunk is said to begin at byte {at}, the file has {size}")
+    length: int = _RECORD.unpack(head)[1]
+    left = size - at - _RECORD.size
+    if length > left:
+        raise ValueError(f"the record at byte {at} claims {length} bytes, {left} are left in the file")
+    return length
+
+
+def _require_chunk(file: BinaryIO, at: int, length: int) -> None:
+    file.seek(at + _RECORD.size)
+    head = file.read(min(length, _SIZES.size))
+    if len(head) < _SIZES.size:
+        raise ValueError(f"the chunk at byte {at} has {length} bytes, its sizes alone have {_SIZES.size}")
+    _, _, claimed, _, name_bytes = _SIZES.unpack(head)
+    compression = file.read(min(name_bytes, length)).decode("utf-8", "replace")
+    if compression not in COMPRESSIONS:
+        raise ValueError(
+            f"the chunk at byte {at} is compressed with {compression[:20]!r}, only zstd is known"
+        )
+    file.read(8)  # the length of the compressed messages
+    frame = file.read(_FRAME_HEADER)
+    if compression and frame:
+        claimed = max(claimed, _frame_claim(frame))
+    if claimed > MAX_CHUNK_BYTES:
+        raise ValueError(
+            f"the chunk at byte {at} claims {claimed} bytes uncompressed, at most {MAX_CHUNK_BYTES} are "
+            "allowed"
+        )
+
+
+def _frame_claim(frame: bytes) -> int:
+    """The size that a frame states of its content; 0 if it states none."""
+    content = get_frame_parameters(frame).content_size
+    return 0 if content == CONTENTSIZE_UNKNOWN else content

@@ -1,0 +1,67 @@
+"""Foreign text, iterators and numbers. Oracles: `str.isprintable`, and the lengths that are asked for."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cobot.errors import InputError
+from cobot.foreign import bounded, fixed, plain_error, plain_text
+
+
+class Sly(str):
+    """A text that answers no question about itself."""
+
+    def __getitem__(self, index: object) -> str:
+        raise SystemExit
+
+    def isprintable(self) -> bool:
+        return True
+
+
+class Meta(type):
+    @property
+    def __name__(cls) -> str:  # type: ignore[override]
+        raise SystemExit
+
+
+class Nameless(Exception, metaclass=Meta):
+    pass
+
+
+@given(st.text(st.characters(exclude_categories=[])), st.integers(1, 50))
+def test_any_text_is_printable_and_bounded(text: str, most: int) -> None:
+    for each in (text, Sly(text), OSError(text)):
+        found = plain_text(each, most)
+        assert found.isprintable()
+        found.encode()
+        assert len(found) <= most + len(f"... ({10 * len(text)} characters)")
+
+
+def test_a_class_without_a_name_and_a_text_that_answers_nothing() -> None:
+    assert plain_error(Nameless("gone")) == "Nameless: gone"
+    assert plain_text(Sly("a\x07b")) == r"a\x07b"
+    assert plain_error(ValueError()) == "ValueError"
+
+
+def test_an_endless_iterator_is_an_error_with_the_limit() -> None:
+    assert bounded(iter("ab"), 2, "letters") == ("a", "b")
+    with pytest.raises(InputError, match="more than 2 letters, at most 2 are allowed"):
+        bounded(itertools.repeat("a"), 2, "letters")
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (3.14159, "3.14"),
+        (-1e300, "-1e+300"),
+        (1e7, "1e+07"),
+        (9999999.0, "9999999.00"),
+        (float("nan"), "nan"),
+    ],
+)
+def test_no_number_is_wide(value: float, said: str) -> None:
+    assert fixed(value, 2) == said
