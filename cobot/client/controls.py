@@ -98,8 +98,8 @@ class Control(ABC, Generic[State]):
             wanted[counter] += 1
             check_setpoint(wanted, self._stream)
             self._require_running(self._transport.state())
-            self._setpoint = wanted
             self._transport.send_setpoint(wanted)
+            self._setpoint = wanted
 
     def _require_running(self, state: np.ndarray) -> None:
         """Nobody shall go on sending targets that no arm follows.
@@ -140,7 +140,8 @@ class JointImpedanceControl(Control[JointState]):
             accelerations: rad/s²; checked, and of no further use.
 
         Raises:
-            InputError: another number of joints, or a number that is none.
+            InputError: another number of joints, a value that is not finite, or, once, from the second target
+                on: the first target was too far from the arm to be followed.
             MotionStopped: the session has ended, with the reason.
         """
         target = vector(positions, self._dof, name="positions")

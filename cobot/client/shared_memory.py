@@ -7,8 +7,9 @@ import threading
 import numpy as np
 
 from cobot.clock import SYSTEM, Clock
-from cobot.errors import ConflictError, ExecutionError, TornReadError, UnavailableError
-from cobot.ipc.layout import record_of
+from cobot.errors import ConflictError, ExecutionError, InputError, TornReadError, UnavailableError
+from cobot.ipc.first_target import FirstTarget
+from cobot.ipc.layout import Stream, record_of, text
 from cobot.ipc.shm import MemoryRole, RobotMemory, robots_running
 from cobot.ipc.stream_writer import StreamWriter
 from cobot.types import LoopMode
@@ -33,6 +34,8 @@ class SharedMemoryTransport:
         self._writer = StreamWriter(self._memory)
         self._turn = threading.Lock()
         self._streaming = False
+        self._session = 0
+        self._first: FirstTarget | None = None
         self.info = self._read_info()
 
     def state(self) -> np.ndarray:
@@ -61,10 +64,18 @@ class SharedMemoryTransport:
             self._writer.release()
             raise
         self._streaming = True
+        names = [text(name) for name in self.info["joint_names"]]
+        self._session = number
+        self._first = FirstTarget(Stream(int(request["stream"])), names, self.state())
         return number
 
     def send_setpoint(self, setpoint: np.ndarray) -> None:
+        refusal = self._first.refusal(self._session, self.state()) if self._first is not None else ""
+        if refusal:
+            raise InputError(refusal)
         self._writer.setpoint(setpoint)
+        if self._first is not None:
+            self._first.sent(setpoint)
 
     def send_chunk(self, chunk: np.ndarray) -> None:
         self._writer.chunk(chunk)

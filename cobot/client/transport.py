@@ -53,7 +53,11 @@ class Transport(Protocol):
         ...
 
     def send_setpoint(self, setpoint: np.ndarray) -> None:
-        """Give what is wanted now, a record of `cobot.ipc.layout.setpoint_dtype`."""
+        """Give what is wanted now, a record of `cobot.ipc.layout.setpoint_dtype`.
+
+        Raises:
+            InputError: once, the first target was too far from the arm to be followed.
+        """
         ...
 
     def send_chunk(self, chunk: np.ndarray) -> None:

@@ -289,9 +289,13 @@ class Connection:
         client = self._socket.client
         return f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
 
+    def _tell_first_target(self, words: str) -> None:
+        self._answer("error", code=InputError.code, detail=words, about="target", sequence=None)
+
     async def _open(self, request: np.ndarray) -> None:
         self._require_operator("session")
         session = self._session = await self._streams.open(request, self._name, self._timeout_s)
+        session.tell = self._tell_first_target
         self._answer("session", number=session.number)
         session.ended.add_done_callback(
             lambda ended: self._answer("session_ended", number=session.number, reason=ended.result())

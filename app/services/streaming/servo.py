@@ -24,6 +24,11 @@ from cobot.robot.description import RobotDescription
 from cobot.servo.fields import BrokenRule, Refusal
 from cobot.servo.protocol import FjtControl, Point, ServoRules, SetMode, Stop
 
+FAR_POINT = (
+    "the first point of the session is too far from the arm and is not followed: begin with the measured "
+    "state, or move to the first point beforehand"
+)
+
 
 class ServoService:
     """One robot's servo sessions: one at a time, and while there is one it owns the motion.
@@ -182,6 +187,7 @@ class ServoService:
         with contextlib.suppress(UnavailableError):
             state = self._link.state()
             counts = {name: getattr(state, name) for name in counts}
+        far = counts["points_dropped"] and not counts["points_taken"]
         refused = {str(kind): count for kind, count in rules.refused.items()}
         return {
             "state": self._sessions.phase,
@@ -195,7 +201,7 @@ class ServoService:
             "points_accepted": rules.accepted,
             "points_refused": rules.refused.total(),
             "refused": refused,
-            "last_refusal": rules.last_refusal,
+            "last_refusal": rules.last_refusal or (FAR_POINT if far else ""),
             "points_taken": counts["points_taken"],
             "jumps": counts["points_dropped"],
             "buffered": counts["points_buffered"] + self._points.waiting,

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -24,7 +24,8 @@ from cobot.errors import (
     MotionStopped,
     UnavailableError,
 )
-from cobot.ipc.layout import Stream, setpoint_dtype
+from cobot.ipc.first_target import FirstTarget
+from cobot.ipc.layout import Stream, setpoint_dtype, text
 from cobot.ipc.session_rules import check_chunk, check_session, check_setpoint
 from cobot.ipc.stream_writer import StreamWriter
 from cobot.types import RESTING, LoopMode
@@ -44,9 +45,12 @@ class Session:
         refused: frames that came out of order.
         over: why targets are no longer followed; "" while they are.
         ended: done when the arm rests, with the reason.
+        tell: called once with the words for a first target that is too far from the arm.
     """
 
-    def __init__(self, number: int, stream: Stream, name: str, dof: int, writer: StreamWriter) -> None:
+    def __init__(
+        self, number: int, stream: Stream, name: str, dof: int, writer: StreamWriter, first: FirstTarget
+    ) -> None:
         self.number = number
         self.stream = stream
         self.name = name
@@ -54,8 +58,10 @@ class Session:
         self.refused = 0
         self.over = ""
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self.tell: Callable[[str], None] = lambda words: None
         self._sequence = 0
         self._writer = writer
+        self._first = first
 
     def take_setpoint(self, sequence: int, setpoint: np.ndarray) -> None:
         """Follow this from now on.
@@ -74,6 +80,16 @@ class Session:
         self._sequence = sequence
         self.setpoint = setpoint
         self._writer.setpoint(setpoint)
+        self._first.sent(setpoint)
+
+    def look_at(self, state: np.ndarray) -> None:
+        """Tell the client if this state, `cobot.ipc.layout.state_dtype`, shows that its first target is
+        refused.
+        """
+        refusal = self._first.refusal(self.number, state)
+        if refusal:
+            log.warning("session %d: %s", self.number, refusal)
+            self.tell(refusal)
 
     def take_chunk(self, sequence: int, chunk: np.ndarray) -> None:
         """The same, of `cobot.ipc.layout.chunk_dtype`."""
@@ -207,9 +223,11 @@ class StreamService:
                 undo.callback(self._writer.end)
                 await self._begun(number, timeout_s)
                 undo.pop_all()
-            session = Session(
-                number, Stream(int(request["stream"])), name, self._link.memory.dof, self._writer
+            stream = Stream(int(request["stream"]))
+            first = FirstTarget(
+                stream, [text(each) for each in self.info["joint_names"]], self._link.state().record
             )
+            session = Session(number, stream, name, self._link.memory.dof, self._writer, first)
             # From here claim and blocks belong to the task that follows the session to its end.
             with logs.bound(session=number):
                 task = asyncio.create_task(self._follow(session, claim, stack.pop_all()))
@@ -269,6 +287,7 @@ class StreamService:
             except CobotError as exc:
                 session.end()  # if rtloop goes on after all, then not for nobody
                 return str(exc)
+            session.look_at(state.record)
             cause = str(claim.interruption or BY_STOP)
             if cause != BY_STOP:  # for which rtloop has its own words
                 session.over = session.over or cause

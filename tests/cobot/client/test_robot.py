@@ -56,6 +56,27 @@ def cartesian_control(robot: Robot, **options: object):  # type: ignore[no-untyp
     return robot.start_cartesian_control(**options)
 
 
+@pytest.mark.parametrize("kind", ["none", "linear", "quintic", "ruckig"])
+def test_a_first_target_that_is_too_far_away_is_an_error_once(
+    robot: Robot, service: VirtualService, kind: str
+) -> None:
+    with joint_control(robot, inner_control_hz=30, interpolation=kind) as control:
+        control.set_target_joints([0.8, *HOME[1:]])
+        service.sleep(1 / 30)
+        with pytest.raises(
+            InputError, match=r"joint1 is at 0, the target has 0.8, 0.8 apart. A stream begins"
+        ):
+            control.set_target_joints([0.8, *HOME[1:]])
+        for _ in range(30):
+            control.set_target_joints([0.8, *HOME[1:]])
+            service.sleep(1 / 30)
+        np.testing.assert_allclose(control.get_state().q, HOME, atol=2e-3)
+        for step in range(30):
+            control.set_target_joints([0.002 * step, *HOME[1:]])
+            service.sleep(1 / 30)
+        assert control.get_state().q[0] > 0.03
+
+
 # Lifecycle
 
 

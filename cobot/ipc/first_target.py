@@ -1,0 +1,58 @@
+"""Whether rtloop follows the first target of a session, and the words for a client if it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.ipc.layout import Intervention, Stream
+
+ADVICE = (
+    "A stream begins where the arm is: send the measured state as the first target, or move to the first "
+    "target beforehand. The arm stays where it is until a target comes that is near enough; further refusals "
+    "are only counted"
+)
+
+
+class FirstTarget:
+    """Watches a session until its first target is taken or refused."""
+
+    def __init__(self, stream: Stream, names: list[str], state: np.ndarray) -> None:
+        """state: record of `cobot.ipc.layout.state_dtype`, before anything is sent."""
+        self._stream, self._names = stream, names
+        self._jumps = _jumps(state)
+        self._target: np.ndarray | None = None
+        self._position = state["commanded_position"].copy()
+        self._known = False
+
+    def sent(self, setpoint: np.ndarray) -> None:
+        """A target is on its way, a record of `cobot.ipc.layout.setpoint_dtype`; the first one counts."""
+        if self._target is None and setpoint["number"]:
+            self._target = setpoint.copy()
+
+    def refusal(self, session: int, state: np.ndarray) -> str:
+        """Why it was refused, once; "" if it was not, or is not known yet."""
+        if self._known or self._target is None:
+            return ""
+        if int(state["session"]) != session or not int(state["setpoint_seen"]):
+            return ""
+        self._known = True
+        return self._words(state) if _jumps(state) > self._jumps else ""
+
+    def _words(self, state: np.ndarray) -> str:
+        assert self._target is not None
+        said = "the first target of the stream is too far from the arm and is not followed"
+        if self._stream is Stream.JOINT_IMPEDANCE:
+            off = np.abs(self._target["joints"] - self._position)
+            joint = int(off.argmax())
+            said += (
+                f": {self._names[joint]} is at {self._position[joint]:.4g}, the target has "
+                f"{self._target['joints'][joint]:.4g}, {off[joint]:.3g} apart"
+            )
+        elif self._stream is Stream.CARTESIAN:
+            x, y, z = (f"{value:.4g}" for value in self._target["pose"][:3])
+            said += f": the target is at ({x}, {y}, {z}) m in the base frame"
+        return f"{said}. {ADVICE}"
+
+
+def _jumps(state: np.ndarray) -> int:
+    return int(state["interventions"][Intervention.JUMP])
