@@ -47,7 +47,7 @@ def bounded(items: Iterable[Any], most: int, what: str) -> tuple[Any, ...]:
 
 def fixed(value: float, decimals: int) -> str:
     """A number with so many decimals, or with an exponent where that would be wide."""
-    return f"{value:.{decimals}f}" if abs(value) < WIDE else f"{value:.6g}"
+    return f"{value:z.{decimals}f}" if abs(value) < WIDE else f"{value:.6g}"
 
 
 def _type_name(value: object) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -77,6 +79,31 @@ class Jumps(ToyArm):
 class Raises(ToyArm):
     def read(self, measured: Measured) -> None:
         raise KeyError("joint8")
+
+
+class Mute(Exception):
+    def __str__(self) -> str:
+        raise SystemExit(3)
+
+
+class RaisesTheUnspeakable(ToyArm):
+    def read(self, measured: Measured) -> None:
+        raise Mute
+
+
+class EndsTheProcess(ToyArm):
+    def write(self, command: Array) -> None:
+        raise SystemExit(1)
+
+
+class ReportsForEver(ToyArm):
+    def io(self) -> Iterator[IoPoint]:  # type: ignore[override]
+        return itertools.cycle(super().io())
+
+
+class NamesAnEscape(ToyArm):
+    def io(self) -> list[IoPoint]:
+        return [replace(each, name="\x1b[2J") for each in super().io()]
 
 
 class Coarse(ToyArm):

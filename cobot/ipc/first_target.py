@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cobot.foreign import fixed
 from cobot.ipc.layout import Intervention, Stream
 
 ADVICE = (
@@ -45,11 +46,11 @@ class FirstTarget:
             off = np.abs(self._target["joints"] - self._position)
             joint = int(off.argmax())
             said += (
-                f": {self._names[joint]} is at {self._position[joint]:.4g}, the target has "
-                f"{self._target['joints'][joint]:.4g}, {off[joint]:.3g} apart"
+                f": {self._names[joint]} is at {fixed(self._position[joint], 3)}, the target has "
+                f"{fixed(self._target['joints'][joint], 3)}: {fixed(off[joint], 3)} apart"
             )
         elif self._stream is Stream.CARTESIAN:
-            x, y, z = (f"{value:.4g}" for value in self._target["pose"][:3])
+            x, y, z = (fixed(value, 3) for value in self._target["pose"][:3])
             said += f": the target is at ({x}, {y}, {z}) m in the base frame"
         return f"{said}. {ADVICE}"
 

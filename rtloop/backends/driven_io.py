@@ -34,6 +34,8 @@ class DrivenIo:
                 self._device.set_output(*self._wanted.popleft())
             self._points = io_points(self._device.io())
             self._problem = ""
+        except KeyboardInterrupt:
+            raise
         except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
             problem = plain_text(exc)
             if problem != self._problem:  # it is asked several times a second

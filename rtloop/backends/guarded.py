@@ -56,7 +56,9 @@ class Guarded:
                 if type(exc) in (BackendError, ForeignError) and exc.args == (said,):
                     raise
                 raise (ForeignError if isinstance(exc, ForeignError) else BackendError)(said) from exc
-            except BaseException as exc:  # signals set a flag here and raise nothing
+            except KeyboardInterrupt:
+                raise
+            except BaseException as exc:
                 raise self._foreign(name, exc) from exc
 
         return call

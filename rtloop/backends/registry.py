@@ -46,6 +46,8 @@ def backend_class(name: str) -> Callable[..., Backend]:
         kind: Any = importlib.import_module(module)
         for part in attribute.split("."):
             kind = getattr(kind, part)
+    except KeyboardInterrupt:
+        raise
     except BaseException as exc:  # a foreign module may raise anything
         raise _unloadable(name, exc) from exc
     if not callable(kind):
@@ -72,7 +74,7 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
         made = as_backend(kind(settings, limits), limits.dof, settings.rt.period_s)
         capabilities_of(made)
         return made
-    except (BackendError, ConfigError):
+    except (BackendError, ConfigError, KeyboardInterrupt):
         raise
     except BaseException as exc:  # a foreign class may raise anything
         raise _unloadable(name, exc) from exc

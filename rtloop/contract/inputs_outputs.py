@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from cobot.ipc.io_record import report_of
 from cobot.ipc.layout import IO_NAME_BYTES, IO_POINTS, Command
-from cobot.robot.io_points import IoKind, IoPoint, require_number
+from cobot.robot.io_points import IoKind, IoPoint, io_points, require_number
 from cobot.types import LoopMode
 from rtloop.backends import BackendError, HasIo, capabilities_of
 from rtloop.contract.cell import Cell, NotTested
@@ -25,7 +25,7 @@ def io(cell: Cell) -> str:
         backend = driver.backend
         if not isinstance(backend, HasIo):
             raise ContractError("capabilities.io is claimed without the methods io and set_output")
-        points = list(backend.io())
+        points = list(io_points(backend.io()))
         _require_sound(points)
         outputs = [each for each in points if each.is_output]
         for point in outputs:

@@ -11,6 +11,7 @@ import numpy as np
 
 from cobot.config import Settings
 from cobot.errors import CobotError
+from cobot.foreign import plain_error, plain_text
 from cobot.robot.description import load_robot
 from rtloop.backends import BackendError, backend_class, capabilities_of
 from rtloop.contract import checks, declared, faults, inputs_outputs, punctuality
@@ -75,9 +76,11 @@ def examined(cell: Cell, check: str) -> Result:
     except NotTested as exc:
         return Result(check, Verdict.NOT_TESTED, str(exc))
     except (ContractError, BackendError, CobotError) as exc:
-        return Result(check, Verdict.FAILED, str(exc))
-    except Exception as exc:  # noqa: BLE001 - somebody else's class may raise anything
-        return Result(check, Verdict.FAILED, f"{type(exc).__name__}: {exc}")
+        return Result(check, Verdict.FAILED, plain_text(exc))
+    except KeyboardInterrupt:
+        raise
+    except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
+        return Result(check, Verdict.FAILED, plain_error(exc))
 
 
 def run(cell: Cell) -> Iterator[Result]:

@@ -103,6 +103,10 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
         ("ClaimsTorques", "values", r"effort is claimed in capabilities.measured.* it is \[nan nan"),
         ("OneForAll", "calls", r"measured.position is given the shape \(1,\), it has to be \(7,\)"),
         ("Raises", "calls", "KeyError: 'joint8'"),
+        ("RaisesTheUnspeakable", "calls", r"Mute: \(a Mute without text: its str\(\) raises SystemExit\)"),
+        ("EndsTheProcess", "calls", "SystemExit: 1"),
+        ("ReportsForEver", "io", "more than 1000 inputs and outputs, at most 1000 are allowed"),
+        ("NamesAnEscape", "io", r"is '\\x1b\[2J', it must be a text of 1 to 1000 printable characters"),
         ("ClaimsAForce", "claims", "capabilities.wrench is claimed without a method write_wrench"),
         ("SendsTheLast", "staleness", "is 1 cycles older than what was written"),
         (

@@ -282,9 +282,7 @@ def test_a_first_target_that_is_too_far_away_is_answered_once(
         run.sleep(1 / 30)
     error = client.answer()
     assert (error["type"], error["code"], error["about"]) == ("error", "input", "target")
-    assert (
-        "joint1 is at 0, the target has 0.8, 0.8 apart. A stream begins where the arm is" in error["detail"]
-    )
+    assert "joint1 is at 0.000, the target has 0.800: 0.800 apart. A stream begins where" in error["detail"]
     sway(run, client, 0.5)
     client.send("end")
     assert client.answer()["type"] == "session_ended", "no second error before it"
@@ -294,7 +292,7 @@ def test_a_first_pose_that_is_too_far_away_is_answered_once(client: Frames, run:
     client.session(stream="cartesian", inner_control_hz=30)
     client.send("target", sequence=1, pose=[9.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0])
     run.sleep(0.2)
-    assert "the target is at (9, 0, 1) m in the base frame" in client.answer()["detail"]
+    assert "the target is at (9.000, 0.000, 1.000) m in the base frame" in client.answer()["detail"]
 
 
 def test_frames_out_of_order_are_refused_and_counted(client: Frames, run: VirtualService) -> None:

@@ -244,6 +244,24 @@ def test_more_points_than_the_buffer_holds_are_refused_and_counted(run: Run) -> 
     run(test)
 
 
+@pytest.mark.parametrize("mode", [2, 3])
+def test_a_first_point_that_is_too_far_away_is_the_last_refusal(run: Run, mode: int) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(mode)
+        await bench.active()
+        for _ in range(20):
+            bench.point(bench.rig.home + 0.8, time=0.01)
+            await bench.cycles(10)
+        values = bench.servo.feedback()
+        assert (values["points_taken"], values["jumps"] > 0) == (0, True)
+        assert values["last_refusal"].startswith("the first point of the session is too far from the arm")
+        bench.point(bench.rig.home, time=0.01)
+        await bench.cycles(100)
+        assert bench.servo.feedback()["last_refusal"] == "", "once one is taken it is over"
+
+    run(test)
+
+
 def pose_numbers(robot: RobotDescription, joints: Array, offset: Array) -> list[float]:
     pose = robot.model.forward(joints)
     rz, ry, rx = abc_from_quaternion(pose.quaternion)
