@@ -8,9 +8,13 @@ a checkout and an installation. The package whose compiled modules call MuJoCo i
 from __future__ import annotations
 
 import ctypes
+import logging
 from pathlib import Path
 
 import mujoco
+
+
+log = logging.getLogger("cobot.mujoco")
 
 
 def _library() -> Path:
@@ -25,3 +29,6 @@ def _library() -> Path:
 # It is loaded already, for its own bindings alone. Opened again it stays the same one, and its symbols
 # become visible to all.
 LIBRARY = ctypes.CDLL(str(_library()), mode=ctypes.RTLD_GLOBAL)
+
+# Without a handler MuJoCo appends its warnings to a file in the folder where the user happens to be.
+mujoco.set_mju_user_warning(lambda text: log.warning("MuJoCo: %s", text))
