@@ -13,7 +13,6 @@ from pathlib import Path
 
 import mujoco
 
-
 log = logging.getLogger("cobot.mujoco")
 
 
