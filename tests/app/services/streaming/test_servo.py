@@ -250,7 +250,7 @@ def test_a_first_point_that_is_too_far_away_is_the_last_refusal(run: Run, mode: 
         bench.set_mode(mode)
         await bench.active()
         for _ in range(20):
-            bench.point(bench.rig.home + 0.8, time=0.01)
+            bench.point(bench.rig.home + 0.8 * np.eye(7)[0], time=0.01)
             await bench.cycles(10)
         values = bench.servo.feedback()
         assert (values["points_taken"], values["jumps"] > 0) == (0, True)
