@@ -53,6 +53,7 @@ TESTS = (
     "tests/rtloop/backends/test_laws.py",
     "tests/rtloop/generators/test_laws.py",
     "tests/rtloop/generators/test_otg.py",
+    "tests/rtloop/generators/test_target_range.py",
     "tests/rtloop/generators/test_tracking_law.py",
     "tests/rtloop/inboxes",
     "tests/rtloop/planned/test_path_law.py",

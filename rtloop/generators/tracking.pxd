@@ -17,7 +17,14 @@ cdef class Tracker:
         const double* max_velocity, const double* lowest, const double* highest,
     ) noexcept nogil
     cdef bint c_along(
-        self, const double* state, const double* request, const Rates* rates, double share, double catch_up
+        self, const double* state, const double* request, const Rates* rates, double share, double catch_up,
+        const double* low, const double* high,
+    ) noexcept nogil
+    cdef bint c_overruns(
+        self, int joint, const double* state, const Rates* rates, double low, double high
+    ) noexcept nogil
+    cdef void _stop_at_bound(
+        self, int joint, const double* state, const Rates* rates, double share, double bound
     ) noexcept nogil
     cdef void _pose(self, int joint, const double* state, const Rates* rates) noexcept nogil
     cdef bint _reach(self) noexcept nogil

@@ -38,11 +38,21 @@ class Tracker:
             bounds: the lowest and the highest positions. Who can stop between them, towards a target
                 between them, will not leave them.
         """
-    def along(self, state: Array, request: Array, limits: JointLimits, share: float, catch_up: float) -> bool:
+    def along(
+        self,
+        state: Array,
+        request: Array,
+        limits: JointLimits,
+        share: float,
+        catch_up: float,
+        bounds: tuple[Array, Array] | None = None,
+    ) -> bool:
         """Towards a request that moves: in a frame that moves with it, the difference goes to zero.
 
         Args:
             catch_up: how much faster than the request it may be, rad/s.
+            bounds: the lowest and the highest positions, each shape (dof,). A joint that could stop only
+                beyond them goes to rest at the one it moves to.
 
         Returns:
             Whether there is a way; it need not keep the limits, as the request need not.

@@ -19,6 +19,7 @@ cdef double TARGET_VELOCITY = 0.99
 # What is pursued may use this share of the limits: the rest is for the pursuit.
 cdef double ALONG = 0.9
 cdef double ROUNDING = 1e-9  # rad/s and rad/s²: this is rest.
+cdef double BOUND_RAD = 1e-7  # A stop this far beyond a bound is one at the bound.
 # A pursuit along with a request takes the first of these shares of the jerk limit that is quick enough.
 # The rest of the limit is for the request's own jerk.
 cdef Ladder GENTLENESS
@@ -52,12 +53,14 @@ cdef class Tracker:
         cdef int n = self.dof
         self.c_approach(row, row + 3 * n, row + 4 * n, &rates, row + 5 * n, row + 6 * n, row + 7 * n)
 
-    def along(self, state, request, limits, share, catch_up):
+    def along(self, state, request, limits, share, catch_up, bounds=None):
         cdef Rates rates
+        cdef int n = self.dof
         take_rates(limits, &rates)
-        own = self._copy([*state, *request])
+        own = self._copy([*state, *request, *(bounds or ())])
         cdef double* row = doubles(own, own.size)
-        return self.c_along(row, row + 3 * self.dof, &rates, share, catch_up)
+        cdef double* low = NULL if bounds is None else row + 6 * n
+        return self.c_along(row, row + 3 * n, &rates, share, catch_up, low, NULL if low == NULL else low + n)
 
     def _copy(self, rows):
         """Rows of all joints in an array of their own, which compiled code can read."""
@@ -118,12 +121,16 @@ cdef class Tracker:
             self._step(joint)
 
     cdef bint c_along(
-        self, const double* state, const double* request, const Rates* rates, double share, double catch_up
+        self, const double* state, const double* request, const Rates* rates, double share, double catch_up,
+        const double* low, const double* high,
     ) noexcept nogil:
-        """Towards a request that moves: in a frame that moves with it, the difference goes to zero."""
+        """Towards a request that moves: in a frame that moves with it, the difference goes to zero.
+
+        low, high: the positions between which each joint must be able to stop afterwards, or NULL.
+        """
         cdef int joint, dof = self.dof
         cdef double* ahead = self.c_ahead
-        cdef double max_velocity, max_acceleration
+        cdef double max_velocity, max_acceleration, bound
         cdef Motion here, frame
         cdef Motion frames[MAX_DOF]
         cdef Problem* problem
@@ -149,7 +156,44 @@ cdef class Tracker:
             ahead[joint] += frames[joint].position
             ahead[dof + joint] += frames[joint].velocity
             ahead[2 * dof + joint] += frames[joint].acceleration
+            if low != NULL and self.c_overruns(joint, ahead, rates, low[joint], high[joint]):
+                bound = high[joint] if state[dof + joint] > 0.0 else low[joint]
+                self._stop_at_bound(joint, state, rates, share, bound)
         return True
+
+    cdef bint c_overruns(
+        self, int joint, const double* state, const Rates* rates, double low, double high
+    ) noexcept nogil:
+        """Whether a joint of this state, (3, dof), on its way up can stop only above `high`, or on its way
+        down only below `low`."""
+        cdef double velocity = state[self.dof + joint], acceleration = state[2 * self.dof + joint]
+        cdef double extrema[2]
+        cdef Profile stop
+        if velocity == 0.0 and acceleration == 0.0:
+            return False
+        self._pose(joint, state, rates)
+        if otg_velocity(&self.problem[joint], &stop) != OTG_OK:
+            return False
+        profile_extrema(&stop, extrema)
+        return (extrema[1] > high + BOUND_RAD and extrema[1] > state[joint]) or (
+            extrema[0] < low - BOUND_RAD and extrema[0] < state[joint]
+        )
+
+    cdef void _stop_at_bound(
+        self, int joint, const double* state, const Rates* rates, double share, double bound
+    ) noexcept nogil:
+        """A joint's way to rest at a position, with all of the limits; if there is none, it brakes."""
+        cdef Problem* problem = &self.problem[joint]
+        self._pose(joint, state, rates)
+        problem.target_position = bound
+        problem.max_velocity = share * rates.velocity[joint]
+        problem.min_velocity = -problem.max_velocity
+        if otg_position(problem, &self.profile[joint]) == OTG_OK:
+            self._step(joint)
+            return
+        self._pose(joint, state, rates)
+        if otg_velocity(problem, &self.profile[joint]) == OTG_OK:
+            self._step(joint)
 
     cdef void _pose(self, int joint, const double* state, const Rates* rates) noexcept nogil:
         """The problem of a joint from its state to rest: a position and its velocities are the caller's."""

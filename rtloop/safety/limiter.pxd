@@ -1,6 +1,7 @@
 from cobot.arrays cimport MAX_DOF
 from rtloop.generators.moving_frame cimport Motion
 from rtloop.generators.rates cimport Rates
+from rtloop.generators.target_range cimport TargetRange
 from rtloop.generators.tracking cimport Tracker
 
 
@@ -32,6 +33,9 @@ cdef class Safety:
     cdef double pursued[3 * MAX_DOF]  # where the pursuit is, (3, dof)
     cdef unsigned int caught  # kinds in this pursuit, a bit each
     cdef Tracker tracker
+    cdef TargetRange targets  # None where the stream has no joint targets
+    cdef bint ranged
+    cdef int settled  # cycles in which what a pursuit for the targets' sake leaves behind is not counted
 
     cdef bint c_apply(self, const double* request, bint streamed) noexcept nogil
     cdef bint c_brake(self) noexcept nogil
@@ -39,6 +43,7 @@ cdef class Safety:
     cdef void c_count(self, int kind) noexcept nogil
     cdef int _excess(self) noexcept nogil
     cdef int _foresee(self) noexcept nogil
+    cdef bint _overruns(self) noexcept nogil
     cdef bint _is_calm(self) noexcept nogil
     cdef bint _meets(self) noexcept nogil
     cdef bint _catch(self, const double* request, int excess, int ahead, bint streamed) noexcept nogil

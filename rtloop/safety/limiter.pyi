@@ -3,6 +3,7 @@
 import numpy as np
 
 from cobot.types import Array, JointLimits
+from rtloop.generators.target_range import TargetRange
 
 POSITION_TOLERANCE_RAD: float
 
@@ -51,6 +52,8 @@ class Safety:
         """
     def slow_down(self, share: float) -> None:
         """Permit only a share of the velocities; who is faster is slowed down within the other limits."""
+    def stay_within(self, targets: TargetRange | None) -> None:
+        """Let no streamed joint go where it could stop only beyond these bounds. None: no such bounds."""
     def reset(self, position: Array) -> None:
         """Start over at rest at a position, without a jump: the arm has to be there.
 

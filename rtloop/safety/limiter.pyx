@@ -20,6 +20,7 @@ import numpy as np
 from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
 from rtloop.generators.moving_frame cimport Motion
 from rtloop.generators.rates cimport take_rates
+from rtloop.generators.target_range cimport TargetRange
 from rtloop.generators.tracking cimport Tracker
 
 from cobot.ipc.layout import Intervention
@@ -45,11 +46,15 @@ cdef double CALM = 0.6
 
 cdef enum:
     NOTHING = -1  # No kind of intervention.
+    OVERRUN = -2  # The arm could stop only beyond the stream's targets, which is no intervention.
 
 cdef int NOT_FINITE = Intervention.NOT_FINITE, POSITION = Intervention.POSITION
 cdef int VELOCITY = Intervention.VELOCITY, ACCELERATION = Intervention.ACCELERATION, JERK = Intervention.JERK
+# Kinds that a stream which is caught for its targets' sake alone may show and that are not counted then.
+cdef unsigned int RATES = <unsigned int>1 << VELOCITY | <unsigned int>1 << ACCELERATION | <unsigned int>1 << JERK
 
 cdef enum:
+    DIFFERENCES = 3  # Cycles in which the differences of positions show that a pursuit has ended.
     ROWS = 6
 # What is checked, in this order: the position, its first to third difference, and the rates that the command
 # states.
@@ -93,6 +98,11 @@ cdef class Safety:
 
     def slow_down(self, double share):
         self.c_slow_down(share)
+
+    def stay_within(self, TargetRange targets):
+        self.targets = targets
+        self.settled = 0
+        self.ranged = targets is not None
 
     def reset(self, position):
         limits = self._limits
@@ -147,8 +157,11 @@ cdef class Safety:
         memcpy(self.c_command, request, 3 * self.dof * sizeof(double))
         excess = self._excess()
         ahead = self._foresee() if streamed and excess == ROWS else NOTHING
+        if ahead == NOTHING and excess == ROWS and streamed and self.ranged and self._overruns():
+            ahead = OVERRUN
         if excess == ROWS and ahead == NOTHING and (not self.pursuing or self._meets()):
             self.pursuing = False
+            self.settled -= self.settled > 0
             self._remember()
             return True
         return self._catch(request, excess, ahead, streamed)
@@ -221,6 +234,16 @@ cdef class Safety:
                 found = POSITION
         return found
 
+    cdef bint _overruns(self) noexcept nogil:
+        """Whether the command, as it states its motion, leads a joint beyond the range of the targets."""
+        cdef int joint
+        for joint in range(self.dof):
+            if self.tracker.c_overruns(
+                joint, self.c_command, &self.used, self.targets.c_low[joint], self.targets.c_high[joint]
+            ):
+                return True
+        return False
+
     cdef bint _is_calm(self) noexcept nogil:
         """Whether the command is where there is nothing to foresee, whatever comes next."""
         cdef int joint
@@ -257,7 +280,9 @@ cdef class Safety:
         cdef int i
         cdef bint finite = True
         if not self.pursuing:
-            self.caught = 0
+            self.caught = RATES if ahead == OVERRUN or self.settled else 0
+        if self.caught == RATES:
+            self.settled = DIFFERENCES
         for i in range(3 * self.dof):
             finite = finite and isfinite(request[i])
         if not finite:
@@ -266,7 +291,7 @@ cdef class Safety:
             return False
         if excess < ROWS:
             self._catch_kind(KINDS[excess])
-        elif ahead != NOTHING:
+        elif ahead >= 0:
             self._catch_kind(ahead)
         if not streamed or ahead == POSITION or not self._pursue_along(request):
             self._approach(request, streamed)
@@ -286,20 +311,24 @@ cdef class Safety:
         cdef double target[MAX_DOF]
         cdef double velocity[MAX_DOF]
         cdef double max_velocity[MAX_DOF]
+        cdef double low[MAX_DOF]
+        cdef double high[MAX_DOF]
         cdef double wanted, reach
         for joint in range(self.dof):
+            low[joint], high[joint] = self.lowest[joint], self.highest[joint]
+            if streamed and self.ranged:
+                low[joint] = fmin(fmax(low[joint], self.targets.c_low[joint]), high[joint])
+                high[joint] = fmax(fmin(high[joint], self.targets.c_high[joint]), low[joint])
             wanted = request[self.dof + joint]
-            target[joint] = fmin(fmax(request[joint], self.lowest[joint]), self.highest[joint])
+            target[joint] = fmin(fmax(request[joint], low[joint]), high[joint])
             velocity[joint] = 0.0
             if streamed and target[joint] == request[joint]:
                 reach = target[joint] + copysign(self._way(joint, fabs(wanted), 0.0), wanted)
-                if self.lowest[joint] <= reach <= self.highest[joint]:
+                if low[joint] <= reach <= high[joint]:
                     velocity[joint] = wanted
             max_velocity[joint] = fmin(self.share * self.used.velocity[joint], fabs(wanted) + self.catch_up)
         self._state(state)
-        self.tracker.c_approach(
-            state, target, velocity, &self.used, max_velocity, self.lowest, self.highest
-        )
+        self.tracker.c_approach(state, target, velocity, &self.used, max_velocity, low, high)
         self._let_through_pursuit()
 
     cdef bint _pursue_along(self, const double* request) noexcept nogil:
@@ -310,7 +339,10 @@ cdef class Safety:
             if not self.lowest[joint] <= request[joint] <= self.highest[joint]:
                 return False
         self._state(state)
-        if not self.tracker.c_along(state, request, &self.used, self.share, self.catch_up):
+        if not self.tracker.c_along(
+            state, request, &self.used, self.share, self.catch_up,
+            self.targets.c_low if self.ranged else NULL, self.targets.c_high if self.ranged else NULL,
+        ):
             return False
         memcpy(self.c_command, self.tracker.c_ahead, 3 * self.dof * sizeof(double))
         if self._excess() != ROWS or self._foresee() != NOTHING:

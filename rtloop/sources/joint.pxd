@@ -7,7 +7,7 @@ from rtloop.sources.source cimport Chunk, Source
 cdef class JointSource(Source):
     cdef Interpolator interpolator
     cdef ChunkInterpolator chunks
-    cdef bint chunked, spoilt_chunk
+    cdef bint chunked, spoilt_chunk, looks_ahead
     cdef double time_s, period_s, command_s
     cdef double last[MAX_DOF]
     cdef double fastest[MAX_DOF]

@@ -18,9 +18,10 @@ from rtloop.sources.source cimport (
 )
 from rtloop.sources.target_checks cimport SLACK_S, c_is_finite, c_joint_jump
 
-from cobot.ipc.layout import CHUNK_POINTS
+from cobot.ipc.layout import CHUNK_POINTS, Interpolation
 from rtloop.generators.chunks import ChunkInterpolator
 from rtloop.generators.factory import make_interpolator
+from rtloop.generators.target_range import TargetRange
 
 cdef enum:
     MAX_CHUNK = 64
@@ -45,7 +46,9 @@ cdef class JointSource(Source):
         rates = limits.max_velocity, limits.max_acceleration, limits.max_jerk
         self.interpolator = make_interpolator(kind, limits.dof, period_s, *rates)
         self.chunks = ChunkInterpolator(limits.dof, period_s, *rates)
+        self.targets = TargetRange(limits.dof, period_s, command_s)
         self.chunked = False
+        self.looks_ahead = kind is not Interpolation.NONE  # else each target is one to rest at
         self.time_s = 0.0  # Of the chunks' reference.
         self.names = tuple(limits.names)
         self.period_s = period_s
@@ -76,6 +79,8 @@ cdef class JointSource(Source):
     cdef void c_begin(self, const double* command) noexcept nogil:
         self.chunked = False
         self.interpolator.c_begin(command)
+        if self.looks_ahead:
+            self.targets.c_begin(command)
         memcpy(self.last, command, self.dof * sizeof(double))
         self.c_copy_reference()
 
@@ -95,6 +100,8 @@ cdef class JointSource(Source):
         for joint in range(self.dof):
             self.heading[joint] = target[joint] - self.ref[joint]
             self.last[joint] = target[joint]
+        if self.looks_ahead:
+            self.targets.c_update(target)
         self.interpolator.c_aim(target, velocity, self.command_s)
         self.c_copy_reference()
         return FINE
@@ -119,6 +126,7 @@ cdef class JointSource(Source):
         if self.chunks.c_take(chunk.times_s, points, count, self.time_s) != 0:
             return LATE
         self.chunked = True
+        self.targets.c_open()  # A chunk's spline is known ahead.
         self.c_copy_reference()
         for joint in range(dof):
             self.last[joint] = points[(count - 1) * dof + joint]
@@ -147,6 +155,8 @@ cdef class JointSource(Source):
             self.time_s += self.period_s
             self.chunks.c_advance(self.time_s)
         else:
+            if self.looks_ahead:
+                self.targets.c_advance()
             self.interpolator.c_advance()
         self.c_copy_reference()
 

@@ -1,6 +1,7 @@
 """What a streaming session makes of its client's targets: a joint reference for every cycle."""
 
 from cobot.ipc.seqlock cimport Block
+from rtloop.generators.target_range cimport TargetRange
 
 
 cdef struct Setpoint:
@@ -48,6 +49,7 @@ cdef class Source:
     cdef readonly int dof
     cdef readonly object reference
     cdef double* ref
+    cdef readonly TargetRange targets  # None where the source has no joint targets
 
     cdef void c_begin(self, const double* command) noexcept nogil
     cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil

@@ -157,6 +157,7 @@ cdef class Session:
         self.session = 0
         self._client.end()
         self._safety.use(self._limits)
+        self._safety.stay_within(None)
         if self.overlay is not None:
             self.overlay.end()
             self.overlay = None
@@ -196,6 +197,7 @@ cdef class Session:
         self._contact_monitor.begin(request["max_contact_torque"], request["max_contact_wrench"])
         self._collision_monitor.begin(touching=bool(request["force_axes"].any()))
         self._safety.use(limits, catch_up=np.inf if joints else CATCH_UP_RAD_S)
+        self._safety.stay_within(source.targets)
         source.c_begin(self._safety.c_command)
         shared = self._safety, self._collision_monitor, self.box
         self.has_points = points is not None

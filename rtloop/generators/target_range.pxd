@@ -1,0 +1,20 @@
+from cobot.arrays cimport MAX_DOF
+
+
+cdef class TargetRange:
+    cdef readonly int n
+    cdef double period_s, still_after_s, since_s
+    cdef double newest[MAX_DOF]
+    cdef double still_s[MAX_DOF]
+    cdef double rise[MAX_DOF]  # Way of the recent targets since their last low; older steps count less.
+    cdef double fall[MAX_DOF]
+    cdef double longest_rise[MAX_DOF]  # The longest single step of it, which fades alike.
+    cdef double longest_fall[MAX_DOF]
+    cdef double c_low[MAX_DOF]
+    cdef double c_high[MAX_DOF]
+
+    cdef void c_begin(self, const double* position) noexcept nogil
+    cdef void c_open(self) noexcept nogil
+    cdef void c_update(self, const double* target) noexcept nogil
+    cdef void c_advance(self) noexcept nogil
+    cdef void _forget(self, int i) noexcept nogil
