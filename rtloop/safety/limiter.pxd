@@ -35,6 +35,7 @@ cdef class Safety:
     cdef Tracker tracker
     cdef TargetRange targets  # None where the stream has no joint targets
     cdef bint ranged
+    cdef bint quiet  # whether this pursuit is for the targets' sake, so that no rates are counted
     cdef int settled  # cycles in which what a pursuit for the targets' sake leaves behind is not counted
 
     cdef bint c_apply(self, const double* request, bint streamed) noexcept nogil

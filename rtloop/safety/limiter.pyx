@@ -102,6 +102,7 @@ cdef class Safety:
     def stay_within(self, TargetRange targets):
         self.targets = targets
         self.settled = 0
+        self.quiet = False
         self.ranged = targets is not None
 
     def reset(self, position):
@@ -280,8 +281,9 @@ cdef class Safety:
         cdef int i
         cdef bint finite = True
         if not self.pursuing:
-            self.caught = RATES if ahead == OVERRUN or self.settled else 0
-        if self.caught == RATES:
+            self.quiet = ahead == OVERRUN or self.settled > 0
+            self.caught = RATES if self.quiet else 0
+        if self.quiet:
             self.settled = DIFFERENCES
         for i in range(3 * self.dof):
             finite = finite and isfinite(request[i])

@@ -7,7 +7,7 @@ from rtloop.sources.source cimport Chunk, Source
 cdef class JointSource(Source):
     cdef Interpolator interpolator
     cdef ChunkInterpolator chunks
-    cdef bint chunked, spoilt_chunk, looks_ahead
+    cdef bint chunked, spoilt_chunk, looks_ahead, states_motion
     cdef double time_s, period_s, command_s
     cdef double last[MAX_DOF]
     cdef double fastest[MAX_DOF]
@@ -17,5 +17,6 @@ cdef class JointSource(Source):
     cdef int c_take_chunk(self, const Chunk* chunk, double robot_time_s) noexcept nogil
     cdef bint c_chunk_jumps(self, const double* times_s, const double* points, int count) noexcept nogil
     cdef void c_copy_reference(self) noexcept nogil
+    cdef void c_bound(self, const double* target, const double* velocity) noexcept nogil
     cdef long long c_late(self) noexcept nogil
     cdef long long c_starved(self) noexcept nogil

@@ -79,6 +79,7 @@ cdef class JointSource(Source):
     cdef void c_begin(self, const double* command) noexcept nogil:
         self.chunked = False
         self.interpolator.c_begin(command)
+        self.states_motion = False
         if self.looks_ahead:
             self.targets.c_begin(command)
         memcpy(self.last, command, self.dof * sizeof(double))
@@ -97,14 +98,29 @@ cdef class JointSource(Source):
             return JUMP
         if self.chunked:
             self.c_begin(self.ref)
+        self.c_bound(target, velocity)
         for joint in range(self.dof):
             self.heading[joint] = target[joint] - self.ref[joint]
             self.last[joint] = target[joint]
-        if self.looks_ahead:
-            self.targets.c_update(target)
         self.interpolator.c_aim(target, velocity, self.command_s)
         self.c_copy_reference()
         return FINE
+
+    cdef void c_bound(self, const double* target, const double* velocity) noexcept nogil:
+        """A sender that states how its target moves answers for what is beyond it."""
+        cdef bint moves = False
+        cdef int joint
+        if not self.looks_ahead:
+            return
+        for joint in range(self.dof):
+            moves = moves or (velocity != NULL and velocity[joint] != 0.0)
+        if moves:
+            self.targets.c_open()
+        else:
+            if self.states_motion:
+                self.targets.c_begin(self.last)
+            self.targets.c_update(target)
+        self.states_motion = moves
 
     cdef int c_take_chunk(self, const Chunk* chunk, double robot_time_s) noexcept nogil:
         """Timed targets from now on; or what is wrong with them."""
