@@ -224,5 +224,5 @@ def test_a_line_ends_where_a_slide_ends_and_says_so_in_metres(tmp_path: Path) ->
     robot = load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml"))
     here = robot.model.forward(np.zeros(6))
     goal = Pose(here.position + np.array([0.7, 0.0, 0.0]), here.quaternion)
-    with pytest.raises(UnreachableError, match=r"with x sliding most, to 0\.500 m"):
+    with pytest.raises(UnreachableError, match=r"x reaches its limit of 0\.5000 m"):
         plan(robot, MotionRequest(np.zeros(6), goal, PlannerName.LIN, FULL))
