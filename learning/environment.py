@@ -151,9 +151,9 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         given = vector(action, len(self._target), name="an action")
         aim = self._target + self._step_rad * given.clip(-1.0, 1.0) if self._relative else given
         self._target = aim.clip(self._low, self._high)
-        reason = ""
+        reason = refused = ""
         try:
-            self._arm.control.set_target_joints(self._target.tolist())
+            refused = self._send_target()
             self._due_s += self._period_s
             now_s = self._arm.clock.now_s()
             if self._due_s > now_s:
@@ -165,7 +165,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         observation = self._observe()
         reward, reached = self._task.judge(observation)
         self._ended = bool(reason)
-        return observation, reward, reached, bool(reason), self._info(reason)
+        return observation, reward, reached, bool(reason), self._info(reason, refused)
 
     def render(self) -> np.ndarray | None:
         """What a camera sees now, uint8, shape (height, width, 3); None without a render mode."""
@@ -227,11 +227,20 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
                 seen[f"camera_{name}"] = picture
         return seen
 
-    def _info(self, reason: str) -> dict[str, Any]:
+    def _send_target(self) -> str:
+        """Aims the arm; returns why it does not follow the first target of an episode, "" if it does."""
+        try:
+            self._arm.control.set_target_joints(self._target.tolist())
+        except InputError as exc:
+            return str(exc)
+        return ""
+
+    def _info(self, reason: str, refused: str = "") -> dict[str, Any]:
         before, self._counted = self._counted, self._arm.robot.interventions()
         new = {kind: count - before[kind] for kind, count in self._counted.items() if count > before[kind]}
         info: dict[str, Any] = {"time_s": self._arm.robot.clock_s(), "interventions": new}
-        return {**info, "reason": reason} if reason else info
+        sentences = {"reason": reason, "refused": refused}
+        return {**info, **{name: sentence for name, sentence in sentences.items() if sentence}}
 
     def _space(self) -> spaces.Dict:
         limits = self.robot.limits

@@ -398,7 +398,7 @@ def test_a_rotation_of_the_tool_can_be_free(service: VirtualService) -> None:
         down = Rotation.from_quat(end["quaternion"]).as_matrix()[:, 2]
         np.testing.assert_allclose(down, [0.0, 0.0, -1.0], atol=1e-6)
     for axes, said in (
-        (["c"], "free_axes[0]: input should be 'rx', 'ry' or 'rz', got 'c'"),
+        (["c"], "free_axes[0]: must be 'rx', 'ry' or 'rz', got 'c'"),
         (["rx", "rz"], "free_axes: has rx and rz, by which every orientation is reached"),
     ):
         refused = post(service, "/robot/plan/pose", body | {"free_axes": axes})
