@@ -269,7 +269,7 @@ def test_where_tokens_are_required_ros_observes_only(locked: Locked) -> None:
     assert call("RobotConfig/getDof")["result"] == 7
     for method, role in (("MotionControl/stopJoint", "operator"), ("RobotConfig/resetLimits", "programmer")):
         refused = call(method)
-        assert refused["code"] == Code.ERROR
+        assert refused["code"] == Code.FORBIDDEN
         assert (
             f"ros2 has the role observer, which this does not permit: it needs {role}" in refused["message"]
         )
@@ -329,7 +329,7 @@ def test_beyond_this_computer_a_token_is_needed_unless_the_settings_say_otherwis
         assert status(f"POST /stop HTTP/1.1\n{host}\n") == "200"
         assert status(f"POST /stop HTTP/1.1\n{host}Origin: http://evil.com\n\n") == "403"
         assert status("POST /stop HTTP/1.1\nHost: evil.com\n\n") == "421"
-        assert status("POST /stop HTTP/1.0\n\n") == "421"
+        assert status("POST /stop HTTP/1.0\n\n") == "400"
         assert status(f"POST /stop HTTP/1.1\n{host}Host: evil.com\n\n") in ("421", "400")
         assert status(f"GET /robot/pose HTTP/1.1\n{host}Authorization: Bearer {token}\n\n") == "200"
         assert status(f"GET /robot/pose HTTP/1.1\n{host}X-Forwarded-For: 127.0.0.1\n\n") == "401"
