@@ -21,6 +21,7 @@ from cobot.planners import MotionRequest
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription
 from cobot.robot.device import DeviceStatus
+from cobot.strict import shown
 from cobot.types import LoopMode, PlannerName, Scaling
 
 
@@ -154,7 +155,8 @@ def test_a_speed_override_that_is_none_is_a_fault_with_its_value(rig: PacedRig, 
     rig.arm.report = replace(rig.arm.report, speed_scaling=scaling)
     rig.step(300)
     assert rig.mode is LoopMode.FAULT
-    assert rig.reason == f"the backend's status().speed_scaling is {scaling!r}, it is from 0 to 1"
+    said = f"the backend's status().speed_scaling is {shown(scaling)}, it must be a number from 0"
+    assert rig.reason == said
     assert rig.told().speed_scaling == 1.0, "what it said before"
     rig.arm.report = replace(rig.arm.report, speed_scaling=np.float32(0.5))
     rig.run()
