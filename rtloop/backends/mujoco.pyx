@@ -255,7 +255,7 @@ cdef class MujocoBackend(CompiledBackend):
             )
 
     cdef void _pull_stiffly(self) noexcept nogil:
-        """In position control. MuJoCo's velocity is that of the middle of the last period: it is the distance of
+        """In position control. MuJoCo's velocity is of the middle of the last period: it is the distance of
         a period by its duration.
         """
         cdef const double* position = self._c_data.qpos

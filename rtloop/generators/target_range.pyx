@@ -13,10 +13,9 @@ STILL_S = 0.1
 STILL_PERIODS = 2.5
 
 cdef double ALLOWED = SHARE
-# The longer the memory, the faster a steady stream may be until it is followed with a lag: 2 rad/s at 3 rad/s²
-# need 0.73 rad to stop.
+# The longer the memory, the faster a steady stream may be until it is followed with a lag: 2 rad/s at
+# 3 rad/s² need 0.73 rad to stop.
 cdef double FADING = FADING_S
-
 
 
 cdef inline void add_step(double step, double fade, double* way, double* longest) noexcept nogil:

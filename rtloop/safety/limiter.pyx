@@ -51,7 +51,9 @@ cdef enum:
 cdef int NOT_FINITE = Intervention.NOT_FINITE, POSITION = Intervention.POSITION
 cdef int VELOCITY = Intervention.VELOCITY, ACCELERATION = Intervention.ACCELERATION, JERK = Intervention.JERK
 # Kinds that a stream which is caught for its targets' sake alone may show and that are not counted then.
-cdef unsigned int RATES = <unsigned int>1 << VELOCITY | <unsigned int>1 << ACCELERATION | <unsigned int>1 << JERK
+cdef unsigned int RATES = (
+    <unsigned int>1 << VELOCITY | <unsigned int>1 << ACCELERATION | <unsigned int>1 << JERK
+)
 
 cdef enum:
     DIFFERENCES = 3  # Cycles in which the differences of positions show that a pursuit has ended.

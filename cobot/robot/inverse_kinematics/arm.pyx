@@ -503,7 +503,7 @@ cdef class Arm:
     def descend(self, pose, seed, int steps, bint patient=False, within=None, double share=1.0):
         """Joints (dof,) where a descent from a seed ends, whether they lead to the pose, and how far from it
         they do, m and rad. A patient one goes on where it hardly gets nearer. It slides along the limits, or
-        along what it shall stay within: the lowest and highest joints, (2, dof). An arm that is `lacking` must
+        along its bounds: the lowest and highest joints, (2, dof). An arm that is `lacking` must
         come nearer than this share of its tolerance.
         """
         cdef Problem problem
