@@ -27,7 +27,7 @@ class Publisher:
     """Somebody's right to publish on a topic. Made by `Graph.advertise`.
 
     Attributes:
-        binding: its type counts for everybody, as long as it lasts.
+        binding: its type applies to all clients while it lasts.
         latch: who subscribes later gets `last`.
         on_demand: called with the number of subscribers when it has changed.
     """
@@ -78,7 +78,7 @@ class Publisher:
 
 
 class Subscription:
-    """Somebody's subscription to a topic. Made by `Graph.subscribe`.
+    """A client's subscription to a topic. Made by `Graph.subscribe`.
 
     Attributes:
         type: of the messages that it takes; None: of whatever is published.
@@ -123,7 +123,7 @@ class _Topic:
     """Lives as long as somebody publishes or subscribes.
 
     Attributes:
-        declared: the type that the service itself takes here, whoever publishes.
+        declared: the type that the service itself accepts here from every publisher.
         local: the DDS process has this topic itself.
         owner: who alone may publish here; None for everybody.
     """
@@ -214,7 +214,7 @@ class Topics:
         Args:
             type_: None for what is published, whatever its type.
             callback: called with each message, in the event loop; it must be quick.
-            declares: the topic is the service's own, for whoever publishes: it has this type for good.
+            declares: the topic is the service's own and always has this type.
             on_other_type: see `Subscription`.
 
         Raises:
@@ -247,7 +247,7 @@ class Topics:
         self.changed()
 
     def topics(self) -> dict[str, str]:
-        """The type of each topic; where nobody advertises, that of the first subscription."""
+        """The type of each topic; without an advertiser, that of the first subscription."""
         return {topic.name: self._shown_type(topic) for topic in self._topics.values()}
 
     def type_of(self, topic: str) -> str | None:
@@ -256,7 +256,7 @@ class Topics:
         return None if entry is None else self._advertised(entry)
 
     def guessed_type_of(self, topic: str) -> str | None:
-        """The same; where nobody advertises, the type of the first subscription."""
+        """The type of one topic; without an advertiser, that of the first subscription."""
         entry = self._topics.get(absolute(topic))
         return None if entry is None else self._shown_type(entry)
 
@@ -307,7 +307,7 @@ class Topics:
 
     @staticmethod
     def _advertised(topic: _Topic) -> str | None:
-        """The type that counts for everybody; None if there is none yet."""
+        """The type that applies to all clients; None if there is none yet."""
         return topic.declared or next((each.type for each in topic.publishers if each.binding), None)
 
     def _shown_type(self, topic: _Topic) -> str:
