@@ -125,8 +125,9 @@ def built_packages(packages: Packages) -> Path:
     need_ros()
     if shutil.which("g++") is None:
         pytest.skip("needs a compiler: apt-get install g++")
-    content = hashlib.sha256(json.dumps(packages, sort_keys=True).encode()).hexdigest()[:16]
-    folder = scratch_folder() / f"colcon-{content}"
+    # What CMake writes names its programs with their whole paths: another checkout's build is of no use.
+    content = json.dumps([str(ROS), packages], sort_keys=True)
+    folder = scratch_folder() / f"colcon-{hashlib.sha256(content.encode()).hexdigest()[:16]}"
     with (scratch_folder() / "colcon.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "done").exists():

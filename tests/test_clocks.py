@@ -28,6 +28,7 @@ WALL = {
     "cobot/logs/process.py": "time stamps of lines",
     "cobot/logs/supervision.py": "time stamps of lines",
     "recorder/robot.py": "names and time stamps of recordings",
+    "ros2/gateway.py": "time stamps of ROS",
     "ros2/parameters.py": "time stamps of ROS",
     "ros2/rtps/discovery.py": "time stamps of RTPS",
     "ros2/rtps/writer.py": "time stamps of RTPS",

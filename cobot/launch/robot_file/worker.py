@@ -12,8 +12,8 @@ import select
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
-from time import monotonic
 from types import TracebackType
 from typing import IO, Any, Self
 
@@ -91,9 +91,9 @@ class Worker:
 
 def _line(stream: IO[bytes], timeout_s: float) -> bytes:
     """A line that comes in time; an incomplete one if the process has ended."""
-    end, content = monotonic() + timeout_s, b""
+    end, content = time.monotonic() + timeout_s, b""
     while not content.endswith(b"\n"):
-        ready, _, _ = select.select([stream], [], [], max(0.0, end - monotonic()))
+        ready, _, _ = select.select([stream], [], [], max(0.0, end - time.monotonic()))
         if not ready:
             raise TimeoutError
         read = os.read(stream.fileno(), 1 << 16)
