@@ -6,16 +6,41 @@ The library's own model of a tool ignores arguments that it does not know, and r
 from __future__ import annotations
 
 from collections.abc import Callable
-from inspect import Parameter, signature
-from typing import Any, get_type_hints
+from inspect import Parameter, Signature, signature
+from typing import Annotated, Any, get_type_hints
 
-from pydantic import ValidationError, create_model
+from pydantic import BaseModel, ValidationError, create_model
 
 from cobot.errors import InputError
 from cobot.strict import StrictModel, sentences
 
 CONTEXT = "ctx"
 """What tools get from the library."""
+
+
+Tool = Callable[..., Any]
+
+
+def takes_fields_of(body: type[BaseModel], *names: str) -> Callable[[Tool], Tool]:
+    """A tool's `**fields` are these fields of a REST body, with its ranges, descriptions and defaults."""
+
+    def sign(tool: Tool) -> Tool:
+        hints = get_type_hints(tool, include_extras=True)
+        own = [each for each in signature(tool).parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
+        taken = []
+        for name in names:
+            field = body.model_fields[name]
+            hints[name] = Annotated[field.annotation, field]
+            default = Parameter.empty if field.is_required() else field.get_default(call_default_factory=True)
+            taken.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default))
+        parameters = [
+            each.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[each.name]) for each in own + taken
+        ]
+        tool.__annotations__ = {each.name: each.annotation for each in parameters}
+        tool.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+        return tool
+
+    return sign
 
 
 def arguments_of(tool: Callable[..., Any]) -> type[StrictModel]:

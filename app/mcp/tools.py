@@ -11,14 +11,16 @@ from mcp.server.mcpserver import Context, Image
 from mcp.server.mcpserver.exceptions import ToolError
 from mcp_types import ToolAnnotations
 from pydantic import FailFast, Field
+from pydantic_core import to_jsonable_python
 from starlette.requests import Request
 
 from app.api.access import IDENTITY
 from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
-from app.api.plan_schemas import PlanId
+from app.api.plan_schemas import PlanArc, PlanId, PlanPath, PlanPose
 from app.api.routers.plans import rehearsal
 from app.api.schemas import LogLines
+from app.mcp.arguments import takes_fields_of
 from app.mcp.departures import GONE
 from app.mcp.endpoint import STOPPED
 from app.mcp.own_rest import OwnRest
@@ -28,7 +30,7 @@ from app.services.motion.ownership import Caller
 from cobot.access.roles import Role, acting
 from cobot.config import Endpoint
 from cobot.errors import BY_CODE, CobotError
-from cobot.motions.bodies import Angle, Coordinate, FrameId, FreeAxes, Joints, PositionName, Speed
+from cobot.motions.bodies import Angle, Coordinate, Joints, PositionName, Speed
 
 Ctx = Context[Any, Request]
 Robot = Annotated[str, Field(max_length=64, description="Name of the robot; empty for the default one.")]
@@ -109,6 +111,7 @@ async def plan_to_joints(ctx: Ctx, joints: JointAngles, speed: Speed = 0.1, robo
 
 
 # Its parameters are what an agent sees of it, so none of them is put away in an object.
+@takes_fields_of(PlanPose, "speed", "frame_id", "free_axes", "end_joints")
 async def plan_to_pose(
     ctx: Ctx,
     x: Annotated[Coordinate, Field(description="m, in the frame.")],
@@ -118,21 +121,30 @@ async def plan_to_pose(
     b: Annotated[Angle, Field(description="B about the new y, rad; 3.14159 points the tool down.")] = 3.14159,
     c: Annotated[Angle, Field(description="C about the newest x, rad.")] = 0.0,
     planner: PosePlanner = "ptp",
-    speed: Speed = 0.1,
-    frame_id: Annotated[
-        FrameId, Field(description="Empty: the base frame; or tool, world, a named frame.")
-    ] = "",
-    free_axes: Annotated[
-        FreeAxes | None,
-        Field(
-            description="Free rotations about the tool's own axes: one of rx, ry, rz, or all three.",
-        ),
-    ] = None,
     robot: Robot = "",
+    **fields: Any,
 ) -> Any:
     """Plan a motion of the TCP to a pose: m and rad. Nothing moves; answers a plan_id."""
-    body = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "planner": planner, "speed": speed}
-    return await _planned(ctx, robot, "pose", body | {"frame_id": frame_id, "free_axes": free_axes or []})
+    body = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "planner": planner}
+    return await _planned(ctx, robot, "pose", body | fields)
+
+
+@takes_fields_of(PlanPath, "poses", "radius", "speed", "frame_id", "free_axes", "cyclic")
+async def plan_path(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
+    """Plan straight lines of the TCP through poses: m and rad. A path that leads back to its start can be
+    repeated if `cyclic` is true. Nothing moves; answers a plan_id.
+    """
+    return await _planned(ctx, robot, "path", fields)
+
+
+@takes_fields_of(
+    PlanArc, "centre", "axis", "angle", "rise", "turn_tool", "speed", "frame_id", "free_axes", "cyclic"
+)
+async def plan_arc(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
+    """Plan an arc, a circle or a helix of the TCP about an axis: m and rad. Nothing moves; answers a
+    plan_id.
+    """
+    return await _planned(ctx, robot, "arc", fields)
 
 
 async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:
@@ -230,7 +242,8 @@ async def why_did_it_stop(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
 
 
 async def _planned(ctx: Ctx, robot: str, kind: str, body: dict[str, Any]) -> Any:
-    return await _Rest(ctx, robot).post(f"/robot/plan/{kind}", {**body, "samples": 20})
+    fields = to_jsonable_python(body)
+    return await _Rest(ctx, robot).post(f"/robot/plan/{kind}", {**fields, "samples": 20})
 
 
 TOOLS: tuple[tuple[Callable[..., Any], Role, ToolAnnotations], ...] = (
@@ -245,6 +258,8 @@ TOOLS: tuple[tuple[Callable[..., Any], Role, ToolAnnotations], ...] = (
     (plan_to_position, Role.AGENT, PLANS),
     (plan_to_joints, Role.AGENT, PLANS),
     (plan_to_pose, Role.AGENT, PLANS),
+    (plan_path, Role.AGENT, PLANS),
+    (plan_arc, Role.AGENT, PLANS),
     (rehearse, Role.AGENT, PLANS),
     (execute, Role.AGENT, MOVES),
     (stop, Role.OBSERVER, MOVES),

@@ -121,6 +121,16 @@ CALLS: list[tuple[str, dict[str, Any]]] = [
     ("plan_to_pose", POSE | {"planner": "circ"}),
     ("plan_to_pose", POSE | {"frame": "tool"}),
     ("plan_to_pose", {"x": 0.45, "y": 0.0}),
+    ("plan_to_pose", POSE | {"free_axes": ["rz"]}),
+    ("plan_to_pose", POSE | {"free_axes": None}),
+    ("plan_to_pose", POSE | {"free_axes": ["a"]}),
+    ("plan_to_pose", POSE | {"cyclic": True}),
+    ("plan_path", {"poses": [{"x": 0.0, "y": 0.0, "z": -0.01}], "frame_id": "tool"}),
+    ("plan_path", {"poses": [POSE | {"q": 1.0}]}),
+    ("plan_path", {"poses": [POSE], "cyclic": "yes"}),
+    ("plan_path", {"poses": []}),
+    ("plan_arc", {"centre": POSE, "axis": POSE, "angle": 1.0, "rise": 11.0}),
+    ("plan_arc", {"centre": POSE, "axis": POSE}),
     ("plan_to_joints", {"joints": NEAR}),
     ("plan_to_joints", {"joints": []}),
     ("plan_to_joints", {"joints": 0.5}),
@@ -237,6 +247,59 @@ def test_what_an_operator_has_approved_runs_once(cell: Cell) -> None:
     np.testing.assert_allclose(cell.joints(), FAR, atol=2e-3)
     cell.goes_to(HOME)
     assert "is not approved" in cell.agent.refused("execute", plan_id=plan)
+
+
+TRIANGLE = [{"x": x, "y": y, "z": 0.0} for x, y in ((0.05, 0.0), (0.05, 0.08), (0.0, 0.0))]
+"""In the tool's frame; it ends where it begins."""
+
+
+def test_an_agent_repeats_a_closed_path_which_ends_in_its_joints(cell: Cell) -> None:
+    """Oracles: the plan's own joints, and rtloop, which starts no plan elsewhere than at its start."""
+    cell.goes_to(HOME)
+    given = {"poses": TRIANGLE, "frame_id": "tool", "speed": 0.5}
+    path = cell.agent.call("plan_path", **given, cyclic=True)["path"]
+    np.testing.assert_allclose(path[-1]["joints"], path[0]["joints"], atol=1e-6)
+    plan = cell.agent.call("plan_path", **given, cyclic=True)["plan_id"]
+    for _ in range(3):
+        cell.asks("/robot/approve", {"plan_id": plan})
+        assert cell.agent.call("execute", plan_id=plan)["success"]
+    np.testing.assert_allclose(cell.joints(), HOME, atol=2e-3)
+
+
+def test_an_agent_says_how_a_circle_a_path_and_a_line_end(cell: Cell) -> None:
+    """Oracle: the joints that the plan begins and ends with."""
+    cell.goes_to(NEAR)
+    circle = {"centre": {"x": 0.05, "y": 0.0, "z": 0.0}, "axis": {"x": 0.0, "y": 0.0, "z": 1.0}}
+    turn = {"angle": 2.0 * np.pi, "frame_id": "tool", "speed": 0.5}
+    path = cell.agent.call("plan_arc", **circle, **turn)["path"]
+    np.testing.assert_allclose(path[-1]["joints"], path[0]["joints"], atol=1e-6)
+    open_end = cell.agent.call("plan_arc", **circle, **turn, cyclic=False)["path"]
+    assert np.abs(np.subtract(open_end[-1]["joints"], open_end[0]["joints"])).max() > 1e-3
+    ahead = {"x": 0.0, "y": 0.0, "z": -0.03, "b": 0.0, "frame_id": "tool", "planner": "lin"}
+    said = cell.agent.refused("plan_to_pose", **ahead, end_joints=NEAR)
+    assert "end_joints: their pose is 30 mm and 0 degrees from the goal" in said
+    assert "cyclic: the path of polyline ends" in cell.agent.refused(
+        "plan_path", poses=TRIANGLE[:2], frame_id="tool", cyclic=True
+    )
+
+
+@pytest.mark.parametrize(
+    ("tool", "path"),
+    [("plan_to_pose", "pose"), ("plan_path", "path"), ("plan_arc", "arc")],
+)
+def test_what_a_tool_takes_from_a_rest_body_has_its_schema(
+    service: VirtualService, tool: str, path: str
+) -> None:
+    """Oracle: the OpenAPI document of the service, which leaves out defaults that are null."""
+    tools = {each.name: each for each in Agent(service).does(lambda client: client.list_tools()).tools}
+    bodies = service.get("/openapi.json").json()["components"]["schemas"]
+    rest = bodies[f"Plan{path.capitalize()}"]["properties"]
+    own = {"robot"} | ({"x", "y", "z", "a", "b", "c", "planner"} if path == "pose" else set())
+    taken = {name: field for name, field in tools[tool].input_schema["properties"].items() if name not in own}
+    assert {"free_axes", "end_joints" if path == "pose" else "cyclic"} <= taken.keys()
+    for name, field in taken.items():
+        expected = json.loads(json.dumps(rest[name]).replace("#/components/schemas/", "#/$defs/"))
+        assert field == {"default": None} | expected if "anyOf" in expected else field == expected, name
 
 
 def test_an_approval_can_be_taken_back(cell: Cell) -> None:
