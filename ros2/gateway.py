@@ -4,7 +4,7 @@ What there is comes from the service's topic /cobot/graph, so nothing here knows
 of the graph becomes a ROS service, a topic that somebody publishes there is published here, and one that
 somebody listens to there is subscribed here. No message comes back to where it came from: the service sends a
 gateway nothing that it has published itself, and a participant does not hear itself. Actions are services and
-topics.
+topics. A topic that is subscribed there with several types has a reader for each here.
 
 While the service is away everything stays, and calls answer that it is.
 """
@@ -37,6 +37,7 @@ MAX_UNREAD = 64
 """Maximum number of goals too large to be read whose reason is kept, the newest ones."""
 
 Made = TypeVar("Made", Service, Publisher, Subscription)
+Key = TypeVar("Key", str, tuple[str, str])
 
 log = logging.getLogger("cobot.ros2")
 
@@ -59,7 +60,7 @@ class Gateway:
         self._own = own
         self._services: dict[str, Service] = {}
         self._out: dict[str, Publisher] = {}
-        self._in: dict[str, Subscription] = {}
+        self._in: dict[tuple[str, str], Subscription] = {}
         self._unread = UnreadGoals()
         self.link = Rosbridge(url, self._greet, self._take, token)
 
@@ -74,7 +75,7 @@ class Gateway:
         """
         require(self._identity, Role.OPERATOR)
         self.link.send({"op": "advertise", "topic": topic, "type": type_})
-        return self.link.send({"op": "publish", "topic": topic, "msg": message})
+        return self.link.send({"op": "publish", "topic": topic, "type": type_, "msg": message})
 
     def close(self) -> None:
         for service in self._services.values():
@@ -108,10 +109,11 @@ class Gateway:
         new = {name: text for name, text in graph["definitions"].items() if name not in messages.definitions}
         messages.promise(new)  # the graph has read them
         topics = [topic for topic in graph["topics"] if topic["name"] not in self._own]
-        published = {topic["name"]: topic["type"] for topic in topics if topic["publishers"]}
+        published = {each["name"]: (each["name"], each["type"]) for each in topics if each["publishers"]}
         listens = self._identity.role >= Role.OPERATOR
-        heard = {topic["name"]: topic["type"] for topic in topics if topic["subscribers"] and listens}
-        offered = {service["name"]: service["type"] for service in graph["services"]}
+        readers = [(each["name"], each["type"]) for each in topics if each["subscribers"] and listens]
+        heard = dict(zip(readers, readers, strict=True))
+        offered = {each["name"]: (each["name"], each["type"]) for each in graph["services"]}
         # In this order: a client that has found a service has found joint_cmd, and may publish there at once.
         self._settle(self._in, heard, self._listen, self._unadvertise)
         self._settle(self._out, published, self._publish, self._unsubscribe)
@@ -123,19 +125,19 @@ class Gateway:
 
     def _settle(
         self,
-        have: dict[str, Made],
-        wanted: dict[str, str],
+        have: dict[Key, Made],
+        wanted: dict[Key, tuple[str, str]],
         make: Callable[[str, str], Made],
         leave: Callable[[Made], None],
     ) -> None:
-        for name in [name for name, made in have.items() if wanted.get(name) != made.type]:
-            gone = have.pop(name)
+        for key in [key for key, made in have.items() if wanted.get(key, ("", ""))[1] != made.type]:
+            gone = have.pop(key)
             leave(gone)
             gone.close()
-        for name, type_ in wanted.items():
-            if name not in have:
+        for key, (name, type_) in wanted.items():
+            if key not in have:
                 try:
-                    have[name] = make(name, type_)
+                    have[key] = make(name, type_)
                 except CobotError as exc:
                     log.warning("%s cannot be had over ROS 2: %s", name, exc)
 
@@ -151,7 +153,7 @@ class Gateway:
         losses = Losses(f"messages on {name} that came while the service was away or too slow")
 
         def forward(message: Message) -> None:
-            if not self.link.send({"op": "publish", "topic": name, "msg": message}):
+            if not self.link.send({"op": "publish", "topic": name, "type": type_, "msg": message}):
                 losses.add()
 
         made = self._node.subscription(name, type_, forward)
@@ -169,7 +171,8 @@ class Gateway:
         self.link.send({"op": "advertise", "topic": subscription.topic, "type": subscription.type})
 
     def _unadvertise(self, subscription: Subscription) -> None:
-        self.link.send({"op": "unadvertise", "topic": subscription.topic})
+        about = {"topic": subscription.topic, "type": subscription.type}
+        self.link.send({"op": "unadvertise", **about})
 
     def _caller(self, name: str, type_: str) -> Handler:
         async def call(request: Message) -> Message:

@@ -164,7 +164,7 @@ class Program:
         try:
             answer = self._unless_ended(lambda: self._client.call_service(self._robot, *names, fields))
         except CobotError as exc:  # rejected before the service looked at it, by its role for example
-            raise exc.said(f"{'/'.join(names)}: {exc} (code {int(code_of(exc))})") from exc
+            raise exc.said(f"{'/'.join(names)}: {exc}") from exc
         if answer["code"] != 0:
             raise ExecutionError(f"{'/'.join(names)}: {answer['message']} (code {answer['code']})")
         return self._lua(answer["result"])
@@ -179,7 +179,11 @@ class Program:
         self._report({"event": "arrived", "motion": what, "motion_id": answer["motion_id"]})
 
     def _unless_ended(self, work: Callable[[], Result]) -> Result:
-        """The result of something that waits for the service, in a thread that an end leaves to itself."""
+        """The result of something that waits for the service, in a thread that an end leaves to itself.
+
+        Raises:
+            CobotError: what it raises, with its code: a program that catches it gets nothing but the text.
+        """
         results: list[Result] = []
         problems: list[Exception] = []
 
@@ -193,7 +197,10 @@ class Program:
         threading.Thread(target=do, name="request", daemon=True).start()
         self.watch.wait(lambda: bool(results or problems))
         if problems:
-            raise problems[0]
+            problem = problems[0]
+            if isinstance(problem, CobotError):
+                raise problem.said(f"{problem} (code {int(code_of(problem))})") from problem
+            raise problem
         return results[0]
 
     def _lua(self, value: Any) -> Any:

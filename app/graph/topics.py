@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -247,18 +247,18 @@ class Topics:
         self.changed()
 
     def topics(self) -> dict[str, str]:
-        """The type of each topic; without an advertiser, that of the first subscription."""
-        return {topic.name: self._shown_type(topic) for topic in self._topics.values()}
+        """The type of each topic; without an advertiser, the first one in use."""
+        return {topic.name: next(iter(self._types(topic)), "") for topic in self._topics.values()}
 
     def type_of(self, topic: str) -> str | None:
         """The type with which a topic is advertised; None if it is not."""
         entry = self._topics.get(absolute(topic))
         return None if entry is None else self._advertised(entry)
 
-    def guessed_type_of(self, topic: str) -> str | None:
-        """The type of one topic; without an advertiser, that of the first subscription."""
+    def types_of(self, topic: str) -> list[str]:
+        """The type with which a topic is advertised; without an advertiser, all that are in use."""
         entry = self._topics.get(absolute(topic))
-        return None if entry is None else self._shown_type(entry)
+        return [] if entry is None else self._types(entry)
 
     def ends_of(self, topic: str) -> tuple[int, int]:
         """How many publish on a topic, and how many have subscribed."""
@@ -269,25 +269,31 @@ class Topics:
         """Called when there is another topic, publisher or subscription, or one less."""
 
     def graph_of_topics(self) -> list[dict[str, Any]]:
-        """The topics that another network may mirror: without what is its own, and what it has itself."""
+        """The topics that another network may mirror: without what is its own, and what it has itself.
+
+        A topic without an advertiser is listed once with each type that is subscribed, so that no
+        subscription fixes the type for the others.
+        """
         made = []
         for topic in self._topics.values():
-            publishers = self._own(topic.publishers)
-            # Nobody waits for what another network says on a topic that has one publisher alone.
-            subscribers = self._own(topic.subscriptions) if topic.owner is None else 0
-            if not topic.local and (publishers or subscribers):
-                made.append(
-                    {
-                        "name": topic.name,
-                        "type": self._shown_type(topic),
-                        "publishers": publishers,
-                        "subscribers": subscribers,
-                        "latched": any(publisher.latch for publisher in topic.publishers),
-                    }
-                )
+            for type_ in () if topic.local else self._types(topic):
+                publishers = self._own([each for each in topic.publishers if each.type == type_])
+                takers = [each for each in topic.subscriptions if each.takes(type_)]
+                # Nobody waits for what another network says on a topic that has one publisher alone.
+                subscribers = self._own(takers) if topic.owner is None else 0
+                if publishers or subscribers:
+                    made.append(
+                        {
+                            "name": topic.name,
+                            "type": type_,
+                            "publishers": publishers,
+                            "subscribers": subscribers,
+                            "latched": any(each.latch for each in topic.publishers if each.type == type_),
+                        }
+                    )
         return made
 
-    def _own(self, ends: list[Any]) -> int:
+    def _own(self, ends: Sequence[Publisher | Subscription]) -> int:
         return sum(end.owner not in self.gateways for end in ends)
 
     def _topic(self, name: str, type_: str | None) -> tuple[_Topic, str | None]:
@@ -310,10 +316,13 @@ class Topics:
         """The type that applies to all clients; None if there is none yet."""
         return topic.declared or next((each.type for each in topic.publishers if each.binding), None)
 
-    def _shown_type(self, topic: _Topic) -> str:
-        types = [publisher.type for publisher in topic.publishers]
-        types += [each.type for each in topic.subscriptions if each.type is not None]
-        return self._advertised(topic) or next(iter(types), "")
+    def _types(self, topic: _Topic) -> list[str]:
+        """The type that applies to all clients; without one, all in use, those of publishers first."""
+        if advertised := self._advertised(topic):
+            return [advertised]
+        used = [each.type for each in topic.publishers]
+        used += [each.type for each in topic.subscriptions if each.type is not None]
+        return list(dict.fromkeys(used))
 
     def _demand(self, topic: _Topic) -> None:
         for publisher in tuple(topic.publishers):

@@ -5,7 +5,8 @@ operation or by the services of ROS's actions, are cancelled then. Messages to i
 
 One operation is ours: `{"op": "cobot_gateway"}` says that this client mirrors the graph to another network.
 What it advertises, subscribes and offers does not show in the topic /cobot/graph, by which it knows what to
-mirror, and what it publishes is not sent back to it.
+mirror, and what it publishes is not sent back to it. It may advertise one topic with several types; `type` of
+`publish` and `unadvertise` then says which one.
 
 Long, because each operation changes what ends with the connection.
 """
@@ -71,7 +72,7 @@ class Connection:
         self._identity = identity
         self._level = "error"
         self._fragments = Assembly(MAX_MESSAGE)
-        self._publishers: dict[str, tuple[Publisher, set[op.Id]]] = {}
+        self._publishers: dict[tuple[str, str | None], tuple[Publisher, set[op.Id]]] = {}
         self._offers = Offers(graph, self.outbox, self)
         self._goals: dict[op.Id, tuple[str, str]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -132,7 +133,8 @@ class Connection:
             return
         about = {name: head[name] for name in ("id", "service", "action") if name in head}
         status = {"status": 0} if answer == "action_result" else {}
-        self.outbox.answer({"op": answer, **about, **status, "values": str(error), "result": False}, None)
+        reason = {"values": str(error), "result": False, "code": int(code_of(error))}
+        self.outbox.answer({"op": answer, **about, **status, **reason}, None)
 
     def tell(self, sentence: str) -> None:
         """Tell the client what it has not asked for, unless it does not want to know."""
@@ -197,13 +199,20 @@ class Connection:
                 self._graph.changed()
 
     def _publish(self, asked: op.Publish, size: int) -> None:
-        if asked.topic not in self._publishers:
-            known = self._graph.type_of(asked.topic)
-            type_ = known or self._graph.guessed_type_of(asked.topic)
-            if type_ is None:
+        key = self._key(asked.topic, asked.type)
+        if key not in self._publishers:
+            types = [asked.type] if asked.type else self._graph.types_of(asked.topic)
+            if not types:
                 raise InputError(f"nobody has advertised {shown(asked.topic)}, so its type is not known")
-            self._advertise(asked.topic, type_, asked.latch, None, inferred=known is None)
-        publisher, _ = self._publishers[asked.topic]
+            if len(types) > 1:
+                raise InputError(
+                    f"{shown(asked.topic)} is subscribed as {' and as '.join(types)}: advertise it with the "
+                    "type of your messages, then publish"
+                )
+            inferred = self._graph.type_of(asked.topic) is None
+            self._advertise(asked.topic, types[0], asked.latch, None, inferred=inferred)
+            key = self._key(asked.topic, types[0])
+        publisher, _ = self._publishers[key]
         if not publisher.latch:
             publisher.publish(asked.msg)
             return
@@ -219,13 +228,17 @@ class Connection:
     def _advertise(
         self, topic: str, type_: str, latch: bool, advertise_id: op.Id, *, inferred: bool = False
     ) -> None:
-        known = self._publishers.get(topic)
-        if known is None:
+        key = self._key(topic, type_)
+        known = self._publishers.get(key)
+        other = known is not None and self._graph.messages.resolved(type_, "msg") != known[0].type
+        if known is None or (other and not known[0].binding):
             if len(self._publishers) >= MAX_ENDS:
                 raise ConflictError(f"a client may advertise {MAX_ENDS} topics")
             publisher = self._graph.advertise(topic, type_, latch=latch, owner=self, inferred=inferred)
-            self._publishers[topic] = publisher, {advertise_id}
-        elif self._graph.messages.resolved(type_, "msg") != known[0].type:
+            if known is not None:  # its type was only a guess
+                known[0].close()
+            self._publishers[key] = publisher, {advertise_id}
+        elif other:
             raise InputError(f"{topic} is of type {known[0].type}, not {type_}")
         elif advertise_id not in known[1] and len(known[1]) >= MAX_PER_TOPIC:
             raise ConflictError(f"a client may advertise one topic {MAX_PER_TOPIC} times")
@@ -233,15 +246,24 @@ class Connection:
             known[1].add(advertise_id)
 
     def _unadvertise(self, asked: op.Unadvertise) -> None:
-        known = self._publishers.get(asked.topic)
-        if known is None:
+        keys = [
+            key
+            for key in self._publishers
+            if key[0] == asked.topic and key[1] in (None, asked.type or key[1])
+        ]
+        if not keys:
             raise InputError(f"{asked.topic} is not advertised")
-        publisher, ids = known
-        ids.discard(asked.id)
-        if asked.id is None or not ids - {None}:
-            publisher.close()
-            del self._publishers[asked.topic]
-            self._latched.pop(asked.topic, None)
+        for key in keys:
+            publisher, ids = self._publishers[key]
+            ids.discard(asked.id)
+            if asked.id is None or not ids - {None}:
+                publisher.close()
+                del self._publishers[key]
+                self._latched.pop(asked.topic, None)
+
+    def _key(self, topic: str, type_: str | None) -> tuple[str, str | None]:
+        """Of a publisher: a gateway may have one for each type."""
+        return topic, type_ if self in self._graph.gateways else None
 
     def _begin(self, work: Coroutine[Any, Any, None], compression: str | None) -> None:
         """Answer something while other messages are taken."""
@@ -324,7 +346,8 @@ class Connection:
         graph = self._graph
         match asked:
             case op.Publish():
-                return graph.guessed_type_of(asked.topic)
+                known = self._publishers.get(self._key(asked.topic, asked.type))
+                return known[0].type if known else next(iter(graph.types_of(asked.topic)), None)
             case op.CallService():
                 return f"{graph.service(asked.service).type}_Request"
             case op.ServiceResponse():

@@ -40,11 +40,17 @@ class Advertise(Operation):
 
 
 class Unadvertise(Operation):
+    """`type`: which one, of a gateway's several."""
+
     topic: Name
+    type: Name | None = None
 
 
 class Publish(Operation):
+    """`type`: of a topic that a gateway has advertised with several."""
+
     topic: Name
+    type: Name | None = None
     msg: Message = {}
     latch: bool = False
 

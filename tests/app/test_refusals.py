@@ -4,27 +4,35 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from typing import Any
 
+import httpx
 import pytest
+from asgi import Refused
 from mcp.server.mcpserver.exceptions import ToolError
+from virtual import VirtualService, virtual_service
 
 from app.actions.fjt_goal import GoalViolated, JointsError, OldGoalError, PathViolated
 from app.api.errors import answer_to
+from app.api.routers import events, stream
 from app.aubo.classes import REGISTRY
 from app.aubo.registry import Origin, Service, run
+from app.foxglove import router as foxglove
 from app.graph.actions import GoalHandle
 from app.graph.graph import Graph
 from app.mcp.server import refusal, refused_by
 from app.mcp.tools import decided
 from app.rosbridge.connection import Connection
+from cobot.client import Client
 from cobot.codes import OF_ERROR, code_of
-from cobot.errors import BY_CODE, CobotError
+from cobot.errors import BY_CODE, CobotError, PayloadError
 from cobot.ros.failures import FjtError, error_code_of
 from cobot.ros.messages import Messages
 from ros2.gateway import failure
 from ros2.rosbridge import Rosbridge
+from sequences.lua_program import Program
+from sequences.lua_sandbox import Limits, run_apart
 
 ERRORS = sorted(BY_CODE.values(), key=lambda kind: kind.code)
 GET_DOF = REGISTRY["RobotConfig", "getDof"]
@@ -72,11 +80,100 @@ def done(work: Coroutine[Any, Any, Any]) -> Any:
     return asyncio.run(asyncio.wait_for(work, 60.0))
 
 
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    with virtual_service(tmp_path_factory.mktemp("refusals")) as started:
+        yield started
+
+
+def refusing(error: CobotError) -> Callable[..., Any]:
+    def refuse(*_: object) -> Any:
+        raise error
+
+    return refuse
+
+
+def told(socket: Any, name: str, value: str) -> dict[str, Any]:
+    """The first text message with this value."""
+    while True:
+        message = socket.recv()
+        if isinstance(message, str) and (content := json.loads(message)).get(name) == value:
+            return dict(content)
+
+
 @pytest.mark.parametrize("kind", ERRORS)
-def test_http_and_websockets_have_the_name_of_the_code(kind: type[CobotError]) -> None:
-    """Frames of /robot/stream and /events say `code` as HTTP does: `CobotError.code`."""
+def test_http_has_the_name_of_the_code(kind: type[CobotError]) -> None:
     answer = json.loads(bytes(answer_to(kind("why")).body))
     assert answer["code"] == code_of(kind("why")).name.lower()
+
+
+@pytest.mark.parametrize("kind", ERRORS)
+@pytest.mark.parametrize(
+    ("path", "place", "function"),
+    [
+        ("/robot/stream", stream, "services_of"),
+        ("/events", events, "_listener"),
+        ("/foxglove", foxglove, "_rate"),
+    ],
+)
+def test_a_websocket_that_is_not_accepted_is_answered_as_http_is(
+    service: VirtualService,
+    monkeypatch: pytest.MonkeyPatch,
+    kind: type[CobotError],
+    path: str,
+    place: Any,
+    function: str,
+) -> None:
+    monkeypatch.setattr(place, function, refusing(kind("why")))
+    with pytest.raises(Refused) as refused:
+        service.connect(path, subprotocols=foxglove.SUBPROTOCOLS[0])
+    expected = answer_to(kind("why"))
+    assert (refused.value.status, refused.value.body) == (expected.status_code, bytes(expected.body))
+
+
+@pytest.mark.parametrize("kind", ERRORS)
+def test_frames_of_a_stream_have_the_name_of_the_code(
+    service: VirtualService, monkeypatch: pytest.MonkeyPatch, kind: type[CobotError]
+) -> None:
+    with service.connect("/robot/stream") as socket:
+        monkeypatch.setattr(stream, "read_frame", refusing(kind("why")))
+        socket.send(json.dumps({"type": "target", "sequence": 7}))
+        frame = told(socket, "type", "error")
+    assert frame["code"] == code_of(kind("why")).name.lower()
+    assert (frame["detail"], frame["sequence"]) == ("why", 7)
+
+
+@pytest.mark.parametrize("kind", ERRORS)
+def test_foxglove_has_the_code(
+    service: VirtualService, monkeypatch: pytest.MonkeyPatch, kind: type[CobotError]
+) -> None:
+    monkeypatch.setattr(foxglove._Client, "_take", refusing(kind("why")))
+    with service.connect("/foxglove", subprotocols=foxglove.SUBPROTOCOLS[0]) as socket:
+        socket.send("{}")
+        status = told(socket, "op", "status")
+    assert (status["message"], status["code"]) == ("why", OF_ERROR[kind])
+
+
+@pytest.mark.parametrize("kind", ERRORS)
+@pytest.mark.parametrize("source", ["movej({1})", "robot.A.b({})"])
+def test_lua_programs_have_the_code_in_the_text_that_pcall_gives(kind: type[CobotError], source: str) -> None:
+    def refuse(request: httpx.Request) -> httpx.Response:
+        if request.url.path == "/health":
+            return httpx.Response(200, json={"robot": {"name": "iiwa"}})
+        answer = answer_to(kind("why"))
+        return httpx.Response(answer.status_code, content=bytes(answer.body))
+
+    def run(text: str) -> list[str]:
+        lines: list[str] = []
+        with Client("http://robot", transport=httpx.MockTransport(refuse)) as client:
+            program = Program(client, "http://127.0.0.1:1", Limits(), lines.append)
+            run_apart(lambda: program.run(text.encode(), "test.lua"), program.watch)
+        return lines
+
+    (line,) = run(f"textmsg(select(2, pcall(function() {source} end)))")
+    assert line.endswith(f"why (code {int(OF_ERROR[kind])})")
+    with pytest.raises(kind):
+        run(source)
 
 
 @pytest.mark.parametrize("kind", ERRORS)
@@ -105,6 +202,24 @@ def test_rosbridge_has_the_code_of_calls_of_goals_and_of_messages(kind: type[Cob
         assert (answer["result"], answer["values"], answer["code"]) == (False, "why", OF_ERROR[kind])
     complaint = done(over_rosbridge(kind("why"), complaint=kind("why")))
     assert (complaint["op"], complaint["code"]) == ("status", OF_ERROR[kind])
+
+
+@pytest.mark.parametrize(
+    ("asked", "answer"), [("call_service", "service_response"), ("send_action_goal", "action_result")]
+)
+def test_what_is_too_large_to_be_decoded_is_answered_with_its_code(asked: str, answer: str) -> None:
+    async def rejected() -> Any:
+        graph = Graph(Messages())
+        client = Connection(graph, "client")
+        client.reject_unread(json.dumps({"op": asked, "id": "1", "args": {}}), PayloadError("why"))
+        (text,) = client.outbox.texts()
+        await client.close()
+        await graph.close()
+        return json.loads(text)
+
+    told = done(rejected())
+    assert (told["op"], told["id"], told["result"]) == (answer, "1", False)
+    assert (told["values"], told["code"]) == ("why", OF_ERROR[PayloadError])
 
 
 @pytest.mark.parametrize("kind", ERRORS)

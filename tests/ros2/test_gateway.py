@@ -8,6 +8,7 @@ import contextlib
 import socket
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -68,11 +69,12 @@ class Service:
     def __init__(self, port: int = 0) -> None:
         self.commands: list[str] = []
         self.heard: list[str] = []
+        self.slow_calls = 0
         self.graph: Graph
         self.counting: Counting
         self.loop: asyncio.AbstractEventLoop
         listener = socket.socket()
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         listener.bind(("127.0.0.1", port))
         self.port = listener.getsockname()[1]
         app = FastAPI(lifespan=self._lifespan)
@@ -82,13 +84,13 @@ class Service:
             app, log_config=None, ws="websockets-sansio", ws_max_size=1 << 26, timeout_graceful_shutdown=1
         )
         self.server = uvicorn.Server(config)
-        self._thread = threading.Thread(target=self.server.run, args=([listener],), daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self.server.run, args=([listener],), daemon=True)
+        self.thread.start()
         until(lambda: self.server.started, "the server does not start")
 
     def close(self) -> None:
         self.server.should_exit = True
-        self._thread.join(20.0)
+        self.thread.join(20.0)
 
     def do(self, action: Callable[[], Any]) -> Any:
         async def call() -> Any:
@@ -120,6 +122,7 @@ class Service:
         return {"code": 0, "message": str(request["q"]), "result": 0}
 
     async def _never(self, request: Message) -> Message:
+        self.slow_calls += 1
         await asyncio.Event().wait()
         raise AssertionError
 
@@ -130,6 +133,10 @@ class Bench:
     def __init__(self, domain: int) -> None:
         self.service: Service | None = Service()
         self.port = self.service.port
+        # While the service is away no connection of another process may get its port.
+        self._reserved = socket.socket()
+        self._reserved.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        self._reserved.bind(("127.0.0.1", self.port))
         self.rig = NodeRig(domain)
         url = f"http://127.0.0.1:{self.port}"
         self.gateway = self.rig.do(lambda: Gateway(self.rig.node, url, {"/iiwa/status"}))
@@ -142,6 +149,7 @@ class Bench:
     def stop_service(self) -> None:
         assert self.service is not None
         self.service.close()
+        assert not self.service.thread.is_alive(), "the server does not end"
         self.service = None
 
     def start_service(self) -> Service:
@@ -153,6 +161,7 @@ class Bench:
         self.rig.close()  # ends the gateway too
         if self.service is not None:
             self.service.close()
+        self._reserved.close()
 
 
 @pytest.fixture
@@ -198,6 +207,25 @@ def test_a_topic_goes_both_ways_and_nothing_comes_back(bench: Bench) -> None:
     until(lambda: "last" in service.heard, "nothing arrived at the graph")
     assert service.heard == ["from ros", "from the graph", "last"]  # each once
     assert outside.get()["data"] == "last"
+
+
+def test_a_topic_is_read_with_each_type_that_is_subscribed(bench: Bench) -> None:
+    """The first subscription keeps the second from nothing. Oracle: the node on Fast DDS."""
+    service = bench.service
+    assert service is not None
+    heard: dict[str, list[Any]] = {"std_msgs/msg/Int8": [], STRING: []}
+    for type_, got in heard.items():
+        service.do(partial(service.graph.subscribe, "/demo/x", type_, got.append, owner=type_))
+    with Peer(bench.rig.domain, bench.peer.messages) as other:  # in DDS a participant has one type for a name
+        for peer, type_, value in ((bench.peer, "std_msgs/msg/Int8", 1), (other, STRING, "x")):
+            publisher = peer.publisher("/demo/x", type_)
+            publisher.until_matched()
+            publisher.publish({"data": value})
+            until(partial(heard.get, type_), f"no message of type {type_}")
+    assert heard == {"std_msgs/msg/Int8": [{"data": 1}], STRING: [{"data": "x"}]}
+    service.do(lambda: service.graph.advertise("/demo/x", STRING, owner=service))
+    wrong = ("r", "rt/demo/x", "std_msgs::msg::dds_::Int8_")
+    until(lambda: wrong not in bench.peer.found, "the reader of the other type is still there")
 
 
 def test_topics_services_and_types_come_and_go_with_the_hub(bench: Bench) -> None:
@@ -274,6 +302,8 @@ def test_calls_are_answered_while_the_service_is_away_and_after_it(bench: Bench)
     cancel = bench.peer.client(f"{BELOW}/cancel_goal", "action_msgs/srv/CancelGoal").until_ready()
     assert send.call({"goal_id": GOAL_ID, "goal": {"until": 5}})["accepted"]
     waiting, pending = slow.begin({}), result.begin({"goal_id": GOAL_ID})
+    # Before it has come to the service the answer would be that the service is away.
+    until(lambda: bench.service and bench.service.slow_calls, "the call did not come to the service")
     bench.stop_service()
     lost = waiting(30.0)
     assert (lost["code"], lost["result"]) == (Code.UNAVAILABLE, Code.UNAVAILABLE)

@@ -281,10 +281,10 @@ def test_the_services_errors_keep_their_kind_and_get_the_line(service: Service) 
         200,
         {**ARRIVED, "success": False, "code": "stopped", "message": "no"},
     )
-    with pytest.raises(MotionStopped, match=r"^test\.lua:2: no$"):
+    with pytest.raises(MotionStopped, match=r"^test\.lua:2: no \(code 31\)$"):
         run("\nmovej({1})", service)
     said = run("local ok, why = pcall(movej, {1}) textmsg(ok, type(why), why)", service)
-    assert said == ["false string no"]
+    assert said == ["false string no (code 31)"]
 
 
 def test_a_caught_error_is_not_the_one_that_ends_the_program(service: Service) -> None:

@@ -235,6 +235,28 @@ def test_what_a_gateway_mirrors_fixes_no_type_for_others() -> None:
     live(test)
 
 
+def test_another_network_may_mirror_each_type_that_a_topic_is_subscribed_with() -> None:
+    """Until it is advertised: then it has that type alone. What a gateway has made itself does not count."""
+
+    async def test(graph: Graph) -> None:
+        def mirrored() -> list[tuple[str, int, int]]:
+            listed = [topic for topic in graph.graph_of_topics() if topic["name"] == "/a"]
+            return [(each["type"], each["publishers"], each["subscribers"]) for each in listed]
+
+        graph.gateways.add("dds")
+        first = graph.subscribe("/a", "std_msgs/msg/Int8", print, owner="observer")
+        graph.subscribe("/a", STRING, print, owner="operator")
+        graph.advertise("/a", "std_msgs/msg/Int8", owner="dds")
+        assert mirrored() == [("std_msgs/msg/Int8", 0, 1), (STRING, 0, 1)]
+        first.close()
+        assert mirrored() == [(STRING, 0, 1)]
+        graph.subscribe("/a", "std_msgs/msg/Int8", print, owner="observer")
+        graph.advertise("/a", STRING, owner="operator")
+        assert mirrored() == [(STRING, 1, 1)]
+
+    live(test)
+
+
 def test_a_topic_of_the_service_has_its_type_whoever_publishes() -> None:
     async def test(graph: Graph) -> None:
         graph.subscribe("/command", STRING, print, owner=1, declares=True)

@@ -167,6 +167,46 @@ def test_a_topic_that_somebody_has_may_be_published_without_being_advertised() -
     live(test)
 
 
+def test_no_type_is_guessed_where_subscriptions_differ_and_a_guess_is_corrected() -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        two.ask("subscribe", topic="/a", type="std_msgs/msg/Int8")
+        one.ask("publish", topic="/a", msg={"data": 1})  # the one type in use
+        one.ask("advertise", topic="/a", type=STRING)
+        one.ask("publish", topic="/a", msg={"data": "x"})
+        assert errors(one) == []
+        got = {each["op"]: each["msg"] for each in two.got()}
+        assert got["publish"] == {"data": 1}
+        assert "/a is advertised as std_msgs/msg/String" in got["status"]
+        two.ask("subscribe", topic="/b", type="std_msgs/msg/Int8")
+        one.ask("subscribe", topic="/b", type=STRING)
+        one.ask("publish", topic="/b", msg={"data": "x"})
+        (refusal,) = errors(one)
+        assert "'/b' is subscribed as std_msgs/msg/Int8 and as std_msgs/msg/String: advertise it" in refusal
+        one.ask("advertise", topic="/b", type=STRING)
+        one.ask("publish", topic="/b", msg={"data": "x"})
+        assert [each["msg"] for each in one.got() if each["op"] == "publish"] == [{"data": "x"}]
+
+    live(test)
+
+
+def test_a_gateway_advertises_a_topic_with_each_type_that_is_subscribed() -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        two.ask("subscribe", topic="/a", type=STRING)
+        one.ask("cobot_gateway")
+        for type_, value in (("std_msgs/msg/Int8", 1), (STRING, "x")):
+            one.ask("advertise", topic="/a", type=type_)
+            one.ask("publish", topic="/a", type=type_, msg={"data": value})
+        assert [each["msg"] for each in two.got()] == [{"data": "x"}]
+        one.ask("unadvertise", topic="/a", type="std_msgs/msg/Int8")
+        one.ask("publish", topic="/a", type=STRING, msg={"data": "y"})
+        assert [each["msg"] for each in two.got()] == [{"data": "y"}]
+        one.ask("unadvertise", topic="/a")
+        assert graph.ends_of("/a") == (0, 1)
+        assert errors(one) == []
+
+    live(test)
+
+
 def test_latched_messages_are_bounded_and_given_back() -> None:
     async def test(graph: Graph, one: Client, other: Client) -> None:
         for number in range(2):
@@ -178,7 +218,7 @@ def test_latched_messages_are_bounded_and_given_back() -> None:
         one.take({**message, "topic": "/a1"}, 1)
         (refused,) = one.got()
         assert f"{MAX_LATCHED} are kept already, and this one has 1" in refused["msg"]
-        publisher, _ = one._publishers["/a0"]
+        publisher, _ = one._publishers["/a0", None]
         assert publisher.last == {"data": "first"}
         one.ask("unadvertise", topic="/a0")
         assert publisher.last is None
