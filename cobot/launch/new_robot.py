@@ -27,6 +27,7 @@ from cobot.launch.robot_file.meshes import Meshes, collect_meshes
 from cobot.launch.robot_file.mjcf import mjcf_rates, read_mjcf
 from cobot.launch.robot_file.mjcf_checks import check_mjcf
 from cobot.launch.robot_file.saving import compiled, save
+from cobot.launch.robot_file.telescope import find_telescopes
 from cobot.launch.robot_file.tree import JointTree
 from cobot.launch.robot_file.urdf import read_urdf
 from cobot.launch.robot_file.urdf_checks import check_urdf
@@ -120,9 +121,9 @@ class NewRobot:
     def _fill(self, folder: Path, name: str, root: Element, worker: Worker) -> None:
         source = self._read(root, folder, worker)
         spec = source.spec
-        semantics = self._semantics(source)
-        own_state = home_posture.keyframe(spec)
-        joints, tcp = self._driven(spec, source.names, semantics)
+        semantics = self._semantics(source, root)
+        own_state = home_posture.keyframe(spec) or {}
+        joints, tcp = self._driven(source, root, semantics, own_state)
         check_driven(self.file, root, joints)
         self.guessed += masses.settle(self.file, spec, self.wishes, source.stated)
         base, tcp = robot_guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
@@ -190,7 +191,7 @@ class NewRobot:
         spec = read_urdf(self.file, root, still, meshes)
         return _Source(spec, rates, names, stated, tree)
 
-    def _semantics(self, source: _Source) -> Semantics:
+    def _semantics(self, source: _Source, root: Element) -> Semantics:
         """Of the SRDF; without one the joints that the user has named."""
         if self.srdf is None:
             if self.group is not None:
@@ -199,23 +200,29 @@ class NewRobot:
         arm = self.actuators
         if not arm:
             with suppress(ConfigError):  # The group says which joints they are.
-                chain = find_arm(self.file, source.spec, JointTree(source.spec, self.without), self.tcp)
+                tree = JointTree(source.spec, self.without)
+                chain = find_arm(self.file, root, source.spec, tree, self.tcp)
                 arm = [node.name for node in chain]
         return read_srdf(self.srdf, source.tree, self.group, arm, bool(self.actuators))
 
     def _driven(
-        self, spec: mujoco.MjSpec, in_file: Sequence[str], semantics: Semantics
+        self, source: _Source, root: Element, semantics: Semantics, own_state: dict[str, float]
     ) -> tuple[list[str], str]:
         """The joints of the arm and its TCP; all other joints are left out, and their links stay."""
+        spec = source.spec
         names = [joint.name for joint in spec.joints]
-        for given, valid in ((self.actuators, names), (self.without, in_file)):
+        for given, valid in ((self.actuators, names), (self.without, source.names)):
             if name := next((name for name in given if name not in valid), ""):
                 raise ConfigError(f"{self.file}: has no joint {name!r}; valid are: {', '.join(names)}")
         tree = JointTree(spec, self.without)
         if semantics.joints:
-            chain = named_arm(self.file, spec, tree, semantics.joints)
+            chain = named_arm(self.file, root, spec, tree, semantics.joints)
         else:
-            chain = find_arm(self.file, spec, tree, self.tcp)
+            chain = find_arm(self.file, root, spec, tree, self.tcp)
+        for telescope in find_telescopes(spec, chain):
+            chain = [node for node in chain if node not in telescope.others]
+            self.guessed.append(telescope.merge(spec, source.rates))
+            telescope.rescale([own_state, *semantics.states.values()])
         tcp = self._tcp(chain[-1].joint.parent, semantics.tcp)
         fingers = [node.name for child in chain[-1].children for node in child.subtree]
         rods = tree.linkages(chain)

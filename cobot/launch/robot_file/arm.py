@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Container
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
 import mujoco
 
 from cobot.errors import ConfigError
+from cobot.launch.robot_file.telescope import find_telescopes
 from cobot.launch.robot_file.tree import MOVABLE, JointTree, Node, moved_by_loop, moved_together, rigid_with
+from cobot.xml_file import where
 
 TCP_NAMES = tuple(
     re.compile(rf"(?:^|[^a-z]){name}(?:_?(?:link|frame|site|point))?$", re.IGNORECASE)
@@ -23,10 +26,11 @@ RIVAL_JOINTS = 4
 """A chain with as many joints of its own is another arm; a head or a wheel has fewer."""
 
 
-def find_arm(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str | None) -> list[Node]:
-    """The arm's joints, from the base on.
+def find_arm(file: Path, root: Element, spec: mujoco.MjSpec, tree: JointTree, tcp: str | None) -> list[Node]:
+    """The arm's joints, from the base on, with all of a telescope.
 
     Args:
+        root: the file's, for the lines in messages.
         tcp: the site or body at the end of the chain; None for the only arm there is.
 
     Raises:
@@ -48,12 +52,14 @@ def find_arm(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str | None) 
             f"{file}: the arm has a ball joint, at {ball.parent.name!r}; cobot moves hinges and slides: "
             "describe it as three hinges"
         )
-    _require_serial(file, spec, chain)
+    _require_serial(file, root, spec, chain)
     return chain
 
 
-def named_arm(file: Path, spec: mujoco.MjSpec, tree: JointTree, names: Container[str]) -> list[Node]:
-    """The joints of these names, in the file's order.
+def named_arm(
+    file: Path, root: Element, spec: mujoco.MjSpec, tree: JointTree, names: Container[str]
+) -> list[Node]:
+    """The joints of these names, in the file's order, and those that are in a telescope with one of them.
 
     Raises:
         ConfigError: one is neither a hinge nor a slide, or has no name; joints are coupled.
@@ -64,36 +70,60 @@ def named_arm(file: Path, spec: mujoco.MjSpec, tree: JointTree, names: Container
                 f"{file}: joint {joint.name!r} is a free or ball joint: an arm has a base that stands, and "
                 "hinges and slides; take the joint out of the file, or leave it out of --actuators"
             )
-    chain = [node for name, node in tree.nodes.items() if name in names]
+    stages = {
+        other.name
+        for leaf in tree.leaves()
+        for telescope in find_telescopes(spec, leaf.path)
+        if telescope.first.name in names
+        for other in telescope.others
+    }
+    chain = [node for name, node in tree.nodes.items() if name in names or name in stages]
     if not chain:
         raise ConfigError(f"{file}: has no joint that moves")
-    _require_serial(file, spec, chain)
+    _require_serial(file, root, spec, chain)
     return chain
 
 
-def _require_serial(file: Path, spec: mujoco.MjSpec, chain: list[Node]) -> None:
-    """Raises:
-    ConfigError: a joint of the chain follows another joint, or is moved by a closed loop.
+def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[Node]) -> None:
+    """Reject an arm in which a joint does not move by itself. A telescope counts as one joint.
+
+    Raises:
+        ConfigError: names the joint, its line and the ways out.
     """
+    stages = {other for telescope in find_telescopes(spec, chain) for other in telescope.others}
+    chain = [node for node in chain if node not in stages]
     if followers := [node for node in chain if node.leader]:
         pairs = ", ".join(f"{node.name!r} follows {node.leader!r}" for node in followers)
-        raise _coupled(file, f"{pairs} (mimic)", [node.name for node in followers])
+        place = where(file, _mimic(root, followers[0].name))
+        raise _coupled(place, f"{pairs} (mimic)", [node.name for node in followers])
     if coupled := moved_together(spec, chain):
-        raise _coupled(file, f"one actuator moves {', '.join(coupled)} by a tendon", coupled[1:])
+        raise _coupled(str(file), f"one actuator moves {', '.join(coupled)} by a tendon", coupled[1:])
     driven = {actuator.target for actuator in spec.actuators}
     if driven and (passive := moved_by_loop(spec, chain, driven)):
+        element = next((each for each in root.iter("joint") if each.get("name") == passive.name), None)
         raise ConfigError(
-            f"{file}: joint {passive.name!r} of the arm has no actuator: a closed loop of links moves it, "
-            "and cobot moves each joint of an arm by itself; describe the arm as one chain of driven joints"
+            f"{where(file, element)}: joint {passive.name!r} of the arm has no actuator: a closed loop of "
+            "links moves it, and cobot moves each joint of an arm by itself; describe the arm as one chain "
+            f"of driven joints, or keep it where the file has it with --without {passive.name}"
         )
 
 
-def _coupled(file: Path, what: str, names: list[str]) -> ConfigError:
+def _mimic(root: Element, follower: str) -> Element | None:
+    """What makes a joint follow another one: <mimic> in URDF, <equality><joint> in MJCF."""
+    for joint in root.iter("joint"):
+        if joint.get("name") == follower and (mimic := joint.find("mimic")) is not None:
+            return mimic
+        if joint.get("joint1") == follower:
+            return joint
+    return None
+
+
+def _coupled(place: str, what: str, names: list[str]) -> ConfigError:
     them = "them" if len(names) > 1 else "it"
     return ConfigError(
-        f"{file}: joints of the arm are coupled: {what}; cobot moves each joint of an arm by itself: "
-        f"describe the coupled ones as one joint, or keep {them} where the file has {them} with "
-        f"--without {' '.join(names)}"
+        f"{place}: joints of the arm are coupled: {what}; cobot moves each joint of an arm by itself, except "
+        "slides that follow one another along one axis: describe the coupled ones as one joint, or keep "
+        f"{them} where the file has {them} with --without {' '.join(names)}"
     )
 
 

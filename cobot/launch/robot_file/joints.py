@@ -22,7 +22,7 @@ def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
     gone = {joint.name: joint for joint in spec.joints if joint.name not in kept}
     tree = JointTree(spec)
     resting = tree.resting(bool(spec.compiler.degree))
-    _place(spec, {tree.nodes[name]: at for name, at in resting.items() if name in gone})
+    place(spec, {tree.nodes[name]: at for name, at in resting.items() if name in gone})
     for joint in [joint for joint in spec.joints if joint.name not in kept]:
         spec.delete(joint)
     lost = set(gone)
@@ -47,14 +47,14 @@ def remove_shapes(branches: Iterable[Node]) -> None:
                 geom.contype = geom.conaffinity = 0
 
 
-def _place(spec: mujoco.MjSpec, resting: dict[Node, float]) -> None:
-    """Turn and shift each body as its joint does there, seen from the joint's reference."""
+def place(spec: mujoco.MjSpec, resting: dict[Node, float]) -> None:
+    """Turn and shift each body as its joint does at this position, rad or m."""
     degrees = bool(spec.compiler.degree)
     for node, at in resting.items():
         if (by := at - node.reference(degrees)) == 0.0:
             continue
         joint, body = node.joint, node.joint.parent
-        turn, after, shift = _orientation(spec, body), (1.0, 0.0, 0.0, 0.0), np.zeros(3)
+        turn, after, shift = orientation(spec, body), (1.0, 0.0, 0.0, 0.0), np.zeros(3)
         motion = by * np.array(joint.axis) / np.linalg.norm(joint.axis)
         if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
             shift = motion
@@ -66,7 +66,7 @@ def _place(spec: mujoco.MjSpec, resting: dict[Node, float]) -> None:
         body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
-def _orientation(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Quaternion:
+def orientation(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Quaternion:
     """Of a body against its parent, in whichever of MuJoCo's notations the file has it."""
     if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
         return normalised(body.quat)
