@@ -155,6 +155,8 @@ class NewRobot:
             self.file, robot, collision, base, semantics.states_of(limits.names, own_state), self.guessed
         )
         self.guessed += semantics.said
+        usual_m = load_settings().streaming.collision_margin_m
+        margin_m = robot_guesses.stream_margin(robot, collision, usual_m, self.guessed)
         write_srdf(folder / "robot.srdf", semantics.group, limits.names, positions, pairs)
         settings = {
             "robot": {
@@ -165,6 +167,8 @@ class NewRobot:
             "planning": {"default_frame": base},
             "web": {"joint_limits": "joint_limits.yaml"},
         }  # fmt: skip
+        if margin_m < usual_m:
+            settings["streaming"] = {"collision_margin_m": margin_m}
         (folder / SETTINGS_FILE).write_text(yaml.safe_dump(settings, sort_keys=False))
         with self._naming(folder):
             load_robot(load_settings(folder / SETTINGS_FILE))

@@ -16,6 +16,8 @@ from cobot.types import Array, JointLimits
 SAMPLES = 500
 """Random positions at which self-collision is looked at."""
 MARGIN_M = 0.005
+NEAR_SHARE = 0.8
+"""Share of the distance of links that are always near each other, which streams keep."""
 VELOCITY = {False: 1.0, True: 0.25}
 """Guessed for a hinge, rad/s, and a slide, m/s."""
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
@@ -122,6 +124,31 @@ def pairs_that_touch(
         for first, second in pairs
     ]
     return pairs
+
+
+def stream_margin(
+    robot: RobotModel, collision: CollisionChecker, usual_m: float, guessed: list[str]
+) -> float:
+    """The distance that streams and jogging keep, m: the usual one, or less where links of the arm are
+    nearer than that in every free position, because a stream would be held in all of them.
+    """
+    samples = _samples(robot.limits)
+    free = samples[[collision.is_free(joints) for joints in samples]]
+    if not len(free):
+        return usual_m
+    apart = collision.clearance.distances(free, usual_m)
+    near = np.flatnonzero((apart < usual_m).all(axis=0))
+    if not len(near):
+        return usual_m
+    nearest = near[apart[:, near].min(axis=0).argmin()]
+    least_m = float(apart[:, nearest].min())
+    margin_m = max(MARGIN_M, int(1e3 * NEAR_SHARE * least_m) * 1e-3)
+    links = " and ".join(collision.names(int(nearest)))
+    guessed.append(
+        f"streaming.collision_margin_m {margin_m:.3f}: {links} are always "
+        f"within the usual {1e3 * usual_m:.0f} mm, {1e3 * least_m:.0f} mm at least"
+    )
+    return round(margin_m, 3)
 
 
 def shapeless(robot: RobotModel, guessed: list[str]) -> None:

@@ -174,3 +174,15 @@ def test_nothing_is_cut_off_or_covered_in_the_longest_words(panel: Panel, width:
         size(panel, *SIZE)
         panel.page.run("localStorage.clear()")
         panel.load()
+
+
+def test_a_long_joint_name_is_cut_and_covers_no_button(panel: Panel) -> None:
+    label = "document.querySelector('#joints .row span')"
+    name = panel.page.run(f"{label}.textContent")
+    panel.page.run(f"{label}.textContent = 'a_joint_with_a_very_long_name'")
+    cut = f"{label}.scrollWidth > {label}.clientWidth"
+    beside = (
+        f"{label}.getBoundingClientRect().right <= {label}.nextElementSibling.getBoundingClientRect().left"
+    )
+    assert panel.page.run(f"{cut} && {beside}")
+    panel.page.run(f"{label}.textContent = {name!r}")

@@ -26,7 +26,7 @@ function row(name, kind, index) {
   const fill = document.createElement("i");
   const value = document.createElement("b");
   made.className = "row";
-  label.textContent = name;
+  label.textContent = label.title = name;
   meter.className = kind === "joint" ? "meter" : "meter plain";
   meter.append(fill, value);
   const [less, more] = [button(-1, kind, index), button(1, kind, index)];

@@ -4,6 +4,8 @@ import { Drawn } from "./shapes.js";
 
 const [PLANNED, RUNNING] = [0x12a150, 0xc2410c];
 const UP = new THREE.Vector3(0, 0, 1);
+const FROM = new THREE.Vector3(1.55, -1.5, 0.65); // the camera, seen from the middle of an arm of this size:
+const SIZE = 1.3; // m, diagonal of the box around it
 
 export class View {
   constructor(place) {
@@ -12,7 +14,6 @@ export class View {
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.camera = new THREE.PerspectiveCamera(40, 1, 0.05, 50);
     this.camera.up.copy(UP);
-    this.camera.position.set(1.55, -1.5, 1.15);
     this.scene = new THREE.Scene();
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8890a0, 2.2));
     const sun = new THREE.DirectionalLight(0xffffff, 1.8);
@@ -21,8 +22,10 @@ export class View {
     place.prepend(this.renderer.domElement);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.target.set(0, 0, 0.5);
+    this.camera.position.copy(this.controls.target).add(FROM);
     this.controls.addEventListener("change", () => this.draw());
     this.controls.update();
+    this.framed = false;
     this.arm = this.ghost = this.path = this.way = this.plan = this.still = this.joints = null;
     this.frames = 0;
     this.asked = false;
@@ -65,7 +68,19 @@ export class View {
     if (this.joints?.every((value, index) => Math.abs(value - state.position[index]) < 1e-5)) return;
     this.joints = state.position;
     this.arm.place(state.position);
+    if (!this.framed) this.frame();
     this.draw();
+  }
+
+  // The camera as far from the arm as its size wants it; once, as people move the camera then.
+  frame() {
+    const box = new THREE.Box3().setFromObject(this.arm.root);
+    if (box.isEmpty()) return;
+    this.framed = true;
+    box.getCenter(this.controls.target);
+    const distance = box.getSize(new THREE.Vector3()).length() / SIZE;
+    this.camera.position.copy(FROM).multiplyScalar(distance).add(this.controls.target);
+    this.controls.update();
   }
 
   line(points, color) {

@@ -47,6 +47,22 @@ def test_the_tcp_is_where_pinocchio_finds_it(arm: Path) -> None:
         )  # fmt: skip
 
 
+def test_streams_keep_less_distance_where_links_are_always_near_each_other(tmp_path: Path) -> None:
+    """The balls of link3 and link5 are sqrt((0.15 - 0.15 sin 0.1)² + (0.15 cos 0.1)²) m apart, whatever the
+    joint between them does, less their diameter: 13.3 mm. Streams keep 0.8 of it, in whole millimetres.
+    """
+    file = tmp_path / "arm.urdf"
+    file.write_text(urdf(ARMS["ur"]).replace('sphere radius="0.03"', 'sphere radius="0.094"'))
+    new = NewRobot(file)
+    new.write(tmp_path / "near")
+    assert load_settings(tmp_path / "near" / "cobot-setting.yaml").streaming.collision_margin_m == 0.01
+    (said,) = (each for each in new.guessed if each.startswith("streaming."))
+    assert "0.010: link3 and link5 are always within the usual 20 mm, 13 mm at least" in said
+    file.write_text(urdf(ARMS["ur"]))
+    NewRobot(file).write(tmp_path / "far")
+    assert load_settings(tmp_path / "far" / "cobot-setting.yaml").streaming.collision_margin_m == 0.02
+
+
 def test_it_plans_ptp_lin_and_ompl(arm: Path) -> None:
     robot = load_robot(load_settings(arm / "made" / "cobot-setting.yaml"))
     start = np.array([0.3, 0.4, -0.3, 0.7, 0.4, 0.5, 0.2])[: robot.limits.dof]
