@@ -14,7 +14,7 @@ import pinocchio
 import second_opinion
 
 from cobot.config import load_settings
-from cobot.launch.new_robot import NewRobot
+from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.model import RobotModel
 from cobot.robot.tool import Tool

@@ -107,8 +107,8 @@ def _run(chosen: argparse.Namespace) -> int:
 
 
 def _new_robot(chosen: argparse.Namespace) -> int:
-    from cobot.launch.masses import Wishes
-    from cobot.launch.new_robot import NewRobot
+    from cobot.launch.new_robot.masses import Wishes
+    from cobot.launch.new_robot.new_robot import NewRobot
 
     robot = NewRobot(
         chosen.file,

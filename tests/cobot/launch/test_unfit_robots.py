@@ -15,7 +15,7 @@ from benchmarks import arms
 from cobot.config import load_settings
 from cobot.launch.check import check
 from cobot.launch.cli import main
-from cobot.launch.new_robot import NewRobot
+from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.robot.description import load_robot
 
 

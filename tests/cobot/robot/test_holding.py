@@ -10,7 +10,7 @@ from swinging_arm import ELBOW, GRAVITY, LENGTH, LEVEL, SHOULDER, UPRIGHT, swing
 
 from cobot.config import Settings, load_settings
 from cobot.errors import LimitError, PlanningError
-from cobot.launch.new_robot import NewRobot
+from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.holding import PAYLOAD_SHARE, check_holds, check_start, examine, payload

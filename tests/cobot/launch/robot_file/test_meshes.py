@@ -16,7 +16,7 @@ from urdf_arms import ARMS, urdf
 
 from cobot.config import load_settings
 from cobot.errors import ConfigError
-from cobot.launch.new_robot import NewRobot
+from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.launch.robot_file.convex import solids
 from cobot.launch.robot_file.mesh_reading import as_glb, read_mesh
 from cobot.launch.robot_file.worker import Worker, absolute

@@ -14,7 +14,7 @@ from urdf_arms import ARMS, urdf
 
 from cobot.errors import ConfigError
 from cobot.launch.cli import main
-from cobot.launch.new_robot import NewRobot
+from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.launch.robot_file.mjcf_checks import check_mjcf
 from cobot.launch.robot_file.urdf_checks import check_urdf
 from cobot.robot.file_limits import urdf_rates

@@ -14,8 +14,8 @@ from swinging_arm import LEVEL, SHOULDER, swinging_arm
 from cobot.config import load_settings
 from cobot.launch import check
 from cobot.launch.cli import main
-from cobot.launch.efforts import FRICTION_SHARE
-from cobot.launch.new_robot import NewRobot
+from cobot.launch.new_robot.efforts import FRICTION_SHARE
+from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.robot.description import load_robot
 
 

@@ -16,7 +16,7 @@ from urdf_arms import ARMS, urdf
 from cobot.config import load_settings
 from cobot.errors import ConfigError
 from cobot.launch.cli import main
-from cobot.launch.new_robot import NewRobot
+from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import load_robot
 from cobot.types import PlannerName, Scaling

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from cobot.errors import ConfigError
-from cobot.launch.volumes import Solid
+from cobot.launch.new_robot.volumes import Solid
 from cobot.types import Array
 from cobot.xml_file import where
 

@@ -11,7 +11,7 @@ from urdf_arms import ARMS, urdf
 from cobot.config import load_settings
 from cobot.errors import ConfigError
 from cobot.launch.cli import main
-from cobot.launch.new_robot import NewRobot
+from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.robot.description import RobotDescription, load_robot
 
 NAMES = tuple(f"a{index}" for index in range(6))

@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 
 from cobot.errors import ConfigError
-from cobot.launch.inertials import Stated, repair
+from cobot.launch.new_robot.inertials import Stated, repair
+from cobot.launch.new_robot.volumes import Solid, solid
 from cobot.launch.robot_file.saving import compiled
-from cobot.launch.volumes import Solid, solid
 from cobot.types import Array
 
 DENSITY_KG_M3 = 1100.0

@@ -15,8 +15,8 @@ from urdf_arms import ARMS, urdf
 from cobot.config import load_settings
 from cobot.errors import ConfigError
 from cobot.launch.cli import main
-from cobot.launch.masses import DENSITY_KG_M3, Wishes
-from cobot.launch.new_robot import NewRobot
+from cobot.launch.new_robot.masses import DENSITY_KG_M3, Wishes
+from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.robot.description import load_robot
 from cobot.robot.model import RobotModel
 

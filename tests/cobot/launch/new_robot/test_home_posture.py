@@ -13,7 +13,7 @@ from swinging_arm import swinging_arm
 from urdf_arms import ARMS, urdf
 
 from cobot.config import load_settings
-from cobot.launch.new_robot import NewRobot
+from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.robot.description import RobotDescription, load_robot
 
 HALF = np.pi / 2.0

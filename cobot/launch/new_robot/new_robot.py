@@ -19,8 +19,9 @@ import yaml
 
 from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import ConfigError
-from cobot.launch import efforts, home_posture, masses, robot_guesses
-from cobot.launch.inertials import Stated, set_aside
+from cobot.launch.new_robot import efforts, guesses, home_posture, masses
+from cobot.launch.new_robot.inertials import Stated, set_aside
+from cobot.launch.new_robot.srdf_import import GROUP, Semantics, Tree, read_srdf
 from cobot.launch.robot_file.arm import find_arm, guess_tcp, named_arm
 from cobot.launch.robot_file.joints import keep_joints, remove_shapes
 from cobot.launch.robot_file.meshes import Meshes, collect_meshes
@@ -35,7 +36,6 @@ from cobot.launch.robot_file.urdf_limits import check_driven, check_supported
 from cobot.launch.robot_file.visuals import Visuals
 from cobot.launch.robot_file.worker import Worker
 from cobot.launch.robot_file.xml_file import read_xml
-from cobot.launch.srdf_import import GROUP, Semantics, Tree, read_srdf
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.description import load_robot
 from cobot.robot.file_limits import VELOCITY_OF, urdf_rates
@@ -126,7 +126,7 @@ class NewRobot:
         joints, tcp = self._driven(source, root, semantics, own_state)
         check_driven(self.file, root, joints)
         self.guessed += masses.settle(self.file, spec, self.wishes, source.stated)
-        base, tcp = robot_guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
+        base, tcp = guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
         for joint in joints:
             motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             motor.set_to_motor()
@@ -134,17 +134,17 @@ class NewRobot:
                 spec.add_numeric(name=f"{VELOCITY_OF}{joint}", data=[velocity], size=1)
         mj = compiled(self.file, spec)
         save(spec, folder)
-        limits = robot_guesses.limits(self.file, mj, source.rates, self.guessed)
+        limits = guesses.limits(self.file, mj, source.rates, self.guessed)
         robot = self._load(folder, limits, base, tcp)
-        limits = replace(robot.limits, max_effort=robot_guesses.efforts(robot, self.guessed))
+        limits = replace(robot.limits, max_effort=guesses.efforts(robot, self.guessed))
         check_supported(self.file, root, limits)
-        robot_guesses.write_limits(limits, folder / "joint_limits.yaml")
-        robot_guesses.shapeless(robot, self.guessed)
-        touching = robot_guesses.pairs_that_touch(robot, semantics.pairs, self.guessed)
+        guesses.write_limits(limits, folder / "joint_limits.yaml")
+        guesses.shapeless(robot, self.guessed)
+        touching = guesses.pairs_that_touch(robot, semantics.pairs, self.guessed)
         pairs = [*semantics.pairs, *touching]
         for first, second in pairs:
             spec.add_exclude(bodyname1=first, bodyname2=second)
-        collision = CollisionChecker(robot, robot_guesses.MARGIN_M, map(frozenset, pairs))
+        collision = CollisionChecker(robot, guesses.MARGIN_M, map(frozenset, pairs))
         holding = examine(robot, collision, limits)
         self.guessed += efforts.reduce_friction(spec, robot, limits, holding)
         save(spec, folder)
@@ -156,7 +156,7 @@ class NewRobot:
         )
         self.guessed += semantics.said
         usual_m = load_settings().streaming.collision_margin_m
-        margin_m = robot_guesses.stream_margin(robot, collision, usual_m, self.guessed)
+        margin_m = guesses.stream_margin(robot, collision, usual_m, self.guessed)
         write_srdf(folder / "robot.srdf", semantics.group, limits.names, positions, pairs)
         settings = {
             "robot": {
