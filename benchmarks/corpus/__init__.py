@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -18,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.corpus import fuzz
 from benchmarks.corpus.examine import CONVERTED, REFUSED, Outcome, examine_all
 from benchmarks.corpus.made import made_descriptions
 from benchmarks.corpus.real import Description, installed, real_descriptions
@@ -35,18 +37,32 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--kind", choices=("real", "made"), help="without it: both")
     parser.add_argument("--convert", action="store_true", help="only convert and check, move nothing")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1, metavar="N")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep files and outcomes.json there")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep files and outcomes.jsonl there")
+    parser.add_argument("--fuzz", type=int, metavar="N", help="instead: N descriptions broken at random")
+    parser.add_argument("--seed", type=int, default=0, help="of --fuzz")
     arguments = parser.parse_args(words)
+    if arguments.fuzz is not None:
+        return fuzz.run(arguments.fuzz, arguments.seed)
     if arguments.kind != "made" and not installed():
         parser.error("the real descriptions are not installed: `make corpus` does it; or choose --kind made")
     with tempfile.TemporaryDirectory() as scratch:
         folder = arguments.keep or Path(scratch)
         chosen = [each for each in _descriptions(folder, arguments.kind) if arguments.only in each.name]
-        outcomes = examine_all(chosen, folder / "robots", arguments.processes, move=not arguments.convert)
-        if arguments.keep:
-            text = json.dumps([asdict(outcome) for outcome in outcomes], indent=1)
-            (folder / "outcomes.json").write_text(text, encoding="utf-8")
+        outcomes = _examined(chosen, folder, arguments.processes, move=not arguments.convert)
     return _report(chosen, outcomes, moved=not arguments.convert)
+
+
+def _examined(chosen: list[Description], folder: Path, processes: int, *, move: bool) -> list[Outcome]:
+    """Each outcome is written to the folder when it is known, because the whole corpus takes hours."""
+    outcomes = []
+    with (folder / "outcomes.jsonl").open("a", encoding="utf-8") as written:
+        for outcome in examine_all(chosen, folder / "robots", processes, move=move):
+            outcomes.append(outcome)
+            print(json.dumps(asdict(outcome)), file=written, flush=True)
+            print(
+                f"{len(outcomes)} of {len(chosen)}: {outcome.name}, {outcome.seconds:.0f} s", file=sys.stderr
+            )
+    return outcomes
 
 
 def _descriptions(folder: Path, kind: str | None) -> list[Description]:

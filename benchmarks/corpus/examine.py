@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 import traceback
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -52,10 +53,10 @@ class Outcome:
 
 def examine_all(
     descriptions: list[Description], folder: Path, processes: int, *, move: bool
-) -> list[Outcome]:
+) -> Iterator[Outcome]:
     """Examines each description in a process of its own, several at a time."""
     with ThreadPoolExecutor(processes) as pool:
-        return list(pool.map(lambda each: _examine_apart(each, folder, move), descriptions))
+        yield from pool.map(lambda each: _examine_apart(each, folder, move), descriptions)
 
 
 def _examine_apart(description: Description, folder: Path, move: bool) -> Outcome:

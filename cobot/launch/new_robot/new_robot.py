@@ -29,8 +29,8 @@ from cobot.launch.robot_file.mjcf import mjcf_rates, read_mjcf
 from cobot.launch.robot_file.mjcf_checks import check_mjcf
 from cobot.launch.robot_file.saving import compiled, save
 from cobot.launch.robot_file.telescope import find_telescopes
-from cobot.launch.robot_file.tree import JointTree
-from cobot.launch.robot_file.urdf import read_urdf
+from cobot.launch.robot_file.tree import JointTree, Node
+from cobot.launch.robot_file.urdf import read_joints, read_urdf
 from cobot.launch.robot_file.urdf_checks import check_urdf
 from cobot.launch.robot_file.urdf_limits import check_driven, check_supported
 from cobot.launch.robot_file.visuals import Visuals
@@ -121,9 +121,9 @@ class NewRobot:
     def _fill(self, folder: Path, name: str, root: Element, worker: Worker) -> None:
         source = self._read(root, folder, worker)
         spec = source.spec
-        semantics = self._semantics(source, root)
         own_state = home_posture.keyframe(spec) or {}
-        joints, tcp = self._driven(source, root, semantics, own_state)
+        semantics, tree, chain = self._chain(root, spec, source.names, source.tree)
+        joints, tcp = self._driven(source, tree, chain, semantics, own_state)
         check_driven(self.file, root, joints)
         self.guessed += masses.settle(self.file, spec, self.wishes, source.stated)
         base, tcp = guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
@@ -192,10 +192,25 @@ class NewRobot:
         names = [str(joint.get("name")) for joint in root.findall("joint")]
         tree, stated = Tree.of_urdf(root), set_aside(self.file, root)
         meshes = Meshes(self.file, self.packages, folder, worker, not self.hulls, self.guessed)
-        spec = read_urdf(self.file, root, still, meshes)
+        self._chain(root, read_joints(self.file, root, still), names, tree)
+        spec = read_urdf(self.file, root, meshes)
         return _Source(spec, rates, names, stated, tree)
 
-    def _semantics(self, source: _Source, root: Element) -> Semantics:
+    def _chain(
+        self, root: Element, spec: mujoco.MjSpec, in_file: Sequence[str], files: Tree
+    ) -> tuple[Semantics, JointTree, list[Node]]:
+        """What the SRDF says of the arm, and its joints, in the tree of all joints."""
+        names = [joint.name for joint in spec.joints]
+        for given, valid in ((self.actuators, names), (self.without, in_file)):
+            if name := next((name for name in given if name not in valid), ""):
+                raise ConfigError(f"{self.file}: has no joint {name!r}; valid are: {', '.join(names)}")
+        tree = JointTree(spec, self.without)
+        semantics = self._semantics(root, spec, tree, files)
+        if semantics.joints:
+            return semantics, tree, named_arm(self.file, root, spec, tree, semantics.joints)
+        return semantics, tree, find_arm(self.file, root, spec, tree, self.tcp)
+
+    def _semantics(self, root: Element, spec: mujoco.MjSpec, tree: JointTree, files: Tree) -> Semantics:
         """Of the SRDF; without one the joints that the user has named."""
         if self.srdf is None:
             if self.group is not None:
@@ -204,25 +219,20 @@ class NewRobot:
         arm = self.actuators
         if not arm:
             with suppress(ConfigError):  # The group says which joints they are.
-                tree = JointTree(source.spec, self.without)
-                chain = find_arm(self.file, root, source.spec, tree, self.tcp)
+                chain = find_arm(self.file, root, spec, tree, self.tcp)
                 arm = [node.name for node in chain]
-        return read_srdf(self.srdf, source.tree, self.group, arm, bool(self.actuators))
+        return read_srdf(self.srdf, files, self.group, arm, bool(self.actuators))
 
     def _driven(
-        self, source: _Source, root: Element, semantics: Semantics, own_state: dict[str, float]
+        self,
+        source: _Source,
+        tree: JointTree,
+        chain: list[Node],
+        semantics: Semantics,
+        own_state: dict[str, float],
     ) -> tuple[list[str], str]:
         """The joints of the arm and its TCP; all other joints are left out, and their links stay."""
         spec = source.spec
-        names = [joint.name for joint in spec.joints]
-        for given, valid in ((self.actuators, names), (self.without, source.names)):
-            if name := next((name for name in given if name not in valid), ""):
-                raise ConfigError(f"{self.file}: has no joint {name!r}; valid are: {', '.join(names)}")
-        tree = JointTree(spec, self.without)
-        if semantics.joints:
-            chain = named_arm(self.file, root, spec, tree, semantics.joints)
-        else:
-            chain = find_arm(self.file, root, spec, tree, self.tcp)
         for telescope in find_telescopes(spec, chain):
             chain = [node for node in chain if node not in telescope.others]
             self.guessed.append(telescope.merge(spec, source.rates))

@@ -6,6 +6,7 @@ meshes as convex solids in metres. So errors of the file are found before, with 
 
 from __future__ import annotations
 
+import copy
 import tempfile
 from collections.abc import Container
 from pathlib import Path
@@ -35,33 +36,51 @@ DIRECTORIES = ("meshdir", "texturedir", "assetdir", "autolimits")
 """Compiler options that do not fit the copy."""
 
 
-def read_urdf(file: Path, root: Element, still: Container[str], meshes: Meshes) -> mujoco.MjSpec:
-    """The specification of a URDF that `check_urdf` accepts; only what counts is left in `root`.
+def read_joints(file: Path, root: Element, still: Container[str]) -> mujoco.MjSpec:
+    """The specification of a URDF that `check_urdf` accepts, without shapes and masses; only what counts is
+    left in `root`. It is read in no time, so what its joints are refused for needs no wait for the meshes.
 
     Args:
         still: the joints that stay where they are.
 
     Raises:
-        ConfigError: names the joint, the link or the mesh, and the way out.
+        ConfigError: names the joint and the way out.
     """
     state_limits(file, root)
     for joint in root.findall("joint"):
         _check_joint(file, joint, still)
     _strip(root)
     _apply_meshdir(file, root)
-    for link in root.findall("link"):
-        _replace_meshes(link, meshes)
     _add_world(root)
     _set_compiler(root)
+    bare = copy.deepcopy(root)
+    for link in bare.findall("link"):
+        link[:] = []
+    return _load(file, bare)
+
+
+def read_urdf(file: Path, root: Element, meshes: Meshes) -> mujoco.MjSpec:
+    """The whole specification, after `read_joints`.
+
+    Raises:
+        ConfigError: names the link or the mesh, and the way out.
+    """
+    for link in root.findall("link"):
+        _replace_meshes(link, meshes)
+    spec = _load(file, root)
+    spec.modelfiledir, spec.compiler.meshdir = str(meshes.folder), meshes.SUBFOLDER
+    for mesh in spec.meshes:
+        mesh.file = Path(mesh.file).name
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+    return spec
+
+
+def _load(file: Path, root: Element) -> mujoco.MjSpec:
     with tempfile.TemporaryDirectory() as place:
         expanded = Path(place) / "robot.urdf"
         ElementTree.ElementTree(root).write(expanded)
         spec = load_spec(file, expanded)
     spec.compiler.fusestatic = False
-    spec.modelfiledir, spec.compiler.meshdir = str(meshes.folder), meshes.SUBFOLDER
-    for mesh in spec.meshes:
-        mesh.file = Path(mesh.file).name
-        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
     return spec
 
 
