@@ -18,14 +18,32 @@ WIDE = 1e7
 """A number from here on is written with an exponent: nobody counts its digits."""
 
 
+MAX_LINE = 10_000
+MAX_LINES = 200
+
+
 def plain_text(value: object, max_characters: int = MAX_MESSAGE) -> str:
     """The text of any object in one printable line; a longer text is cut, with a note of its length."""
-    try:
-        text = value if isinstance(value, str) else str(value)
-        # A subclass of str may have methods of its own.
-        return printable(str.__getitem__(text, slice(None)), max_characters)
-    except BaseException as exc:  # noqa: BLE001 - whatever a foreign __str__ raises
-        return f"(a {_type_name(value)} without text: its str() raises {_type_name(exc)})"
+    return printable(_text(value), max_characters)
+
+
+def joined_text(value: object, max_characters: int = MAX_MESSAGE) -> str:
+    """The same, where line ends and other white space become single spaces."""
+    text, head = _text(value), 2 * max_characters
+    return plain_text(" ".join(text[:head].split()) + text[head:], max_characters)
+
+
+def plain_lines(value: object, indent: str = "") -> str:
+    """The text of any object for people, in printable lines, so many at most.
+
+    Args:
+        indent: what each line but the first begins with.
+    """
+    text = _text(value)
+    lines = text[: MAX_LINE * MAX_LINES].split("\n", MAX_LINES)
+    if len(lines) > MAX_LINES:
+        lines[-1] = f"... ({text.count(chr(10)) + 1} lines)"
+    return f"\n{indent}".join(printable(line, MAX_LINE) for line in lines)
 
 
 def plain_error(exc: BaseException, max_characters: int = MAX_MESSAGE) -> str:
@@ -48,6 +66,16 @@ def bounded(items: Iterable[Any], most: int, what: str) -> tuple[Any, ...]:
 def fixed(value: float, decimals: int) -> str:
     """A number with so many decimals, or with an exponent where that would be wide."""
     return f"{value:z.{decimals}f}" if abs(value) < WIDE else f"{value:.6g}"
+
+
+def _text(value: object) -> str:
+    """What its `str()` gives, or that it gives none."""
+    try:
+        text = value if isinstance(value, str) else str(value)
+        # A subclass of str may have methods of its own.
+        return str.__getitem__(text, slice(None))
+    except BaseException as exc:  # noqa: BLE001 - whatever a foreign __str__ raises
+        return f"(a {_type_name(value)} without text: its str() raises {_type_name(exc)})"
 
 
 def _type_name(value: object) -> str:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
 
 from cobot.errors import ExecutionError
+from cobot.foreign import MAX_NAME, plain_text
 from cobot.ipc.layout import CHUNK_POINTS
 from cobot.types import Array
 
 ACTIONS = "actions"
+MAX_SHOWN = 20
+"""Maximum number of an answer's keys in an error."""
 Meaning = Literal["positions", "offsets"]
 
 
@@ -23,12 +27,12 @@ def actions_of(answer: Mapping[str, Any], dof: int) -> Array:
         ExecutionError: there are no such actions, with what there is.
     """
     if ACTIONS not in answer:
-        there = ", ".join(sorted(map(str, answer))) or "nothing"
+        there = ", ".join(sorted(plain_text(key, MAX_NAME) for key in islice(answer, MAX_SHOWN))) or "nothing"
         raise ExecutionError(f"the policy's answer has no {ACTIONS!r}; it has {there}")
     try:
         actions = np.asarray(answer[ACTIONS], float)
     except (TypeError, ValueError) as exc:
-        raise ExecutionError(f"the policy's {ACTIONS} are no numbers: {exc}") from exc
+        raise ExecutionError(f"the policy's {ACTIONS} are no numbers: {plain_text(exc)}") from exc
     if actions.ndim != 2 or not len(actions) or actions.shape[1] < dof:
         raise ExecutionError(
             f"the policy's {ACTIONS} are of shape {actions.shape}; a chunk for this arm is (k, {dof}), "

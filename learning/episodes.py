@@ -21,7 +21,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from cobot.errors import InputError
-from cobot.recording.bounds import bounded_reader
+from cobot.recording.bounds import bounded_reader, require_room
 from cobot.recording.reader import UNREADABLE
 from cobot.recording.store import UNFINISHED
 from cobot.robot.rays import png
@@ -198,6 +198,7 @@ def _read(file: io.BytesIO) -> Episode:
     times_ns: list[int] = []
     rows: dict[str, list[Array]] = {"position": [], "velocity": [], "action": []}
     pictures: dict[str, list[np.ndarray]] = {}
+    pixels = 0
     reader = bounded_reader(file)
     about = {each.name: each.metadata for each in reader.iter_metadata()}["episode"]
     for _, channel, message in reader.iter_messages(log_time_order=False):
@@ -212,7 +213,10 @@ def _read(file: io.BytesIO) -> Episode:
         elif channel.topic.startswith(CAMERA_TOPIC):
             image: Any = store.deserialize_cdr(message.data, IMAGE)
             name = channel.topic.removeprefix(CAMERA_TOPIC)
-            pictures.setdefault(name, []).append(pixels_of_png(image.data.tobytes()))
+            picture = pixels_of_png(image.data.tobytes())
+            pictures.setdefault(name, []).append(picture)
+            pixels += picture.nbytes
+            require_room("the pictures of the file", 2 * pixels)  # they are copied into one array
     if not times_ns:
         raise ValueError("there is no frame in it")
     if {len(each) for each in (*rows.values(), *pictures.values())} != {len(times_ns)}:

@@ -15,13 +15,17 @@ from typing import Any, Self, cast
 
 import msgpack
 import numpy as np
-from websockets.exceptions import WebSocketException
+from websockets.exceptions import ConnectionClosed, WebSocketException
+from websockets.frames import CloseCode
 from websockets.sync.client import ClientConnection, connect
 
-from cobot.errors import ExecutionError, InputError, UnavailableError
+from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
+from cobot.foreign import plain_text
 from cobot.strict import shown
 
 CONNECT_S = 10.0
+MAX_ANSWER_BYTES = 64 << 20
+"""Maximum size of a server's message. A chunk of 100 actions of 32 numbers has 26 kB."""
 PLAIN = "biufSU"
 """Kinds of numpy's types whose bytes say everything."""
 DTYPE = re.compile(f"[<>|=]?[{PLAIN}][0-9]{{1,9}}")
@@ -49,7 +53,9 @@ def unpacked(content: bytes) -> Any:
     try:
         return msgpack.unpackb(content, object_hook=_from_map)
     except (ValueError, TypeError, KeyError, OverflowError, msgpack.UnpackException) as exc:
-        raise ExecutionError(f"the server has sent what is no message of openpi's protocol: {exc}") from exc
+        raise ExecutionError(
+            f"the server has sent what is no message of openpi's protocol: {plain_text(exc)}"
+        ) from exc
 
 
 def _as_map(value: object) -> object:
@@ -132,7 +138,7 @@ class PolicyConnection:
             try:
                 connection.send(content)
             except (WebSocketException, OSError) as exc:
-                raise UnavailableError(f"{self.address}: the connection is lost: {exc}") from exc
+                raise self._lost(exc) from exc
             answer = unpacked(self._receive(connection, "answer"))
             if not isinstance(answer, dict):
                 raise ExecutionError(f"{self.address}: the answer is {type(answer).__name__}, and no map")
@@ -169,12 +175,18 @@ class PolicyConnection:
                 f"{self.address}: the policy did not {what} within {self._timeout_s:g} s"
             ) from exc
         except (WebSocketException, OSError) as exc:
-            raise UnavailableError(f"{self.address}: the connection is lost: {exc}") from exc
+            raise self._lost(exc) from exc
         if isinstance(content, str):
-            lines = [line for line in content.splitlines() if line.strip()]
-            said = lines[-1] if lines else "no reason"
+            said = plain_text(content.rstrip().rpartition("\n")[2].strip()) or "no reason"
             raise ExecutionError(f"{self.address}: the policy has failed: {said}")
         return content
+
+    def _lost(self, exc: Exception) -> CobotError:
+        if isinstance(exc, ConnectionClosed) and exc.sent and exc.sent.code == CloseCode.MESSAGE_TOO_BIG:
+            return ExecutionError(
+                f"{self.address}: the policy's answer has more than {MAX_ANSWER_BYTES} bytes, the limit"
+            )
+        return UnavailableError(f"{self.address}: the connection is lost: {plain_text(exc)}")
 
     def _open(self) -> ClientConnection:
         try:
@@ -183,12 +195,12 @@ class PolicyConnection:
                 additional_headers=self._headers,
                 proxy=None,
                 compression=None,
-                max_size=None,
+                max_size=MAX_ANSWER_BYTES,
                 open_timeout=CONNECT_S,
                 close_timeout=1.0,
                 ping_interval=None,  # a server that thinks may not answer pings meanwhile
             ).__enter__()  # or websockets 17 takes it for an iterator; `close` is all that the exit does
         except (WebSocketException, OSError) as exc:
-            raise UnavailableError(f"{self.address}: {str(exc) or type(exc).__name__}") from exc
+            raise UnavailableError(f"{self.address}: {plain_text(exc) or type(exc).__name__}") from exc
         except ValueError as exc:
             raise InputError(f"address {self.address!r}: {exc}") from exc

@@ -20,7 +20,7 @@ def pixels_of_png(content: bytes) -> np.ndarray:
     """
     if not content.startswith(SIGNATURE):
         raise ValueError("a picture in it is no PNG")
-    place, head, data = len(SIGNATURE), b"", b""
+    place, head, data = len(SIGNATURE), b"", bytearray()
     while place + 12 <= len(content):
         (length,) = struct.unpack_from(">I", content, place)
         kind, body = content[place + 4 : place + 8], content[place + 8 : place + 8 + length]

@@ -14,11 +14,11 @@ from typing import Any, cast
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message
-from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
 from cobot.ipc.recording_memory import RecordingMemory
+from cobot.recording.bounds import bounded_records
 from cobot.recording.events import Event
 from cobot.recording.messages import TOPICS, RecordMessages
 from cobot.recording.store import UNFINISHED
@@ -117,7 +117,7 @@ class RecordingFile:
         last, topics = 0, {}
         try:
             with part.open("rb") as file:
-                for record in StreamReader(file, validate_crcs=True, record_size_limit=1 << 26).records:
+                for record in bounded_records(file):
                     if isinstance(record, Channel) and record.topic in self._channels:
                         topics[record.id] = record.topic
                     elif isinstance(record, Message) and record.channel_id in topics:

@@ -17,12 +17,14 @@ from typing import Any
 from lupa.lua53 import LuaError, LuaRuntime
 
 from cobot.errors import CobotError, InputError
+from cobot.foreign import plain_error
 
 PRELUDE = Path(__file__).with_name("sandbox.lua")
 INTERVAL = 100_000
 """The limits are looked at after so many instructions: about a millisecond."""
 END_S = 0.3
 """How long a program that was told to end is waited for: it sees it within milliseconds, if at all."""
+MAX_ERROR_BYTES = 10_000
 HOST_ERROR = "the runner has failed: {}; this is a mistake of cobot's"
 
 Function = Callable[..., Any]
@@ -141,10 +143,9 @@ class Sandbox:
             return
         if self._watch.told:
             raise Stopping(self._watch.reason)
-        message = ended[1].decode("utf-8", "replace")
-        if self.failure is not None and message.endswith(str(self.failure)):
-            raise type(self.failure)(message) from self.failure
-        raise InputError(message)
+        if self.failure is not None and ended[1].endswith(_bytes(self.failure)):
+            raise type(self.failure)(_message(ended[1])) from self.failure
+        raise InputError(_message(ended[1]))
 
     def table(self, items: Mapping[Any, Any] | list[Any]) -> Any:
         """A Lua table."""
@@ -157,15 +158,26 @@ class Sandbox:
             try:
                 results = function(*arguments)
             except Stopping as exc:
-                return False, str(exc).encode(), True
+                return False, _bytes(exc), True
             except CobotError as exc:
                 self.failure = exc
-                return False, str(exc).encode()
+                return False, _bytes(exc)
             except Exception as exc:  # noqa: BLE001 - reported, as all that goes wrong in here
-                return False, HOST_ERROR.format(repr(exc)).encode()
+                return False, HOST_ERROR.format(plain_error(exc)).encode()
             return (True, *results) if isinstance(results, tuple) else (True, results)
 
         return call
+
+
+def _bytes(error: Exception) -> bytes:
+    """What the program gets of an error; a service's text may have what UTF-8 cannot."""
+    return str(error).encode("utf-8", "backslashreplace")
+
+
+def _message(text: bytes) -> str:
+    """Of an error that ends the program, which may have as many megabytes as its memory."""
+    shown = text[:MAX_ERROR_BYTES].decode("utf-8", "replace")
+    return shown if len(text) <= MAX_ERROR_BYTES else f"{shown}... ({len(text)} bytes)"
 
 
 def _nothing(_object: object, name: object, _setting: bool) -> object:

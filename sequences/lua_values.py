@@ -89,7 +89,7 @@ def lua(value: Any, table: Callable[[Any], Any]) -> Any:
     if isinstance(value, str):
         return value.encode("utf-8", "surrogatepass")
     if isinstance(value, dict):
-        return table({key.encode(): lua(item, table) for key, item in value.items()})
+        return table({key.encode("utf-8", "surrogatepass"): lua(item, table) for key, item in value.items()})
     if isinstance(value, list):
         return table([lua(item, table) for item in value])
     return value

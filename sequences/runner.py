@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from cobot.client import Client
 from cobot.errors import CobotError, InputError, UnavailableError
-from cobot.logs import printable
+from cobot.foreign import plain_lines
 from sequences.lua_sandbox import Limits, run_apart
 from sequences.moving import go
 from sequences.progress import Progress
@@ -25,7 +25,6 @@ if TYPE_CHECKING:  # what only some runs need is imported by them: it takes long
     from sequences.recorder import Recorder
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
-LONGEST_LINE = 10_000
 Chain = list[tuple[int, AnyTarget]]
 
 
@@ -128,7 +127,7 @@ def _recorder(order: Run) -> Recorder | None:
 
 def log(text: str) -> None:
     """A line with its time, at once. Further lines of the text are indented: none can pass for another."""
-    lines = "\n    | ".join(printable(line, LONGEST_LINE) for line in text.split("\n"))
+    lines = plain_lines(text, "    | ")
     print(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {lines}", flush=True)
 
 

@@ -18,6 +18,7 @@ from cobot.commands.completion import completion
 from cobot.commands.options import url_of
 from cobot.commands.screen import Bar, during, event_line, said, show_state, show_table, show_words
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
+from cobot.foreign import plain_lines
 
 EXIT_OK, EXIT_FAILED, EXIT_UNAVAILABLE = 0, 1, 3
 POLL_S = 0.1
@@ -53,7 +54,7 @@ def run(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
     except CobotError as exc:
         if getattr(chosen, "json", False):
             said({"success": False, "code": exc.code, "message": str(exc)})
-        print(f"cobot: {exc}", file=sys.stderr)
+        print(f"cobot: {plain_lines(exc)}", file=sys.stderr)
         return EXIT_UNAVAILABLE if isinstance(exc, UnavailableError) else EXIT_FAILED
 
 

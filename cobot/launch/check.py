@@ -17,6 +17,7 @@ from cobot.access.tls import check_certificate
 from cobot.access.tokens import TokenFile
 from cobot.config import Settings, WebSection, load_endpoints
 from cobot.errors import CobotError, CollisionError, ConfigError
+from cobot.foreign import plain_lines
 from cobot.launch.process import RUN_MODULE
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
@@ -91,7 +92,8 @@ class _Report:
         except CobotError as exc:
             checked = Checked(f"{self.about}{name}", False, str(exc))
         self.items.append(checked)
-        print(f"{'ok     ' if checked.good else 'FAILED '} {checked.item}: {checked.found}", file=self._out)
+        verdict = "ok     " if checked.good else "FAILED "
+        print(f"{verdict} {plain_lines(f'{checked.item}: {checked.found}')}", file=self._out)
 
 
 def _address(web: WebSection) -> str:

@@ -15,6 +15,7 @@ from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.commands import options
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
+from cobot.foreign import plain_lines
 from cobot.launch import recording_options, token
 from cobot.launch.parser import SIMULATORS, make_parser
 from cobot.launch.process import RUN_MODULE, in_words, require_limits
@@ -102,7 +103,7 @@ def _run(chosen: argparse.Namespace) -> int:
             for blank in blanks:
                 blank.dismiss()
     except CobotError as exc:
-        print(f"cobot: {exc}", file=sys.stderr)
+        print(f"cobot: {plain_lines(exc)}", file=sys.stderr)
         return EXIT_FAILED
 
 
@@ -127,7 +128,7 @@ def _new_robot(chosen: argparse.Namespace) -> int:
     robot.write(folder)
     print(f"{folder} has been made. Guessed, to be looked at:")
     for sentence in robot.guessed:
-        print(f"  {sentence}")
+        print(f"  {plain_lines(sentence)}")
     print(f"Then: cobot check --config {folder} and cobot run --config {folder}")
     return EXIT_OK
 

@@ -13,10 +13,15 @@ from collections.abc import Iterator
 from typing import BinaryIO
 
 from mcap.reader import SeekingReader
+from mcap.records import Chunk, McapRecord
+from mcap.stream_reader import StreamReader, breakup_chunk
 from zstandard import CONTENTSIZE_UNKNOWN, get_frame_parameters
 
 MAX_CHUNK_BYTES = 64_000_000
 """Maximum uncompressed size of a chunk. The recorder writes chunks of about 1 MB."""
+MEMORY_SHARE = 0.5
+"""Share of this computer's memory that all chunks of a file may have together: its reader keeps what is in
+them."""
 MAGIC_BYTES = 8
 CHUNK = 0x06
 COMPRESSIONS = ("", "zstd")
@@ -27,14 +32,13 @@ _FRAME_HEADER = 18
 
 
 def bounded_reader(file: BinaryIO) -> SeekingReader:
-    """A reader of a file in which no record and no chunk claims more than it may.
+    """A reader of a file in which no record and no chunk claims more than it may, nor all chunks together.
 
     Raises:
         ValueError: one does, with its place, what it claims and the limit.
     """
     size = file.seek(0, os.SEEK_END)
-    for at, length in _records(file, size):
-        _require_chunk(file, at, length)
+    require_room("the chunks of the file", sum(_require_chunk(file, *each) for each in _records(file, size)))
     file.seek(0)
     reader = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)
     summary = reader.get_summary()
@@ -42,6 +46,31 @@ def bounded_reader(file: BinaryIO) -> SeekingReader:
         _require_chunk(file, index.chunk_start_offset, _length_at(file, index.chunk_start_offset, size))
     file.seek(0)
     return reader
+
+
+def bounded_records(file: BinaryIO) -> Iterator[McapRecord]:
+    """What is in a file that may break off anywhere, up to there.
+
+    Raises:
+        ValueError, McapError, ZstdError, struct.error: it breaks off, or a chunk claims more than it may.
+    """
+    for record in StreamReader(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES).records:
+        if isinstance(record, Chunk):
+            _require_claims(record.compression, record.uncompressed_size, record.data[:_FRAME_HEADER])
+            yield from breakup_chunk(record, validate_crc=True)
+        else:
+            yield record
+
+
+def require_room(what: str, size: int) -> None:
+    """Check that something fits into memory.
+
+    Raises:
+        ValueError: it does not, with its size and the limit.
+    """
+    limit = int(MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    if size > limit:
+        raise ValueError(f"{what} claim {size} bytes uncompressed, at most {limit} fit into memory here")
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, int]]:
@@ -68,26 +97,33 @@ def _length_at(file: BinaryIO, at: int, size: int) -> int:
     return length
 
 
-def _require_chunk(file: BinaryIO, at: int, length: int) -> None:
+def _require_chunk(file: BinaryIO, at: int, length: int) -> int:
+    """The size that it claims."""
     file.seek(at + _RECORD.size)
     head = file.read(min(length, _SIZES.size))
     if len(head) < _SIZES.size:
         raise ValueError(f"the chunk at byte {at} has {length} bytes, its sizes alone have {_SIZES.size}")
     _, _, claimed, _, name_bytes = _SIZES.unpack(head)
     compression = file.read(min(name_bytes, length)).decode("utf-8", "replace")
-    if compression not in COMPRESSIONS:
-        raise ValueError(
-            f"the chunk at byte {at} is compressed with {compression[:20]!r}, only zstd is known"
-        )
     file.read(8)  # the length of the compressed messages
-    frame = file.read(_FRAME_HEADER)
+    return _require_claims(compression, claimed, file.read(_FRAME_HEADER), f" at byte {at}")
+
+
+def _require_claims(compression: str, claimed: int, frame: bytes, place: str = "") -> int:
+    """The size that a chunk claims.
+
+    Args:
+        frame: the first bytes of what is compressed.
+    """
+    if compression not in COMPRESSIONS:
+        raise ValueError(f"the chunk{place} is compressed with {compression[:20]!r}, only zstd is known")
     if compression and frame:
         claimed = max(claimed, _frame_claim(frame))
     if claimed > MAX_CHUNK_BYTES:
         raise ValueError(
-            f"the chunk at byte {at} claims {claimed} bytes uncompressed, at most {MAX_CHUNK_BYTES} are "
-            "allowed"
+            f"the chunk{place} claims {claimed} bytes uncompressed, at most {MAX_CHUNK_BYTES} are allowed"
         )
+    return claimed
 
 
 def _frame_claim(frame: bytes) -> int:

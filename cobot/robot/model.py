@@ -13,6 +13,7 @@ import numpy as np
 from cobot.errors import ConfigError, InputError, exhausted
 from cobot.robot.chain import Chain
 from cobot.robot.dynamics import Dynamics
+from cobot.robot.file_checks import check_names, require_inertials
 from cobot.robot.inverse_kinematics.arm import Arm
 from cobot.robot.inverse_kinematics.geometry import recognised
 from cobot.robot.load import carrying
@@ -87,14 +88,18 @@ class RobotModel:
         """Read an MJCF or URDF file.
 
         Raises:
-            ConfigError: missing or not loadable, other joints than the limits, no such base or TCP.
+            ConfigError: missing or not loadable, a URDF with unknown masses, other joints than the limits, no
+                such base or TCP.
             UnavailableError: no memory is left for it.
         """
         if not path.is_file():
             raise ConfigError(f"{path}: {'is no file' if path.exists() else 'no such file'}")
         try:
             spec = _read(path, tcp)
-            return cls(spec.compile(), limits, base, tcp, spec)
+            mj = spec.compile()
+            check_names(mj)
+            require_inertials(path, spec, mj)
+            return cls(mj, limits, base, tcp, spec)
         except ValueError as exc:
             if error := exhausted(exc):
                 raise error from exc

@@ -9,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cobot.errors import InputError
-from cobot.foreign import bounded, fixed, plain_error, plain_text
+from cobot.foreign import (
+    MAX_LINE,
+    MAX_LINES,
+    bounded,
+    fixed,
+    joined_text,
+    plain_error,
+    plain_lines,
+    plain_text,
+)
 
 
 class Sly(str):
@@ -45,6 +54,20 @@ def test_a_class_without_a_name_and_a_text_that_answers_nothing() -> None:
     assert plain_error(Nameless("gone")) == "Nameless: gone"
     assert plain_text(Sly("a\x07b")) == r"a\x07b"
     assert plain_error(ValueError()) == "ValueError"
+
+
+def test_lines_are_kept_printed_and_bounded() -> None:
+    assert plain_lines("one\n\x1b[31mtwo", "> ") == "one\n> \\x1b[31mtwo"
+    assert plain_lines(Nameless("gone\ud800")) == r"gone\ud800"
+    many = plain_lines("x\n" * 1_000_000).split("\n")
+    assert (len(many), many[-1]) == (MAX_LINES + 1, "... (1000001 lines)")
+    (wide,) = plain_lines("x" * 10_000_000).split("\n")
+    assert len(wide) < MAX_LINE + 100
+
+
+def test_lines_that_are_to_be_one_are_joined_by_spaces() -> None:
+    assert joined_text(" a\n\tb \x00\n") == r"a b \x00"
+    assert len(joined_text("a\n" * 5_000_000, 100)) < 150
 
 
 def test_an_endless_iterator_is_an_error_with_the_limit() -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import struct
+import time
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,12 +14,13 @@ import pytest
 
 from cobot.config import Settings
 from cobot.errors import InputError
+from cobot.recording import bounds
 from cobot.robot.description import RobotDescription
 from cobot.robot.rays import png
 from learning.__main__ import main
 from learning.cameras import CAMERAS, FRONT, Camera, Renderer
 from learning.episodes import EpisodeWriter, read_episode
-from learning.png import pixels_of_png
+from learning.png import SIGNATURE, pixels_of_png
 from learning.record import record
 from learning.simulation import Simulation
 
@@ -95,6 +99,40 @@ def test_pictures_are_png() -> None:
     for wrong in (b"", content[:40], content[:-20] + bytes(20), content.replace(b"IDAT", b"IDAX")):
         with pytest.raises(ValueError, match="a picture in it is"):
             pixels_of_png(wrong)
+
+
+def test_a_picture_in_a_million_pieces_is_read_as_quickly_as_in_one() -> None:
+    """Empty and tiny IDAT chunks, which PNG permits: each costs what it has, not what came before it."""
+
+    def chunk(kind: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    head = struct.pack(">IIBBBBB", 700, 700, 8, 2, 0, 0, 0)
+    pixels = RANDOM.integers(0, 255, (700, 700, 3), np.uint8)
+    rows = b"".join(b"\0" + row.tobytes() for row in pixels)
+    data = zlib.compress(rows, 0)
+    pieces = b"".join(chunk(b"IDAT", data[at : at + 2]) for at in range(0, len(data), 2))
+    content = SIGNATURE + chunk(b"IHDR", head) + pieces + chunk(b"IEND", b"")
+    begin_s = time.process_time()
+    assert (pixels_of_png(content) == pixels).all()
+    assert time.process_time() - begin_s < 15.0  # 1 s; 300 GB are copied where each piece copies all before
+
+
+def test_pictures_that_are_small_alone_are_bounded_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A black picture of 3 MB has 3 kB as PNG: a small file of many would fill the memory."""
+    path = tmp_path / "one.mcap"
+    black = np.zeros((1000, 1000, 3), np.uint8)
+    with EpisodeWriter(path, NAMES, 10.0) as episode:
+        for number in range(4):
+            episode.add(0.1 * number, [0, 0], [0, 0], [0, 0], {"front": black})
+    assert path.stat().st_size < 100_000
+    monkeypatch.setattr(bounds.os, "sysconf", {"SC_PAGE_SIZE": 1, "SC_PHYS_PAGES": 30_000_000}.__getitem__)
+    with pytest.raises(
+        InputError, match="the pictures of the file claim 18000000 bytes uncompressed, at most"
+    ):
+        read_episode(path)
 
 
 def test_an_arm_is_recorded_as_it_is_moved(

@@ -16,6 +16,8 @@ from learning_peers import answering, need
 msgpack = need("msgpack")
 
 from cobot.errors import ExecutionError, InputError, UnavailableError  # noqa: E402
+from learning import openpi  # noqa: E402
+from learning.chunks import actions_of  # noqa: E402
 from learning.openpi import PolicyConnection, packed, unpacked  # noqa: E402
 
 MESSAGE: dict[str, Any] = {
@@ -135,6 +137,54 @@ def test_a_server_that_fails_gives_its_reason_in_one_line() -> None:
         pytest.raises(ExecutionError, match=r"the policy has failed: KeyError: 'state'$"),
     ):
         policy.infer({})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("\x1b[2J\x00gone", r"has failed: \\x1b\[2J\\x00gone$"),
+        ("x" * 1_000_000, r"has failed: x{2000}\.\.\. \(1000000 characters\)$"),
+        ("\n" * 1_000_000, "has failed: no reason$"),
+    ],
+)
+def test_a_server_s_reason_is_printable_and_bounded(text: str, words: str) -> None:
+    async def serve(socket: Any) -> None:
+        await socket.send(packed({}))
+        await socket.recv()
+        await socket.send(text)
+
+    with (
+        answering(serve) as address,
+        PolicyConnection(address) as policy,
+        pytest.raises(ExecutionError, match=words),
+    ):
+        policy.infer({})
+
+
+def test_an_answer_beyond_the_limit_is_named_and_the_next_one_is_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(openpi, "MAX_ANSWER_BYTES", 10_000)
+    sizes = iter((20_000, 1))
+
+    async def serve(socket: Any) -> None:
+        await socket.send(packed({}))
+        async for _ in socket:
+            await socket.send(packed({"actions": bytes(next(sizes))}))
+
+    with answering(serve) as address, PolicyConnection(address) as policy:
+        with pytest.raises(ExecutionError, match=f"{address}: the policy's answer has more than 10000 bytes"):
+            policy.infer({})
+        assert policy.infer({}) == {"actions": b"\0"}
+
+
+def test_an_answer_without_actions_is_described_in_few_words() -> None:
+    """Its keys are the server's."""
+    answer = {f"\x1b{number}" + "k" * 100_000: 0 for number in range(1000)}
+    with pytest.raises(ExecutionError, match="has no 'actions'") as caught:
+        actions_of(answer, 7)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 5_000
 
 
 def test_a_server_that_goes_away_or_says_nothing_is_named() -> None:

@@ -28,6 +28,7 @@ from cobot.client import Client
 from cobot.errors import CobotError, InputError, MotionStopped, UnavailableError
 from sequences.lua_program import Program
 from sequences.lua_sandbox import Limits, Stopping, run_apart
+from sequences.runner import say
 
 ARRIVED = {"success": True, "message": "", "code": None, "motion_id": 7, "duration_s": 0.1}
 POSE = {
@@ -50,7 +51,7 @@ class Service:
         known = {"/robot/joint_states": {"position": [0.5, 1.5]}, "/robot/pose": POSE}
         known["/health"] = {"robot": {"name": "iiwa"}}
         status, content = self.answers.get(path, (200, known.get(path, ARRIVED)))
-        return httpx.Response(status, json=content)
+        return httpx.Response(status, text=json.dumps(content))
 
 
 @pytest.fixture
@@ -291,6 +292,47 @@ def test_a_caught_error_is_not_the_one_that_ends_the_program(service: Service) -
     service.answers["/robot/move/joints"] = 503, {"code": "unavailable", "detail": "gone"}
     with pytest.raises(InputError, match="mine"):
         run("pcall(movej, {1}) error('mine')", service)
+
+
+def test_an_error_of_megabytes_is_cut_with_its_size() -> None:
+    with pytest.raises(InputError, match=r"\.\.\. \(1000001\d bytes\)$") as caught:
+        run("error(string.rep('x', 10000000))")
+    assert len(str(caught.value)) < 11_000
+
+
+def test_what_the_service_says_reaches_a_program_whatever_characters_it_has(service: Service) -> None:
+    """A lone surrogate is no UTF-8: its error must not reach the program as an object of Python's."""
+    service.answers["/robot/move/joints"] = 503, {"code": "unavailable", "detail": "gone \ud800\x1b[2J"}
+    said = run("local ok, why = pcall(movej, {1}) textmsg(type(why), why)", service)
+    assert said == ["string gone \\ud800\x1b[2J (code 50)"]  # the log makes escapes of the rest
+    service.answers["/iiwa/A/b"] = 200, {"code": 0, "message": "", "result": {"\ud800": "\ud801"}}
+    assert run("for key, value in pairs(robot.A.b({})) do textmsg(#key, #value) end", service) == ["3 3"]
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "error(setmetatable({}, {__tostring = function() error('again') end}))",
+        "error(setmetatable({}, {__tostring = function() return 7 end}))",
+        "error(setmetatable({}, {__name = string.rep('n', 1000000)}))",
+        "textmsg(setmetatable({}, {__tostring = function() error('again') end}))",
+    ],
+)
+def test_a_value_without_text_ends_the_program_in_words(source: str) -> None:
+    with pytest.raises(InputError) as caught:
+        run(source)
+    assert len(str(caught.value)) < 11_000
+
+
+def test_what_a_program_prints_is_bounded_in_width_and_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    say("x" * 1_000_000)
+    say("\n" * 1_000_000)
+    say("\x1b[2J\0\u202e\ud800")
+    wide, *lines, last = capsys.readouterr().out.splitlines()
+    assert len(wide) < 11_000
+    assert len(lines) < 250
+    assert all(line.startswith("    | ") for line in lines[1:])
+    assert last.endswith(r"program: \x1b[2J\x00\u202e\ud800")
 
 
 def test_bytecode_is_no_program() -> None:

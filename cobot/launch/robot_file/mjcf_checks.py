@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from cobot.errors import ConfigError
-from cobot.xml_file import parse, shown, where
+from cobot.xml_file import is_printable, parse, shown, where
 
 MAX_ELEMENTS = 20_000
 """Of a file, with what its <replicate> and the like make."""
@@ -18,7 +18,8 @@ MULTIPLYING = ("replicate", "composite", "flexcomp")
 
 
 def check_mjcf(file: Path, root: Element) -> None:
-    """Reject files that would make more elements than any arm has, or a height field of monstrous size.
+    """Reject files that would make more elements than any arm has, a height field of monstrous size, or
+    names that are none.
 
     Raises:
         ConfigError: names the line, the element, the number and the limit.
@@ -39,6 +40,8 @@ class _Counter:
         pending = [(root, times)]
         while pending:
             element, times = pending.pop()
+            for attribute in ("name", "prefix"):
+                _check_name(file, element, element.get(attribute))
             if element.tag == "hfield":
                 cells = _product(file, element, "nrow") * _product(file, element, "ncol")
                 _require(file, element, "cells", cells, MAX_CELLS)
@@ -55,6 +58,15 @@ class _Counter:
         _require(file, element, "included files", self._included, MAX_INCLUDED)
         if (path := self._folder / name).is_file():
             self.add(path, parse(path)[0], times)
+
+
+def _check_name(file: Path, element: Element, name: str | None) -> None:
+    """MuJoCo takes any; here they become keys, topics and words of errors."""
+    if name and not is_printable(name):
+        raise ConfigError(
+            f"{where(file, element)}: <{element.tag}> has the name {shown(name)}; give it a printable name "
+            "of 1 to 200 characters without spaces at its ends"
+        )
 
 
 def _product(file: Path, element: Element, attribute: str) -> int:

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import islice
 from typing import Any
 
+from cobot.foreign import MAX_NAME, joined_text, plain_text
+
+MAX_ERRORS = 64
+"""Maximum number of errors of one state that are reported; libfranka has 41."""
 MOVE_BACK = "move the arm back by hand, or in Desk"
 REFLEXES = {
     "base_acceleration_initialization_timeout": "the acceleration sensor of its base did not start",
@@ -52,7 +57,8 @@ REFUSALS = {
 
 def in_words(names: Iterable[str]) -> str:
     """Errors as one sentence; "" for none."""
-    return "; ".join(REFLEXES.get(name, name.replace("_", " ")) for name in names)
+    known = islice(names, MAX_ERRORS)
+    return "; ".join(REFLEXES.get(name) or plain_text(name, MAX_NAME).replace("_", " ") for name in known)
 
 
 def explained(text: str) -> str:
@@ -66,9 +72,10 @@ def explained(text: str) -> str:
 def present(state: Any) -> list[str]:
     """The names of the errors in a state of libfranka's."""
     errors = state.current_errors if state is not None else None
-    return [name for name in dir(errors) if not name.startswith("_") and getattr(errors, name) is True]
+    found = (name for name in dir(errors) if not name.startswith("_") and getattr(errors, name) is True)
+    return list(islice(found, MAX_ERRORS))
 
 
 def said(exc: Exception) -> str:
     """By libfranka, in a line."""
-    return " ".join(str(exc).split()).removeprefix("libfranka: ")
+    return joined_text(exc).removeprefix("libfranka: ")

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 import zstandard
+from mcap.records import Message
 from mcap.writer import CompressionType, Writer
 
 from cobot.errors import InputError
-from cobot.recording.bounds import CHUNK, MAX_CHUNK_BYTES, bounded_reader
+from cobot.recording import bounds
+from cobot.recording.bounds import CHUNK, MAX_CHUNK_BYTES, bounded_reader, bounded_records
 from cobot.recording.reader import read_recording
 
 HEAD = struct.Struct("<BQ")
@@ -95,3 +97,40 @@ def test_the_reader_of_recordings_says_so_in_its_own_error(tmp_path: Path) -> No
     path.write_bytes(content)
     with pytest.raises(InputError, match=rf"bomb.mcap: .* claims {CLAIM} bytes uncompressed"):
         read_recording(path)
+
+
+def test_chunks_that_are_small_alone_are_bounded_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a computer of which half of the memory holds one chunk of the file, not two."""
+    content = recording()
+    at = chunk_at(content)
+    end = at + HEAD.size + HEAD.unpack_from(content, at)[1]
+    size = struct.unpack_from("<Q", content, at + HEAD.size + 16)[0]
+    monkeypatch.setattr(bounds.os, "sysconf", {"SC_PAGE_SIZE": 1, "SC_PHYS_PAGES": 3 * size}.__getitem__)
+    bounded_reader(io.BytesIO(content))
+    twice = content[:end] + content[at:end] + content[end:]
+    assert refusal(twice) == (
+        f"the chunks of the file claim {2 * size} bytes uncompressed, at most {3 * size // 2} fit into "
+        "memory here"
+    )
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_what_a_killed_recorder_left_is_read_until_a_chunk_claims_gigabytes(*, inside: bool) -> None:
+    """The chunk's own claim, or that of the frame of Zstandard in it."""
+    content = recording()
+    at = chunk_at(content)
+    assert [each.data for each in bounded_records(io.BytesIO(content)) if isinstance(each, Message)] == [
+        b"{}" * 100
+    ]
+    if inside:
+        frame = content.index(b"\x28\xb5\x2f\xfd", at)
+        content[frame : frame + 13] = b"\x28\xb5\x2f\xfd\xe0" + struct.pack("<Q", CLAIM)
+    else:
+        struct.pack_into("<Q", content, at + HEAD.size + 16, CLAIM)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=f"claims {CLAIM} bytes uncompressed"):
+            list(bounded_records(io.BytesIO(content)))
+        assert tracemalloc.get_traced_memory()[1] < 5e6
+    finally:
+        tracemalloc.stop()

@@ -140,6 +140,38 @@ def test_a_urdf_gives_the_same_robot(robot: RobotDescription, tmp_path: Path) ->
         assert model.gravity_torques(joints) == pytest.approx(second_robot().gravity(joints), abs=TOLERANCE)
 
 
+def test_a_urdf_whose_masses_are_not_known_is_refused_with_the_way_out(
+    robot: RobotDescription, tmp_path: Path
+) -> None:
+    """MuJoCo would give each such link 1000 kg/m³ of its shapes. The base does not move, so it needs none."""
+    file = tmp_path / "arm.urdf"
+    root = ET.fromstring(urdf())
+    links = {str(each.get("name")): each for each in root.iter("link")}
+    for name in ("base_link", "link2", "link5"):
+        if (inertial := links[name].find("inertial")) is not None:
+            links[name].remove(inertial)
+        shape = ET.SubElement(ET.SubElement(links[name], "collision"), "geometry")
+        ET.SubElement(shape, "sphere", radius="0.05")
+    file.write_bytes(ET.tostring(root))
+    with pytest.raises(ConfigError, match=r"no <inertial> in link2, link5: .* `cobot new-robot arm\.urdf`"):
+        RobotModel.load(file, robot.limits)
+
+
+@pytest.mark.parametrize("name", ["a\u202eb", "x" * 100_000, "a&#10;b", " a"])
+@pytest.mark.parametrize("kind", ["body", "site"])
+def test_a_name_that_cannot_be_printed_is_refused_in_few_words(
+    robot: RobotDescription, tmp_path: Path, name: str, kind: str
+) -> None:
+    text = ET.tostring(mjcf_root(), "unicode")
+    added = f'<{kind} name="{name}"/></worldbody>'
+    file = tmp_path / "odd.xml"
+    file.write_text(text.replace("</worldbody>", added), encoding="utf-8")
+    with pytest.raises(ConfigError, match=f"a {kind} has the name .*; give it a printable name") as caught:
+        RobotModel.load(file, robot.limits)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 1_000
+
+
 def test_poses_are_in_the_base_frame_wherever_the_base_stands(
     robot: RobotDescription, tmp_path: Path
 ) -> None:

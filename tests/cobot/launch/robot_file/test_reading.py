@@ -216,6 +216,11 @@ def test_a_joint_in_a_transmission_is_none_of_the_arms(tmp_path: Path) -> None:
             "elements",
         ),
         ('<composite type="grid" count="3000 3000 1"/>', "<composite> makes 9\\d+ elements"),
+        (
+            f'<body name="{"n" * 100_000}"/>',
+            "<body> has the name 'n{10,60}'\\.\\.\\.; give it a printable name",
+        ),
+        ('<replicate prefix="a&#10;"/>', r"<replicate> has the name 'a\\n'; give it a printable name"),
         ('<replicate count="0x10"/>', "count of <replicate> is '0x10'; it must be a whole number"),
         ('<include file="arm.xml"/>', "included files; at most 100"),
     ],

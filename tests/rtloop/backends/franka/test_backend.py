@@ -34,6 +34,7 @@ from rtloop.backends.franka.bridge import Bridge
 from rtloop.backends.franka.link import Knock
 from rtloop.backends.franka.stand_in import START, Arm
 from rtloop.backends.franka.stand_in_library import NetworkException, RobotMode
+from rtloop.backends.franka.words import MAX_ERRORS, explained, in_words, present, said
 
 VELOCITY = np.array([2.175] * 4 + [2.61] * 3)
 ACCELERATION = np.array([10.0, 7.5, 10.0, 10.0, 10.0, 10.0, 10.0])
@@ -410,3 +411,32 @@ def test_without_the_package_it_is_named(
 def test_another_arm_is_refused(franka: Settings) -> None:
     with pytest.raises(BackendError, match="a Franka has 7 joints, this robot has 2"):
         FrankaBackend(franka, SimpleNamespace(dof=2))
+
+
+class Silent(Exception):
+    def __str__(self) -> str:
+        raise SystemExit
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (NetworkException("libfranka: gone\n  for good"), "gone for good"),
+        (NetworkException("\x1b[31mgone\0\ud800"), r"\x1b[31mgone\x00\ud800"),
+        (Silent(), "(a Silent without text: its str() raises SystemExit)"),
+    ],
+)
+def test_what_the_library_says_is_one_printable_line(error: Exception, words: str) -> None:
+    assert said(error) == words
+
+
+def test_what_the_library_says_is_bounded() -> None:
+    """10 MB of text, and a state with ten thousand errors whose names are long."""
+    text = said(NetworkException("[" + "cartesian_reflex, " * 600_000 + "]"))
+    assert len(explained(text)) < 10_000
+    state = SimpleNamespace(
+        current_errors=SimpleNamespace(**{f"e{i}_" + "x" * 9_000: True for i in range(500)})
+    )
+    assert len(present(state)) == MAX_ERRORS
+    assert len(in_words(present(state))) < 200 * MAX_ERRORS
+    assert in_words(["joint_reflex", "new\x1b_error"]).endswith(r"; new\x1b error")

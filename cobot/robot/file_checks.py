@@ -1,0 +1,60 @@
+"""What MuJoCo takes of a robot's file and cobot does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+
+from cobot.errors import ConfigError
+from cobot.xml_file import is_printable, shown
+
+MAX_NAMED = 10
+
+
+def check_names(model: mujoco.MjModel) -> None:
+    """Check that joints, bodies and sites have names that can be keys, topics and words of errors.
+
+    Raises:
+        ConfigError: one has not.
+    """
+    for kind, count, get in (
+        ("joint", model.njnt, model.joint),
+        ("body", model.nbody, model.body),
+        ("site", model.nsite, model.site),
+    ):
+        for name in (get(index).name for index in range(count)):
+            if name and not is_printable(name):
+                raise ConfigError(
+                    f"a {kind} has the name {shown(name)}; give it a printable name of 1 to 200 characters "
+                    "without spaces at its ends"
+                )
+
+
+def require_inertials(file: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """Check that MuJoCo has made up no mass of a link that moves.
+
+    For a link of a URDF without `<inertial>` it computes a mass from the collision shapes, at 1000 kg/m³ and
+    without a word. `cobot new-robot` assumes masses too, but reports each.
+
+    Args:
+        model: what `spec` compiles to.
+
+    Raises:
+        ConfigError: one was, with its link and what to do.
+    """
+    if file.suffix.lower() != ".urdf":
+        return  # MJCF defines the density of shapes
+    missing = [
+        body.name
+        for body in spec.bodies[1:]
+        if not body.explicitinertial and model.body_weldid[body.id] != 0 and model.body_mass[body.id] > 0.0
+    ]
+    if missing:
+        names = ", ".join(missing[:MAX_NAMED])
+        more = f" and {len(missing) - MAX_NAMED} more" if len(missing) > MAX_NAMED else ""
+        raise ConfigError(
+            f"no <inertial> in {names}{more}: the masses of these links are not known. Add it, or let "
+            f"`cobot new-robot {file.name}` make a model of the file: it lists the masses that it assumes, "
+            "and takes yours (--mass)"
+        )
