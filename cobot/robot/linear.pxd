@@ -7,6 +7,15 @@ from libc.math cimport fabs, sqrt
 
 from cobot.arrays cimport MAX_DOF
 
+cdef enum:
+    # Of a matrix with MAX_DOF rows: two steps of the QR iteration for each eigenvalue are what it takes.
+    MAX_TURNS = 3 * MAX_DOF * MAX_DOF
+
+cdef struct Turn:
+    # A rotation of a row and the next one.
+    int row
+    double cosine, sine
+
 
 cdef inline bint cholesky_factor(double* a, int n) noexcept nogil:
     """A = L Lᵀ for a symmetric positive definite A, n × n: its lower triangle becomes L.
@@ -53,21 +62,24 @@ cdef inline bint cholesky_solve(double* a, int n, double* b) noexcept nogil:
     return True
 
 
-cdef inline void tridiagonalise(double* a, int n, double* beside, double* vectors) noexcept nogil:
-    """A = Q T Qᵀ with a symmetric T whose diagonal becomes A's and whose elements beside it are `beside`,
-    n - 1 of them: n - 2 Householder reflections, by which the columns of `vectors` are mixed too (Golub and
-    Van Loan, Matrix Computations, algorithm 8.3.1). At the most MAX_DOF rows.
+cdef inline void tridiagonalise(
+    double* a, int n, double* values, double* beside, double* normals, double* shares
+) noexcept nogil:
+    """A = Q T Qᵀ with a symmetric T whose diagonal is `values` and whose elements beside it are `beside`,
+    n - 1 of them. Q is n - 2 Householder reflections 1 - share normal normalᵀ, one after the other, with the
+    normals in the rows of `normals` from the second next element on (Golub and Van Loan, Matrix Computations,
+    algorithm 8.3.1). At most MAX_DOF rows.
     """
-    cdef double normal[MAX_DOF]  # of the mirror, not of length 1
     cdef double image[MAX_DOF]
     cdef double square, first, length, share, product
+    cdef double* normal
     cdef int i, j, k
     for k in range(n - 2):
-        square, first = 0.0, a[(k + 1) * n + k]
+        square, first, normal = 0.0, a[(k + 1) * n + k], normals + k * n
         for i in range(k + 2, n):
             normal[i] = a[i * n + k]
             square += normal[i] * normal[i]
-        beside[k] = first
+        beside[k], shares[k] = first, 0.0
         if square == 0.0:
             continue
         length = sqrt(first * first + square)
@@ -86,32 +98,53 @@ cdef inline void tridiagonalise(double* a, int n, double* beside, double* vector
         for i in range(k + 1, n):
             for j in range(k + 1, n):
                 a[i * n + j] -= normal[i] * image[j] + image[i] * normal[j]
-        for i in range(n):
-            product = 0.0
-            for j in range(k + 1, n):
-                product += vectors[i * n + j] * normal[j]
-            for j in range(k + 1, n):
-                vectors[i * n + j] -= share * product * normal[j]
+        shares[k] = share
+    for i in range(n):
+        values[i] = a[i * n + i]
     if n > 1:
         beside[n - 2] = a[n * n - 2]
 
 
+cdef inline void reflect(
+    const double* normals, const double* shares, int n, int k, double* row
+) noexcept nogil:
+    """A row of n elements, reflected by the reflection k of `tridiagonalise`."""
+    cdef const double* normal = normals + k * n
+    cdef double product = 0.0
+    cdef int i
+    if shares[k] == 0.0:
+        return
+    for i in range(k + 1, n):
+        product += row[i] * normal[i]
+    for i in range(k + 1, n):
+        row[i] -= shares[k] * product * normal[i]
+
+
+cdef inline bint divides(const double* values, const double* beside, int row) noexcept nogil:
+    """Whether nothing that counts couples a row to the one before."""
+    return fabs(beside[row - 1]) <= 1.1e-16 * (fabs(values[row - 1]) + fabs(values[row]))
+
+
 cdef inline void chase_bulge(
-    double* values, double* beside, int begin, int last, int n, double* vectors
+    double* values, double* beside, int begin, int last, Turn* turns
 ) noexcept nogil:
     """One step of the QR iteration on the rows `begin` to `last` of a symmetric tridiagonal matrix, with
-    Wilkinson's shift (Golub and Van Loan, algorithm 8.3.2).
+    Wilkinson's shift (Golub and Van Loan, algorithm 8.3.2): last - begin rotations, each of a row and the
+    next one.
     """
     cdef double half = 0.5 * (values[last - 1] - values[last])
     cdef double off = beside[last - 1]
     cdef double root = sqrt(half * half + off * off)
     cdef double x = values[begin] - values[last] + off * off / (half + (root if half >= 0.0 else -root))
     cdef double z = beside[begin]
-    cdef double length, c, s, first, second
-    cdef int i, k
+    cdef double length, inverse, c, s, first, second
+    cdef int k
     for k in range(begin, last):
         length = sqrt(x * x + z * z)
-        c, s = (x / length, z / length) if length > 0.0 else (1.0, 0.0)
+        c, s = 1.0, 0.0
+        if length > 0.0:
+            inverse = 1.0 / length
+            c, s = x * inverse, z * inverse
         if k > begin:
             beside[k - 1] = length
         first, second, off = values[k], values[k + 1], beside[k]
@@ -121,61 +154,55 @@ cdef inline void chase_bulge(
         if k + 1 < last:
             x, z = beside[k], s * beside[k + 1]
             beside[k + 1] *= c
-        for i in range(n):
-            first, second = vectors[i * n + k], vectors[i * n + k + 1]
-            vectors[i * n + k] = c * first + s * second
-            vectors[i * n + k + 1] = c * second - s * first
+        turns[k - begin].row, turns[k - begin].cosine, turns[k - begin].sine = k, c, s
 
 
-cdef inline void sort_eigen(int n, double* values, double* vectors) noexcept nogil:
-    """Ascending, by selection."""
-    cdef int i, j, k, least
-    cdef double kept
-    for i in range(n - 1):
-        least = i
-        for j in range(i + 1, n):
-            if values[j] < values[least]:
-                least = j
-        if least != i:
-            kept = values[i]
-            values[i] = values[least]
-            values[least] = kept
-            for k in range(n):
-                kept = vectors[k * n + i]
-                vectors[k * n + i] = vectors[k * n + least]
-                vectors[k * n + least] = kept
+cdef inline void rotate(const Turn* turn, double direction, double* row) noexcept nogil:
+    """A row of elements, rotated as `chase_bulge` does: forth with the direction 1, back with -1."""
+    cdef int k = turn.row
+    cdef double first = row[k], second = row[k + 1], s = direction * turn.sine
+    row[k] = turn.cosine * first + s * second
+    row[k + 1] = turn.cosine * second - s * first
 
 
-cdef inline bint divides(const double* values, const double* beside, int row) noexcept nogil:
-    """Whether nothing that counts couples a row to the one before."""
-    return fabs(beside[row - 1]) <= 1.1e-16 * (fabs(values[row - 1]) + fabs(values[row]))
-
-
-cdef inline void eigen_symmetric(double* a, int n, double* values, double* vectors) noexcept nogil:
-    """Eigenvalues of a symmetric A, n × n with n up to MAX_DOF, ascending, and eigenvectors of length 1 in
-    the columns.
-
-    A tridiagonal matrix first, which the QR iteration makes diagonal: for six rows half the work of Jacobi's
-    rotations, and as exact as LAPACK. A is overwritten. The vectors' signs, and the vectors of equal values,
-    are not those of LAPACK.
+cdef inline int diagonalise(double* values, double* beside, int n, Turn* turns) noexcept nogil:
+    """The eigenvalues of a symmetric tridiagonal matrix become `values`, in any order; how many rotations
+    that took, at most MAX_TURNS.
     """
-    cdef double beside[MAX_DOF]
-    cdef int i, begin, _step
-    cdef int last = n - 1
-    for i in range(n * n):
-        vectors[i] = 0.0
-    for i in range(n):
-        vectors[i * n + i] = 1.0
-    tridiagonalise(a, n, beside, vectors)
-    for i in range(n):
-        values[i] = a[i * n + i]
-    for _step in range(30 * n):
-        while last > 0 and divides(values, beside, last):
+    cdef int begin, last = n - 1, count = 0
+    while last > 0 and count + last <= MAX_TURNS:
+        if divides(values, beside, last):
             last -= 1
-        if last == 0:
-            break
+            continue
         begin = last - 1
         while begin > 0 and not divides(values, beside, begin):
             begin -= 1
-        chase_bulge(values, beside, begin, last, n, vectors)
-    sort_eigen(n, values, vectors)
+        chase_bulge(values, beside, begin, last, turns + count)
+        count += last - begin
+    return count
+
+
+cdef inline void apply_inverse_root(double* a, int n, double least, double* b) noexcept nogil:
+    """b becomes A^(-1/2) b for a symmetric A, n × n, whose eigenvalues count as `least` at the least.
+
+    The eigenvectors are not needed: b goes through the reflections and rotations that make A diagonal, and
+    back, which takes a third of the time. A is overwritten.
+    """
+    cdef double values[MAX_DOF]
+    cdef double beside[MAX_DOF]
+    cdef double normals[MAX_DOF * MAX_DOF]
+    cdef double shares[MAX_DOF]
+    cdef Turn turns[MAX_TURNS]
+    cdef int i, k, count
+    tridiagonalise(a, n, values, beside, normals, shares)
+    count = diagonalise(values, beside, n, turns)
+    for k in range(n - 2):
+        reflect(normals, shares, n, k, b)
+    for k in range(count):
+        rotate(&turns[k], 1.0, b)
+    for i in range(n):
+        b[i] /= sqrt(values[i] if values[i] >= least else least)
+    for k in range(count - 1, -1, -1):
+        rotate(&turns[k], -1.0, b)
+    for k in range(n - 3, -1, -1):
+        reflect(normals, shares, n, k, b)

@@ -15,10 +15,10 @@ def solved(matrix, right):
     return solution
 
 
-def eigen(matrix):
-    """Eigenvalues, ascending, shape (n,), and eigenvectors in the columns, shape (n, n), of a symmetric A."""
+def inverse_root_times(matrix, double least, right):
+    """A^(-1/2) b of a symmetric A, shape (n, n), whose eigenvalues count as `least` at the least."""
     work = np.array(matrix, dtype=np.float64)
-    cdef int n = len(work)
-    values, vectors = np.empty(n), np.empty((n, n))
-    eigen_symmetric(doubles(work, n * n), n, doubles(values, n), doubles(vectors, n * n))
-    return values, vectors
+    product = np.array(right, dtype=np.float64)
+    cdef int n = len(product)
+    apply_inverse_root(doubles(work, n * n), n, least, doubles(product, n))
+    return product

@@ -20,7 +20,7 @@ from libc.math cimport sqrt
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, checked_dof, doubles
-from cobot.robot.linear cimport cholesky_solve, eigen_symmetric
+from cobot.robot.linear cimport apply_inverse_root, cholesky_solve
 from cobot.robot.mujoco cimport data_of, mj_solveM, mju_rotVecQuat, mju_subQuat, model_of
 
 # The stiffest springs have this frequency on the least inertia that they meet. A 1 kHz cycle carries ten
@@ -196,25 +196,13 @@ cdef void damp(
     B² = 2 Z K.
     """
     cdef double curvature[MAX_DOF * MAX_DOF]
-    cdef double axes[MAX_DOF * MAX_DOF]
-    cdef double squared_frequencies[MAX_DOF]
-    cdef double along
     cdef int row, column
     for row in range(n):
-        force[row] = 0.0
+        force[row] = damping_roots[row] * velocity_error[row]
         for column in range(n):
             curvature[n * row + column] = (
                 mobility[n * row + column] * stiffness_roots[row] * stiffness_roots[column]
             )
-    eigen_symmetric(curvature, n, squared_frequencies, axes)
-    for column in range(n):
-        along = 0.0
-        for row in range(n):
-            along += axes[n * row + column] * damping_roots[row] * velocity_error[row]
-        if not squared_frequencies[column] >= MIN_SQUARED_FREQUENCY:
-            squared_frequencies[column] = MIN_SQUARED_FREQUENCY
-        along /= sqrt(squared_frequencies[column])
-        for row in range(n):
-            force[row] += axes[n * row + column] * along
+    apply_inverse_root(curvature, n, MIN_SQUARED_FREQUENCY, force)
     for row in range(n):
         force[row] *= damping_roots[row]

@@ -15,6 +15,7 @@ cdef class TargetRange:
 
     cdef void c_begin(self, const double* position) noexcept nogil
     cdef void c_open(self) noexcept nogil
+    cdef void c_expect(self, double command_s) noexcept nogil
     cdef void c_update(self, const double* target) noexcept nogil
     cdef void c_advance(self) noexcept nogil
     cdef void _forget(self, int i) noexcept nogil

@@ -38,6 +38,8 @@ class TargetRange:
         """A new stream begins at this position, shape (n,), which is the only target so far."""
     def open(self) -> None:
         """Permit every position until the next `begin`."""
+    def expect(self, command_s: float) -> None:
+        """The next target is due in this time, which the sender states with each."""
     def update(self, target: Array) -> None:
         """A new target, shape (n,)."""
     def advance(self) -> None:

@@ -13,6 +13,7 @@ STILL_S = 0.1
 STILL_PERIODS = 2.5
 
 cdef double ALLOWED = SHARE
+cdef double STILL_AFTER_S = STILL_S, STILL_AFTER_PERIODS = STILL_PERIODS
 # The longer the memory, the faster a steady stream may be until it is followed with a lag: 2 rad/s at
 # 3 rad/s² need 0.73 rad to stop.
 cdef double FADING = FADING_S
@@ -30,8 +31,12 @@ cdef inline void add_step(double step, double fade, double* way, double* longest
 cdef class TargetRange:
     def __init__(self, int n, double period_s, double command_s):
         self.n, self.period_s = checked_dof(n), period_s
-        self.still_after_s = fmax(STILL_S, STILL_PERIODS * command_s)
+        self.c_expect(command_s)
         self.c_open()
+
+    cdef void c_expect(self, double command_s) noexcept nogil:
+        """The next target is due in this time."""
+        self.still_after_s = fmax(STILL_AFTER_S, STILL_AFTER_PERIODS * command_s)
 
     cdef void c_begin(self, const double* position) noexcept nogil:
         """A new stream begins here: nothing beyond this position is a target yet."""
@@ -98,6 +103,9 @@ cdef class TargetRange:
 
     def open(self):
         self.c_open()
+
+    def expect(self, double command_s):
+        self.c_expect(command_s)
 
     def update(self, target):
         there = plain(target, (self.n,))

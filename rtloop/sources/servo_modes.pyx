@@ -10,6 +10,7 @@ from rtloop.sources.source cimport FINE, NOT_FINITE
 from rtloop.sources.target_checks cimport c_clamped_interval
 
 from cobot.ipc.layout import ServoMode
+from rtloop.generators.target_range import TargetRange
 from rtloop.sources.servo_law import ServoLaw
 from rtloop.sources.servo_through_points import ThroughPoints
 
@@ -29,6 +30,7 @@ cdef class Newest(ServoSource):
         self.planned = planned
         self.planner = OnlineTrajectory(limits.dof, period_s, *rates)
         self.law = ServoLaw(limits.dof, period_s)
+        self.targets = TargetRange(limits.dof, period_s, period_s)
         memset(self.aim, 0, sizeof(self.aim))
         self.since_s = self.every_s = 0.0
 
@@ -38,6 +40,7 @@ cdef class Newest(ServoSource):
         memset(self.aim, 0, sizeof(self.aim))
         memcpy(self.aim, command, self.dof * sizeof(double))
         self.law.c_begin(command)
+        self.targets.c_begin(command)
         self.since_s = 0.0
         self.planner.c_begin(command)
 
@@ -58,6 +61,8 @@ cdef class Newest(ServoSource):
             elif self.c_jumps(interval_s):
                 continue
             self.law.c_tune(point.lookahead_s, point.gain)
+            self.targets.c_update(self.last)
+            self.targets.c_expect(max(self.time_s, self.since_s))
             if not aimed:
                 self.every_s = self.since_s
             self.since_s = 0.0
@@ -92,6 +97,7 @@ cdef class Newest(ServoSource):
         memcpy(self.last, self.target, self.dof * sizeof(double))
 
     cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
+        self.targets.c_advance()
         if self.planned:
             self.planner.c_advance()
             memcpy(self.ref, self.planner.ref, 3 * self.dof * sizeof(double))
@@ -115,6 +121,7 @@ cdef class Buffered(ServoSource):
         super().__init__(limits, safe_velocity, period_s)
         self.fixed_s = fixed_s
         self.law = ServoLaw(limits.dof, period_s)
+        self.targets = TargetRange(limits.dof, period_s, period_s)
         memset(self.line, 0, sizeof(self.line))
         memset(self.start, 0, sizeof(self.start))
         memset(self.way, 0, sizeof(self.way))
@@ -129,6 +136,7 @@ cdef class Buffered(ServoSource):
         memcpy(self.start, command, self.dof * sizeof(double))
         memset(self.way, 0, sizeof(self.way))
         self.law.c_begin(command)
+        self.targets.c_begin(command)
         self.time_s = self.fixed_s if self.fixed_s > 0.0 else self.period_s
         self.elapsed_s = self.waited_s = self.since_s = 0.0
         self.playing = False
@@ -165,6 +173,8 @@ cdef class Buffered(ServoSource):
                 continue
             self.since_s = 0.0
             self.c_turn_to_last()
+            self.targets.c_update(self.last)
+            self.targets.c_expect(self.time_s)
             self.law.c_tune(point.lookahead_s, point.gain)
             self.taken += 1
         return FINE
@@ -198,6 +208,7 @@ cdef class Buffered(ServoSource):
     cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
         cdef double share = min(self.elapsed_s / self.time_s, 1.0)
         cdef int joint
+        self.targets.c_advance()
         for joint in range(self.dof):
             self.line[joint] = self.way[joint] * share + self.start[joint]
         if not self.playing or self.waits:
