@@ -22,8 +22,8 @@ from collections.abc import Coroutine
 from typing import Any
 
 from app.graph.action_server import ASKER
+from app.graph.ends import Publisher
 from app.graph.graph import Graph
-from app.graph.topics import Publisher
 from app.rosbridge import operations as op
 from app.rosbridge.actionlib import refuse_topic
 from app.rosbridge.fragments import Assembly

@@ -9,8 +9,8 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from app.graph.ends import Subscription
 from app.graph.graph import Graph
-from app.graph.topics import Subscription
 from app.rosbridge.fragments import in_pieces
 from app.rosbridge.operations import MAX_QUEUE, Id, Subscribe
 from cobot.errors import ConflictError, InputError

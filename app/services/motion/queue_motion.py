@@ -1,19 +1,17 @@
 """A motion of the queue: begun with the moves that wait, prolonged by those that come while it is under way.
 
 A planning process joins the next moves to the motion, which stays the same for as long as that may take, and
-rtloop goes on with what comes of it: so the arm does not stop at a move with a radius, and not longer than it
-has to at one without. When they come too late, the arm rests at the end of the last move, and a new motion
+rtloop goes on with the result. So the arm does not stop at a move with a blend radius, and stops only briefly
+at a move without one. When moves come too late, the arm stops at the end of the last one, and a new motion
 begins.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum, auto
 
 from app.services.jobs.job import Job
@@ -22,28 +20,21 @@ from app.services.motion.ownership import Claim
 from app.services.motion.queue_jobs import QueueJobs, report_stops
 from app.services.motion.queue_line import QueueLine
 from app.services.motion.queue_moves import Left, MovePlanner, QueuedMove, to_go
+from app.services.motion.queue_runs import Run, Runs
 from app.services.state.link import RobotLink
-from cobot.errors import CobotError, ExecutionError, MotionStopped, UnavailableError
+from cobot.errors import CobotError, ExecutionError, MotionStopped
 from cobot.ipc.layout import MotionResult
 from cobot.motions.stretches import Leg, Stretch, alone
 
 IDLE = -1
 LOOK_S = 0.01
-"""So often it is looked for moves that have come."""
+"""Period of looking for moves that have come, s."""
 AHEAD_S = 8.0
-"""A motion that goes on for longer is not prolonged yet, s: so it does not grow with the queue."""
+"""A motion that lasts longer than this is not prolonged yet, s, so that it does not grow with the queue."""
 MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.15, 0.3, 1.0
-"""For so long the motion stays as it is while it is prolonged, s; it follows how long that took last."""
+"""Time for which a motion stays as it is while it is prolonged, s. It follows the last planning time."""
 
 log = logging.getLogger("cobot.queue")
-
-
-@dataclass(frozen=True, slots=True)
-class _Running:
-    """What rtloop has or is about to have, and of each of its ends the move that it belongs to."""
-
-    stretch: Stretch
-    moves: list[QueuedMove]
 
 
 class _Phase(Enum):
@@ -70,8 +61,8 @@ class QueueMotion:
         self._phase = _Phase.NONE
         self._joining: list[QueuedMove] = []  # on their way to rtloop
         self._dropped: list[tuple[QueuedMove, MotionStopped]] = []
-        self._planning: asyncio.Task[Stretch] | None = None  # of what shall prolong the motion
-        self._running: list[_Running] = []  # The one that rtloop has, and the one that it is about to have.
+        self._planning: asyncio.Task[Stretch] | None = None  # of what will prolong the motion
+        self._runs = Runs(link)
         self._lead_s = FIRST_LEAD_S
 
     @property
@@ -82,22 +73,7 @@ class QueueMotion:
     @property
     def left(self) -> list[QueuedMove]:
         """The moves of the motion under way that have not ended."""
-        if not self._running:
-            return list(self._joining)
-        running, now_s = self._place()
-        ends = running.stretch.ends_s
-        left = [move for move, end_s in zip(running.moves, ends, strict=True) if now_s < end_s]
-        once = {move.number: move for move in [*(left or running.moves[-1:]), *self._joining]}
-        return list(once.values())
-
-    def _place(self) -> tuple[_Running, float]:
-        """What rtloop has, and where on it the arm is, as path time."""
-        with contextlib.suppress(UnavailableError):
-            state = self._link.state()
-            for each in reversed(self._running):
-                if each.stretch.trajectory.duration_s == state.path_duration_s:
-                    return each, state.path_time_s
-        return self._running[0], 0.0
+        return list({move.number: move for move in [*self._runs.left(), *self._joining]}.values())
 
     async def execute(self, claim: Claim, line: QueueLine) -> Left | None:
         """A motion that begins with the moves that wait, and goes on with those that come while it lasts.
@@ -114,7 +90,7 @@ class QueueMotion:
         try:
             chain = await self._planner.valid(chain)
             moves, legs, radii = to_go(chain)
-            stretch = await self._begun(claim, legs, radii)
+            stretch = await self._plan(claim, legs, radii)
         except CobotError:
             if claim.interruption is None and not line.begins_with(chain):
                 return None  # it was about a move that was taken out meanwhile
@@ -126,16 +102,14 @@ class QueueMotion:
             return None
         self._joining, self._phase = list(chain), _Phase.STARTING
         try:
-            return await self._executed(claim, line, _Running(stretch, moves), radii)
+            return await self._run(claim, line, Run(stretch, moves), radii)
         finally:
             self.moves += self._joining
-            self._joining, self._dropped, self._running = [], [], []
+            self._joining, self._dropped, self._runs.all = [], [], []
             self._phase = _Phase.NONE
 
-    async def _executed(
-        self, claim: Claim, line: QueueLine, running: _Running, radii: Sequence[float]
-    ) -> Left | None:
-        """`execute`, of what is planned."""
+    async def _run(self, claim: Claim, line: QueueLine, running: Run, radii: Sequence[float]) -> Left | None:
+        """Start a planned motion and follow it to its end; see `execute`."""
         try:
             if not await self._start(claim, running):
                 return await self._cut_off(None)
@@ -148,15 +122,15 @@ class QueueMotion:
             return await self._cut_off(self.moves[0])
         return None
 
-    async def _begun(self, claim: Claim, legs: Sequence[Leg], radii: Sequence[float]) -> Stretch | None:
-        """What leads through these; None if there is nothing to move."""
+    async def _plan(self, claim: Claim, legs: Sequence[Leg], radii: Sequence[float]) -> Stretch | None:
+        """A stretch through these legs; None if there is nothing to move."""
         if not legs:
             return None
         if len(legs) == 1 and radii[0] == 0.0:
             return alone(legs[0])
         return await self._planner.begun(claim, legs, radii)
 
-    async def _start(self, claim: Claim, running: _Running) -> bool:
+    async def _start(self, claim: Claim, running: Run) -> bool:
         """Have it started; False if a move was dropped so early that nothing has moved."""
         try:
             await self._motion.start(claim, running.stretch.trajectory)
@@ -167,7 +141,7 @@ class QueueMotion:
         finally:
             claim.stops += len(self._dropped)  # see `drop`
             self._phase = _Phase.UNDER_WAY
-        self._running, self.moves, self._joining = [running], self._joining, []
+        self._runs.all, self.moves, self._joining = [running], self._joining, []
         self._follow_jobs(claim)
         return True
 
@@ -183,13 +157,13 @@ class QueueMotion:
             while not arrival.done():
                 chain = line.head
                 news = bool(chain) and chain[-1] is not tried and not claim.speed_override.paused
-                if news and not self._dropped and self._left_s() < AHEAD_S:
+                if news and not self._dropped and self._runs.left_s() < AHEAD_S:
                     tried = chain[-1]
                     await self._prolong(claim, line)
                 self._follow_jobs(claim)
                 await asyncio.wait({arrival}, timeout=LOOK_S)
             await arrival
-            names = ", ".join({move.number: move.name for move in self._running[0].moves}.values())
+            names = ", ".join({move.number: move.name for move in self._runs.all[0].moves}.values())
             log.info("%smotion %s: arrived and settled (%s)", self._link.label, claim.motion_id, names)
         finally:
             arrival.cancel()
@@ -248,9 +222,9 @@ class QueueMotion:
 
     def _follow_jobs(self, claim: Claim) -> None:
         """Tell the jobs how far the arm is. The last one ends where the motion does."""
-        if not self._running:
+        if not self._runs.all:
             return
-        running, now_s = self._place()
+        running, now_s = self._runs.place()
         ends = dict(zip((move.number for move in running.moves), running.stretch.ends_s, strict=True))
         for move in list(self.moves[:-1]):
             if ends.get(move.number, now_s) > now_s:
@@ -264,13 +238,6 @@ class QueueMotion:
             job.its_turn(claim.speed_override, claim.motion_id, left_s)
         job.left(left_s)
 
-    def _left_s(self) -> float:
-        """How far the motion under way is from its end, in path time."""
-        with contextlib.suppress(UnavailableError):
-            state = self._link.state()
-            return state.path_duration_s - state.path_time_s
-        return math.inf
-
     async def _prolong(self, claim: Claim, line: QueueLine) -> None:
         """Have the motion under way go on through the next moves that are possible.
 
@@ -280,7 +247,7 @@ class QueueMotion:
             chain = await self._planner.valid(line.head)
         except CobotError:  # said when it would begin
             return
-        running, state = self._running[0], self._link.state()
+        running, state = self._runs.all[0], self._link.state()
         moves, legs, radii = to_go(chain)
         stretch = running.stretch
         left_s = stretch.trajectory.duration_s - state.path_time_s
@@ -298,23 +265,18 @@ class QueueMotion:
                 return
             self._joining = list(chain)
             both = [*running.moves, *moves]
-            after = _Running(longer, both[len(both) - len(longer.ends_s) :])
-            self._running.append(after)
+            after = Run(longer, both[len(both) - len(longer.ends_s) :])
+            self._runs.all.append(after)
             await self._motion.replace(claim, longer.trajectory, longer.offset_s, planned_s)
         except CobotError as exc:  # the motion goes on as it was, and says by itself if it is to end
-            self._running = [running]
+            self._runs.all = [running]
             if claim.interruption is None and not self._dropped:
                 line.give_back(self._joining)
                 self._joining = []
-                log.info(
-                    "%smove %d (%s): the arm rests before it: %s",
-                    self._link.label,
-                    moves[0].number,
-                    moves[0].name,
-                    exc,
-                )
+                place = f"{self._link.label}move {moves[0].number} ({moves[0].name})"
+                log.info("%s: the arm rests before it: %s", place, exc)
             return
-        self._running = [after]
+        self._runs.all = [after]
         self.moves += self._joining
         self._joining = []
         report_stops(self._link.label, longer, moves, [stretch.radii_m[-1], *radii], running.moves[-1])
@@ -328,9 +290,8 @@ class QueueMotion:
         times_s: tuple[float, float],
     ) -> Stretch | None:
         """The motion under way, prolonged; None if a move was dropped meanwhile."""
-        planning = self._planning = asyncio.create_task(
-            self._planner.prolonged(claim, stretch, legs, radii, times_s)
-        )
+        work = self._planner.prolonged(claim, stretch, legs, radii, times_s)
+        planning = self._planning = asyncio.create_task(work)
         try:
             await asyncio.wait({planning})
         finally:

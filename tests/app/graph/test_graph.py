@@ -167,9 +167,9 @@ def test_a_publisher_is_told_whether_anybody_listens() -> None:
 @pytest.mark.parametrize("name", ["", "/", "a b", "/a//b", "/a/", "/ä", "/" + "a" * 255, "/a\n"])
 def test_a_name_that_is_none_is_refused(name: str) -> None:
     async def test(graph: Graph) -> None:
-        with pytest.raises(InputError, match="is no name such as"):
+        with pytest.raises(InputError, match="is not a name such as"):
             graph.advertise(name, STRING, owner=1)
-        with pytest.raises(InputError, match="is no name such as"):
+        with pytest.raises(InputError, match="is not a name such as"):
             await graph.call_service(name, {})
 
     live(test)
@@ -182,7 +182,7 @@ def test_a_topic_has_one_type() -> None:
             graph.subscribe("/a", "std_msgs/msg/Bool", print, owner=1)
         with pytest.raises(InputError, match="there is no type 'x/msg/Y' here"):
             graph.advertise("/b", "x/msg/Y", owner=1)
-        with pytest.raises(InputError, match="nobody publishes /c"):
+        with pytest.raises(InputError, match="/c has no publisher"):
             graph.subscribe("/c", None, print, owner=1)
 
     live(test)

@@ -134,9 +134,9 @@ def test_nobody_else_tells_what_the_service_knows(run: VirtualService) -> None:
         follower.send("subscribe", topic=f"/{run.name}/tcp_pose")
         for topic in ("/cobot/graph", *(f"/{run.name}/{name}" for name in (*own, *of_actions))):
             said = published(client, topic)
-            assert said.count(f"{topic} tells what its owner knows: nobody else publishes there") == 2, said
+            assert said.count(f"{topic} belongs to its publisher; no other client") == 2, said
         for topic in ("/tf", "/tf_static", f"/{run.name}/joint_cmd"):
-            assert "nobody else" not in published(client, topic)
+            assert "belongs to its publisher" not in published(client, topic)
         graph = {topic["name"]: topic for topic in run.app.state.graph.graph()["topics"]}
         follower.send("subscribe", topic=f"/{run.name}/status")
         follower.call("/rosapi/get_time")

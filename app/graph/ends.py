@@ -1,0 +1,164 @@
+"""The ends of a topic: its publishers, its subscriptions, and the topic that holds them."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from cobot.ros.messages import Message, Messages
+
+log = logging.getLogger("cobot.graph")
+
+
+class Keeper(Protocol):
+    """What the ends need of `Topics`."""
+
+    messages: Messages
+    gateways: set[object]
+
+    def drop(self, topic: Topic, end: Publisher | Subscription) -> None:
+        """Forget an end of a topic."""
+
+
+class Publisher:
+    """The right of an owner to publish on a topic. Made by `Graph.advertise`.
+
+    Attributes:
+        binding: its type applies to all clients while it lasts.
+        latch: later subscribers get `last`.
+        on_demand: called with the number of subscribers when it has changed.
+    """
+
+    def __init__(
+        self, topics: Keeper, topic: Topic, type_: str, latch: bool, owner: object, binding: bool
+    ) -> None:
+        self.topic = topic.name
+        self.type = type_
+        self.binding = binding
+        self.owner = owner
+        self.last: Message | None = None
+        self.on_demand: Callable[[int], None] | None = None
+        self._topics = topics
+        self._topic = topic
+        self.latch = latch
+
+    @property
+    def subscribers(self) -> int:
+        """How many subscriptions take messages of this type."""
+        return sum(each.takes(self.type) for each in self._topic.subscriptions)
+
+    def publish(self, message: Message | bytes) -> None:
+        """Give a message to all subscribers.
+
+        Args:
+            message: a dict, in which ROS's defaults may be missing, or CDR.
+
+        Raises:
+            InputError: it is not a message of the topic's type; no subscriber gets it.
+        """
+        messages = self._topics.messages
+        if isinstance(message, bytes):
+            content = messages.from_cdr(self.type, message)
+        else:
+            content = messages.checked(self.type, message)
+        if self.latch:
+            self.last = content
+        echo = self.owner not in self._topics.gateways
+        for subscription in tuple(self._topic.subscriptions):
+            if subscription.takes(self.type) and (echo or subscription.owner is not self.owner):
+                subscription.deliver(content)
+
+    def close(self) -> None:
+        """End it. May be called again."""
+        self.last = None  # It may be large, and this publisher may wait for the garbage collector.
+        self._topics.drop(self._topic, self)
+
+
+class Subscription:
+    """A client's subscription to a topic. Made by `Graph.subscribe`.
+
+    Attributes:
+        type: of the messages that it takes; None for all types.
+        on_other_type: called with a sentence when the topic is advertised with another type, of which the
+            subscription gets nothing.
+    """
+
+    def __init__(
+        self,
+        topics: Keeper,
+        topic: Topic,
+        type_: str | None,
+        callback: Callable[[Message], None],
+        owner: object,
+        on_other_type: Callable[[str], None] | None,
+    ) -> None:
+        self.topic = topic.name
+        self.type = type_
+        self.owner = owner
+        self.on_other_type = on_other_type
+        self._topics = topics
+        self._topic = topic
+        self._callback = callback
+
+    def takes(self, type_: str) -> bool:
+        """Whether it gets messages of this type."""
+        return self.type is None or self.type == type_
+
+    def deliver(self, message: Message) -> None:
+        try:
+            self._callback(message)
+        except Exception as exc:
+            log.error("a subscriber of %s failed", self.topic, exc_info=exc)
+
+    def close(self) -> None:
+        """End it. May be called again."""
+        self._topics.drop(self._topic, self)
+
+
+@dataclass(slots=True, eq=False)
+class Topic:
+    """A topic, as long as it has a publisher or a subscriber.
+
+    Attributes:
+        declared: the type that the service itself accepts here from every publisher.
+        local: the DDS process has this topic itself.
+        owner: the only one that may publish here; None if all may.
+    """
+
+    name: str
+    declared: str | None = None
+    local: bool = False
+    owner: object | None = None
+    publishers: list[Publisher] = field(default_factory=list)
+    subscriptions: list[Subscription] = field(default_factory=list)
+
+    @property
+    def advertised(self) -> str | None:
+        """The type that applies to all clients; None if there is none yet."""
+        return self.declared or next((each.type for each in self.publishers if each.binding), None)
+
+    @property
+    def types(self) -> list[str]:
+        """The type that applies to all clients; without one, all in use, those of publishers first."""
+        if advertised := self.advertised:
+            return [advertised]
+        used = [each.type for each in self.publishers]
+        used += [each.type for each in self.subscriptions if each.type is not None]
+        return list(dict.fromkeys(used))
+
+    def report_demand(self) -> None:
+        """Tell each publisher how many subscribers it has."""
+        for publisher in tuple(self.publishers):
+            if publisher.on_demand is not None:
+                publisher.on_demand(publisher.subscribers)
+
+    def report_type(self, type_: str) -> None:
+        """Tell the subscriptions of other types that they get nothing."""
+        for subscription in tuple(self.subscriptions):
+            if not subscription.takes(type_) and subscription.on_other_type is not None:
+                subscription.on_other_type(
+                    f"{self.name} is advertised as {type_}: the subscription of type {subscription.type} "
+                    f"gets nothing; subscribe with {type_}"
+                )

@@ -1,0 +1,60 @@
+"""What the real-time loop has of the queue, and where on it the arm is."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from dataclasses import dataclass
+
+from app.services.motion.queue_moves import QueuedMove
+from app.services.state.link import RobotLink
+from cobot.errors import UnavailableError
+from cobot.motions.stretches import Stretch
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A trajectory that the real-time loop has or is about to have.
+
+    Attributes:
+        moves: of each end of the stretch, the move that it belongs to.
+    """
+
+    stretch: Stretch
+    moves: list[QueuedMove]
+
+
+class Runs:
+    """The run that the real-time loop has, and the one that is to replace it.
+
+    Attributes:
+        all: none between motions; the present one comes first.
+    """
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link = link
+        self.all: list[Run] = []
+
+    def place(self) -> tuple[Run, float]:
+        """The present run, and the path time of the arm on it."""
+        with contextlib.suppress(UnavailableError):
+            state = self._link.state()
+            for each in reversed(self.all):
+                if each.stretch.trajectory.duration_s == state.path_duration_s:
+                    return each, state.path_time_s
+        return self.all[0], 0.0
+
+    def left(self) -> list[QueuedMove]:
+        """The moves that have not ended, the last one in any case."""
+        if not self.all:
+            return []
+        run, now_s = self.place()
+        left = [move for move, end_s in zip(run.moves, run.stretch.ends_s, strict=True) if now_s < end_s]
+        return left or run.moves[-1:]
+
+    def left_s(self) -> float:
+        """Path time to the end of the motion under way."""
+        with contextlib.suppress(UnavailableError):
+            state = self._link.state()
+            return state.path_duration_s - state.path_time_s
+        return math.inf
