@@ -13,6 +13,7 @@ from app.api.costly import Costly
 from app.api.dependencies import Call, CobotRoute, Gone, json_body
 from app.api.errors import responses, tell
 from app.api.explanations import explained
+from app.api.goals import goal_of
 from app.api.job_schemas import ACCEPTED, accepted
 from app.api.plan_schemas import (
     Approve,
@@ -35,7 +36,7 @@ from app.api.plan_schemas import (
     RehearsalAnswer,
     RehearsalFlaw,
 )
-from app.api.routers.robot import How, check_queueing, goal_of, moved
+from app.api.routers.robot import How, check_queueing, run_motion
 from app.api.schemas import MoveAnswer
 from app.robot_services import Services
 from app.services.jobs.job import JobKind
@@ -103,7 +104,7 @@ async def execute(body: Execute, request: Request, gone: Gone, how: How) -> Move
     caller = call.caller(gone, JobKind.EXECUTE, body.plan_id, wait=how.wait and not how.queue)
     check_queueing(how)
     if not how.queue:
-        return await moved(call, caller, plans.execute(body.plan_id, caller))
+        return await run_motion(call, caller, plans.execute(body.plan_id, caller))
     job = caller.job
     assert job is not None
     queued = plans.queued(body.plan_id, job, how.blend_radius)
