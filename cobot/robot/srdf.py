@@ -8,7 +8,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from cobot.errors import ConfigError
+from cobot.foreign import plain_text
 from cobot.types import Array, NamedPosition
+from cobot.xml_file import is_printable, shown
 
 
 def load_named_positions(path: Path, joint_names: tuple[str, ...], group: str) -> dict[str, NamedPosition]:
@@ -88,8 +90,11 @@ def _position(
     path: Path, state: ElementTree.Element, joint_names: tuple[str, ...], group: str
 ) -> NamedPosition:
     name = state.get("name") or ""
-    if not name:
-        raise ConfigError(f"{path}: a group_state has no name")
+    if not is_printable(name):
+        told = (
+            f"the name {shown(name)}; give it a printable one of 1 to 200 characters" if name else "no name"
+        )
+        raise ConfigError(f"{path}: a group_state has {told}")
     values: dict[str, float] = {}
     for joint in state.iter("joint"):
         joint_name = joint.get("name") or ""
@@ -109,6 +114,5 @@ def _position(
     missing = [joint for joint in joint_names if joint not in values]
     if missing:
         raise ConfigError(f"{path}: position {name!r}: {', '.join(missing)} missing")
-    return NamedPosition(
-        name, group, tuple(values[joint] for joint in joint_names), state.get("description") or ""
-    )
+    description = plain_text(state.get("description") or "")
+    return NamedPosition(name, group, tuple(values[joint] for joint in joint_names), description)
