@@ -522,3 +522,26 @@ def test_a_client_that_leaves_in_the_middle_of_its_request_leaves_no_traceback(
     assert whole[0]["status"] == 200, whole
     asked({"type": "http.request", "body": body[:20], "more_body": True})
     assert [record for record in caplog.records if record.exc_info] == []
+
+
+def test_names_that_an_agent_makes_up_are_printable_and_short_in_the_audit(
+    cell: Cell, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Control characters, a text that turns its direction, and kilobytes. Oracle: `str.isprintable`."""
+    evil = "\x1b[2J\x00\u202e" * 500
+
+    async def asks(client: Any) -> None:
+        for name, arguments in ((evil, {"goal": evil}), ("move_safely", {evil: evil})):
+            with pytest.raises(MCPError, match="there is no prompt"):
+                await client.get_prompt(name, arguments)
+
+    cell.agent.does(asks)
+    admin = {"authorization": f"Bearer {token(cell.service, Role.ADMIN)}"}
+    entries = cell.service.ask("GET", "/audit?limit=20", headers=admin).json()["entries"]
+    made_up = [entry for entry in entries if entry["what"] == "MCP prompt"][:2]
+    assert len(made_up) == 2
+    for entry in made_up:
+        for text in (entry["outcome"], *map(str, entry["details"].values())):
+            assert text.isprintable()
+            assert len(text) < 1_000
+    assert all(record.getMessage().isprintable() for record in caplog.records if "prompt" in record.message)
