@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
+from itertools import pairwise
 
 import few_joints
 import numpy as np
@@ -79,6 +80,21 @@ def square(tcp: Tcp, start: Array) -> tuple[Pose, ...]:
     return tuple(Pose(here.position + np.array(way), here.quaternion) for way in ways)
 
 
+def require_lines(tcp: Tcp, corners: list[Array], trajectory: Trajectory, within_m: float = NEAR_M) -> None:
+    """The TCP keeps to the lines between the corners, visits each, and keeps its orientation."""
+    samples = trajectory.sample(np.linspace(0.0, trajectory.duration_s, 400))
+    places, turns = (np.array(each) for each in zip(*(tcp(joints) for joints in samples), strict=True))
+    away = []
+    for begin, end in pairwise(corners):
+        way = end - begin
+        share = np.clip((places - begin) @ way / (way @ way), 0.0, 1.0)
+        away.append(np.linalg.norm(places - begin - share[:, None] * way, axis=1))
+    assert np.min(away, axis=0).max() < within_m
+    visited = [np.linalg.norm(places - corner, axis=1).min() for corner in corners]
+    assert max(visited) < max(within_m, 1e-3), "samples are up to a millimetre apart there"
+    assert Rotation.from_matrix(turns[0].T @ turns).magnitude().max() < NEAR_RAD
+
+
 def test_a_full_circle_ends_in_the_joints_it_began_with_and_one_that_need_not_does_not(
     iiwa: tuple[RobotDescription, Tcp],
 ) -> None:
@@ -120,6 +136,16 @@ def test_a_plan_runs_a_thousand_times_and_ends_where_it_began(
     for each in plans:
         check_limits(each, robot.limits)
         robot.collision.check_trajectory(each)
+    match kind:
+        case "circle":
+            require_circle(tcp, circle(BENT, tcp, 0.1), plans[0])
+        case "there and back":
+            ends = [here.position, there.position]
+            require_lines(tcp, ends, plans[0])
+            require_lines(tcp, ends[::-1], plans[1])
+        case _:
+            corners = [here.position, *(pose.position for pose in square(tcp, BENT)), here.position]
+            require_lines(tcp, corners, plans[0], max(radius_m, NEAR_M))
 
 
 def test_a_circle_that_is_planned_anew_from_each_end_does_not_drift(

@@ -360,6 +360,27 @@ def test_a_plan_of_a_full_circle_runs_again_and_again(service: VirtualService) -
     assert np.abs(np.array(drifting["path"][-1]["joints"]) - start).max() > 1e-4
 
 
+def test_closed_lines_run_again_and_again(service: VirtualService) -> None:
+    """A triangle in one plan, and a line there and back in two: each run begins where the last has ended, to
+    1e-6 rad, or it is refused.
+    """
+    assert post(service, "/robot/move/joints", {"joints": THERE, "speed": 1.0}).json()["success"]
+    legs = {"frame_id": "tool", "speed": 1.0, "samples": 2}
+    corners = [{"x": x, "y": y, "z": 0.0} for x, y in ((-0.05, 0.0), (-0.05, 0.08), (0.0, 0.0))]
+    triangle = post(service, "/robot/plan/path", legs | {"poses": corners, "cyclic": True}).json()
+    there = post(service, "/robot/plan/path", legs | {"poses": corners[:1]}).json()
+    begin, end = (each["joints"] for each in there["path"])
+    at_start = service.get("/robot/pose").json()
+    x, y, z = (at_start["position"][axis] for axis in "xyz")
+    back = {"x": x, "y": y, "z": z, **at_start["orientation"]["euler_rad"], "planner": "lin"}
+    back |= {"end_joints": begin, "start": end, "speed": 1.0, "samples": 2}
+    returning = post(service, "/robot/plan/pose", back).json()
+    for _ in range(3):
+        for plan in (triangle, there, returning):
+            answer = post(service, "/robot/execute", {"plan_id": plan["plan_id"]})
+            assert answer.json()["success"], answer.text
+
+
 def test_a_line_back_ends_in_the_joints_that_are_asked_for(service: VirtualService) -> None:
     first = planned(service, samples=2)
     here = first["path"][-1]
