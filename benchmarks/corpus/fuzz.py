@@ -30,9 +30,12 @@ from cobot.launch.cli import main as cobot
 
 TIMEOUT_S, MAX_MEMORY_GB = 120, 6
 MAX_SOURCE_BYTES = 40_000
+MOVABLE = re.compile(rb'type *= *"(revolute|continuous|prismatic)"')
+SHOWN = 60
+"""Characters of a reason that is listed because it has no place."""
 MADE, REFUSED = "made", "refused"
-PLACE = re.compile(r":\d+: |'")
-"""A refusal has the line, or the name in quotes of the joint, link or element that it is about."""
+PLACE = re.compile(r":\d+: |'|--(tcp|mass|actuators)")
+"""A refusal has the line, or the name of the joint, link or element that it is about."""
 VALUES = (
     "", "nan", "inf", "-0x1", "1e999", "-1e308", "1 2", "1 2 3 4", "0", "0 0 0", "-1", "1e14", "1e-14", "-",
     "1,5", "true", "none", "a" * 3000, "\u0664", "..", "/dev/zero", "package://", "\ud7ff\t\n", "&#0;",
@@ -68,10 +71,20 @@ def sources(folder: Path) -> list[Path]:
     return [*made, *real]
 
 
-def _of_corpus() -> list[Path]:
-    """The small ones of the corpus, if it is installed."""
-    files = ENVIRONMENT.rglob("*.urdf") if ENVIRONMENT.exists() else ()
-    return [file for file in sorted(files) if file.stat().st_size < MAX_SOURCE_BYTES]
+def _of_corpus(folder: Path) -> Iterator[Path]:
+    """Those of the corpus that have joints, if it is installed.
+
+    Meshes become spheres, because a broken file is in another folder.
+    """
+    folder.mkdir()
+    for number, source in enumerate(sorted(ENVIRONMENT.rglob("*.urdf")) if ENVIRONMENT.exists() else ()):
+        content = source.read_bytes()
+        if len(content) < MAX_SOURCE_BYTES and re.search(
+            rb'type *= *"(revolute|continuous|prismatic)"', content
+        ):
+            file = folder / f"{number}_{source.name}"
+            file.write_bytes(re.sub(rb"<mesh [^>]*/>", b'<sphere radius="0.02"/>', content))
+            yield file
 
 
 def broken(content: bytes, chance: Random) -> bytes:
@@ -139,7 +152,10 @@ def _scale_number(root: Element, chance: Random) -> None:
         return
     element, name = chance.choice(numbers)
     words = element.get(name, "").split()
-    index, factor = chance.randrange(len(words)), chance.choice((-1.0, 1e-9, 1e-3, 10.0, 1e3, 1e6, 1e12))
+    index, factor = (
+        chance.randrange(len(words)),
+        chance.choice((-1.0, 1e-9, 1e-3, 0.5, 1.1, 2.0, 10.0, 1e3, 1e12)),
+    )
     try:
         words[index] = repr(float(words[index]) * factor)
     except ValueError:
@@ -169,9 +185,11 @@ def _rename_element(root: Element, chance: Random) -> None:
 CHANGES: tuple[Callable[[bytes, Random], bytes], ...] = (
     _change_bytes,
     _cut,
-    *map(_in_tree, (_set_attribute, _set_attribute, _set_attribute, _remove_attribute, _exchange_attributes,
-                    _scale_number, _scale_number, _remove_element, _copy_element, _rename_element)),
-)  # fmt: skip
+    *map(_in_tree, 3 * (_set_attribute, _scale_number)),
+    *map(
+        _in_tree, (_remove_attribute, _exchange_attributes, _remove_element, _copy_element, _rename_element)
+    ),
+)
 
 
 def judge(code: int, said: str, file: Path, robot: Path) -> str:
@@ -202,7 +220,7 @@ def run(count: int, seed: int = 0) -> int:
     """Prints what was found; 1 if anything was not as it must be."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        files = [*sources(folder / "made"), *_of_corpus()]
+        files = [*sources(folder / "made"), *_of_corpus(folder / "real")]
         results = []
         for file in broken_files(files, folder, count, seed):
             results.append(result := _apart(file, folder / "robot"))
@@ -225,9 +243,10 @@ def _report(results: list[Result], files: int) -> None:
         f"| {sum(bool(result.wrong) for result in results)} "
         f"| {max((result.seconds for result in results), default=0.0):.1f} |"
     )
-    for result in refusals:
-        if not PLACE.search(result.said):
-            print(f"- {result.said}")
+    others = (result.said for result in refusals if not PLACE.search(result.said))
+    without = {re.sub(r"^.*?: ", "", said.removeprefix("cobot: "))[:SHOWN] for said in others}
+    for reason in sorted(without):
+        print(f"- {reason}")
 
 
 def _apart(file: Path, robot: Path) -> Result:
@@ -244,7 +263,7 @@ def _apart(file: Path, robot: Path) -> Result:
         wrong = "takes too long" if code == -signal.SIGALRM else judge(code, text, file, robot)
         seconds = time.monotonic() - began
         ended = {0: MADE, 1: REFUSED}.get(code, "crashed")
-        return Result(file.name, ended, text if wrong else text[-400:], wrong, seconds)
+        return Result(file.name, ended, text if wrong else "".join(text.splitlines()[-1:]), wrong, seconds)
 
 
 def _make(file: Path, robot: Path, output: int) -> NoReturn:

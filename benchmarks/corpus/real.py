@@ -26,6 +26,7 @@ IGNORED = re.compile(r"macro|/(table|camera|environment|accessories)")
 """Xacro files that define no robot of their own."""
 NAMES_IN_URIS = {
     "abb_irb140": "abb_irb140_description",
+    "abb_irb140_support": "abb_irb140_description",
     "interbotix_descriptions": "trossen_descriptions",
     "ridgeback_description": "clearpath_ridgeback_description",
 }

@@ -30,7 +30,7 @@ def check_urdf(file: Path, root: Element) -> None:
     links = _named(file, root, "link")
     joints = _named(file, root, "joint")
     if not links:
-        raise ConfigError(f"{where(file, root)}: <robot> has no <link>")
+        raise ConfigError(f"{where(file, root)}: <robot> has no <link>; give the file of a whole robot")
     for link in links.values():
         _check_link(file, link)
     for joint in joints.values():

@@ -168,6 +168,16 @@ def test_several_arms_are_listed_and_each_option_listed_takes_one(tmp_path: Path
         require_held(robot, text, {f"{other}_{index}": 0.0 for index in range(5)}, f"{side}_tool0")
 
 
+def test_the_joints_are_refused_before_any_mesh_is_read(tmp_path: Path) -> None:
+    """Oracle: the mesh does not exist, and a file of one arm with it is refused for that."""
+    mesh = '<mesh filename="missing.stl"/>'
+    box = '<box size="0.02 0.02 0.05"/>'
+    with pytest.raises(ConfigError, match="has 2 chains of joints"):
+        made_of(tmp_path / "two.urdf", two_arms().replace(box, mesh))
+    with pytest.raises(ConfigError, match=r"missing\.stl does not exist"):
+        made_of(tmp_path / "one.urdf", two_arms().replace(box, mesh), tcp="left_tool0")
+
+
 REFUSED = {
     "a follower in the chain": (
         urdf(ARMS["ur"]).replace('<child link="link2"/>', '<child link="link2"/><mimic joint="a1"/>'),
