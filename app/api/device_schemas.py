@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 
 from cobot.ipc.device_record import Device
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import example
+from cobot.motions.fields import example
 from cobot.robot.device import FLAGS, MEASURED_NAMES
 from cobot.robot.io_points import IoKind, IoPoint
 

@@ -20,7 +20,8 @@ from cobot.motions.bodies import (
     PathPose,
     TcpMotion,
 )
-from cobot.motions.requests import Arc, TcpSpeed, check_algorithm
+from cobot.motions.checks import check_algorithm
+from cobot.motions.requests import Arc, TcpSpeed
 from cobot.robot.frames import pose_from_abc
 from cobot.types import Array, PlannerName, Pose, Scaling, Synchronization
 

@@ -8,8 +8,6 @@ from pydantic import BaseModel, ConfigDict, FailFast, Field
 
 from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import (
-    HOME,
-    Finite,
     MoveArc,
     MoveJoints,
     MoveNamed,
@@ -18,8 +16,8 @@ from cobot.motions.bodies import (
     PathPose,
     Radius,
     TcpMotion,
-    example,
 )
+from cobot.motions.fields import HOME, Finite, example
 from cobot.strict import StrictModel
 
 Start = Annotated[

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import Angle, Finite, Within, few
+from cobot.motions.fields import Angle, Finite, Within, few
 from cobot.robot.scene import SceneObject
 from cobot.units import require_way
 

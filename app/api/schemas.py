@@ -15,7 +15,7 @@ from app.api.device_schemas import DeviceAnswer
 from app.api.explain_schemas import Explain
 from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import HOME, Finite, example
+from cobot.motions.fields import HOME, Finite, example
 from cobot.strict import StrictModel
 
 

@@ -14,7 +14,7 @@ from app.services.streaming.jog import JogCommand
 from cobot.errors import InputError, NotReadyError
 from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Intervention, Stream, chunk_dtype, text
 from cobot.ipc.session_rules import MOVE_S, decimation, nominal_session
-from cobot.motions.bodies import Finite
+from cobot.motions.fields import Finite
 from cobot.strict import StrictModel, sentences, shown
 from cobot.types import LoopMode, vector
 

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.scene_schemas import Name, ObjectAnswer, PutObject
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import Angle, Finite, Within, few
+from cobot.motions.fields import Angle, Finite, Within, few
 from cobot.units import MAX_TIP_M, require_way
 
 TipCoordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, MAX_TIP_M)]

@@ -30,7 +30,8 @@ from app.services.motion.ownership import Caller
 from cobot.access.roles import Role, acting
 from cobot.config import Endpoint
 from cobot.errors import BY_CODE, CobotError
-from cobot.motions.bodies import Angle, Coordinate, Joints, PositionName, Speed
+from cobot.motions.bodies import Joints, PositionName
+from cobot.motions.fields import Angle, Coordinate, Speed
 
 Ctx = Context[Any, Request]
 Robot = Annotated[str, Field(max_length=64, description="Name of the robot; empty for the default one.")]

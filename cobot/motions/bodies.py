@@ -1,122 +1,41 @@
-"""What a motion is asked for as JSON: the bodies of the REST API, the targets of sequences and programs.
+"""Requests for motions as JSON: the bodies of the REST API, the targets of sequences and programs.
 
-Form and bounds stand here, once. What only the robot knows (its joints, frames, reach) is checked where it is
-known: `cobot.motions.requests`, the services, the planners.
-
-Long, for it is the list of them.
+Their form and bounds have their home here and in `cobot.motions.fields`. What depends on the robot (joints,
+frames, reach) is checked by `cobot.motions.checks`, the services and the planners.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import (
     BaseModel,
-    BeforeValidator,
-    ConfigDict,
     Discriminator,
     FailFast,
     Field,
-    GetCoreSchemaHandler,
-    GetJsonSchemaHandler,
     Tag,
 )
-from pydantic_core.core_schema import CoreSchema, no_info_after_validator_function
 
 from cobot.loose_lists import RequestModel
-from cobot.types import RRT_CONNECT, Algorithm, FreeAxis
-from cobot.units import MAX_POSE_ANGLE_RAD, require_angle, require_way
-
-HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
-
-
-def example(body: Any) -> ConfigDict:
-    """What Swagger fills in: a request that works unedited, or an answer as it looks."""
-    return ConfigDict(json_schema_extra={"examples": [body]})
-
-
-MAX_ARC_RAD = 200.0
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-
-
-@dataclass(frozen=True, slots=True)
-class Within:
-    """Bounds of a number, whose error recognises another unit: see `cobot.units`."""
-
-    require: Callable[[float, float], float]
-    most: float
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        def required(value: float) -> float:
-            return self.require(value, self.most)
-
-        return no_info_after_validator_function(required, handler(source))
-
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
-        return {**handler(schema), "minimum": -self.most, "maximum": self.most}
-
-
-Angle = Annotated[float, Field(allow_inf_nan=False), Within(require_angle, MAX_POSE_ANGLE_RAD)]
-"""Of a pose, rad."""
-Coordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, 1000.0)]
-"""m: further than any arm reaches, so near that nothing that is computed with it overflows."""
-
-
-def _lower(value: Any) -> Any:
-    return value.lower() if isinstance(value, str) else value
-
-
-def few(most: int) -> BeforeValidator:
-    """Of a dictionary: what has more entries is refused before each of them is looked at, and found wrong."""
-
-    def check(value: Any) -> Any:
-        if isinstance(value, dict) and len(value) > most:
-            raise ValueError(f"may have up to {most} entries, got {len(value)}")
-        return value
-
-    return BeforeValidator(check)
-
-
-Speed = Annotated[
-    float,
-    Field(ge=0.01, le=1.0, description="Share of the velocity limits."),
-]
-AccelScale = Annotated[
-    float,
-    Field(
-        ge=0.0,
-        le=1.0,
-        description="Share of the acceleration and jerk limits (of jerk 0.8 at the most); 0 takes `speed`.",
-    ),
-]
-SynchronizationName = Annotated[
-    Literal["time", "phase"],
-    Field(
-        description="Of the joints in ptp. time: they start and end together, in the shortest time, in "
-        "general not straight in joint space; phase: they keep in proportion, straight in joint space."
-    ),
-]
-Planner = Annotated[
-    Literal["ompl", "ptp", "lin", "circ", "polyline", "chomp", "auto"],
-    BeforeValidator(_lower),
-    Field(
-        description="ptp: in joint space, see `synchronization`; lin: the TCP on a straight line; circ: on "
-        "an arc, see `via` and `centre`; polyline: on straight lines through all of `through`; ompl: "
-        "sampling, around obstacles; chomp: optimisation, around obstacles; auto: ptp if that is free, else "
-        "ompl."
-    ),
-]
-JointPlanner = Annotated[
-    Literal["ptp", "ompl", "chomp", "auto"],
-    BeforeValidator(_lower),
-    Field(description="As for a pose."),
-]
-OmplAlgorithm = Annotated[Algorithm, Field(description="Of planner ompl, by OMPL's names.")]
+from cobot.motions.fields import (
+    HOME,
+    MAX_ARC_RAD,
+    AccelScale,
+    Angle,
+    Coordinate,
+    Finite,
+    JointPlanner,
+    OmplAlgorithm,
+    Planner,
+    Speed,
+    SynchronizationName,
+    Within,
+    example,
+    few,
+)
+from cobot.types import RRT_CONNECT, FreeAxis
+from cobot.units import require_angle
 
 
 class PathPoint(RequestModel):

@@ -6,13 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cobot.errors import InputError
 from cobot.motions.constraints import Constraints
 from cobot.motions.points import REST, WaysOut
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import (
-    FREE_AXES,
     RRT_CONNECT,
     Algorithm,
     Array,
@@ -181,130 +179,4 @@ class Blended:
     used_m: tuple[float, ...] = ()
 
 
-SHORTEST_AXIS = 1e-3
 PATH_PLANNERS = (PlannerName.LIN, PlannerName.CIRC, PlannerName.POLYLINE)
-
-
-def check_via(planner: PlannerName, via: object, arc: object = None) -> None:
-    """A point on the arc, or its centre, is what circ needs and no other planner takes.
-
-    Raises:
-        InputError: there is none or both for circ, or one for another planner.
-    """
-    if planner is PlannerName.CIRC and via is None and arc is None:
-        raise InputError("via: is missing; planner circ needs a point on its arc, or its centre")
-    if planner is PlannerName.CIRC and via is not None and arc is not None:
-        raise InputError("via, centre: one of them defines the arc of planner circ, not both")
-    for name, given in (("via", via), ("centre", arc)):
-        if given is not None and planner is not PlannerName.CIRC:
-            raise InputError(f"{name}: is for planner circ only, not for {planner}")
-
-
-def check_through(planner: PlannerName, through: Sequence[Pose], radius_m: float) -> None:
-    """Poses on the way and a radius are for polyline only, which needs a pose at the least.
-
-    Raises:
-        InputError: there is none, or one for another planner.
-    """
-    if planner is PlannerName.POLYLINE and not through:
-        raise InputError(
-            "through: is empty; planner polyline needs a pose on the way at the least, or take lin"
-        )
-    for name, given in (("through", len(through) > 0), ("radius", radius_m != 0.0)):
-        if given and planner is not PlannerName.POLYLINE:
-            raise InputError(f"{name}: is for planner polyline only, not for {planner}")
-
-
-def check_arc(arc: Arc | None) -> None:
-    """An arc by an angle turns, and about a direction.
-
-    Raises:
-        InputError: the angle is 0, or the axis has no length.
-    """
-    if arc is None:
-        return
-    if arc.angle_rad == 0.0:
-        raise InputError("angle: is 0 rad, which is no arc, with or without a rise; for a line there is lin")
-    if arc.axis is not None and not math.hypot(*arc.axis) > SHORTEST_AXIS:
-        length = math.hypot(*arc.axis)
-        raise InputError(
-            f"axis: has a length of {length:g}, which is no direction; above {SHORTEST_AXIS:g} is"
-        )
-
-
-def check_tcp_speed(planner: PlannerName, speed: TcpSpeed, limits: CartesianLimits) -> None:
-    """A speed of the TCP is within its limit, and for planners whose path is the TCP's.
-
-    Raises:
-        InputError: it is not.
-    """
-    for name, value, limit, setting, unit in (
-        ("speed_m_s", speed.linear_m_s, limits.max_linear_velocity, "max_linear_velocity", "m/s"),
-        ("speed_rad_s", speed.angular_rad_s, limits.max_angular_velocity, "max_angular_velocity", "rad/s"),
-    ):
-        if value is None:
-            continue
-        if planner not in PATH_PLANNERS:
-            raise InputError(f"{name}: is for lin, circ and polyline only, not for {planner}")
-        if not 0.0 < value <= limit:
-            raise InputError(
-                f"{name}: is {value:g} {unit}, possible is above 0 and up to {limit:g} {unit} "
-                f"(planning.{setting})"
-            )
-
-
-def check_end(planner: PlannerName, cyclic: bool | None, end_joints: Array | None) -> None:
-    """How a motion ends is asked of planners whose path is the TCP's, and in one way.
-
-    Raises:
-        InputError: it is asked of another one, or in both ways.
-    """
-    for name, given in (("cyclic", cyclic), ("end_joints", end_joints is not None)):
-        if given and planner not in PATH_PLANNERS:
-            raise InputError(f"{name}: is for lin, circ and polyline only, not for {planner}")
-    if cyclic and end_joints is not None:
-        raise InputError("cyclic, end_joints: give one of them, not both")
-
-
-def check_free_axes(free: Sequence[str]) -> None:
-    """Free are no rotation, one, or all three: two of them together make the third.
-
-    Raises:
-        InputError: another number of them, an unknown one, or one twice.
-    """
-    valid = ", ".join(FREE_AXES)
-    for index, axis in enumerate(free):
-        if axis not in FREE_AXES:
-            raise InputError(
-                f"free_axes[{index}]: there is no axis {axis!r}; valid are: {valid}, the rotations about the "
-                "tool's x, y and z axis"
-            )
-        if axis in free[:index]:
-            raise InputError(f"free_axes[{index}]: {axis} is given twice")
-    if len(free) == len(FREE_AXES) - 1:
-        raise InputError(
-            f"free_axes: has {' and '.join(free)}, by which every orientation is reached; "
-            f"valid are one of {valid}, or all three for the position alone"
-        )
-
-
-def check_synchronization(planner: PlannerName, synchronization: Synchronization) -> None:
-    """The joints keep in proportion only where the path is not given by anything else.
-
-    Raises:
-        InputError: it is asked of another planner than ptp.
-    """
-    if synchronization is Synchronization.PHASE and planner is not PlannerName.PTP:
-        raise InputError(f"synchronization: phase is for planner ptp only, not for {planner}")
-
-
-def check_algorithm(planner: PlannerName, algorithm: Algorithm, constraints: Constraints | None) -> None:
-    """One of ompl's planners is chosen where ompl may plan, and only one of them keeps constraints.
-
-    Raises:
-        InputError: another planner was given one, or another of ompl's has to keep constraints.
-    """
-    if algorithm != RRT_CONNECT and planner not in (PlannerName.OMPL, PlannerName.AUTO):
-        raise InputError(f"algorithm: {algorithm} is for planner ompl and auto only, not for {planner}")
-    if constraints is not None and algorithm != RRT_CONNECT:
-        raise InputError(f"constraints: of ompl's planners {RRT_CONNECT} alone keeps them, not {algorithm}")

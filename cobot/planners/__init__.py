@@ -14,9 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from cobot.errors import LimitError, PlanningError
-from cobot.motions.requests import (
-    MotionRequest,
-    WaypointRequest,
+from cobot.motions.checks import (
     check_algorithm,
     check_end,
     check_free_axes,
@@ -25,6 +23,7 @@ from cobot.motions.requests import (
     check_through,
     check_via,
 )
+from cobot.motions.requests import MotionRequest, WaypointRequest
 from cobot.planners.checks import is_there, validate
 from cobot.planners.circ import plan_circ
 from cobot.planners.escape import leave

@@ -6,7 +6,8 @@ import numpy as np
 
 from cobot.errors import InputError, PlanningError
 from cobot.findings import Finding
-from cobot.motions.requests import Arc, MotionRequest, check_via
+from cobot.motions.checks import check_via
+from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners.cartesian import follow
 from cobot.planners.ends import end_of, followed, full_turns
 from cobot.planners.path_goals import reachable

@@ -11,7 +11,7 @@ from app.api.dependencies import Call, CobotRoute, json_body
 from app.api.errors import responses
 from app.services.streaming.freedrive import TIMEOUT_S, TIMEOUTS_S, FreedriveService
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import Finite, example
+from cobot.motions.fields import Finite, example
 
 router = APIRouter(prefix="/robot/freedrive", tags=["robot"], route_class=CobotRoute)
 

@@ -12,7 +12,7 @@ from app.api.device_schemas import IoAnswer
 from app.api.errors import responses
 from cobot import audit
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import Finite, example
+from cobot.motions.fields import Finite, example
 
 router = APIRouter(prefix="/robot/io", tags=["robot"], route_class=CobotRoute)
 

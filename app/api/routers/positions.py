@@ -13,7 +13,7 @@ from app.api.scene_schemas import Name
 from app.api.schemas import NamedPositionAnswer
 from app.services.motion.positions import TAUGHT
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import HOME, Finite, example
+from cobot.motions.fields import HOME, Finite, example
 from cobot.types import NamedPosition
 
 router = APIRouter(prefix="/robot/positions", tags=["robot"], route_class=CobotRoute)

@@ -10,12 +10,7 @@ import numpy as np
 from app.services.motion.tool_and_limits import compose
 from cobot.config import PlanningSection
 from cobot.errors import InputError
-from cobot.motions.constraints import Constraints
-from cobot.motions.requests import (
-    ANY_SPEED,
-    Arc,
-    MotionRequest,
-    TcpSpeed,
+from cobot.motions.checks import (
     check_arc,
     check_end,
     check_free_axes,
@@ -24,6 +19,8 @@ from cobot.motions.requests import (
     check_through,
     check_via,
 )
+from cobot.motions.constraints import Constraints
+from cobot.motions.requests import ANY_SPEED, Arc, MotionRequest, TcpSpeed
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc, rotation_matrix
 from cobot.robot.limits import check_positions

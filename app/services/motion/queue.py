@@ -160,7 +160,7 @@ class MotionQueue:
             await claim.ended.wait()
 
     def cancel(self, job: Job, error: MotionStopped) -> bool:
-        """Take a move out, whatever is being planned; what waits behind it is planned anew.
+        """Take a move out, also during planning. The moves behind it are planned again.
 
         The job has ended when this returns, unless the motion under way leads to it: then it ends as soon as
         the arm has come to rest on its path.

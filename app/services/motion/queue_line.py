@@ -1,8 +1,8 @@
 """The moves that wait in a queue, in their order.
 
-The first of them are planned: each begins where the one before it ends. When one of them is taken out, those
-behind it are loose: they wait to be planned anew. Taking one out never waits: a planning that has begun from
-a place where nothing ends any more is given up, and done again from the new one.
+The first moves are planned: each begins where the one before it ends. When a move is taken out, those behind
+it are loose: they wait to be planned again. Taking a move out never waits. If planning has begun at its end,
+that planning is given up and begins again from the new place.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class QueueLine:
 
     @property
     def is_loose(self) -> bool:
-        """Whether some moves have to be planned anew."""
+        """Whether some moves have to be planned again."""
         return bool(self._loose)
 
     def begins_with(self, chain: Sequence[QueuedMove]) -> bool:
@@ -122,7 +122,7 @@ class QueueLine:
                 return found
 
     async def mend(self, claim: Claim) -> None:
-        """Plan the loose moves anew; one that cannot be planned fails, and all behind it are given up."""
+        """Plan the loose moves again. One that cannot be planned fails, and all behind it are given up."""
         while self._loose:
             move = self._loose[0]
             try:

@@ -26,7 +26,7 @@ STEP_RAD, MAX_STEPS = np.pi / 4.0, 3
 MAX_TURNED = 3
 """Maximum number of joints that are not at their reference."""
 ROOM_SHARE, MAX_ROOM = 0.02, 0.05
-"""Distance from the limits: a share of the range, at most so many rad or m."""
+"""Distance from the limits: a share of the range, and its maximum, rad or m."""
 WIDE_MARGIN_M = 0.02
 HELD_SHARE = 0.9
 COST_TURNED, COST_RIGHT_ANGLE = 1.0, 0.25
@@ -152,7 +152,7 @@ class _Choice:
         return iter(sorted(found, key=lambda each: each[0]))
 
     def cost(self, joints: Array) -> float:
-        """Of a posture as a whole; infinite if it is not free or cannot be held easily."""
+        """Cost of a posture; infinite if it is not free or cannot be held easily."""
         if not self._collision.is_free(joints):
             return float("inf")
         share = held(self._robot, self._limits, joints).share
@@ -179,7 +179,7 @@ class _Choice:
         return bool(values[-1] < SINGULAR * values[0])
 
     def nearest_free(self) -> Array | None:
-        """Of random positions; one that can be held, if there is such a one."""
+        """The best random position, one that can be held if there is any."""
         limits = self._limits
         rows = np.random.default_rng(0).uniform(
             limits.min_position, limits.max_position, (SAMPLES, limits.dof)

@@ -47,7 +47,7 @@ from cobot.types import JointLimits
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """What has been read of the file.
+    """A robot that has been read from its file.
 
     Attributes:
         rates: velocity and effort of its joints, 0 for unknown.
@@ -64,7 +64,7 @@ class _Source:
 
 @dataclass(slots=True)
 class NewRobot:
-    """What to make of a file.
+    """A robot to be made of a file.
 
     Attributes:
         actuators: the joints that drives move; empty for those of the arm. Others stay where they are.
@@ -211,7 +211,7 @@ class NewRobot:
         return semantics, tree, find_arm(self.file, root, spec, tree, self.tcp)
 
     def _semantics(self, root: Element, spec: mujoco.MjSpec, tree: JointTree, files: Tree) -> Semantics:
-        """Of the SRDF; without one the joints that the user has named."""
+        """What the SRDF gives; without an SRDF the joints that the user has named."""
         if self.srdf is None:
             if self.group is not None:
                 raise ConfigError("--group chooses a group of an SRDF; give that too, with --srdf FILE")

@@ -33,7 +33,7 @@ class Solid:
 
     @cached_property
     def volume(self) -> float:
-        """Of the union of the shapes, m³."""
+        """Volume of the union of the shapes, m³."""
         return self.overlap * sum(shape.volume for shape in self._shapes)
 
     @cached_property
@@ -75,7 +75,7 @@ class _Shape:
 
     @cached_property
     def _hull(self) -> ConvexHull | None:
-        """Of a mesh; None if it is flat."""
+        """Convex hull of a mesh; None if it is flat."""
         try:
             return ConvexHull(self._points)
         except QhullError:
@@ -90,7 +90,7 @@ class _Shape:
 
     @cached_property
     def _planes(self) -> Array:
-        """Of the hull's faces, coplanar triangles as one, shape (n, 4)."""
+        """Equations of the hull's faces, with coplanar triangles as one, shape (n, 4)."""
         return np.zeros((0, 4)) if self._hull is None else np.unique(self._hull.equations.round(6), axis=0)
 
     def sampled(self, random: np.random.Generator) -> Array:

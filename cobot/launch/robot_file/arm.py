@@ -173,7 +173,7 @@ def _chain_to(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str) -> lis
 
 
 def _arms(tree: JointTree) -> list[list[Node]]:
-    """The longest chain, and those that have as much beside it."""
+    """The longest chain, and other chains that could be an arm too."""
     paths = sorted(_chains(tree), key=len, reverse=True)
     if not paths:
         return []
@@ -188,7 +188,7 @@ def _arms(tree: JointTree) -> list[list[Node]]:
 
 
 def _chains(tree: JointTree) -> list[list[Node]]:
-    """From the base to each end, without fingers, rods of linkages and what is the beginning of another."""
+    """Chains from the base to each end, without fingers and rods, and without parts of other chains."""
     found: dict[str, list[Node]] = {}
     for leaf in tree.leaves():
         if path := _without_jaw(_without_rods(tree.without_fingers(leaf.path))):
@@ -207,7 +207,7 @@ def _without_rods(path: list[Node]) -> list[Node]:
 
 
 def _without_jaw(path: list[Node]) -> list[Node]:
-    """A last joint with the TCP beside it instead of on it is a jaw, whatever its name."""
+    """A last joint that does not move the TCP is a jaw, whatever its name."""
     if len(path) > RIVAL_JOINTS and not _has_tcp(path) and _has_tcp(path[:-1]):
         return path[:-1]
     return path

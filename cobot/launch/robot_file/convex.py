@@ -22,7 +22,7 @@ VOID_M, VOID_SHARE = 0.02, 0.1
 CELLS = 24
 """Of the grid, along the longest side."""
 CLUSTERS = 40
-"""Of the mesh that is decomposed, along the longest side: its triangles are merged to that."""
+"""Resolution along the longest side, to which the mesh is simplified before it is decomposed."""
 MAX_SOLIDS = 8
 CONCAVITY = 0.12
 """How much of its size a solid may be concave before it is split again."""
@@ -78,7 +78,7 @@ def _hull(points: Array) -> trimesh.Trimesh:
 
 
 def _thick(corners: Array) -> Array:
-    """The same points, or of a flat mesh those of both of its sides."""
+    """The points of a mesh; a flat one gets two sides."""
     middle = corners.mean(axis=0)
     _, _, axes = np.linalg.svd(corners - middle, full_matrices=False)
     extents = np.ptp((corners - middle) @ axes.T, axis=0)

@@ -67,7 +67,7 @@ def place(spec: mujoco.MjSpec, resting: dict[Node, float]) -> None:
 
 
 def orientation(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Quaternion:
-    """Of a body against its parent, in whichever of MuJoCo's notations the file has it."""
+    """Orientation of a body in its parent, from any of MuJoCo's notations."""
     if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
         return normalised(body.quat)
     alone = mujoco.MjSpec()

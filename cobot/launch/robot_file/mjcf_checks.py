@@ -10,9 +10,9 @@ from cobot.errors import ConfigError
 from cobot.xml_file import is_printable, parse, shown, where
 
 MAX_ELEMENTS = 20_000
-"""Of a file, with what its <replicate> and the like make."""
+"""Maximum number of elements in a file, including those that <replicate> and the like make."""
 MAX_CELLS = 4_000_000
-"""Of a height field: 2000 by 2000."""
+"""Maximum number of cells in a height field: 2000 by 2000."""
 MAX_INCLUDED = 100
 MULTIPLYING = ("replicate", "composite", "flexcomp")
 
@@ -36,7 +36,7 @@ class _Counter:
         self._count = 0
 
     def add(self, file: Path, root: Element, times: int) -> None:
-        """Count an element and all in it, which are made so many times."""
+        """Count an element that is made `times` times, and all in it."""
         pending = [(root, times)]
         while pending:
             element, times = pending.pop()

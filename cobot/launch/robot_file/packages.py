@@ -51,7 +51,7 @@ def _packages_below(folder: Path) -> Iterator[Path]:
 
 
 def _name(folder: Path) -> str:
-    """Of the package in a folder: as its manifest says, otherwise the folder's own."""
+    """Name of the package in a folder, from its manifest; without a manifest the folder's name."""
     try:
         found = ElementTree.parse(folder / MANIFEST).getroot().findtext("name")
     except (OSError, ElementTree.ParseError):

@@ -17,7 +17,7 @@ ARM_JOINT = re.compile(r"roll|pitch|yaw|rotat|twist|tilt|wrist", re.IGNORECASE)
 HAND = re.compile(r"(?:^|[^a-z])hand(?:[^a-z]|$)", re.IGNORECASE)
 LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 ARM_JOINTS, HAND_FINGERS, FINGER_JOINTS = 4, 3, 5
-"""So many fingers after so many joints are a hand: a torso has fewer joints, an arm more than a finger."""
+"""Three branches of up to five joints after four joints are a hand: a torso has fewer before its arms."""
 MOVABLE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -76,7 +76,7 @@ class Node:
 
 
 class JointTree:
-    """Of all hinges and slides, without those that are held still.
+    """The hinges and slides of a file, without those that are held still.
 
     Attributes:
         nodes: by name, in the file's order.
@@ -125,7 +125,7 @@ class JointTree:
         return found
 
     def _rest(self, node: Node, degrees: bool, found: dict[str, float]) -> float:
-        """Of one joint, after its leaders."""
+        """Add the position of one joint, after those of its leaders."""
         if node.name not in found:
             unit = _unit(node.joint, degrees)
             found[node.name] = rest = node.reference(degrees)
@@ -150,7 +150,7 @@ class JointTree:
         return (node for node in self.nodes.values() if not node.children)
 
     def is_finger(self, node: Node) -> bool:
-        """By its name; or it is one of several short branches after an arm: many, slides, or coupled."""
+        """By its name, or as one of several short branches that are many, slides or coupled."""
         if FINGER.search(node.name) and not ARM_JOINT.search(node.name):
             return True
         branches = node.parent.children if node.parent else self.roots

@@ -67,7 +67,7 @@ def reach_gap(model: RobotModel, pose: Pose) -> float:
 def solve_near(
     model: RobotModel, pose: Pose, seed: Array, steps: int = STEPS, free: tuple[FreeAxis, ...] = ()
 ) -> Descent:
-    """One descent from `seed`, of so many steps at the most: the way to stay continuous along a path."""
+    """One descent from `seed`, of at most `steps` steps, which stays continuous along a path."""
     return Descent(*model.kinematics(free).descend(row_of(pose), seed, steps))
 
 
