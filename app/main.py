@@ -22,6 +22,7 @@ from app.api.audit import RequestTrail
 from app.api.body_limit import BodyLimit
 from app.api.clients import Clients
 from app.api.costly import Costly
+from app.api.endpoints import Endpoint, changed, slowest_move_s
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers.robots import twin_name
@@ -75,13 +76,13 @@ def create_app(
     Raises:
         ConfigError: the configuration is wrong.
     """
-    endpoints = load_endpoints(settings.web.endpoints)
+    endpoints = changed(routes.ENDPOINTS, load_endpoints(settings.web.endpoints, routes.ENDPOINTS))
     robots = {name: load_robot(each) for name, each in settings.each.items()}
     shared = SharedParts(
         config=config,
         base_url=base_url,
         default_robot=settings.robot.name,
-        endpoints=endpoints,
+        slowest_move_s=slowest_move_s(endpoints),
         clock=clock,
         planner=planner,
         sync=SyncService(),
@@ -91,12 +92,12 @@ def create_app(
     )
     agents = McpEndpoint()
     app = _application(Lifetime(settings, robots, shared, agents, reload_by_signal=source is not None))
-    _set_state(app, settings, shared)
+    _set_state(app, settings, shared, endpoints)
     app.state.reloading = Reloading(settings, config, source, app.state)
     app.state.origins = Origins([host, urlsplit(base_url).hostname or host], host, settings.web)
     required = authentication_required(settings.web, host)
     _add_middleware(app, settings, shared.tokens, required=required)
-    table = roles(stop_without_token=settings.web.stop_without_token)
+    table = roles(endpoints, stop_without_token=settings.web.stop_without_token)
     _document(app, robots, table if required else None)
     if endpoints[f"POST {vendor.PATH}"].enabled:
         _document_vendor(app, list(robots), table if required else None)
@@ -126,12 +127,10 @@ def _application(lifetime: Lifetime) -> FastAPI:
     return app
 
 
-def _set_state(app: FastAPI, settings: Settings, shared: SharedParts) -> None:
+def _set_state(app: FastAPI, settings: Settings, shared: SharedParts, endpoints: dict[str, Endpoint]) -> None:
     """What requests find in `app.state`, beside what `Lifetime` begins."""
     app.state.events = shared.events
-    app.state.endpoints = shared.endpoints | {
-        twin_name(name): each for name, each in shared.endpoints.items()
-    }
+    app.state.endpoints = endpoints | {twin_name(name): each for name, each in endpoints.items()}
     app.state.large_body = asyncio.Lock()
     app.state.costly = Costly()
     app.state.rosbridge_connections = app.state.foxglove_clients = 0

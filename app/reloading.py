@@ -137,7 +137,7 @@ class Reloading:
         """In a thread: it may take a tenth of a second."""
         try:
             new = load_settings(self._source)
-            endpoints = load_endpoints(new.web.endpoints)
+            endpoints = load_endpoints(new.web.endpoints, self._state.endpoints)
             for each in new.each.values():
                 load_robot(each).check_named_positions(each.robot.srdf)
             settings = self._merged(new)

@@ -48,7 +48,7 @@ from app.services.streaming.sessions import StreamService
 from cobot.access.authentication import Authenticator
 from cobot.addresses import address
 from cobot.clock import Clock
-from cobot.config import Endpoint, Settings
+from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import ToolFile
 
@@ -60,6 +60,7 @@ class SharedParts:
     """What the services of all robots have in common; see `app.main.create_app`.
 
     Attributes:
+        slowest_move_s: the longest time that a request may take to move the arm.
         sync: moves the robots together.
         several: whether there is more than one, so that log lines and addresses have to say which.
         tokens: that programs are given for as long as they run.
@@ -69,7 +70,7 @@ class SharedParts:
     config: Path | None
     base_url: str
     default_robot: str
-    endpoints: dict[str, Endpoint]
+    slowest_move_s: float
     clock: Clock
     planner: Planner
     sync: SyncService
@@ -152,11 +153,9 @@ def _services(
     planning: PlanningService,
 ) -> Services:
     """Long, as it is the list of them, in the order in which they need each other."""
-    ends = shared.endpoints.items()
-    slowest_s = max(end.timeout_s for name, end in ends if name.startswith("POST /robot/move/"))
     longest_s = loading_s(settings.rt.trajectory_capacity, settings.rt.period_s)
     # The time of a motion is that of full speed.
-    latest_s = slowest_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
+    latest_s = shared.slowest_move_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
     tolerance_rad, smoothing_rad = settings.planning.start_tolerance_rad, settings.planning.smoothing_rad
     jobs = JobBook(link, settings.jobs_file)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from copy import copy
 
 from fastapi import APIRouter, FastAPI
-from fastapi.routing import APIRoute, APIWebSocketRoute
+from fastapi.routing import APIRoute
 from starlette.routing import BaseRoute, Route
 
+from app.api.endpoints import Endpoint, declared
 from app.api.routers import (
     audit,
     common,
@@ -35,7 +36,6 @@ from app.foxglove import router as foxglove
 from app.mcp.endpoint import McpEndpoint
 from app.rosbridge import router as rosbridge
 from cobot.addresses import MCP
-from cobot.config import Endpoint
 
 OF_A_ROBOT = (
     robot.router,
@@ -61,15 +61,15 @@ OF_THE_SERVICE = (robots.router, operations.router, audit.router, vendor.router,
 
 
 def install(
-    app: FastAPI, endpoints: dict[str, Endpoint], names: list[str], agents: McpEndpoint | None
+    app: FastAPI, endpoints: Mapping[str, Endpoint], names: list[str], agents: McpEndpoint | None
 ) -> None:
-    """Serve all that api_endpoints.yaml wants, before what is there already.
+    """Serve all endpoints that are enabled, before what is there already.
 
     Routes are matched one after the other, so those of the documentation come last. They are no included
     routers, for the nesting that FastAPI keeps of these is matched in each request too.
 
     Args:
-        endpoints: as `load_endpoints` has read them.
+        endpoints: as the user wants them, by name.
         names: of all robots, for the documentation.
         agents: None where there is no way for them.
     """
@@ -83,17 +83,19 @@ def install(
             route.operation_id = route.name  # what generated clients call their methods
 
 
-def _enabled(routers: Iterable[APIRouter], endpoints: dict[str, Endpoint]) -> list[BaseRoute]:
-    """The routes that api_endpoints.yaml wants: copies, as an application guards its own."""
-    return [
-        copy(route) for router in routers for route in router.routes if endpoints[_endpoint(route)].enabled
-    ]
+def _enabled(routers: Iterable[APIRouter], endpoints: Mapping[str, Endpoint]) -> list[BaseRoute]:
+    """The routes of all endpoints that are enabled: copies, because an application guards its own."""
+    return [copy(route) for endpoint, route in _routes(routers) if endpoints[endpoint.name].enabled]
 
 
-def _endpoint(route: BaseRoute) -> str:
-    """What api_endpoints.yaml calls it."""
-    if isinstance(route, APIWebSocketRoute):
-        return f"WS {route.path}"
-    assert isinstance(route, APIRoute)
-    (method,) = route.methods or {""}
-    return f"{method} {route.path}"
+def _routes(routers: Iterable[APIRouter]) -> Iterator[tuple[Endpoint, BaseRoute]]:
+    """Each route with what is declared of it."""
+    for router in routers:
+        for route in router.routes:
+            endpoint = declared(route)
+            assert endpoint is not None, f"{route} is served without `EndpointRouter.endpoint`"
+            yield endpoint, route
+
+
+ENDPOINTS = {endpoint.name: endpoint for endpoint, _ in _routes([*OF_A_ROBOT, *OF_THE_SERVICE])}
+"""All endpoints by their names, as they are declared."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import socket
 import subprocess
 import sys
@@ -24,9 +23,10 @@ from running import (
     until,
 )
 
+from app.routes import ENDPOINTS
+
 ADDRESS = f"127.{1 + os.getpid() % 200}.{1 + os.getpid() // 200 % 250}.7"
 """Its port is always the same: an address of its own."""
-ENDPOINTS = FR3.with_name("api_endpoints.yaml")
 TRACKING_RAD = 0.4
 """It lags behind its commands by up to 0.07 s."""
 
@@ -115,8 +115,8 @@ class RunOfFranka(Run):
         content |= {"logs": "logs", "ros": {"enabled": False}, "planning": {"workers": 1}}
         content["planning"] |= yaml.safe_load(f"{{{PATIENT_PLANNING}}}")
         content |= yaml.safe_load(BRIEF_RECORDING)
-        patient = re.sub(r"timeout_s: [0-9.]+", f"timeout_s: {WAIT_S}", ENDPOINTS.read_text(encoding="utf-8"))
-        (folder / "endpoints.yaml").write_text(patient, encoding="utf-8")
+        patient = {name: {"timeout_s": WAIT_S} for name in ENDPOINTS}
+        (folder / "endpoints.yaml").write_text(yaml.safe_dump({"endpoints": patient}), encoding="utf-8")
         self.config = folder / "fr3.yaml"
         self.config.write_text(yaml.safe_dump(content), encoding="utf-8")
         self.lines: list[str] = []

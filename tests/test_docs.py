@@ -17,8 +17,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from app.endpoint_table import table
+from app.routes import ENDPOINTS
 from cobot.access.roles import Role
-from cobot.config import ENDPOINTS, Settings
+from cobot.config import Settings
 from cobot.ipc.layout import Intervention
 
 ROOT = Path(__file__).parents[1]
@@ -92,6 +94,15 @@ def endpoints_of_the_table() -> set[str]:
         paths = [first, *(each if each.startswith("/") else f"{folder}/{each}" for each in others)]
         found |= {f"{method} {path}" for method in methods.split(", ") for path in paths}
     return found
+
+
+def test_the_page_of_endpoints_is_what_the_code_declares() -> None:
+    """Mend it with `python -m app.endpoint_table`."""
+    page = (DOCS / "endpoints.md").read_text(encoding="utf-8")
+    assert page.partition("| Endpoint ")[1:] == (
+        "| Endpoint ",
+        "\n".join([*table(), ""]).removeprefix("| Endpoint "),
+    )
 
 
 def test_the_table_of_endpoints_is_whole() -> None:

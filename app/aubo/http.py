@@ -10,7 +10,7 @@ import asyncio
 from dataclasses import asdict
 from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
 from starlette.routing import Match
@@ -22,11 +22,12 @@ from app.api.dependencies import BEGUN_S, LARGE_BYTES, json_body, services_of
 from app.api.errors import ErrorAnswer
 from app.api.json_text import decoded
 from app.api.openapi import CONTROL, error_components, error_references
+from app.api.route import EndpointRouter
 from app.aubo.classes import CLASSES, REGISTRY
 from app.aubo.fields import REQUIRED, Field
 from app.aubo.registry import Origin, Service, bind, run, unknown_service
 from cobot import audit
-from cobot.access.roles import require
+from cobot.access.roles import Role, require
 from cobot.errors import NotFoundError
 
 PATH = "/{robot}/{Class}/{method}"
@@ -68,10 +69,10 @@ class _VendorRoute(APIRoute):
         return super().matches(scope) if len(parts) == 4 and parts[2] in CLASSES else (Match.NONE, {})
 
 
-router = APIRouter(route_class=_VendorRoute)
+router = EndpointRouter(route_class=_VendorRoute)
 
 
-@router.post(PATH, include_in_schema=False)
+@router.endpoint(f"POST {PATH}", Role.OBSERVER, timeout_s=20.0, include_in_schema=False)
 async def vendor_service(request: Request) -> JSONResponse:
     """Any service of the registry."""
     services = services_of(request)

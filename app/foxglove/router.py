@@ -13,17 +13,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, cast
 
-from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi import WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 from pydantic import ConfigDict, Field, ValidationError
 
 from app.api.dependencies import addressed
 from app.api.errors import status_of
 from app.api.json_text import decoded
+from app.api.route import EndpointRouter
 from app.foxglove.channels import EVENTS, Channels
 from app.services.events.listener import Listener, Wanted
 from app.services.events.ring import Event
 from app.services.events.ring import Events as Ring
+from cobot.access.roles import Role
 from cobot.codes import code_of
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
 from cobot.strict import StrictModel, sentences, shown
@@ -39,7 +41,7 @@ MESSAGE_DATA = struct.Struct("<BIQ")
 ERROR = 2
 LARGEST_ID = 2**32 - 1
 
-router = APIRouter()
+router = EndpointRouter()
 
 
 class RateQuery(StrictModel):
@@ -60,7 +62,7 @@ class _Tick:
         return ""
 
 
-@router.websocket(PATH)
+@router.endpoint(f"WS {PATH}", Role.OBSERVER, timeout_s=1.5)
 async def foxglove(socket: WebSocket) -> None:
     """See docs/foxglove.md."""
     ring = cast(Ring, socket.app.state.events)

@@ -17,6 +17,7 @@ from starlette.requests import Request
 from app.api.access import IDENTITY
 from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
+from app.api.endpoints import Endpoint
 from app.api.plan_schemas import PlanArc, PlanId, PlanPath, PlanPose
 from app.api.routers.plans import rehearsal
 from app.api.schemas import LogLines
@@ -28,7 +29,6 @@ from app.services.jobs.job import JobKind
 from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import Caller
 from cobot.access.roles import Role, acting
-from cobot.config import Endpoint
 from cobot.errors import BY_CODE, CobotError
 from cobot.motions.bodies import Joints, PositionName
 from cobot.motions.fields import Angle, Coordinate, Speed

@@ -6,16 +6,18 @@ import asyncio
 import contextlib
 from typing import Any, cast
 
-from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi import WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
 from app.api.access import identity_of
-from app.api.dependencies import LARGE_BYTES, without_collection
+from app.api.dependencies import LARGE_BYTES
 from app.api.errors import status_of
 from app.api.json_text import decoded
+from app.api.route import EndpointRouter, without_collection
 from app.graph.graph import Graph
 from app.rosbridge.connection import Connection
 from app.services.motion.lease import CLIENT
+from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
 from cobot.ros.message_limits import MAX_MESSAGE, check_message
 
@@ -25,10 +27,10 @@ MAX_FRAME_BYTES = 2 * MAX_MESSAGE
 """A larger frame closes the connection; a message that is too large, in a smaller frame, is an error only."""
 TRY_LATER = 1013
 
-router = APIRouter()
+router = EndpointRouter()
 
 
-@router.websocket(PATH)
+@router.endpoint(f"WS {PATH}", Role.OBSERVER, timeout_s=2.0)
 async def rosbridge(socket: WebSocket) -> None:
     """See docs/rosbridge.md."""
     state = socket.app.state

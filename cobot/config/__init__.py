@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cobot.config.endpoints import ENDPOINTS, MIN_STOP_S, Endpoint, load_endpoints
+from cobot.config.endpoints import MIN_STOP_S, EndpointChange, load_endpoints
 from cobot.config.locations import Location, resolve
 from cobot.config.reading import DEFAULT_SETTINGS, SECTIONS_OF_A_ROBOT, SETTINGS_FILE, load_settings
 from cobot.config.section import naming
@@ -22,12 +22,11 @@ from cobot.config.settings import Settings
 
 __all__ = [
     "DEFAULT_SETTINGS",
-    "ENDPOINTS",
     "MIN_STOP_S",
     "SECTIONS_OF_A_ROBOT",
     "SETTINGS_FILE",
     "ConnectionLimits",
-    "Endpoint",
+    "EndpointChange",
     "Location",
     "LoggingSection",
     "McpSection",

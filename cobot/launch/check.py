@@ -15,9 +15,10 @@ from typing import TextIO
 from cobot.access.authentication import authentication_required, ros_access
 from cobot.access.tls import check_certificate
 from cobot.access.tokens import TokenFile
-from cobot.config import Settings, WebSection, load_endpoints
+from cobot.config import Settings, WebSection
 from cobot.errors import CobotError, CollisionError, ConfigError
 from cobot.foreign import plain_lines
+from cobot.launch.endpoints import check_endpoints
 from cobot.launch.process import RUN_MODULE
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
@@ -50,7 +51,8 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> list[Checked]
     """
     report = _Report(out)
     report.item(
-        "endpoints", lambda: f"{len(load_endpoints(settings.web.endpoints))} in {settings.web.endpoints}"
+        "endpoints",
+        lambda: f"{len(check_endpoints(settings.web.endpoints))} changed in {settings.web.endpoints}",
     )
     report.item("address", lambda: _address(settings.web))
     report.item("access", lambda: _access(settings))

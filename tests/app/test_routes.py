@@ -1,6 +1,6 @@
 """Which endpoints there are, their names, and those that are switched off.
 
-Oracle: api_endpoints.yaml as read by PyYAML; httpx as the client, without a network.
+Oracle: what the endpoints declare; httpx as the client, without a network.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from asgi import ask
 from fastapi import FastAPI
 
 from app.main import create_app
+from app.routes import ENDPOINTS
 from cobot.config import Settings
 
-CONFIG = Path(__file__).parents[2] / "config"
 OF_THE_SERVICE = {"/audit", "/metrics", "/health/live", "/admin/reload"}
 
 
@@ -27,21 +27,18 @@ def schema(settings: Settings) -> dict[str, Any]:
 
 
 def without(settings: Settings, folder: Path, *endpoints: str) -> FastAPI:
-    content = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))
-    for name in endpoints:
-        content["endpoints"][name]["enabled"] = False
+    content = {"endpoints": {name: {"enabled": False} for name in endpoints}}
     file = folder / "endpoints.yaml"
     file.write_text(yaml.safe_dump(content), encoding="utf-8")
     web = settings.web.model_copy(update={"endpoints": file})
     return create_app(settings.model_copy(update={"web": web}), None, "http://robot.test")
 
 
-def test_the_schema_has_exactly_the_configured_endpoints(schema: dict[str, Any]) -> None:
-    configured = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))["endpoints"]
+def test_the_schema_has_exactly_the_declared_endpoints(schema: dict[str, Any]) -> None:
     found = {f"{method.upper()} {path}" for path, methods in schema["paths"].items() for method in methods}
     plain = {name for name in found if "{robot}" not in name}
     # OpenAPI knows no WebSockets, and each vendor service has a path of its own
-    assert plain == {name for name in configured if not name.startswith("WS ") and "{robot}" not in name}
+    assert plain == {name for name in ENDPOINTS if not name.startswith("WS ") and "{robot}" not in name}
 
 
 def test_every_endpoint_about_a_robot_is_there_for_a_robot_by_name(schema: dict[str, Any]) -> None:
@@ -78,7 +75,6 @@ def test_an_endpoint_that_is_switched_off_is_not_there(settings: Settings, tmp_p
 
 
 def test_a_schema_of_nothing_but_the_stop_is_a_schema(settings: Settings, tmp_path: Path) -> None:
-    everything = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))["endpoints"]
-    everything.pop("POST /stop")
-    paths = list(without(settings, tmp_path, *everything).openapi()["paths"])
+    others = ENDPOINTS.keys() - {"POST /stop"}
+    paths = list(without(settings, tmp_path, *others).openapi()["paths"])
     assert paths == ["/stop", "/robots/{robot}/stop"]

@@ -5,22 +5,24 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated, cast
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 
-from app.api.costly import Costly
 from app.api.errors import responses
+from app.api.route import EndpointRouter
 from app.api.schemas import AuditAnswer, AuditQuery
+from cobot.access.roles import Role
 from cobot.audit import Audit
 
-router = APIRouter(tags=["operations"])
+router = EndpointRouter(tags=["operations"])
 
 
-@router.get("/audit", response_model=AuditAnswer, responses=responses(422))
+@router.endpoint(
+    "GET /audit", Role.ADMIN, timeout_s=1.5, costly=True, response_model=AuditAnswer, responses=responses(422)
+)
 async def audit(query: Annotated[AuditQuery, Query()], request: Request) -> Response:
     """What was asked for that changes something, by whom, and what became of it; the newest first."""
     state = request.app.state
-    async with cast(Costly, state.costly).turn():
-        content = await asyncio.to_thread(_newest, cast(Audit, state.audit), query)
+    content = await asyncio.to_thread(_newest, cast(Audit, state.audit), query)
     return Response(content, media_type="application/json")
 
 

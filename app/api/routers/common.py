@@ -7,17 +7,19 @@ import os
 from dataclasses import asdict
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import Query, Request
 from starlette.datastructures import State
 
 from app.api.dependencies import Call, addressed
 from app.api.errors import responses
+from app.api.route import EndpointRouter
 from app.api.schemas import HealthAnswer, ReadyAnswer, StopAnswer
 from app.services.motion.stopping import HELD, together
 from cobot import audit, logs
+from cobot.access.roles import Role
 from cobot.errors import NotReadyError
 
-router = APIRouter(tags=["common"])
+router = EndpointRouter(tags=["common"])
 
 
 Category = Annotated[
@@ -32,7 +34,7 @@ Category = Annotated[
 ]
 
 
-@router.post("/stop", responses=responses(422))
+@router.endpoint("POST /stop", Role.OBSERVER, timeout_s=10.0, responses=responses(422))
 async def stop(request: Request, category: Category = HELD) -> StopAnswer:
     """End the sequence, the planning and the motion: the arm comes to rest on its path.
 
@@ -51,7 +53,7 @@ async def stop(request: Request, category: Category = HELD) -> StopAnswer:
     return StopAnswer.model_validate(asdict(stop))
 
 
-@router.get("/health/ready", responses=responses(503))
+@router.endpoint("GET /health/ready", Role.NOBODY, timeout_s=1.5, responses=responses(503))
 async def ready(request: Request) -> ReadyAnswer:
     """Whether motions would be carried out: 503 with the reasons while they would not.
 
@@ -65,7 +67,7 @@ async def ready(request: Request) -> ReadyAnswer:
     return ReadyAnswer(status="ready", robots=list(robots))
 
 
-@router.get("/health")
+@router.endpoint("GET /health", Role.OBSERVER, timeout_s=1.5)
 async def health(request: Request) -> HealthAnswer:
     """Processes, cycle times, interventions of the safety layer, versions.
 

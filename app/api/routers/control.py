@@ -5,26 +5,34 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 
-from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.dependencies import Call, json_body
 from app.api.errors import responses
+from app.api.route import EndpointRouter
 from app.api.schemas import ControlAnswer, TakeControl, TakenAnswer
 from app.robot_services import Services
 from cobot import audit
+from cobot.access.roles import Role
 
-router = APIRouter(prefix="/robot/control", tags=["robot"], route_class=CobotRoute)
+router = EndpointRouter(tags=["robot"])
 REST_S = 1.5
 """Of an endpoint's time, so much is left for the answer, s."""
 
 
-@router.get("")
+@router.endpoint("GET /robot/control", Role.OBSERVER, timeout_s=1.5)
 async def control(request: Request) -> ControlAnswer:
     """Who moves the robot, or alone may: with a lease, or by what moves it now."""
     return ControlAnswer.model_validate(_state(Call(request).services))
 
 
-@router.post("", responses=responses(409, 413, 415, 422), dependencies=[Depends(json_body)])
+@router.endpoint(
+    "POST /robot/control",
+    Role.OPERATOR,
+    timeout_s=10.0,
+    responses=responses(409, 413, 415, 422),
+    dependencies=[Depends(json_body)],
+)
 async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
     """Take the control, renew it, or take it over: nobody else can move the robot then.
 
@@ -41,7 +49,7 @@ async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
     return TakenAnswer.model_validate({**state, "token": taken.token, "stopped": taken.stopped})
 
 
-@router.delete("", responses=responses(409))
+@router.endpoint("DELETE /robot/control", Role.OPERATOR, timeout_s=1.5, responses=responses(409))
 async def release_control(request: Request) -> ControlAnswer:
     """Give the control back. What moves on goes on."""
     services = Call(request).services

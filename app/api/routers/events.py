@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import Callable
 from typing import Annotated, cast
 
-from fastapi import APIRouter, Query, Request, WebSocket, WebSocketDisconnect
+from fastapi import Query, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 from pydantic import ConfigDict, Field, ValidationError
 from starlette.requests import HTTPConnection
@@ -17,10 +17,12 @@ from starlette.types import Receive, Scope, Send
 from app.api.access import STILL_VALID
 from app.api.dependencies import addressed
 from app.api.errors import responses, status_of
+from app.api.route import EndpointRouter
 from app.robot_services import Services
 from app.services.events.listener import Listener, Wanted
 from app.services.events.ring import TYPES, Event, Events
 from cobot.access.authentication import LOOK_AGAIN_S
+from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError, NotFoundError, UnavailableError
 from cobot.strict import StrictModel, sentences, shown
 
@@ -31,7 +33,7 @@ RETRY_MS = 1000
 """So soon a browser connects again."""
 LAST_EVENT_ID = "Last-Event-ID"
 
-router = APIRouter(tags=["events"])
+router = EndpointRouter(tags=["events"])
 
 
 class EventsQuery(StrictModel):
@@ -49,8 +51,10 @@ class EventsQuery(StrictModel):
     )
 
 
-@router.get(
-    PATH,
+@router.endpoint(
+    f"GET {PATH}",
+    Role.OBSERVER,
+    timeout_s=1.5,
     response_class=Response,
     responses={
         200: {
@@ -72,7 +76,7 @@ async def events(query: Annotated[EventsQuery, Query()], request: Request) -> Re
     return EventStream(_listener(request, query), request.scope.get(STILL_VALID))
 
 
-@router.websocket(PATH)
+@router.endpoint(f"WS {PATH}", Role.OBSERVER, timeout_s=1.5)
 async def events_socket(socket: WebSocket) -> None:
     """See docs/events.md."""
     try:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 from pydantic import BaseModel, Field
 
-from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.dependencies import Call, json_body
 from app.api.errors import responses
+from app.api.route import EndpointRouter
 from app.services.streaming.freedrive import TIMEOUT_S, TIMEOUTS_S, FreedriveService
+from cobot.access.roles import Role
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import Finite, example
 
-router = APIRouter(prefix="/robot/freedrive", tags=["robot"], route_class=CobotRoute)
+router = EndpointRouter(tags=["robot"])
 
 
 class Freedrive(RequestModel):
@@ -41,13 +43,20 @@ class FreedriveAnswer(BaseModel):
     ended: str = Field(description='Why it has ended the last time; "" for never.')
 
 
-@router.get("")
+@router.endpoint("GET /robot/freedrive", Role.OBSERVER, timeout_s=1.5)
 async def freedrive(request: Request) -> FreedriveAnswer:
     """Whether the arm can be moved by hand now."""
     return _answer(Call(request).services.freedrive)
 
 
-@router.post("", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+@router.endpoint(
+    "POST /robot/freedrive",
+    Role.OPERATOR,
+    timeout_s=2.0,
+    control=True,
+    responses=responses(409, 413, 415, 422, 503),
+    dependencies=[Depends(json_body)],
+)
 async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
     """Let the arm be moved by hand: it goes where it is pushed, and stays where it is let go.
 
@@ -64,7 +73,7 @@ async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
     return _answer(service)
 
 
-@router.delete("", responses=responses(503))
+@router.endpoint("DELETE /robot/freedrive", Role.OPERATOR, timeout_s=5.0, responses=responses(503))
 async def end_freedrive(request: Request) -> FreedriveAnswer:
     """End it, whosever it is; answers when the arm rests."""
     service = Call(request).services.freedrive

@@ -6,18 +6,20 @@ import asyncio
 import secrets
 import zlib
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from pydantic import BaseModel, Field
 
-from app.api.dependencies import Call, CobotRoute
+from app.api.dependencies import Call
+from app.api.route import EndpointRouter
 from app.services.state.geometry import Body, Geometry, Joint, Shape, geometry_of, geometry_version
+from cobot.access.roles import Role
 from cobot.robot.scene import Numbers7
 from cobot.types import JointLimits
 
 PROCESS = secrets.token_hex(4)
 """After a restart everything may look different, whatever the versions are."""
 
-router = APIRouter(prefix="/robot", tags=["robot"], route_class=CobotRoute)
+router = EndpointRouter(tags=["robot"])
 
 
 class PoseIn(BaseModel):
@@ -92,7 +94,7 @@ class GeometryAnswer(BaseModel):
     meshes: list[MeshShown] = Field(description="Of the shapes that are meshes.")
 
 
-@router.get("/geometry", response_model=GeometryAnswer)
+@router.endpoint("GET /robot/geometry", Role.OBSERVER, timeout_s=1.5, response_model=GeometryAnswer)
 async def geometry(request: Request) -> Response:
     """Shapes and joints of the arm, its tool and its scene, as the collision checks see them.
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Request
+from fastapi import Depends, Path, Request
 from pydantic import BaseModel, Field
 
-from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.dependencies import Call, json_body
 from app.api.device_schemas import IoAnswer
 from app.api.errors import responses
+from app.api.route import EndpointRouter
 from cobot import audit
+from cobot.access.roles import Role
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import Finite, example
 
-router = APIRouter(prefix="/robot/io", tags=["robot"], route_class=CobotRoute)
+router = EndpointRouter(tags=["robot"])
 
 
 class SetOutput(RequestModel):
@@ -35,7 +37,7 @@ class IoListAnswer(BaseModel):
     points: list[IoAnswer] = Field(description="In the device's order.")
 
 
-@router.get("", responses=responses(503))
+@router.endpoint("GET /robot/io", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def inputs_and_outputs(request: Request) -> IoListAnswer:
     """What the device reports of its inputs and outputs."""
     backend, points = Call(request).services.io.points()
@@ -46,8 +48,11 @@ async def inputs_and_outputs(request: Request) -> IoListAnswer:
     )
 
 
-@router.put(
-    "/{name}",
+@router.endpoint(
+    "PUT /robot/io/{name}",
+    Role.OPERATOR,
+    timeout_s=1.5,
+    control=True,
     responses=responses(404, 409, 413, 415, 422, 502, 503, 504),
     dependencies=[Depends(json_body)],
 )
@@ -60,6 +65,5 @@ async def set_output(
     what it reports.
     """
     call = Call(request)
-    call.services.ownership.require_control()
     audit.add_details(value=body.value)
     return IoAnswer.of(await call.services.io.set_output(name, body.value, call.timeout_s))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated, cast
 
-from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi import Depends, Path, Query, Request, Response
 
 from app.api.costly import Costly
-from app.api.dependencies import Call, CobotRoute, addressed, json_body
+from app.api.dependencies import Call, addressed, json_body
 from app.api.errors import responses
 from app.api.job_schemas import (
     JobAnswer,
@@ -19,17 +19,20 @@ from app.api.job_schemas import (
     SpeedOverrideBody,
     job_answer,
 )
+from app.api.route import EndpointRouter
 from app.services.jobs.book import unknown
 from app.services.jobs.control import JobService
 from app.services.jobs.job import JobState
 from cobot import audit
+from cobot.access.roles import Role
 
 ANSWER_S = 1.0
 """Of an endpoint's time, so much is left for the answer, s."""
 FEW = 50
 """So many jobs are told in some milliseconds."""
+CHANGED = responses(404, 409, 422, 503)
 
-router = APIRouter(tags=["jobs"], route_class=CobotRoute)
+router = EndpointRouter(tags=["jobs"])
 AtWaypoint = Annotated[
     int | None, Query(ge=0, description="Of a sequence: pause when this one is reached; 0: the next one.")
 ]
@@ -37,7 +40,9 @@ Waypoint = Annotated[int | None, Query(ge=1, description="Of a sequence: where t
 Id = Annotated[str, Path(max_length=100, description="Of a job.")]
 
 
-@router.get("/jobs", response_model=JobsAnswer, responses=responses(422))
+@router.endpoint(
+    "GET /jobs", Role.OBSERVER, timeout_s=1.5, response_model=JobsAnswer, responses=responses(422)
+)
 async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Response:
     """The jobs that go on, and the newest of those that have ended.
 
@@ -61,14 +66,14 @@ def _shown(answers: list[JobAnswer]) -> Response:
     return Response(JobsAnswer(jobs=answers).model_dump_json(), media_type="application/json")
 
 
-@router.get("/jobs/{job}", responses=responses(404, 422))
+@router.endpoint("GET /jobs/{job}", Role.OBSERVER, timeout_s=60.0, responses=responses(404, 422))
 async def job(job: Id, query: Annotated[JobQuery, Query()], request: Request) -> JobAnswer:
     """A job; with `wait_s` once it has ended, or after that time."""
     wait_s = min(query.wait_s, Call(request).timeout_s)
     return job_answer(await _holder(request, job).wait(job, wait_s))
 
 
-@router.post("/jobs/{job}/cancel", responses=responses(404, 409, 422, 503))
+@router.endpoint("POST /jobs/{job}/cancel", Role.OPERATOR, timeout_s=10.0, responses=CHANGED)
 async def cancel_job(job: Id, request: Request) -> JobAnswer:
     """End a job, whosever it is: the arm comes to rest on its path; answers when it rests."""
     holder, timeout_s = _holder(request, job), Call(request).timeout_s
@@ -76,7 +81,7 @@ async def cancel_job(job: Id, request: Request) -> JobAnswer:
     return job_answer(await holder.cancel(job, max(timeout_s - ANSWER_S, ANSWER_S)))
 
 
-@router.post("/jobs/{job}/pause", responses=responses(404, 409, 422, 503))
+@router.endpoint("POST /jobs/{job}/pause", Role.OPERATOR, timeout_s=5.0, responses=CHANGED)
 async def pause_job(job: Id, request: Request, at_waypoint: AtWaypoint = None) -> JobAnswer:
     """Bring the arm to rest on its path, where the job waits; answers when it rests.
 
@@ -87,7 +92,7 @@ async def pause_job(job: Id, request: Request, at_waypoint: AtWaypoint = None) -
     return job_answer(await holder.pause(job, at_waypoint))
 
 
-@router.post("/jobs/{job}/resume", responses=responses(404, 409, 422, 503))
+@router.endpoint("POST /jobs/{job}/resume", Role.OPERATOR, timeout_s=5.0, control=True, responses=CHANGED)
 async def resume_job(job: Id, request: Request, waypoint: Waypoint = None) -> JobAnswer:
     """Go on with a job that was paused; a sequence that waits at a waypoint from any `waypoint`."""
     holder = _holder(request, job)
@@ -95,7 +100,7 @@ async def resume_job(job: Id, request: Request, waypoint: Waypoint = None) -> Jo
     return job_answer(await holder.resume(job, waypoint))
 
 
-@router.post("/jobs/{job}/step", responses=responses(404, 409, 422, 503))
+@router.endpoint("POST /jobs/{job}/step", Role.OPERATOR, timeout_s=5.0, control=True, responses=CHANGED)
 async def step_job(job: Id, request: Request) -> JobAnswer:
     """Go on with a sequence or program that is paused, until it has made one more motion."""
     holder = _holder(request, job)
@@ -103,14 +108,17 @@ async def step_job(job: Id, request: Request) -> JobAnswer:
     return job_answer(await holder.step(job))
 
 
-@router.get("/robot/speed_override")
+@router.endpoint("GET /robot/speed_override", Role.OBSERVER, timeout_s=1.5)
 async def speed_override(request: Request) -> SpeedOverrideAnswer:
     """How fast motions go along their paths."""
     return SpeedOverrideAnswer(fraction=Call(request).services.ownership.speed_fraction)
 
 
-@router.post(
-    "/robot/speed_override",
+@router.endpoint(
+    "POST /robot/speed_override",
+    Role.OPERATOR,
+    timeout_s=5.0,
+    control=True,
     responses=responses(409, 413, 415, 422, 503),
     dependencies=[Depends(json_body)],
 )

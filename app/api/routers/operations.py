@@ -3,37 +3,39 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import cast
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from prometheus_client import CONTENT_TYPE_PLAIN_0_0_4
 
-from app.api.costly import Costly
 from app.api.errors import responses
 from app.api.metrics import Metrics
+from app.api.route import EndpointRouter
 from app.api.schemas import LiveAnswer, ReloadAnswer
+from cobot.access.roles import Role
 
-router = APIRouter(tags=["operations"])
+router = EndpointRouter(tags=["operations"])
 
 
-@router.get("/health/live")
+@router.endpoint("GET /health/live", Role.NOBODY, timeout_s=1.5)
 async def live() -> LiveAnswer:
     """The service answers: who gets no answer may restart it. It says nothing about the robots."""
     return LiveAnswer(status="live")
 
 
-@router.get(
-    "/metrics",
+@router.endpoint(
+    "GET /metrics",
+    Role.OBSERVER,
+    timeout_s=1.5,
+    costly=True,
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 async def metrics(request: Request) -> Response:
     """Cycle times, overruns, interventions, motions, requests, sessions, restarts, for Prometheus."""
-    async with cast(Costly, request.app.state.costly).turn():
-        return Response(Metrics(request.app.state).text(), media_type=CONTENT_TYPE_PLAIN_0_0_4)
+    return Response(Metrics(request.app.state).text(), media_type=CONTENT_TYPE_PLAIN_0_0_4)
 
 
-@router.post("/admin/reload", responses=responses(409, 422, 503))
+@router.endpoint("POST /admin/reload", Role.ADMIN, timeout_s=60.0, responses=responses(409, 422, 503))
 async def reload(request: Request) -> ReloadAnswer:
     """Read named positions, joint limits and web settings again; only while nothing moves.
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi import Depends, Path, Query, Request, Response
 
 from app.api.access import identity_of
-from app.api.costly import Costly
-from app.api.dependencies import Call, CobotRoute, Gone, json_body
+from app.api.dependencies import Call, Gone, json_body
 from app.api.errors import responses, tell
 from app.api.explanations import explained
 from app.api.goals import goal_of
@@ -36,12 +35,14 @@ from app.api.plan_schemas import (
     RehearsalAnswer,
     RehearsalFlaw,
 )
+from app.api.route import EndpointRouter
 from app.api.routers.robot import How, check_queueing, run_motion
 from app.api.schemas import MoveAnswer
 from app.robot_services import Services
 from app.services.jobs.job import JobKind
 from app.services.motion.plan import Plan
 from app.services.motion.plans import PlanOptions
+from cobot.access.roles import Role
 from cobot.errors import CobotError
 from cobot.motions.bodies import AnyMotion
 from cobot.motions.forecast import Closest, Forecast
@@ -52,47 +53,50 @@ PLAN: dict[str, Any] = {
     "dependencies": [Depends(json_body)],
 }
 
-router = APIRouter(prefix="/robot", tags=["plans"], route_class=CobotRoute)
+router = EndpointRouter(tags=["plans"])
 
 
-@router.post("/plan/named", **PLAN)
+@router.endpoint("POST /robot/plan/named", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_named(body: PlanNamed, request: Request) -> PlanAnswer:
     """Plan a motion to a named position. Nothing moves."""
     return await _planned([body], [], body, Call(request))
 
 
-@router.post("/plan/joints", **PLAN)
+@router.endpoint("POST /robot/plan/joints", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_joints(body: PlanJoints, request: Request) -> PlanAnswer:
     """Plan a motion to joint angles. Nothing moves."""
     return await _planned([body], [], body, Call(request))
 
 
-@router.post("/plan/pose", **PLAN)
+@router.endpoint("POST /robot/plan/pose", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_pose(body: PlanPose, request: Request) -> PlanAnswer:
     """Plan a motion of the TCP to a pose. Nothing moves."""
     return await _planned([body], [], body, Call(request))
 
 
-@router.post("/plan/arc", **PLAN)
+@router.endpoint("POST /robot/plan/arc", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_arc(body: PlanArc, request: Request) -> PlanAnswer:
     """Plan an arc of the TCP by an angle about an axis. Nothing moves."""
     return await _planned([body], [], body, Call(request))
 
 
-@router.post("/plan/path", **PLAN)
+@router.endpoint("POST /robot/plan/path", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_path(body: PlanPath, request: Request) -> PlanAnswer:
     """Plan straight lines of the TCP through poses. Nothing moves."""
     return await _planned([body.polyline()], [], body, Call(request))
 
 
-@router.post("/plan/sequence", **PLAN)
+@router.endpoint("POST /robot/plan/sequence", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_sequence(body: PlanSequence, request: Request) -> PlanAnswer:
     """Plan several motions as one, with round corners. Nothing moves."""
     return await _planned(body.motions, body.radii, body, Call(request))
 
 
-@router.post(
-    "/execute",
+@router.endpoint(
+    "POST /robot/execute",
+    Role.OPERATOR,
+    timeout_s=60.0,
+    control=True,
     response_model=MoveAnswer,
     responses=responses(404, 409, 413, 415, 422, 503) | ACCEPTED,
     dependencies=[Depends(json_body)],
@@ -111,7 +115,7 @@ async def execute(body: Execute, request: Request, gone: Gone, how: How) -> Move
     return accepted(call, await call.services.jobs.enqueue(job, queued, caller))
 
 
-@router.get("/motion", responses=responses(422))
+@router.endpoint("GET /robot/motion", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def running_motion(query: Annotated[MotionQuery, Query()], request: Request) -> MotionAnswer:
     """The path of the motion that runs, as it was planned, whoever has asked for it; none while nothing does.
 
@@ -131,26 +135,34 @@ async def running_motion(query: Annotated[MotionQuery, Query()], request: Reques
     )
 
 
-@router.get("/plans", responses=responses(503))
+@router.endpoint("GET /robot/plans", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def kept_plans(request: Request) -> list[KeptPlan]:
     """The plans that can be run, the oldest first, and who has approved them for an agent."""
     services = Call(request).services
     return [_kept(plan, services) for plan in services.plans.kept()]
 
 
-@router.get("/plans/{plan}", response_model=PlanAnswer, responses=responses(404, 422))
+@router.endpoint(
+    "GET /robot/plans/{plan}",
+    Role.OBSERVER,
+    timeout_s=1.5,
+    costly=True,
+    response_model=PlanAnswer,
+    responses=responses(404, 422),
+)
 async def kept_plan(
     plan: Annotated[str, Path(max_length=64, description="Its plan_id.")], request: Request
 ) -> Response:
     """A plan that can be run, as it was answered when it was made: its path is there to be looked at."""
     plans = Call(request).services.plans
     found = plans.get(plan)
-    async with cast(Costly, request.app.state.costly).turn():  # a thousand points are a dozen milliseconds
-        content = _shown(found, plans.expires_in_s(found)).model_dump_json()
+    content = _shown(found, plans.expires_in_s(found)).model_dump_json()
     return Response(content, media_type="application/json")
 
 
-@router.post("/plans/{plan}/rehearse", responses=responses(404, 409, 422, 503))
+@router.endpoint(
+    "POST /robot/plans/{plan}/rehearse", Role.AGENT, timeout_s=20.0, responses=responses(404, 409, 422, 503)
+)
 async def rehearse(
     plan: Annotated[str, Path(max_length=64, description="Its plan_id.")], request: Request, gone: Gone
 ) -> RehearsalAnswer:
@@ -159,7 +171,13 @@ async def rehearse(
     return rehearsal(*await call.services.plans.rehearse(plan, gone, call.timeout_s))
 
 
-@router.post("/approve", responses=responses(404, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+@router.endpoint(
+    "POST /robot/approve",
+    Role.OPERATOR,
+    timeout_s=1.5,
+    responses=responses(404, 413, 415, 422, 503),
+    dependencies=[Depends(json_body)],
+)
 async def approve(body: Approve, request: Request) -> KeptPlan:
     """Let an agent run a plan, once, or take that back: look at the plan first."""
     services = Call(request).services

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Request
+from fastapi import Depends, Path, Request
 from pydantic import Field
 
-from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.dependencies import Call, json_body
 from app.api.errors import responses
+from app.api.route import EndpointRouter
 from app.api.scene_schemas import Name
 from app.api.schemas import NamedPositionAnswer
 from app.services.motion.positions import TAUGHT
+from cobot.access.roles import Role
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import HOME, Finite, example
 from cobot.types import NamedPosition
 
-router = APIRouter(prefix="/robot/positions", tags=["robot"], route_class=CobotRoute)
+router = EndpointRouter(tags=["robot"])
 
 
 class TeachPosition(RequestModel):
@@ -34,27 +36,38 @@ class TeachPosition(RequestModel):
     description: str = Field("", max_length=200, description="For people.")
 
 
-@router.get("")
+@router.endpoint("GET /robot/positions", Role.OBSERVER, timeout_s=1.5)
 async def positions(request: Request) -> list[NamedPositionAnswer]:
     """The positions that have a name, from the SRDF, and those that were taught."""
     return [_answer(position) for position in Call(request).services.positions.all()]
 
 
-@router.post("", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+@router.endpoint(
+    "POST /robot/positions",
+    Role.OPERATOR,
+    timeout_s=5.0,
+    control=True,
+    responses=responses(409, 413, 415, 422, 503),
+    dependencies=[Depends(json_body)],
+)
 async def teach_position(body: TeachPosition, request: Request) -> NamedPositionAnswer:
     """Give a place a name, which every motion to a named position knows from now on; kept over restarts."""
     services = Call(request).services
-    services.ownership.require_control()
     return _answer(await services.positions.teach(body.name, body.joints, body.description))
 
 
-@router.delete("/{name}", responses=responses(404, 409, 422, 503))
+@router.endpoint(
+    "DELETE /robot/positions/{name}",
+    Role.OPERATOR,
+    timeout_s=5.0,
+    control=True,
+    responses=responses(404, 409, 422, 503),
+)
 async def forget_position(
     name: Annotated[str, Path(max_length=200, description="Of a taught position.")], request: Request
 ) -> list[NamedPositionAnswer]:
     """Remove a position that was taught; answers those that are left."""
     services = Call(request).services
-    services.ownership.require_control()
     service = services.positions
     await service.forget(name)
     return [_answer(position) for position in service.all()]

@@ -7,11 +7,11 @@ from dataclasses import asdict
 from functools import partial
 from typing import Annotated, Any, cast
 
-from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi import Depends, Path, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from app.api.costly import Costly
-from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.dependencies import Call, json_body
 from app.api.errors import responses
 from app.api.recording_schemas import (
     AskedRecordingAnswer,
@@ -21,11 +21,13 @@ from app.api.recording_schemas import (
     RecordedPoint,
     RecordingsAnswer,
 )
+from app.api.route import EndpointRouter
 from app.services.motion.planning_tasks import recorded
 from cobot import audit
+from cobot.access.roles import Role
 from cobot.recording.path import RecordedPath
 
-router = APIRouter(prefix="/recordings", tags=["recordings"], route_class=CobotRoute)
+router = EndpointRouter(tags=["recordings"])
 MEDIA_TYPE = "application/octet-stream"
 FILE: dict[int | str, dict[str, Any]] = {
     200: {"content": {MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}}}
@@ -34,7 +36,7 @@ Name = Annotated[str, Path(max_length=200, description="One of GET /recordings."
 Samples = Annotated[int, Query(ge=2, le=1000, description="So many cycles at the most.")]
 
 
-@router.get("")
+@router.endpoint("GET /recordings", Role.OBSERVER, timeout_s=1.5)
 async def recordings(request: Request) -> RecordingsAnswer:
     """The recordings that are there, and how the recorder stands."""
     service = Call(request).services.recordings
@@ -49,7 +51,13 @@ async def recordings(request: Request) -> RecordingsAnswer:
     )
 
 
-@router.post("", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+@router.endpoint(
+    "POST /recordings",
+    Role.OPERATOR,
+    timeout_s=120.0,
+    responses=responses(409, 413, 415, 422, 503),
+    dependencies=[Depends(json_body)],
+)
 async def record(body: AskRecording, request: Request) -> AskedRecordingAnswer:
     """Write the last seconds to a file, or begin or end a continuous recording.
 
@@ -61,14 +69,26 @@ async def record(body: AskRecording, request: Request) -> AskedRecordingAnswer:
     return AskedRecordingAnswer(names=names)
 
 
-@router.get("/{name}", response_class=FileResponse, responses=responses(404, 422) | FILE)
+@router.endpoint(
+    "GET /recordings/{name}",
+    Role.OBSERVER,
+    timeout_s=1.5,
+    response_class=FileResponse,
+    responses=responses(404, 422) | FILE,
+)
 async def recording(name: Name, request: Request) -> FileResponse:
     """One recording: an MCAP file, for Foxglove, `rosbags`, `cobot plot` and `cobot replay`."""
     path = await asyncio.to_thread(Call(request).services.recordings.path, name)
     return FileResponse(path, media_type=MEDIA_TYPE, filename=name)
 
 
-@router.get("/{name}/path", response_model=RecordedPathAnswer, responses=responses(404, 422, 503))
+@router.endpoint(
+    "GET /recordings/{name}/path",
+    Role.OBSERVER,
+    timeout_s=60.0,
+    response_model=RecordedPathAnswer,
+    responses=responses(404, 422, 503),
+)
 async def recorded_path(name: Name, request: Request, samples: Samples = 200) -> Response:
     """Where the arm was in a recording, at some of its cycles, and what happened then."""
     call = Call(request)
@@ -96,7 +116,7 @@ def _answer(found: RecordedPath) -> RecordedPathAnswer:
     )
 
 
-@router.delete("/{name}", responses=responses(404, 422))
+@router.endpoint("DELETE /recordings/{name}", Role.PROGRAMMER, timeout_s=1.5, responses=responses(404, 422))
 async def remove_recording(name: Name, request: Request) -> AskedRecordingAnswer:
     """Remove a recording for good."""
     await asyncio.to_thread(Call(request).services.recordings.remove, name)

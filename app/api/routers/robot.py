@@ -7,16 +7,17 @@ from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import Depends, Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 
-from app.api.dependencies import Call, CobotRoute, Gone, json_body
+from app.api.dependencies import Call, Gone, json_body
 from app.api.device_schemas import Acknowledge, AcknowledgeAnswer
 from app.api.errors import responses
 from app.api.explain_schemas import explain_of
 from app.api.goals import goal_of
 from app.api.job_schemas import ACCEPTED, MoveQuery, accepted
+from app.api.route import EndpointRouter
 from app.api.schemas import (
     Angles,
     JointStates,
@@ -34,6 +35,7 @@ from app.services.motion.ownership import Caller
 from app.services.motion.queue_moves import QueueRequest
 from app.services.state.first_contact import acknowledged
 from cobot import audit
+from cobot.access.roles import Role
 from cobot.errors import InputError
 from cobot.motions.bodies import (
     MoveArc,
@@ -53,10 +55,10 @@ MOTION: dict[str, Any] = {
     "dependencies": [Depends(json_body)],
 }
 
-router = APIRouter(prefix="/robot", tags=["robot"], route_class=CobotRoute)
+router = EndpointRouter(tags=["robot"])
 
 
-@router.get("/joint_states", responses=responses(503))
+@router.endpoint("GET /robot/joint_states", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def joint_states(request: Request) -> JointStates:
     """Angles, velocities and efforts, as measured."""
     call = Call(request)
@@ -69,7 +71,7 @@ async def joint_states(request: Request) -> JointStates:
     )
 
 
-@router.get("/pose", responses=responses(503))
+@router.endpoint("GET /robot/pose", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def pose(request: Request) -> PoseAnswer:
     """The TCP in the base frame."""
     call = Call(request)
@@ -87,7 +89,7 @@ async def pose(request: Request) -> PoseAnswer:
     )
 
 
-@router.post("/move/named", **MOTION)
+@router.endpoint("POST /robot/move/named", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_named(body: MoveNamed, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Go to a named position; answers when the arm has arrived and settled."""
     call = Call(request)
@@ -95,7 +97,7 @@ async def move_named(body: MoveNamed, request: Request, gone: Gone, how: How) ->
     return await _move(call, caller, goal_of(body, call.services), how)
 
 
-@router.post("/move/joints", **MOTION)
+@router.endpoint("POST /robot/move/joints", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_joints(body: MoveJoints, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Go to joint angles; answers when the arm has arrived and settled."""
     call = Call(request)
@@ -103,7 +105,7 @@ async def move_joints(body: MoveJoints, request: Request, gone: Gone, how: How) 
     return await _move(call, caller, goal_of(body, call.services), how)
 
 
-@router.post("/move/pose", **MOTION)
+@router.endpoint("POST /robot/move/pose", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_pose(body: MovePose, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Bring the TCP to a pose; answers when the arm has arrived and settled."""
     call = Call(request)
@@ -111,7 +113,7 @@ async def move_pose(body: MovePose, request: Request, gone: Gone, how: How) -> M
     return await _move(call, caller, goal_of(body, call.services), how)
 
 
-@router.post("/move/arc", **MOTION)
+@router.endpoint("POST /robot/move/arc", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_arc(body: MoveArc, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Turn the TCP about an axis by an angle; answers when the arm has arrived and settled."""
     call = Call(request)
@@ -119,7 +121,7 @@ async def move_arc(body: MoveArc, request: Request, gone: Gone, how: How) -> Mov
     return await _move(call, caller, goal_of(body, call.services), how)
 
 
-@router.post("/move/sequence", **MOTION)
+@router.endpoint("POST /robot/move/sequence", Role.OPERATOR, timeout_s=600.0, control=True, **MOTION)
 async def move_sequence(body: MoveSequence, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Several motions as one, with round corners; answers when the arm has arrived and settled."""
     call = Call(request)
@@ -131,7 +133,7 @@ async def move_sequence(body: MoveSequence, request: Request, gone: Gone, how: H
     return await run_motion(call, caller, call.services.moves.move_sequence(goals, body.radii, caller))
 
 
-@router.post("/reset", responses=responses(409, 503))
+@router.endpoint("POST /robot/reset", Role.OPERATOR, timeout_s=5.0, responses=responses(409, 503))
 async def reset(request: Request) -> ResetAnswer:
     """Leave an e-stop or a fault, once its cause is gone. Nothing moves; a sequence that was running ends."""
     call = Call(request)
@@ -139,7 +141,14 @@ async def reset(request: Request) -> ResetAnswer:
     return ResetAnswer(success=True, message="the robot is ready to move")
 
 
-@router.post("/acknowledge", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+@router.endpoint(
+    "POST /robot/acknowledge",
+    Role.OPERATOR,
+    timeout_s=5.0,
+    control=True,
+    responses=responses(409, 413, 415, 422, 503),
+    dependencies=[Depends(json_body)],
+)
 async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
     """Somebody has compared the arm with what the first contact with it has found.
 
@@ -147,7 +156,6 @@ async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
     changes nothing.
     """
     services = Call(request).services
-    services.ownership.require_control()
     found = await acknowledged(services.link, payload_checked=body.payload_checked)
     message = "acknowledged: the robot goes at full speed" if found else "there was nothing to acknowledge"
     audit.add_details(message=message, payload_checked=body.payload_checked)

@@ -7,23 +7,25 @@ from copy import copy
 from functools import cache
 from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 from fastapi.routing import APIRoute, APIWebSocketRoute
 from starlette.routing import BaseRoute, compile_path
 
 from app.api.dependencies import robots_of
 from app.api.device_schemas import DeviceAnswer
 from app.api.errors import responses
+from app.api.route import EndpointRouter
 from app.api.schemas import RobotAnswer
 from app.services.state.link import RobotLink
+from cobot.access.roles import Role
 from cobot.addresses import ROBOTS, address, path_below
 
-router = APIRouter(tags=["robots"])
+router = EndpointRouter(tags=["robots"])
 ANY = f"{ROBOTS}/{{robot}}"
 NOT_FOUND = responses(404)
 
 
-@router.get(ROBOTS)
+@router.endpoint(f"GET {ROBOTS}", Role.OBSERVER, timeout_s=1.5)
 async def robots(request: Request) -> list[RobotAnswer]:
     """The robots that are served; the first is the one that the endpoints without a name are about."""
     return [

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 
-from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.dependencies import Call, json_body
 from app.api.errors import responses
+from app.api.route import EndpointRouter
 from app.api.scene_schemas import (
     ChangedAnswer,
     ChangeScene,
@@ -20,13 +21,14 @@ from app.api.scene_schemas import (
 from app.api.solids import solid_of
 from app.services.motion.scene import Changed, SceneService
 from app.services.motion.scene_edits import Edit, clear, detach, remove_frame, remove_object
+from cobot.access.roles import Role
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.scene import Numbers7, numbers
 
-router = APIRouter(prefix="/scene", tags=["scene"], route_class=CobotRoute)
+router = EndpointRouter(tags=["scene"])
 
 
-@router.get("")
+@router.endpoint("GET /scene", Role.OBSERVER, timeout_s=1.5)
 async def scene(request: Request) -> SceneAnswer:
     """All of it, with its version."""
     found = Call(request).services.scene.scene
@@ -41,7 +43,14 @@ async def scene(request: Request) -> SceneAnswer:
     )
 
 
-@router.post("", responses=responses(404, 409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+@router.endpoint(
+    "POST /scene",
+    Role.OPERATOR,
+    timeout_s=10.0,
+    control=True,
+    responses=responses(404, 409, 413, 415, 422, 503),
+    dependencies=[Depends(json_body)],
+)
 async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
     """Change it, all at once or not at all.
 

@@ -6,17 +6,19 @@ import hashlib
 from dataclasses import asdict
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, File, Form, Query, Request, Response, UploadFile
+from fastapi import Depends, File, Form, Query, Request, Response, UploadFile
 
-from app.api.dependencies import Call, CobotRoute, form_body
+from app.api.dependencies import Call, form_body
 from app.api.errors import responses
 from app.api.job_schemas import ACCEPTED, Wait, accepted
+from app.api.route import EndpointRouter
 from app.api.samples import link
 from app.api.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
 from app.services.programs.sequences import SequenceOrder
 from cobot import audit
+from cobot.access.roles import Role
 
-router = APIRouter(prefix="/sequences", tags=["sequences"], route_class=CobotRoute)
+router = EndpointRouter(tags=["sequences"])
 
 
 def _text(description: str) -> Any:
@@ -28,8 +30,11 @@ ACTION = "Not used; taken for compatibility and written to the log."
 
 
 # Many parameters: each is a field of the form, and so of the published schema.
-@router.post(
-    "/start",
+@router.endpoint(
+    "POST /sequences/start",
+    Role.PROGRAMMER,
+    timeout_s=10.0,
+    control=True,
     response_model=StartedAnswer,
     responses=responses(409, 413, 415, 422, 503) | ACCEPTED,
     dependencies=[Depends(form_body)],
@@ -88,14 +93,14 @@ async def start_sequence(
     return StartedAnswer(sequence_id=status.sequence_id, pid=status.pid)
 
 
-@router.get("/status")
+@router.endpoint("GET /sequences/status", Role.OBSERVER, timeout_s=1.5)
 async def sequence_status(request: Request) -> SequenceStatusAnswer:
     """How the newest sequence stands."""
     call = Call(request)
     return SequenceStatusAnswer.model_validate(asdict(call.services.sequences.status))
 
 
-@router.get("/logs", responses=responses(422))
+@router.endpoint("GET /sequences/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def sequence_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
     """What runners have printed; it stays when they have ended."""
     call = Call(request)

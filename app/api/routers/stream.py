@@ -8,13 +8,14 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi import WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
 from app.api.access import identity_of
 from app.api.dependencies import robots_of, services_of
 from app.api.errors import status_of
 from app.api.json_text import decoded
+from app.api.route import EndpointRouter
 from app.api.stream_frames import (
     Chunk,
     Control,
@@ -50,10 +51,10 @@ MAX_ANSWERS = 64
 MOVING = frozenset({"session", "jog", "control", "target", "setpoint", "move", "chunk", "estop"})
 """Frames that are news for others when they are refused."""
 
-router = APIRouter()
+router = EndpointRouter()
 
 
-@router.websocket(wire.PATH)
+@router.endpoint(f"WS {wire.PATH}", Role.OBSERVER, timeout_s=2.0)
 async def stream(socket: WebSocket) -> None:
     """See docs/api.md."""
     timeout_s = float(socket.app.state.endpoints[f"WS {wire.PATH}"].timeout_s)

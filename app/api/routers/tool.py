@@ -7,29 +7,38 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, cast
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 
-from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.dependencies import Call, json_body
 from app.api.errors import responses
+from app.api.route import EndpointRouter
 from app.api.scene_schemas import ObjectAnswer
 from app.api.solids import solid_of
 from app.api.tool_schemas import ChangeTool, ToolAnswer, ToolTip
 from app.services.motion.tool import Edit
+from cobot.access.roles import Role
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.model import RobotModel
 from cobot.robot.scene import Numbers7, numbers
 from cobot.robot.tool import BARE, Tool
 
-router = APIRouter(prefix="/robot/tool", tags=["robot"], route_class=CobotRoute)
+router = EndpointRouter(tags=["robot"])
 
 
-@router.get("")
+@router.endpoint("GET /robot/tool", Role.OBSERVER, timeout_s=1.5)
 async def tool(request: Request) -> ToolAnswer:
     """What is on the flange: mass, TCP, shapes."""
     return _answer(Call(request).services.robot.model, [])
 
 
-@router.post("", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+@router.endpoint(
+    "POST /robot/tool",
+    Role.PROGRAMMER,
+    timeout_s=10.0,
+    control=True,
+    responses=responses(409, 413, 415, 422, 503),
+    dependencies=[Depends(json_body)],
+)
 async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
     """Say what is on the flange, all at once or not at all.
 

@@ -8,11 +8,12 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Annotated, Any, cast
 
-from fastapi import APIRouter, Depends, File, Query, Request, Response, UploadFile
+from fastapi import Depends, File, Query, Request, Response, UploadFile
 
-from app.api.dependencies import Call, CobotRoute, Gone, form_body, json_body
+from app.api.dependencies import Call, Gone, form_body, json_body
 from app.api.errors import responses
 from app.api.job_schemas import ACCEPTED, Wait, accepted
+from app.api.route import EndpointRouter
 from app.api.samples import link
 from app.api.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
 from app.services.jobs.job import JobKind
@@ -20,16 +21,24 @@ from app.services.motion.csv_points import read_points
 from app.services.motion.ownership import Caller
 from app.services.motion.trajectories import Options, StartedTrajectory
 from cobot import audit
+from cobot.access.roles import Role
 from cobot.types import Waypoint
 
-router = APIRouter(prefix="/trajectory", tags=["trajectory"], route_class=CobotRoute)
+router = EndpointRouter(tags=["trajectory"])
 SEND: dict[str, Any] = {
     "response_model": SentAnswer,
     "responses": responses(409, 413, 415, 422, 503) | ACCEPTED,
 }
 
 
-@router.post("/send", **SEND, dependencies=[Depends(json_body)])
+@router.endpoint(
+    "POST /trajectory/send",
+    Role.OPERATOR,
+    timeout_s=20.0,
+    control=True,
+    **SEND,
+    dependencies=[Depends(json_body)],
+)
 async def send_trajectory(
     body: SendTrajectory, request: Request, gone: Gone, wait: Wait = True
 ) -> SentAnswer | Response:
@@ -49,7 +58,14 @@ async def send_trajectory(
     return await _sent(call, caller, call.services.trajectories.send(read, options, caller))
 
 
-@router.post("/send_csv", **SEND, dependencies=[Depends(form_body)])
+@router.endpoint(
+    "POST /trajectory/send_csv",
+    Role.OPERATOR,
+    timeout_s=60.0,
+    control=True,
+    **SEND,
+    dependencies=[Depends(form_body)],
+)
 async def send_csv(
     file: Annotated[
         UploadFile,
@@ -73,7 +89,7 @@ async def send_csv(
     return await _sent(call, caller, call.services.trajectories.send(read, options, caller))
 
 
-@router.get("/logs", responses=responses(422))
+@router.endpoint("GET /trajectory/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
     """What became of trajectories: accepted, arrived, stopped, refused, and why."""
     call = Call(request)

@@ -13,11 +13,12 @@ from pathlib import Path
 from cobot.access.authentication import ros_access
 from cobot.access.tls import check_certificate
 from cobot.addresses import address
-from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
+from cobot.config import DEFAULT_SETTINGS, Settings, resolve
 from cobot.errors import UnavailableError
 from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory
+from cobot.launch.endpoints import check_endpoints
 from cobot.launch.forked import Forked
 from cobot.launch.process import has_terminal
 from cobot.launch.running_config import ProcessState, RunningConfig
@@ -81,7 +82,7 @@ class Supervisor:
     def _run(self) -> None:
         secure = check_certificate(self._settings.web)
         if self._settings.web.enabled:
-            load_endpoints(self._settings.web.endpoints)  # what is wrong there is said here, not by a child
+            check_endpoints(self._settings.web.endpoints)  # what is wrong there is said here, not by a child
         listener = listen(self._settings.web) if self._settings.web.enabled else None
         url = url_of(listener, secure) if listener is not None else ""
         access = access_to(self._settings.web, listener)

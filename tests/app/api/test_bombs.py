@@ -17,8 +17,8 @@ from fastapi import APIRouter, FastAPI, File, UploadFile
 from mcp.server.mcpserver.utilities.func_metadata import func_metadata
 from pydantic import BaseModel, ValidationError
 
-from app.api.dependencies import PIECE_BYTES, CobotRoute, pieces
 from app.api.plan_schemas import PlanPath
+from app.api.route import PIECE_BYTES, CobotRoute, pieces
 from app.api.scene_schemas import ChangeScene
 from app.api.schemas import SendTrajectory
 from app.api.tool_schemas import ChangeTool

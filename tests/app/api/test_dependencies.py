@@ -15,7 +15,8 @@ from fastapi.exceptions import ResponseValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, Field
 
-from app.api.dependencies import CobotRoute, decoded
+from app.api.json_text import decoded
+from app.api.route import CobotRoute
 from cobot.errors import InputError, UnavailableError
 
 

@@ -25,7 +25,8 @@ from app.api.links import link
 from app.api.samples import SAMPLES, SAMPLES_PATH
 from app.aubo.classes import CLASSES, REGISTRY
 from app.main import create_app
-from cobot.config import ENDPOINTS, Settings
+from app.routes import ENDPOINTS
+from cobot.config import Settings
 
 DOCUMENTS = {
     "/docs": "/openapi/robot.json",

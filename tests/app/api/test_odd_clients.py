@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import pytest
 from virtual import VirtualService, virtual_service
 
-from app.api.dependencies import CobotRoute
+from app.api.route import CobotRoute
 from cobot.loose_lists import RequestModel
 
 MOVE = "/robot/move/joints"

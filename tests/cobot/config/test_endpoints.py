@@ -6,27 +6,42 @@ from pathlib import Path
 
 import pytest
 
-from cobot.config import ENDPOINTS, load_endpoints
+from cobot.config import EndpointChange, load_endpoints
 from cobot.errors import ConfigError
+from cobot.launch.endpoints import check_endpoints
 
 
 def write(folder: Path, text: str) -> Path:
     path = folder / "endpoints.yaml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(f"endpoints:\n{text}", encoding="utf-8")
     return path
 
 
-def test_the_endpoints_file_names_all_endpoints_and_no_other(tmp_path: Path) -> None:
-    every = "".join(f"  {name}: {{timeout_s: 1.0}}\n" for name in ENDPOINTS)
-    with pytest.raises(ConfigError, match="missing POST /stop"):
-        load_endpoints(
-            write(tmp_path, "endpoints:\n" + every.replace("  POST /stop: {timeout_s: 1.0}\n", ""))
-        )
-    with pytest.raises(ConfigError, match=r"unknown key 'POST /halt' .*valid are: GET /robot/joint_states"):
-        load_endpoints(write(tmp_path, "endpoints:\n" + every + "  POST /halt: {timeout_s: 1.0}\n"))
-    for stop in ("{timeout_s: 1.0}", "{enabled: false, timeout_s: 10.0}"):
-        other = every.replace("1.0", "5.0").replace("POST /stop: {timeout_s: 5.0}", f"POST /stop: {stop}")
-        with pytest.raises(ConfigError, match="POST /stop: must be enabled, with a timeout_s of 4 at least"):
-            load_endpoints(write(tmp_path, "endpoints:\n" + other))
+def test_a_file_holds_only_what_differs(tmp_path: Path) -> None:
+    text = "  GET /scene: {enabled: false}\n  POST /stop: {timeout_s: 5}\n"
+    assert load_endpoints(write(tmp_path, text)) == {
+        "GET /scene": EndpointChange(enabled=False),
+        "POST /stop": EndpointChange(timeout_s=5.0),
+    }
+
+
+@pytest.mark.parametrize("stop", ["{timeout_s: 1.0}", "{enabled: false, timeout_s: 10}", "{enabled: false}"])
+def test_the_stop_stays(tmp_path: Path, stop: str) -> None:
+    with pytest.raises(ConfigError, match="POST /stop: must be enabled, with a timeout_s of 4 at least"):
+        load_endpoints(write(tmp_path, f"  POST /stop: {stop}\n"))
+
+
+def test_a_timeout_is_positive(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"timeout_s: must be greater than 0"):
-        load_endpoints(write(tmp_path, "endpoints:\n" + every.replace("1.0", "0.0")))
+        load_endpoints(write(tmp_path, "  GET /scene: {timeout_s: 0}\n"))
+
+
+def test_an_unknown_name_is_an_error_with_a_suggestion(tmp_path: Path) -> None:
+    path = write(tmp_path, "  POST /robot/move/poses: {timeout_s: 90}\n")
+    wanted = r"unknown key 'POST /robot/move/poses' .*did you mean 'POST /robot/move/pose'"
+    with pytest.raises(ConfigError, match=wanted):
+        check_endpoints(path)
+
+
+def test_the_service_takes_the_names_that_it_has(tmp_path: Path) -> None:
+    assert len(check_endpoints(write(tmp_path, "  POST /robot/move/pose: {timeout_s: 90}\n"))) == 1

@@ -332,7 +332,7 @@ def test_a_sequence_moves_for_who_has_started_it_and_its_speed_ends_with_it(run:
     CLIENT.reset(before)
     body, own = {"joints": AWAY, "speed": 1.0}, {"X-Motion-Token": "secret"}
     assert run.ask("POST", "/robot/move/joints", json=body, headers=own).json()["success"]
-    assert "in use by sequence 1" in move(run).json()["detail"]
+    assert "under the control of anonymous" in move(run).json()["detail"]
     path, slower = f"/{run.name}/MotionControl/setSpeedFraction", {"fraction": 0.5}
     assert run.ask("POST", path, json=slower, headers=own).json()["code"] == 0
     run.sleep(20.0)

@@ -1,0 +1,210 @@
+"""How requests to endpoints are taken apart and answered.
+
+An endpoint is declared where it is written:
+
+    router = EndpointRouter(tags=["robot"])
+
+    @router.endpoint("GET /robot/pose", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
+    async def pose(request: Request) -> PoseAnswer: ...
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from collections.abc import AsyncGenerator, Callable, Coroutine, Iterator, Sequence
+from inspect import iscoroutinefunction
+from typing import Any, TypeVar, cast
+
+from fastapi import APIRouter, HTTPException, Request, Response
+from fastapi.routing import APIRoute, serialize_response
+from pydantic import BaseModel, ValidationError
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from app.api.costly import Costly
+from app.api.dependencies import BEGUN_S, LARGE_BYTES, STOPS, Call, services_of
+from app.api.endpoints import WEBSOCKET, Endpoint, declare, declared
+from app.api.errors import status_of
+from app.api.json_text import decoded
+from cobot.access.roles import Role
+from cobot.errors import CobotError, InputError
+from cobot.motions.bodies import MOTION_TAGS
+from cobot.strict import sentences, shown
+
+PIECE_BYTES, RETURNS = 1024, 128
+"""See `pieces`: a piece takes some milliseconds at the most."""
+Result = TypeVar("Result")
+Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def pieces(chunk: bytes) -> Iterator[bytes]:
+    """What the parser of forms gets at once: of a chunk in which much could be the beginning of a boundary,
+    which it takes apart a hundred times as slowly, little.
+    """
+    size = PIECE_BYTES if chunk.count(b"\r") > RETURNS else max(len(chunk), 1)
+    for start in range(0, len(chunk), size):
+        yield chunk[start : start + size]
+
+
+class _CobotRequest(Request):
+    async def stream(self) -> AsyncGenerator[bytes]:
+        """The body; of a form in pieces, between which others have the event loop."""
+        form = self.headers.get("content-type", "").lower().startswith("multipart/")
+        async for chunk in super().stream():
+            if not form:
+                yield chunk
+                continue
+            for piece in pieces(chunk):
+                yield piece
+                await asyncio.sleep(0)
+
+    async def json(self) -> Any:
+        body = await self.body()
+        (param,) = self.scope["route"].dependant.body_params
+        model: type[BaseModel] = param.field_info.annotation
+        try:
+            if len(body) <= LARGE_BYTES:
+                return _validated(body, model)
+            # To take a large one apart may hold the interpreter for a tenth of a second. That must not add
+            # up, nor cost the service its heartbeat while somebody's motion depends on it.
+            call = Call(self)
+            async with self.app.state.large_body:
+                call.services.ownership.require_free(call.token)
+                return await asyncio.to_thread(without_collection, _validated, body, model)
+        except CobotError as exc:
+            raise HTTPException(status_of(exc)) from exc  # FastAPI lets no other class through
+
+
+def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
+    """The body as an instance, which FastAPI then takes as it is.
+
+    Raises:
+        InputError: naming what is wrong and where.
+    """
+    content = decoded(body, "the body")
+    if not isinstance(content, dict):
+        held = ": it is JSON inside a JSON string, send the object itself" if isinstance(content, str) else ""
+        raise InputError(f"the body must be an object, got {shown(content)}{held}")
+    try:
+        return model.model_validate(content)
+    except ValidationError as exc:
+        raise InputError(sentences(exc.errors(), ignored=MOTION_TAGS)) from exc
+
+
+def without_collection(function: Callable[..., Result], *arguments: Any) -> Result:
+    """Call it without garbage collection, which would walk through all that it makes, again and again."""
+    gc.disable()
+    try:
+        return function(*arguments)
+    finally:
+        gc.enable()
+
+
+class CobotRoute(APIRoute):
+    """Of a request with a body: notes the count of stops before it came in, takes it apart strictly, and lets
+    nobody else wait for a large one. Of a state, which is polled: answers without FastAPI's looking for what
+    the endpoint might depend on, and might want to be told when the answer is given.
+    """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        if self.methods == {"GET"} and self._takes_request_alone():
+            self.app = _answering(self._state_handler())
+
+    def get_route_handler(self) -> Handler:
+        handler = super().get_route_handler()
+        endpoint = declared(self.endpoint)
+        if endpoint is not None and endpoint.costly:
+            handler = _answering_in_turn(handler)
+        if self.methods == {"GET"}:
+            return handler
+
+        async def handle(request: Request) -> Response:
+            ownership = services_of(request).ownership
+            request.scope[STOPS] = ownership.stops_before(request.scope.get(BEGUN_S))
+            if endpoint is not None and endpoint.control:
+                ownership.require_control()
+            return await handler(_CobotRequest(request.scope, request.receive))
+
+        return handle
+
+    def _takes_request_alone(self) -> bool:
+        """Whether the endpoint takes nothing but the request, and answers with a model as JSON."""
+        asked, endpoint = self.dependant, declared(self.endpoint)
+        return (
+            not (endpoint is not None and endpoint.costly)
+            and self.response_field is not None
+            and iscoroutinefunction(self.endpoint)
+            and asked.request_param_name is not None
+            and not (asked.dependencies or asked.path_params or asked.query_params or asked.header_params)
+            and not (asked.cookie_params or asked.body_params or self.dependencies)
+            and not (asked.response_param_name or asked.background_tasks_param_name)
+        )
+
+    def _state_handler(self) -> Handler:
+        """As FastAPI answers: what the endpoint returns is checked against its model."""
+        endpoint, name = self.endpoint, str(self.dependant.request_param_name)
+        field, status = self.response_field, self.status_code or 200
+
+        async def handle(request: Request) -> Response:
+            returned = await endpoint(**{name: request})
+            if isinstance(returned, Response):
+                return returned
+            content = await serialize_response(field=field, response_content=returned, dump_json=True)
+            return Response(content, status, media_type="application/json")
+
+        return handle
+
+
+def _answering_in_turn(handler: Handler) -> Handler:
+    async def handle(request: Request) -> Response:
+        async with cast(Costly, request.app.state.costly).turn():
+            return await handler(request)
+
+    return handle
+
+
+def _answering(handler: Handler) -> ASGIApp:
+    """The application of a route; what its handler raises the middleware of the whole one answers."""
+
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        response = await handler(Request(scope, receive, send))
+        await response(scope, receive, send)
+
+    return answer
+
+
+class EndpointRouter(APIRouter):
+    """Endpoints with what is declared of them."""
+
+    def __init__(self, *, tags: Sequence[str] = (), route_class: type[APIRoute] = CobotRoute) -> None:
+        super().__init__(tags=list(tags), route_class=route_class)
+
+    def endpoint(
+        self,
+        name: str,
+        role: Role,
+        timeout_s: float,
+        *,
+        control: bool = False,
+        costly: bool = False,
+        **options: Any,
+    ) -> Callable[[Function], Function]:
+        """Serve an endpoint with the function that follows.
+
+        Args:
+            name, role, timeout_s, control, costly: see `Endpoint`.
+            options: of FastAPI's route.
+        """
+        method, path = name.split(" ")
+
+        def serve(function: Function) -> Function:
+            declare(function, Endpoint(name, role, timeout_s, control, costly))
+            if method == WEBSOCKET:
+                self.add_api_websocket_route(path, function)
+            else:
+                self.add_api_route(path, function, methods=[method], **options)
+            return function
+
+        return serve
