@@ -1,6 +1,4 @@
-"""Whether an arm that nobody here has seen holds still and moves: `measure` of a folder of `cobot new-robot`.
-
-python -m benchmarks.any_arm FOLDER ...
+"""Whether any arm holds still and moves: `measure` of a folder of `cobot new-robot`.
 
 Everything runs on the virtual clock in this process. The oracle is MuJoCo, which integrates the motion of
 the arm under the torques of the simulated drives.
@@ -10,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -241,15 +239,15 @@ class _Motions:
         for _ in range(TRIES):
             if start is None:
                 start = postures[int(random.integers(len(postures)))]
-            motion = self._planned(start, postures, planner)
+            motion = self._plan(start, postures, planner)
             if motion is not None:
-                return self._moved(start, motion, tool, planner)
+                return self._execute(start, motion, tool, planner)
             if planner is PlannerName.LIN:
                 start = None  # Perhaps no line begins there.
         self.refused[str(planner)] += 1
         return start
 
-    def _planned(self, start: Array, postures: list[Array], planner: PlannerName) -> Trajectory | None:
+    def _plan(self, start: Array, postures: list[Array], planner: PlannerName) -> Trajectory | None:
         random = self.arm.random
         goal = postures[int(random.integers(len(postures)))]
         aim = self.arm.line(start) if planner is PlannerName.LIN else goal
@@ -259,7 +257,7 @@ class _Motions:
             self.reasons[str(planner)] = str(exc)
             return None
 
-    def _moved(self, start: Array, motion: Trajectory, tool: Tool, planner: PlannerName) -> Array | None:
+    def _execute(self, start: Array, motion: Trajectory, tool: Tool, planner: PlannerName) -> Array | None:
         rig = Rig(self.arm.settings, self.arm.robot, simulated=True, start=start)
         try:
             rig.loop.controller.tool_and_scene.carry(tool)
@@ -288,20 +286,14 @@ def _still(speeds: Array) -> float:
     return float((speeds < STILL).mean()) if len(speeds) else 1.0
 
 
-def figures(folders: Sequence[Path]) -> Iterator[Figures | str]:
-    """Of each folder; or why it has none."""
-    for folder in folders:
-        try:
-            yield measure(folder)
-        except CobotError as exc:
-            yield f"{folder.name}: {exc}"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.any_arm", description=__doc__)
     parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER", help="made by cobot new-robot")
-    for each in figures(parser.parse_args().folders):
-        print(each, flush=True)
+    for folder in parser.parse_args().folders:
+        try:
+            print(measure(folder), flush=True)
+        except CobotError as exc:
+            print(f"{folder.name}: {exc}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Plans as JSON: motions that are looked at before they are run, if they are run at all."""
+"""Requests for plans as JSON, and the plans that are kept; their answers are in `plan_answers`."""
 
 from __future__ import annotations
 
@@ -42,36 +42,6 @@ ExplainIt = Annotated[
 PlanId = Annotated[
     str, Field(min_length=1, max_length=64, description="The plan_id that planning a motion has answered.")
 ]
-
-
-PLANNED = {
-    "plan_id": "2f1c9a0b7d3e4855",
-    "expires_in_s": 600.0,
-    "duration_s": 1.1,
-    "note": "",
-    "path": [
-        {
-            "time_s": 0.0,
-            "joints": HOME,
-            "velocities": [0.0] * 7,
-            "position": [0.51, 0.0, 0.46],
-            "quaternion": [0.0, 1.0, 0.0, 0.0],
-        },
-        {
-            "time_s": 1.1,
-            "joints": [0.3, *HOME[1:]],
-            "velocities": [0.0] * 7,
-            "position": [0.49, 0.15, 0.46],
-            "quaternion": [0.15, 0.99, 0.0, 0.0],
-        },
-    ],
-    "utilisation": {
-        "velocity": {"peak": [0.49, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], "share": [0.33, *[0.0] * 6]},
-        "torque": {"peak": [9.8, 52.0, 3.1, 24.0, 0.9, 2.4, 0.1], "share": [0.03, 0.16, *[0.03] * 5]},
-    },
-    "closest_self": {"between": ["link2", "link5"], "distance_m": 0.094, "share": 0.0},
-    "closest_environment": {"between": ["floor", "link1"], "distance_m": 0.098, "share": 0.0},
-}
 
 
 class KeptPlan(BaseModel):
@@ -195,106 +165,12 @@ class PlanSequence(Planning, MoveSequence):
     )
 
 
-class PlanPoint(BaseModel):
-    """Where the arm will be."""
-
-    time_s: float = Field(description="Since the motion's start, s.")
-    joints: list[float] = Field(description="rad")
-    velocities: list[float] = Field(description="Of the joints, rad/s.")
-    position: list[float] = Field(description="Of the TCP in the base frame: x, y, z, m.")
-    quaternion: list[float] = Field(description="Of the TCP in the base frame: x, y, z, w.")
-
-
 class MotionQuery(StrictModel):
     """How closely its path is told."""
 
     model_config = ConfigDict(strict=False)
 
     samples: Samples = 100
-
-
-class MotionPoint(BaseModel):
-    """Where the arm is to be."""
-
-    time_s: float = Field(description="Of the path, s: at full speed since its beginning.")
-    joints: list[float] = Field(description="rad")
-
-
-class MotionAnswer(BaseModel):
-    """What the arm moves along, whoever has asked for it."""
-
-    motion_id: int | None = Field(description="Of the motion that runs; null while none does.")
-    duration_s: float = Field(description="Of its path at full speed, s.")
-    note: str = Field(description="How it differs from what was asked for.")
-    path: list[MotionPoint] = Field(description="Evenly over its time, both ends included.")
-
-
-class PlanUse(BaseModel):
-    """What a motion takes of a limit, joint by joint."""
-
-    peak: list[float] = Field(description="The greatest amount: rad/s, rad/s², rad/s³ or N·m.")
-    share: list[float] = Field(description="The same as a share of the robot's limit: 1 is all of it.")
-
-
-class PlanDistance(BaseModel):
-    """How near two things come."""
-
-    between: list[str] = Field(description="Their names.")
-    distance_m: float = Field(description="m; of 200 points of the motion the nearest.")
-    share: float = Field(description="Where: the share of the motion's duration.")
-
-
-class PlanAnswer(BaseModel):
-    """A motion that has been planned, checked and not run."""
-
-    model_config = example(PLANNED)
-
-    plan_id: str = Field(description="For POST /robot/execute.")
-    expires_in_s: float = Field(description="After which it is forgotten, s; sooner if there are many.")
-    duration_s: float = Field(description="Of the motion at full speed, s; 0 if the arm is there already.")
-    note: str = Field(description="What auto took and why, and how a start in collision was left.")
-    path: list[PlanPoint] = Field(description="Evenly over the time, both ends included.")
-    utilisation: dict[str, PlanUse] = Field(description="Of velocity, acceleration, jerk and torque.")
-    closest_self: PlanDistance | None = Field(description="Of the robot's own parts; null beyond 1 m.")
-    closest_environment: PlanDistance | None = Field(description="Of the robot and the rest; the same.")
-
-
-class RehearsalFlaw(BaseModel):
-    """What goes wrong first."""
-
-    time_s: float = Field(description="Since the motion's start.")
-    joint: str | None = Field(description="Whose; null where it is about none.")
-    says: str = Field(description="What it is.")
-
-
-class RehearsalAnswer(BaseModel):
-    """What a plan did on a simulated copy of the robot."""
-
-    model_config = example(
-        {
-            "plan_id": "2f1c9a0b7d3e4855",
-            "runs_through": True,
-            "duration_s": 1.14,
-            "planned_duration_s": 1.1,
-            "effort": [0.05, 0.19, 0.02, 0.11, 0.01, 0.03, 0.01],
-            "off": [0.001, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            "problem": None,
-            "closest_self": {"between": ["link2", "link5"], "distance_m": 0.094, "share": 0.0},
-            "closest_environment": {"between": ["floor", "link1"], "distance_m": 0.098, "share": 0.0},
-        }
-    )
-
-    plan_id: str = Field(description="Of the plan.")
-    runs_through: bool = Field(description="It arrives and settles, and there is no `problem` on the way.")
-    duration_s: float = Field(description="Until it had settled, or ended otherwise, at full speed.")
-    planned_duration_s: float = Field(description="Of the plan; settling comes on top.")
-    effort: list[float] = Field(description="The most of each joint, as a share of its limit.")
-    off: list[float] = Field(
-        description="The most that each joint was from where it was commanded to be, rad; of slides m."
-    )
-    problem: RehearsalFlaw | None = Field(description="The first one; null: none.")
-    closest_self: PlanDistance | None = Field(description="As of the plan, of where the simulated arm was.")
-    closest_environment: PlanDistance | None = Field(description="The same.")
 
 
 class Execute(RequestModel):

@@ -14,26 +14,28 @@ from app.api.errors import responses, tell
 from app.api.explanations import explained
 from app.api.goals import goal_of
 from app.api.job_schemas import ACCEPTED, accepted
+from app.api.plan_answers import (
+    MotionAnswer,
+    MotionPoint,
+    PlanAnswer,
+    PlanDistance,
+    PlanPoint,
+    PlanUse,
+    RehearsalAnswer,
+    RehearsalFlaw,
+)
 from app.api.plan_schemas import (
     Approve,
     Execute,
     KeptPlan,
-    MotionAnswer,
-    MotionPoint,
     MotionQuery,
-    PlanAnswer,
     PlanArc,
-    PlanDistance,
     PlanJoints,
     PlanNamed,
     Planning,
     PlanPath,
-    PlanPoint,
     PlanPose,
     PlanSequence,
-    PlanUse,
-    RehearsalAnswer,
-    RehearsalFlaw,
 )
 from app.api.route import EndpointRouter
 from app.api.routers.robot import How, check_queueing, run_motion

@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from virtual import VirtualService, virtual_service
 
-from app.api.plan_schemas import PlanAnswer
+from app.api.plan_answers import PlanAnswer
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
 

@@ -261,6 +261,26 @@ def test_jaws_of_mjcf_stay_as_its_kinematics_have_them_and_its_objects_too(tmp_p
         np.testing.assert_allclose(data.body(name).xmat, wanted.body(name).xmat, atol=1e-9)
 
 
+def test_the_rod_of_a_palletiser_that_closes_a_loop_keeps_its_mass_and_loses_its_shape(
+    tmp_path: Path,
+) -> None:
+    rod = (
+        '<body name="rod" pos="-0.1 0 0.1"><joint name="rod" axis="0 1 0" range="-90 90"/>'
+        '<geom type="capsule" size=".01" fromto="0 0 0 0 0 .2" mass="0.7"/></body>'
+    )
+    first = HINGE.format("j0", "0 0 1")
+    motors = "".join(f'<motor joint="j{index}"/>' for index in range(5))
+    loop = '<equality><connect body1="rod" body2="j2" anchor="0 0 0.2"/></equality>'
+    text = mjcf(f"{loop}<actuator>{motors}</actuator>").replace(first, first + rod)
+    robot, said = made_of(tmp_path / "arm.xml", text)
+    assert robot.limits.names == tuple(f"j{index}" for index in range(5))
+    assert "linkage found; its joints stay where they are, with mass and without shapes: rod at 0" in said
+    mj = robot.model.mj
+    assert mj.neq == 0
+    assert mj.body("rod").mass == pytest.approx(0.7)
+    assert not mj.geom_contype[mj.body("rod").geomadr[0]]
+
+
 def test_joints_of_the_arm_that_one_tendon_moves_are_named(tmp_path: Path) -> None:
     tendon = (
         '<tendon><fixed name="t"><joint joint="j1" coef="1"/><joint joint="j3" coef="1"/></fixed></tendon>'
