@@ -193,7 +193,7 @@ def _position(robot: RobotDescription, name: str, settings: Settings) -> str:
     start = vector(robot.positions[settings.robot.start_position].joints)
     timeout_s = settings.planning.timeout_s
     plan(robot, MotionRequest(start, joints, PlannerName.PTP, Scaling(speed=1.0), None, timeout_s=timeout_s))
-    x, y, z = robot.model.forward(joints).position
+    x, y, z = robot.model.forward(joints).position.round(3) + 0.0  # no "-0.000"
     return (
         f"within limits, free, held, reachable; TCP at x {x:.3f} y {y:.3f} z {z:.3f} m in {robot.base_frame}"
     )
