@@ -6,7 +6,7 @@ that takes no more than `SHORT_S` is held back for `BLEND_WAIT_S`, and each furt
 one could not be planned in time.
 
 Each move can be taken out at any time, without waiting for what is being planned. What waits behind it is
-planned anew from where it begins then. Where the motion under way leads to it already, the arm first comes to
+planned again from its new start. Where the motion under way leads to it already, the arm first comes to
 rest on its path.
 """
 
