@@ -22,7 +22,7 @@ from typing import Any
 from starlette.datastructures import State
 
 from app.robot_services import Services
-from app.services.motion.ownership import Caller
+from app.services.rights.ownership import Caller
 from cobot.config import Settings, load_endpoints, load_settings
 from cobot.errors import (
     CobotError,

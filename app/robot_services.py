@@ -11,35 +11,35 @@ from pathlib import Path
 from app.actions.fjt import FollowJointTrajectory
 from app.services.devices.equipment import Equipment
 from app.services.events.ring import Events
-from app.services.events.states import StateTexts
-from app.services.events.watch import watching
-from app.services.jobs.book import JobBook
-from app.services.jobs.control import JobService
-from app.services.jobs.job import JobRecord
+from app.services.job_control import JobService
 from app.services.motion.approvals import Approvals
 from app.services.motion.control import ControlService
 from app.services.motion.execution import LATEST_ANSWER_S, MotionService
 from app.services.motion.goals import Goals
 from app.services.motion.moves import MoveService
-from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
 from app.services.motion.plans import PlanService
 from app.services.motion.positions import PositionService
 from app.services.motion.queue import MotionQueue
 from app.services.motion.scene import SceneService
-from app.services.motion.speed_override import FRACTIONS, MAX_PAUSE_S
-from app.services.motion.stopping import StopService
 from app.services.motion.synchronous import SyncService
 from app.services.motion.tool import ToolService
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.motion.trajectories import TrajectoryService
 from app.services.programs.programs import ProgramService
 from app.services.programs.sequences import SequenceService
+from app.services.reports.health import HealthService
+from app.services.reports.recordings import RecordingService
+from app.services.reports.states import StateTexts
+from app.services.reports.watch import watching
+from app.services.rights.job import JobRecord
+from app.services.rights.job_book import JobBook
+from app.services.rights.ownership import Ownership
+from app.services.rights.speed_override import FRACTIONS, MAX_PAUSE_S
+from app.services.rights.stopping import StopService
 from app.services.state.commands import loading_s
-from app.services.state.health import HealthService
 from app.services.state.io import IoService
 from app.services.state.link import RobotLink
-from app.services.state.recordings import RecordingService
 from app.services.streaming.force import ForceService
 from app.services.streaming.freedrive import FreedriveService
 from app.services.streaming.hung_clients import watching_clients
@@ -166,7 +166,7 @@ def _services(
     moves = MoveService(link.clock, ownership, goals, motion, planning)
     sequences = SequenceService(ownership, link, settings.sequences, url, latest_s, shared.tokens)
     streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
-    stopping = StopService(link, ownership, sequences)
+    stopping = StopService(link, ownership, sequences.stop)
     link.heartbeat.on_outside_stop = stopping.follow
     simulated = settings.robot.backend.type == "mujoco"
     equipment = Equipment(link, stopping, ownership.speed_override, simulated=simulated)

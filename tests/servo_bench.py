@@ -13,10 +13,10 @@ from virtual import Cycle
 from virtual_time import VirtualClock, VirtualLoop
 
 from app.services.motion.execution import MotionService
-from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
-from app.services.motion.stopping import StopService
 from app.services.programs.sequences import SequenceService
+from app.services.rights.ownership import Ownership
+from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from app.services.streaming.force import ForceService
 from app.services.streaming.servo import ServoService
@@ -42,7 +42,7 @@ class Bench:
         info["min_position"], info["max_position"] = rig.limits.min_position, rig.limits.max_position
         url, tokens = "http://127.0.0.1:1", no_tokens()
         sequences = SequenceService(self.ownership, link, settings.sequences, url, 1.0, tokens)
-        self.stopping = StopService(link, self.ownership, sequences)
+        self.stopping = StopService(link, self.ownership, sequences.stop)
         self.force = ForceService(robot, link, self.streams, self.stopping, lambda text: None)
         self.servo = ServoService(robot, link, self.streams, self.force)
         self._point_id = 0

@@ -10,7 +10,7 @@ from typing import Any
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from app.services.motion.lease import CLIENT, Client
+from app.services.clients import CLIENT, Client
 from cobot.addresses import CONTROL_TOKEN
 
 IDENTITY = "cobot.identity"

@@ -16,8 +16,8 @@ from starlette.requests import HTTPConnection
 from app.api.clients import MOTION_TOKEN
 from app.api.endpoints import Endpoint
 from app.robot_services import Services
-from app.services.jobs.job import JobKind
-from app.services.motion.ownership import Caller
+from app.services.rights.job import JobKind
+from app.services.rights.ownership import Caller
 from cobot.errors import InputError, MediaTypeError, NotFoundError
 from cobot.strict import shown, unknown_key
 

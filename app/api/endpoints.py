@@ -25,7 +25,7 @@ class Endpoint:
         name: as in api_endpoints.yaml: "POST /stop"; "WS /events" of a WebSocket.
         role: the lowest that may use it.
         timeout_s: how long it may take.
-        control: whether nobody else may have the control of the robot, see `app.services.motion.lease`.
+        control: whether nobody else may have the control of the robot, see `app.services.rights.lease`.
             Motions, sessions and sequences look themselves, because they come over other transports too.
         costly: whether making the answer takes milliseconds, see `app.api.costly`.
         enabled: whether it is served.

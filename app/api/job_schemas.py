@@ -14,8 +14,8 @@ from app.api.dependencies import Call
 from app.api.errors import RefusedAnswer
 from app.api.explain_schemas import explain_of
 from app.api.schemas import WAIT
-from app.services.jobs.book import KEPT
-from app.services.jobs.job import JobKind, JobRecord, JobState
+from app.services.rights.job import JobKind, JobRecord, JobState
+from app.services.rights.job_book import KEPT
 from cobot import audit
 from cobot.errors import CobotError
 from cobot.loose_lists import RequestModel

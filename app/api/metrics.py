@@ -24,7 +24,7 @@ from starlette.datastructures import State
 
 from app.api.timing import BUCKETS_S
 from app.robot_services import Services
-from app.services.state.health import VERSIONS
+from app.services.reports.health import VERSIONS
 from app.services.state.robot_state import RobotState
 from cobot.errors import UnavailableError
 from cobot.ipc.layout import HISTOGRAM_BUCKETS, Intervention, Phase

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, FailFast, Field
 
 from app.api.device_schemas import DeviceAnswer
 from app.api.explain_schemas import Explain
-from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
+from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import HOME, Finite, example
 from cobot.strict import StrictModel

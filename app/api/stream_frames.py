@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
+from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
 from app.services.streaming.jog import JogCommand
 from cobot.errors import InputError, NotReadyError
 from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Intervention, Stream, chunk_dtype, text

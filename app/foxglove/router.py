@@ -22,9 +22,9 @@ from app.api.errors import status_of
 from app.api.json_text import decoded
 from app.api.route import EndpointRouter
 from app.foxglove.channels import EVENTS, Channels
-from app.services.events.listener import Listener, Wanted
 from app.services.events.ring import Event
 from app.services.events.ring import Events as Ring
+from app.services.reports.listener import Listener, Wanted
 from cobot.access.roles import Role
 from cobot.codes import code_of
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError

@@ -25,9 +25,9 @@ from app.mcp.arguments import takes_fields_of
 from app.mcp.departures import GONE
 from app.mcp.endpoint import STOPPED
 from app.mcp.own_rest import OwnRest
-from app.services.jobs.job import JobKind
-from app.services.motion.lease import CLIENT
-from app.services.motion.ownership import Caller
+from app.services.clients import CLIENT
+from app.services.rights.job import JobKind
+from app.services.rights.ownership import Caller
 from cobot.access.roles import Role, acting
 from cobot.errors import BY_CODE, CobotError
 from cobot.motions.bodies import Joints, PositionName

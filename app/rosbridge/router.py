@@ -16,7 +16,7 @@ from app.api.json_text import decoded
 from app.api.route import EndpointRouter, without_collection
 from app.graph.graph import Graph
 from app.rosbridge.connection import Connection
-from app.services.motion.lease import CLIENT
+from app.services.clients import CLIENT
 from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
 from cobot.ros.message_limits import MAX_MESSAGE, check_message

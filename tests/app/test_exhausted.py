@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from virtual import VirtualService, virtual_service
 
-from app.services.state.health import HealthService
+from app.services.reports.health import HealthService
 from cobot.errors import EXHAUSTED
 
 ROWS = "\n".join(f"{0.01 * row:.2f},0,0,0,-1.57,0,1.57,0" for row in range(60_000))

@@ -18,7 +18,7 @@ import pytest
 from asgi import Leaving
 from virtual import VirtualService, virtual_service
 
-from app.services.motion.lease import CLIENT, Client
+from app.services.clients import CLIENT, Client
 from cobot.errors import ExecutionError
 from cobot.types import LoopMode
 

@@ -14,7 +14,7 @@ from app.api.dependencies import Call, addressed
 from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.schemas import HealthAnswer, ReadyAnswer, StopAnswer
-from app.services.motion.stopping import HELD, together
+from app.services.rights.stopping import HELD, together
 from cobot import audit, logs
 from cobot.access.roles import Role
 from cobot.errors import NotReadyError

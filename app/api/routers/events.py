@@ -19,8 +19,8 @@ from app.api.dependencies import addressed
 from app.api.errors import responses, status_of
 from app.api.route import EndpointRouter
 from app.robot_services import Services
-from app.services.events.listener import Listener, Wanted
 from app.services.events.ring import TYPES, Event, Events
+from app.services.reports.listener import Listener, Wanted
 from cobot.access.authentication import LOOK_AGAIN_S
 from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError, NotFoundError, UnavailableError

@@ -20,9 +20,9 @@ from app.api.job_schemas import (
     job_answer,
 )
 from app.api.route import EndpointRouter
-from app.services.jobs.book import unknown
-from app.services.jobs.control import JobService
-from app.services.jobs.job import JobState
+from app.services.job_control import JobService
+from app.services.rights.job import JobState
+from app.services.rights.job_book import unknown
 from cobot import audit
 from cobot.access.roles import Role
 

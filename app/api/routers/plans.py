@@ -41,9 +41,9 @@ from app.api.route import EndpointRouter
 from app.api.routers.robot import How, check_queueing, run_motion
 from app.api.schemas import MoveAnswer
 from app.robot_services import Services
-from app.services.jobs.job import JobKind
 from app.services.motion.plan import Plan
 from app.services.motion.plans import PlanOptions
+from app.services.rights.job import JobKind
 from cobot.access.roles import Role
 from cobot.errors import CobotError
 from cobot.motions.bodies import AnyMotion

@@ -28,11 +28,11 @@ from app.api.schemas import (
     Quaternion,
     ResetAnswer,
 )
-from app.services.jobs.job import JobKind
 from app.services.motion.goals import Goal, check_radii
 from app.services.motion.moves import Outcome
-from app.services.motion.ownership import Caller
 from app.services.motion.queue_moves import QueueRequest
+from app.services.rights.job import JobKind
+from app.services.rights.ownership import Caller
 from app.services.state.first_contact import acknowledged
 from cobot import audit
 from cobot.access.roles import Role

@@ -33,8 +33,8 @@ from app.api.stream_frames import (
     state_frame,
 )
 from app.robot_services import Services
-from app.services.motion.lease import CLIENT
-from app.services.motion.stopping import together
+from app.services.clients import CLIENT
+from app.services.rights.stopping import together
 from app.services.streaming.jog import Jog
 from app.services.streaming.sessions import Session
 from cobot import audit

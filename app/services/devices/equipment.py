@@ -10,8 +10,8 @@ from app.services.devices.registers import Registers, Variables
 from app.services.devices.serial_ports import SerialPorts
 from app.services.devices.sockets import Sockets
 from app.services.devices.traces import Level, Traces
-from app.services.motion.speed_override import SpeedOverride
-from app.services.motion.stopping import StopService
+from app.services.rights.speed_override import SpeedOverride
+from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 
 from app.services.motion.moves import Outcome
-from app.services.motion.ownership import Caller
 from app.services.motion.plan import Plan
 from app.services.motion.plans import PlanService
+from app.services.rights.ownership import Caller
 from cobot.clock import Clock
 from cobot.config import McpSection
 from cobot.errors import PermissionDenied

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from app.services.motion.lease import CLIENT, TIMEOUT_S, Client
-from app.services.motion.ownership import Ownership
-from app.services.motion.stopping import StopService
+from app.services.clients import CLIENT, Client
+from app.services.rights.lease import TIMEOUT_S
+from app.services.rights.ownership import Ownership
+from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ConflictError, MotionStopped
 

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from app.services.jobs.job import JobKind
-from app.services.motion.ownership import Caller, Claim
-from app.services.motion.speed_override import SpeedOverride
+from app.services.rights.job import JobKind
+from app.services.rights.ownership import Caller, Claim
+from app.services.rights.speed_override import SpeedOverride
 from cobot.errors import CobotError, MotionStopped
 from cobot.motions.requests import RatedMove
 from cobot.trajectory import Trajectory

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import math
 
-from app.services.motion.ownership import Claim
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import PlanRequest
+from app.services.rights.ownership import Claim
 from app.services.state.commands import ACKNOWLEDGE_S
 from app.services.state.link import POLL_S, RobotLink
 from app.services.state.robot_state import RobotState

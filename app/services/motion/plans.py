@@ -16,11 +16,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from app.services.jobs.job import Job
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goal, Goals, check_radii
 from app.services.motion.moves import MoveService, Outcome
-from app.services.motion.ownership import Caller
 from app.services.motion.plan import QUEUED_TOLERANCE_RAD, Plan
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import (
@@ -32,6 +30,8 @@ from app.services.motion.planning_tasks import (
     rehearsed,
 )
 from app.services.motion.queue_moves import QueueRequest
+from app.services.rights.job import Job
+from app.services.rights.ownership import Caller
 from cobot.access.roles import acting
 from cobot.clock import Clock
 from cobot.config import Settings

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
-from app.services.jobs.job import Job
 from app.services.motion.execution import MotionService
-from app.services.motion.ownership import Claim
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import LegRequest, begun, leg, prolonged
 from app.services.motion.tool_and_limits import RobotSettings
+from app.services.rights.job import Job
+from app.services.rights.ownership import Claim
 from cobot.clock import Clock
 from cobot.errors import CobotError, CollisionError, InputError, PlanningError
 from cobot.motions.stretches import Leg, Stretch

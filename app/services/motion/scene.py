@@ -8,14 +8,14 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+from app.services.clients import CLIENT
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals
-from app.services.motion.lease import CLIENT
-from app.services.motion.ownership import Caller, Ownership
 from app.services.motion.planning import PlanningService
 from app.services.motion.scene_edits import Edit, named, pose_of, require_room
-from app.services.motion.stopping import StopService
 from app.services.motion.tool_and_limits import compose, inverted
+from app.services.rights.ownership import Caller, Ownership
+from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from cobot.config import Settings

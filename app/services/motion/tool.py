@@ -9,10 +9,10 @@ import math
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, replace
 
-from app.services.motion.lease import CLIENT
-from app.services.motion.ownership import Caller, Ownership
+from app.services.clients import CLIENT
 from app.services.motion.planning import PlanningService
 from app.services.motion.scene import SceneService
+from app.services.rights.ownership import Caller, Ownership
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ConflictError, ExecutionError, InputError, LimitError
 from cobot.robot.collision import CollisionChecker, Contact

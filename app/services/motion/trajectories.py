@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from app.services.motion.execution import MotionService
-from app.services.motion.ownership import Caller, Claim, Ownership, watching
+from app.services.rights.ownership import Caller, Claim, Ownership, watching
 from cobot.config import PlanningSection
 from cobot.errors import CobotError, ExecutionError
 from cobot.logs import printable

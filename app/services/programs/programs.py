@@ -6,10 +6,10 @@ import asyncio
 from enum import StrEnum
 from pathlib import Path
 
-from app.services.motion.ownership import Ownership
-from app.services.motion.stopping import StopService
 from app.services.programs.paths import below
 from app.services.programs.sequences import SequenceOrder, SequenceService
+from app.services.rights.ownership import Ownership
+from app.services.rights.stopping import StopService
 from cobot.errors import ConflictError, ExecutionError, InputError, NotFoundError
 from cobot.launch.process import RUN_MODULE
 

@@ -18,10 +18,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
-from app.services.jobs.job import JobKind
-from app.services.motion.ownership import Ownership
 from app.services.programs.paths import below
 from app.services.programs.steps import Steps
+from app.services.rights.job import JobKind
+from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from cobot.access.authentication import Authenticator
 from cobot.access.roles import acting

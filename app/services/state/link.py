@@ -6,8 +6,8 @@ import asyncio
 
 import numpy as np
 
+from app.services.clients import CLIENT
 from app.services.events.ring import Events, RobotEvents
-from app.services.motion.lease import CLIENT
 from app.services.state.commands import Commands
 from app.services.state.heartbeat import Heartbeat
 from app.services.state.motion_events import MotionEvents

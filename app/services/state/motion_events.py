@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from app.services.clients import CLIENT
 from app.services.events.ring import RobotEvents
-from app.services.motion.lease import CLIENT
 from app.services.state.robot_state import RobotState
 from cobot.ipc.layout import MotionResult
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.services.motion.stopping import StopService
+from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from app.services.streaming.sessions import Session, StreamService
 from cobot.errors import CobotError, ConflictError, InputError, LimitError

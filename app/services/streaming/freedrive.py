@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.services.motion.lease import CLIENT, NOBODY
+from app.services.clients import CLIENT, NOBODY
 from app.services.state.link import RobotLink
 from app.services.streaming.jog import MAX_STEP_S, PERIOD_S
 from app.services.streaming.jog_limits import JOINT_ROOM, RATE_PER_S, JogLimits

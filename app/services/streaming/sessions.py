@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from app.services.clients import CLIENT
 from app.services.motion.execution import STATE_TIMEOUT_S, MotionService
-from app.services.motion.lease import CLIENT
-from app.services.motion.ownership import BY_STOP, Caller, Claim, Ownership
+from app.services.rights.ownership import BY_STOP, Caller, Claim, Ownership
 from app.services.state.link import POLL_S, RobotLink
 from cobot import audit, logs
 from cobot.clock import Clock

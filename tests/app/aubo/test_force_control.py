@@ -17,10 +17,10 @@ from rig import Rig, no_tokens
 from vendor_calls import Caller, run
 
 from app.services.motion.execution import MotionService
-from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
-from app.services.motion.stopping import StopService
 from app.services.programs.sequences import SequenceService
+from app.services.rights.ownership import Ownership
+from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from app.services.streaming.force import ForceService
 from app.services.streaming.sessions import StreamService
@@ -52,7 +52,7 @@ class Bench:
         self.streams = StreamService(self.link, self.ownership, motion, 0.5)
         url, tokens = "http://robot.test", no_tokens()
         sequences = SequenceService(self.ownership, self.link, settings.sequences, url, 1.0, tokens)
-        self.stopping = StopService(self.link, self.ownership, sequences)
+        self.stopping = StopService(self.link, self.ownership, sequences.stop)
         self.reports: list[str] = []
         self.force = ForceService(robot, self.link, self.streams, self.stopping, self.reports.append)
         self.ask = Caller(SimpleNamespace(force=self.force), CLASS)

@@ -15,7 +15,7 @@ import pytest
 from asgi import Socket
 from virtual import VirtualService, virtual_service
 
-from app.services.motion.lease import CLIENT, Client
+from app.services.clients import CLIENT, Client
 from cobot.codes import Code
 from cobot.errors import ConflictError
 

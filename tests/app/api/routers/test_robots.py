@@ -15,7 +15,7 @@ from asgi import ask
 from fastapi import FastAPI
 
 from app.main import create_app
-from app.services.motion.stopping import Stopped, together
+from app.services.rights.stopping import Stopped, together
 from cobot.addresses import address, path_at
 from cobot.config import load_settings
 from cobot.ipc.device_record import Device

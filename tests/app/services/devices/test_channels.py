@@ -10,8 +10,8 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
+from app.services.clients import CLIENT, Client
 from app.services.devices.channels import BUFFER_BYTES, MAX_OPEN, Channel, Channels
-from app.services.motion.lease import CLIENT, Client
 from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, LimitError, NotFoundError
 
 LONG_S = 30.0

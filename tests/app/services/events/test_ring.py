@@ -15,9 +15,9 @@ from typing import Any
 
 import pytest
 
-from app.services.events.listener import Listener, Wanted
 from app.services.events.pacing import AT_ONCE
 from app.services.events.ring import BURST, CAPACITY_BYTES, LOG_BURST, PER_S, Events
+from app.services.reports.listener import Listener, Wanted
 from cobot.errors import InputError
 
 
@@ -205,7 +205,7 @@ def test_the_end_of_the_service_is_the_last_event() -> None:
 
 
 def test_who_hears_nothing_is_told_where_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.services.events.listener.KEEP_ALIVE_S", 0.01)
+    monkeypatch.setattr("app.services.reports.listener.KEEP_ALIVE_S", 0.01)
 
     async def read() -> None:
         bench = Bench()

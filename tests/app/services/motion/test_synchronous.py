@@ -16,10 +16,10 @@ from rig import Rig
 from running import WAIT_S
 
 from app.services.motion.execution import MotionService
-from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
 from app.services.motion.synchronous import MAX_WAITING, SyncService
 from app.services.motion.tool_and_limits import RobotSettings
+from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from cobot.config import Settings
 from cobot.errors import ConflictError, LimitError, MotionStopped

@@ -7,8 +7,8 @@ import asyncio
 import pytest
 from rig import Rig, no_tokens
 
-from app.services.motion.ownership import Ownership
 from app.services.programs.sequences import LINE_BYTES, LINE_CHARACTERS, SequenceOrder, SequenceService
+from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from cobot.errors import UnavailableError
 

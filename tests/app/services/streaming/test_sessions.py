@@ -18,8 +18,8 @@ from rig import Rig
 
 from app.api.stream_frames import OpenSession, state_frame
 from app.services.motion.execution import MotionService
-from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
+from app.services.rights.ownership import Ownership
 from app.services.state.interventions import InterventionLog
 from app.services.state.link import RobotLink
 from app.services.streaming.sessions import StreamService

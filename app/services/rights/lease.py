@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable
-from contextvars import ContextVar
 from dataclasses import dataclass
 
+from app.services.clients import Client
 from cobot.clock import Clock
 from cobot.errors import ConflictError
 
@@ -20,37 +20,6 @@ TIMEOUTS_S = (1.0, 3600.0)
 TIMEOUT_S = 60.0
 KEPT_ENDS = 100
 """So many ended leases are remembered, to tell those who still use them."""
-
-
-@dataclass(eq=False)
-class Client:
-    """Who asks for something: one for each request, and for each WebSocket as long as it is open.
-
-    Attributes:
-        name: of the access token, "anonymous" without one.
-        address: where it comes from, without a port.
-        leases: the tokens of leases that it shows.
-        sequence: the token of the sequence for which it speaks, if any.
-        tell: called with a sentence when somebody takes over what it has; None for who cannot be told.
-    """
-
-    name: str
-    address: str = ""
-    leases: frozenset[str] = frozenset()
-    sequence: str | None = None
-    tell: Callable[[str], None] | None = None
-
-    def same(self, other: Client) -> bool:
-        """Whether both are the same person's, as far as anybody can tell."""
-        return (self.name, self.address) == (other.name, other.address)
-
-    def __str__(self) -> str:
-        return f"{self.name} from {self.address}" if self.address else self.name
-
-
-NOBODY = Client("the service itself")
-CLIENT: ContextVar[Client] = ContextVar("client", default=NOBODY)
-"""On whose behalf the present task runs; tasks that it starts inherit it."""
 
 
 @dataclass(slots=True)

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from app.services.motion.lease import KEPT_ENDS, Client, ControlLease
+from app.services.clients import Client
+from app.services.rights.lease import KEPT_ENDS, ControlLease
 from cobot.errors import ConflictError
 
 

@@ -17,7 +17,7 @@ from cobot.findings import Finding
 from cobot.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from app.services.motion.speed_override import SpeedOverride
+    from app.services.rights.speed_override import SpeedOverride
 
 
 class JobKind(StrEnum):

@@ -12,8 +12,8 @@ import math
 from collections.abc import AsyncIterator, Callable
 
 from app.services.events.ring import RobotEvents
-from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
+from app.services.rights.ownership import Ownership
 from app.services.state.interventions import InterventionLog
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState

@@ -8,15 +8,15 @@ import logging
 from collections.abc import Coroutine
 from typing import Any
 
-from app.services.jobs.book import JobBook, unknown
-from app.services.jobs.job import Job, JobRecord, JobState
-from app.services.motion.lease import CLIENT
-from app.services.motion.ownership import Caller, Ownership
+from app.services.clients import CLIENT
 from app.services.motion.queue import MotionQueue
 from app.services.motion.queue_moves import QueueRequest
-from app.services.motion.stopping import StopService
 from app.services.programs.sequences import SequenceService
 from app.services.programs.steps import NEXT, Steps
+from app.services.rights.job import Job, JobRecord, JobState
+from app.services.rights.job_book import JobBook, unknown
+from app.services.rights.ownership import Caller, Ownership
+from app.services.rights.stopping import StopService
 from cobot.errors import CobotError, ConflictError, ExecutionError, MotionStopped, PlanningTimeout
 from cobot.types import RESTING
 

@@ -12,10 +12,11 @@ from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from app.services.jobs.book import JobBook
-from app.services.jobs.job import Job, JobKind, JobState
-from app.services.motion.lease import CLIENT, Client, ControlLease, Lease
-from app.services.motion.speed_override import MAX_PAUSE_S, SpeedOverride
+from app.services.clients import CLIENT, Client
+from app.services.rights.job import Job, JobKind, JobState
+from app.services.rights.job_book import JobBook
+from app.services.rights.lease import ControlLease, Lease
+from app.services.rights.speed_override import MAX_PAUSE_S, SpeedOverride
 from app.services.state.link import RobotLink
 from cobot import logs
 from cobot.clock import Clock

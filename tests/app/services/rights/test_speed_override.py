@@ -16,8 +16,8 @@ import pytest
 from rig import Rig
 
 from app.services.motion.execution import MotionService
-from app.services.motion.ownership import Caller, Claim, Ownership, watching
 from app.services.motion.planning import PlanningService
+from app.services.rights.ownership import Caller, Claim, Ownership, watching
 from app.services.state.link import RobotLink
 from cobot.errors import (
     ConflictError,

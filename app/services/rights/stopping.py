@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from app.services.motion.lease import CLIENT
-from app.services.motion.ownership import BY_COMMAND, BY_STOP, Ownership
-from app.services.programs.sequences import SequenceService
+from app.services.clients import CLIENT
+from app.services.rights.ownership import BY_COMMAND, BY_STOP, Ownership
 from app.services.state.link import POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
 from cobot.config import MIN_STOP_S
@@ -24,6 +24,8 @@ DRIVES_S = 3.0
 """So long the drives are waited for once the arm is at rest: rtloop gives it 2 s to settle."""
 HELD, FAST = 2, 1
 """Stop categories of IEC 60204-1, as `POST /stop` takes them."""
+StopPrograms = Callable[[str], Awaitable[str | None]]
+"""Ends the sequence or program that runs, for a reason; what was ended, for people, or None."""
 UNMEASURED_S = 0.25
 """Without a measurement for so long, nobody can say that the arm is at rest."""
 
@@ -70,10 +72,10 @@ def together(stops: dict[str, Stopped]) -> Stopped:
 class StopService:
     """Takes no lock, waits for no queue, asks for no ownership."""
 
-    def __init__(self, link: RobotLink, ownership: Ownership, sequences: SequenceService) -> None:
+    def __init__(self, link: RobotLink, ownership: Ownership, stop_programs: StopPrograms) -> None:
         self._link = link
         self._ownership = ownership
-        self._sequences = sequences
+        self._stop_programs = stop_programs
         self._following: set[asyncio.Task[Stopped]] = set()
 
     def follow(self) -> None:
@@ -97,7 +99,7 @@ class StopService:
         motion = str(claim) if claim else None
         problems: list[str] = []
         sequence, state = await asyncio.gather(
-            self._sequences.stop(reason), self._rest(timeout_s - 0.5, problems)
+            self._stop_programs(reason), self._rest(timeout_s - 0.5, problems)
         )
         stopped = [item for item in (sequence, motion or orphan) if item]
         at_rest = state is not None and _idle(state) and state.settled
@@ -178,7 +180,7 @@ class StopService:
             ConflictError, NotReadyError, UnavailableError: see `Commands.reset`.
         """
         if self._link.state().mode in LATCHED:
-            await self._sequences.stop()
+            await self._stop_programs("stopped")
         await self._link.commands.reset(timeout_s)
         self._link.events.publish("reset", by=str(CLIENT.get()))
 

@@ -23,10 +23,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from running import WAIT_S, until
 
-from app.services.jobs import book as books
-from app.services.jobs.book import KEPT, JobBook
-from app.services.jobs.job import ENDS, Job, JobKind, JobRecord
-from app.services.motion.ownership import Caller, Ownership
+from app.services.rights import job_book as books
+from app.services.rights.job import ENDS, Job, JobKind, JobRecord
+from app.services.rights.job_book import KEPT, JobBook
+from app.services.rights.ownership import Caller, Ownership
 from cobot.errors import CollisionError, ExecutionError, MotionStopped, UnavailableError
 from cobot.findings import Finding
 

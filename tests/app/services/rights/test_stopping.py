@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 
 from app.services.events.ring import Events
-from app.services.motion.stopping import StopService
+from app.services.rights.stopping import StopService
 from cobot.types import LoopMode
 
 
@@ -28,18 +28,18 @@ class Called:
     async def reset(self, timeout_s: float) -> None:
         self.done.append("reset")
 
-    async def stop(self) -> None:
+    async def stop(self, reason: str) -> None:
         self.done.append("sequence ended")
 
 
 @pytest.mark.parametrize("mode", [LoopMode.ESTOP, LoopMode.FAULT])
 def test_a_sequence_that_has_slept_through_an_estop_ends_before_the_reset(mode: LoopMode) -> None:
     called = Called(mode)
-    asyncio.run(StopService(*cast(Any, (called, None, called))).reset(1.0))
+    asyncio.run(StopService(*cast(Any, (called, None, called.stop))).reset(1.0))
     assert called.done == ["sequence ended", "reset"]
 
 
 def test_a_reset_of_an_arm_that_needs_none_leaves_the_sequence_alone() -> None:
     called = Called(LoopMode.HOLD)
-    asyncio.run(StopService(*cast(Any, (called, None, called))).reset(1.0))
+    asyncio.run(StopService(*cast(Any, (called, None, called.stop))).reset(1.0))
     assert called.done == ["reset"]

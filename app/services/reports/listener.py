@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 from app.services.events.ring import Event, Events
-from app.services.events.states import StateTexts
+from app.services.reports.states import StateTexts
 
 KEEP_ALIVE_S = 5.0
 """When nothing has happened for so long, that is said: who hears nothing has lost the connection."""

@@ -9,11 +9,11 @@ from importlib.metadata import version
 
 import numpy as np
 
-from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
 from app.services.programs.sequences import SequenceService
+from app.services.reports.recordings import RecordingService
+from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
-from app.services.state.recordings import RecordingService
 from app.services.state.robot_state import RobotState
 from app.services.streaming.sessions import StreamService
 from cobot.errors import UnavailableError

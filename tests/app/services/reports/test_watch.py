@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from app.services.events.ring import Events
-from app.services.events.watch import StateWatch
+from app.services.reports.watch import StateWatch
 from app.services.state.robot_state import RobotState
 from cobot.ipc.layout import Intervention, state_dtype
 from cobot.types import LoopMode

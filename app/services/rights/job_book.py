@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 from pydantic import TypeAdapter, ValidationError
 
-from app.services.jobs.job import ENDS, Job, JobError, JobKind, JobRecord, JobState
-from app.services.motion.lease import CLIENT
+from app.services.clients import CLIENT
+from app.services.rights.job import ENDS, Job, JobError, JobKind, JobRecord, JobState
 from app.services.state.link import RobotLink
 from cobot.errors import NotFoundError
 from cobot.logs.files import RotatingFile, aside
