@@ -123,7 +123,7 @@ def test_a_telescope_of_mjcf_with_one_actuator_on_a_tendon_is_one_joint(tmp_path
     data = mujoco.MjData(given)
     data.qpos[:] = [0.5, 0.1, 0.1, 0.1, 0.1]
     mujoco.mj_kinematics(given, data)
-    pose = robot.model.forward(robot.positions["home"].joints)
+    pose = robot.model.forward(np.array(robot.positions["home"].joints))
     assert robot.base_frame == "world"
     np.testing.assert_allclose(pose.position, data.site("tcp").xpos, atol=1e-9)
     assert robot.model.mj.dof_frictionloss[1] == pytest.approx(0.2)
