@@ -25,8 +25,9 @@ from benchmarks.corpus.made import made_descriptions
 from benchmarks.corpus.real import Description, installed, real_descriptions
 
 SUMMARY = (
-    "| Kind | Described | Converted | Pass check | Move | Median time, s | Largest time, s |\n"
-    "|---|---|---|---|---|---|---|"
+    "| Kind | Described | Converted | Pass check | Move | Motions refused | Median time, s "
+    "| Largest time, s |\n"
+    "|---|---|---|---|---|---|---|---|"
 )
 
 
@@ -113,5 +114,6 @@ def _summary(kind: str, outcomes: list[Outcome]) -> str:
     return (
         f"| {kind} | {len(outcomes)} | {len(converted)} | {len(passed)} of {len(converted)} "
         f"| {sum(outcome.good for outcome in passed)} of {len(passed)} "
+        f"| {sum(outcome.refused for outcome in passed)} "
         f"| {np.median(seconds) if seconds else 0.0:.1f} | {max(seconds, default=0.0):.1f} |"
     )

@@ -39,6 +39,7 @@ class Outcome:
         check: "" if `cobot check` passed, otherwise the lines that failed.
         moved: figures of `benchmarks.any_arm.measure` in words; "" if the arm was not moved.
         good: whether the arm held still and completed every motion that was started, tracking as the iiwa.
+        refused: number of motions for which no goal was found that the planner accepts.
         seconds: time for all of it.
     """
 
@@ -48,6 +49,7 @@ class Outcome:
     check: str = ""
     moved: str = ""
     good: bool = False
+    refused: int = 0
     seconds: float = 0.0
 
 
@@ -97,6 +99,7 @@ def examine(file: Path, folder: Path, options: list[str], *, move: bool) -> Outc
         return outcome
     figures = measure(folder)
     outcome.moved, outcome.good = str(figures), figures.good
+    outcome.refused = sum(figures.refused.values())
     return outcome
 
 

@@ -74,5 +74,6 @@ def check_supported(file: Path, root: Element, limits: JointLimits) -> None:
             if not abs(value) < bound:
                 raise ConfigError(
                     f"{where(file, elements.get(name))}: joint {name!r}: {quantity} is {value:g}, cobot "
-                    f"supports less than {bound:.0f}{DERIVED.get(quantity, '')}; correct it in the file"
+                    f"supports less than {bound:.0f}{DERIVED.get(quantity, '')}; correct it in the file, or "
+                    f"leave the joint out with --without {name}"
                 )
