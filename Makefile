@@ -14,6 +14,9 @@ MCP1_STAMP := $(VENV)/.mcp1-stamp
 CORPUS       := $(VENV)/corpus
 CORPUS_STAMP := $(VENV)/.corpus-stamp
 
+# Environments of the other Pythons, for `make test-pythons` alone.
+PYTHONS := 3.11 3.12 3.13
+
 # Every module that is compiled, and what the compiled ones beside them belong to: without their last names.
 PACKAGES := cobot rtloop app ros2 sequences
 CYTHON   := $(shell find $(PACKAGES) -name '*.pyx' -o -name '*.pxd')
@@ -29,10 +32,13 @@ PARALLEL := --numprocesses 4 --dist loadfile --no-loadscope-reorder
 # What cython-lint has pycodestyle not look for. It would start one for each file, for twice as long as all the rest.
 NOT_CYTHON := E121,E123,E126,E133,E203,E211,E225,E226,E227,E241,E242,E251,E271,E272,E275,E4,E704,E9,W5
 
+# What `make test-pythons` leaves out: whole processes, and modules that are compiled once more.
+NOT_UNIT := tests/e2e tests/test_sanitizers.py
+
 # What has to be there before the tests, for whoever has not seen to it.
 SETUP := setup-dev
 
-.PHONY: run setup setup-dev client-wheel test tests lint bench corpus docs lock clean help FORCE
+.PHONY: run setup setup-dev client-wheel test tests test-pythons lint bench corpus docs lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
 	$(BIN)/cobot run
@@ -52,6 +58,19 @@ tests: $(SETUP)
 	@[ -d tests/__pycache__ ] || $(BIN)/python -m pytest --collect-only -q > /dev/null 2>&1 || true
 	$(BIN)/python -m pytest $(PARALLEL) || { echo "cobot: what has failed runs once more, alone"; \
 	    $(BIN)/python -m pytest --last-failed --last-failed-no-failures none; }
+
+# A Python of pyenv is found only while PYENV_VERSION names it, so all of them are named.
+test-pythons: setup-dev ## unit tests with each CPython from 3.11 to 3.13 that this computer has
+	@failed=; for version in $(PYTHONS); do \
+	    python=$$(PYENV_VERSION=$$(pyenv versions --bare 2> /dev/null | paste -sd: -) \
+	        python$$version -c 'import sys; print(sys.executable)' 2> /dev/null) || \
+	        { echo "cobot: skipping Python $$version, which is not installed"; continue; }; \
+	    echo "cobot: unit tests with Python $$version"; \
+	    $(MAKE) --no-print-directory $(VENV)/pythons/$$version/.stamp FOUND=$$python && \
+	    $(VENV)/pythons/$$version/bin/python setup.py --quiet build_ext --inplace && \
+	    $(VENV)/pythons/$$version/bin/python -m pytest $(PARALLEL) tests $(NOT_UNIT:%=--ignore=%) || \
+	        failed="$$failed $$version"; \
+	done; [ -z "$$failed" ] || { echo "cobot: the tests failed with Python$$failed"; exit 1; }
 
 lint: $(SETUP)
 	$(BIN)/ruff check .
@@ -131,6 +150,13 @@ $(MCP1_STAMP): requirements-mcp1.lock | $(VENV)/.dev-stamp
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(MCP1) && \
 	    $(BIN)/uv pip install --quiet --python $(MCP1)/bin/python --require-hashes --requirement requirements-mcp1.lock; \
 	    then touch $@; else rm -rf $(MCP1); echo "cobot: without the client of MCP 1.x: its wheels do not fit here"; fi
+
+$(VENV)/pythons/%/.stamp: requirements.lock requirements-build.lock requirements-dev.lock | $(VENV)/.dev-stamp
+	@$(BIN)/uv venv --quiet --clear --seed --no-python-downloads --python $(FOUND) $(@D)
+	@$(BIN)/uv pip install --quiet --python $(@D)/bin/python --require-hashes --requirement requirements.lock \
+	    --requirement requirements-build.lock --requirement requirements-dev.lock
+	@$(BIN)/uv pip install --quiet --python $(@D)/bin/python --no-build-isolation --no-deps --editable .
+	@touch $@
 
 $(CORPUS_STAMP): requirements-corpus.lock | $(VENV)/.dev-stamp
 	@echo "cobot: installing the robot descriptions of the corpus (0.9 GB)"

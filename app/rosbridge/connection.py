@@ -39,16 +39,17 @@ from cobot.ros.messages import Message
 from cobot.strict import shown
 
 MAX_PENDING = 1024
-"""So many calls and goals of one client may be under way."""
+"""Maximum number of unanswered calls and unfinished goals of one client."""
 MAX_ENDS = 1024
 """Maximum number of topics that one client may publish, and of those that it may subscribe."""
 MAX_LATCHED = 16 * 2**20
 """Maximum length of all latched messages of a client, in characters. They are kept until it disconnects."""
 UNREAD_CHARACTERS = 1024
+"""Number of characters at the start of a message without decoding that are searched for `UNREAD`."""
 UNREAD = re.compile(r'"(op|id|service|action)"\s*:\s*("(?:[^"\\]|\\.){0,512}"|\d{1,18}\b)')
-"""Fields of a message that is not decoded, and their values."""
+"""Pattern of the fields that are read from a message that is not decoded."""
 ANSWERS = {"call_service": "service_response", "send_action_goal": "action_result"}
-"""Operations that are answered, and with which one."""
+"""Operation of the answer to each operation that has one."""
 LEVELS = ("none", "error", "warning", "info")
 
 log = logging.getLogger("cobot.rosbridge")

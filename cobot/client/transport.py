@@ -65,7 +65,7 @@ class Transport(Protocol):
         ...
 
     def request_estop(self) -> None:
-        """At once; waits for nothing and nobody. Only who has a session may."""
+        """Trigger an e-stop without waiting for anything. Only the client with the session may."""
         ...
 
     def end_session(self) -> None:

@@ -221,10 +221,10 @@ class RobotLink:
         return int(self.memory.requests.data["estops"]) + self.memory.outside_estops.value
 
     def request_stop(self, *, fast: bool = False) -> None:
-        """Have rtloop bring the arm to rest on its path. Takes effect in its next cycle.
+        """Stop the arm on its path, from rtloop's next cycle on.
 
         Args:
-            fast: as fast as the limits permit, then the drives go off: latched until a reset.
+            fast: stop as fast as the limits permit, then switch the drives off. Latched until a reset.
         """
         self.memory.requests.data["stops"] += 1
         if fast:
@@ -232,7 +232,7 @@ class RobotLink:
         self.memory.requests.publish()
 
     def request_estop(self) -> None:
-        """The same, latched until a reset."""
+        """Trigger an e-stop in rtloop's next cycle. It is latched until a reset."""
         self.memory.requests.data["estops"] += 1
         self.memory.requests.publish()
         self.events.publish("estop", what="asked for", by=str(CLIENT.get()))
