@@ -38,14 +38,16 @@ NOT_UNIT := tests/e2e tests/test_sanitizers.py
 # What has to be there before the tests, for whoever has not seen to it.
 SETUP := setup-dev
 
-.PHONY: run setup setup-dev client-wheel test tests test-pythons lint bench corpus docs lock clean help FORCE
+.PHONY: run setup setup-test setup-dev client-wheel test tests test-pythons lint bench corpus docs lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
 	$(BIN)/cobot run
 
 setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` uses
 
-setup-dev: setup $(VENV)/.dev-stamp $(ROS_STAMP) $(MCP1_STAMP) ## add what the tests and benchmarks need
+setup-test: setup $(VENV)/.dev-stamp ## add what unit tests need
+
+setup-dev: setup-test $(ROS_STAMP) $(MCP1_STAMP) ## add what the other tests need: ROS 2 and a client of MCP 1.x
 
 client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./cobot-client
@@ -60,7 +62,7 @@ tests: $(SETUP)
 	    $(BIN)/python -m pytest --last-failed --last-failed-no-failures none; }
 
 # A Python of pyenv is found only while PYENV_VERSION names it, so all of them are named.
-test-pythons: setup-dev ## unit tests with each CPython from 3.11 to 3.13 that this computer has
+test-pythons: setup-test ## unit tests with each CPython from 3.11 to 3.13 that this computer has
 	@failed=; for version in $(PYTHONS); do \
 	    python=$$(PYENV_VERSION=$$(pyenv versions --bare 2> /dev/null | paste -sd: -) \
 	        python$$version -c 'import sys; print(sys.executable)' 2> /dev/null) || \
@@ -80,10 +82,10 @@ lint: $(SETUP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: setup-dev ## print the benchmark table
+bench: setup-test $(VENV)/.bench-stamp ## print the benchmark table
 	$(BIN)/python -m benchmarks
 
-corpus: setup-dev $(CORPUS_STAMP) ## convert and move every robot description of the corpus, and print a table
+corpus: setup-test $(CORPUS_STAMP) ## convert and move every robot description of the corpus, and print a table
 	$(BIN)/python -m benchmarks corpus
 
 docs: $(VENV)/.docs-stamp ## build the documents as a site in build/site, which needs no network and no web server
@@ -93,10 +95,11 @@ docs: $(VENV)/.docs-stamp ## build the documents as a site in build/site, which 
 
 COMPILE_LOCK = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate $(UPGRADE)
 
-lock: setup-dev ## resolve versions and hashes anew; UPGRADE=--upgrade for the newest within the ranges
+lock: setup-test ## resolve versions and hashes anew; UPGRADE=--upgrade for the newest within the ranges
 	$(COMPILE_LOCK) pyproject.toml -o requirements.lock
 	$(BIN)/python setup.py requirements | $(COMPILE_LOCK) -c requirements.lock - -o requirements-build.lock
 	$(COMPILE_LOCK) --extra dev --extra learning --extra franka -c requirements.lock -c requirements-build.lock pyproject.toml -o requirements-dev.lock
+	$(COMPILE_LOCK) --extra bench -c requirements-dev.lock pyproject.toml -o requirements-bench.lock
 	$(COMPILE_LOCK) --extra docs -c requirements-dev.lock pyproject.toml -o requirements-docs.lock
 	$(COMPILE_LOCK) --group ros -o requirements-ros.lock
 	$(COMPILE_LOCK) --no-deps --group peers -o requirements-peers.lock
@@ -132,6 +135,11 @@ $(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements-dev.lock requirements-peers.
 	@echo "cobot: installing what the tests and benchmarks need"
 	@$(PIP) install --require-hashes --requirement requirements-dev.lock
 	@$(PIP) install --require-hashes --no-deps --requirement requirements-peers.lock || echo "cobot: without the peers of requirements-peers.lock: their wheels do not fit here"
+	@touch $@
+
+$(VENV)/.bench-stamp: $(VENV)/.run-stamp requirements-bench.lock
+	@echo "cobot: installing the peers of the benchmarks"
+	@$(PIP) install --require-hashes --requirement requirements-bench.lock || echo "cobot: without the peers of requirements-bench.lock: their wheels do not fit here"
 	@touch $@
 
 $(VENV)/.docs-stamp: $(VENV)/.run-stamp requirements-docs.lock

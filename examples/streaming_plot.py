@@ -2,7 +2,7 @@
 
 Install matplotlib and start the service, each in a terminal on the robot's computer, then:
 
-    make setup-dev
+    make setup-test
     make run
     .venv/bin/python examples/streaming_plot.py --rate 10 --output streaming.png
 

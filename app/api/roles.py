@@ -23,7 +23,7 @@ from cobot.errors import CobotError
 STOP = "POST /stop"
 STOPS = (STOP, twin_name(STOP))
 CHANGING = ("POST", "PUT", "DELETE")
-PANEL, THREE = "/panel", "/three.js"
+PANEL, THREE = "/panel", "/three/{name}"
 PUBLIC = (
     "/",
     PANEL,

@@ -1,7 +1,7 @@
-"""The operator panel at `/`: files that are served as they are, and three.js out of the package nicegui.
+"""The operator panel at `/`: static files, and three.js from an installed package.
 
-They are plain ES modules, without a build. three.js is in the browser's component of nicegui, whose file is
-served from where that package is installed; the package itself is not imported.
+The panel consists of plain ES modules, without a build. The modules of three.js are part of the package
+ifc-console-viewer and are served from its folder. The package itself is not imported.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ from app.api.roles import PANEL, THREE
 from cobot.errors import NotFoundError
 
 SITE = Path(__file__).parent / "site"
-THREE_IN_NICEGUI = Path("elements", "scene", "dist", "index.js")
+THREE_PACKAGE = "ifc_console_viewer"
+THREE_FOLDER = Path("static", "vendor")
+THREE_MODULES = ("three.core.min.js", "three.module.min.js", "OrbitControls.js")
+"""Files of three.js that the panel uses. They import each other by these names."""
 POLICY = "; ".join(
     (
         "default-src 'none'",
@@ -53,20 +56,25 @@ class _Site(StaticFiles):
         await super().__call__(scope, receive, sent)
 
 
-def three_file() -> Path:
-    """Where three.js is.
+def find_three(name: str) -> Path:
+    """Return the file of a module of three.js.
+
+    Args:
+        name: one of `THREE_MODULES`.
 
     Raises:
-        NotFoundError: nicegui is not installed, or has it no more.
+        NotFoundError: the panel uses no module of this name, or the package is not installed or lacks it.
     """
-    spec = find_spec("nicegui")
+    if name not in THREE_MODULES:
+        raise NotFoundError(f"there is no {name!r} here; the modules are {', '.join(THREE_MODULES)}")
+    spec = find_spec(THREE_PACKAGE)
     for folder in (spec and spec.submodule_search_locations) or ():
-        file = Path(folder) / THREE_IN_NICEGUI
+        file = Path(folder) / THREE_FOLDER / name
         if file.is_file():
             return file
     raise NotFoundError(
-        f"there is no three.js: nicegui, which brings it as {THREE_IN_NICEGUI}, is not installed; "
-        "the panel works without the picture of the arm"
+        f"three.js is missing: the package {THREE_PACKAGE.replace('_', '-')}, which contains {name}, is not "
+        "installed. Install it with pip. The panel works without the picture of the arm"
     )
 
 
@@ -78,7 +86,7 @@ def install(app: FastAPI) -> None:
         return FileResponse(SITE / "index.html", headers=HEADERS)
 
     @app.get(THREE, include_in_schema=False)
-    async def three() -> FileResponse:
-        return FileResponse(three_file(), media_type="text/javascript", headers=HEADERS)
+    async def three(name: str) -> FileResponse:
+        return FileResponse(find_three(name), media_type="text/javascript", headers=HEADERS)
 
     app.mount(PANEL, _Site(directory=SITE))

@@ -19,7 +19,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(
     path.name for path in EXAMPLES.iterdir() if path.is_file() and path.suffix not in (".csv", ".json")
 )
-STARTS = ("make run", "make setup-dev")
+STARTS = ("make run", "make setup-test")
 """They are run already: the shared service, and the environment of the tests."""
 COMMAND = re.compile(r"^(?:#|--|%)? *((?:make|bash|run|\.venv/bin/\w+) .*)$", re.M)
 

@@ -17,7 +17,7 @@ from running import WAIT_S, Run
 
 from cobot.client import Client
 
-bridge = pytest.importorskip("robo_ws_bridge", reason="robo-ws-bridge is not installed: make setup-dev")
+bridge = pytest.importorskip("robo_ws_bridge", reason="robo-ws-bridge is not installed: make setup-test")
 THERE = [0.3, 0.2, 0.0, -1.4, 0.0, 1.4, 0.0]
 
 

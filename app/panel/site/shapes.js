@@ -1,5 +1,5 @@
 // Bodies, joints and shapes of GET /robot/geometry as objects of three.js.
-import { THREE } from "/three.js";
+import * as THREE from "/three/three.module.min.js";
 import { localPose } from "./kinematics.js";
 
 const ROUND = 28; // sides of what is round

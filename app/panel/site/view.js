@@ -1,5 +1,6 @@
 // The arm in 3D. It is drawn when something has changed, not otherwise.
-import { OrbitControls, THREE } from "/three.js";
+import { OrbitControls } from "/three/OrbitControls.js";
+import * as THREE from "/three/three.module.min.js";
 import { Drawn } from "./shapes.js";
 
 const [PLANNED, RUNNING] = [0x12a150, 0xc2410c];

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
-from importlib.util import find_spec
+from importlib.resources import files
 from pathlib import Path
 
 import httpx
@@ -62,29 +62,48 @@ def test_the_page_and_all_that_it_names_come_from_here_with_a_strict_policy(app:
     assert not re.findall(r"<script(?![^>]*src)|<style|\bon\w+=|style=", page.text), "nothing is inline"
 
 
-def test_three_js_comes_from_nicegui_as_it_is(app: FastAPI) -> None:
-    spec = find_spec("nicegui")
-    assert spec is not None
-    assert spec.submodule_search_locations is not None
-    file = Path(spec.submodule_search_locations[0]) / "elements/scene/dist/index.js"
-    answer = ask(app, "/three.js")
-    assert answer.content == file.read_bytes()
-    assert answer.headers["content-type"].startswith("text/javascript")
-    exported = answer.text.rsplit("export{", 1)[1]
-    for name in used(r"import \{ ([\w, ]+) \} from \"/three\.js\""):
-        for each in name.split(", "):
-            assert re.search(rf"\b{each}\b", exported), each
+def test_three_js_is_served_as_the_package_has_it(app: FastAPI) -> None:
+    vendor = files("ifc_console_viewer") / "static" / "vendor"
+    for name in pages.THREE_MODULES:
+        answer = ask(app, f"/three/{name}")
+        assert answer.content == (vendor / name).read_bytes()
+        assert answer.headers["content-type"].startswith("text/javascript")
+        assert "script-src 'self';" in answer.headers["content-security-policy"]
 
 
-def test_without_nicegui_it_says_what_is_missing(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_module_that_the_panel_or_three_js_imports_is_served(app: FastAPI) -> None:
+    """Oracle: the import statements of the panel's scripts and of the modules themselves."""
+    modules = used(r"from \"(/three/[^\"]+)\"")
+    assert modules
+    texts = {name: ask(app, f"/three/{name}").text for name in pages.THREE_MODULES}
+    for text in texts.values():
+        modules |= {f"/three/{name}" for name in re.findall(r"from ?['\"]\./([^'\"]+)['\"];", text)}
+    assert modules == {f"/three/{name}" for name in pages.THREE_MODULES}
+    exported = (
+        texts["three.module.min.js"].rsplit("export{", 1)[1]
+        + texts["three.core.min.js"].rsplit("export{", 1)[1]
+    )
+    for name in used(r"\bTHREE\.(\w+)"):
+        assert re.search(rf"\b{name}\b", exported), name
+
+
+def test_without_the_package_of_three_js_the_answer_names_it(
+    app: FastAPI, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(pages, "find_spec", lambda name: None)
-    answer = ask(app, "/three.js")
+    answer = ask(app, "/three/OrbitControls.js")
     assert answer.status_code == 404
-    assert "nicegui" in answer.json()["detail"]
+    assert "ifc-console-viewer" in answer.json()["detail"]
 
 
 def test_nothing_else_is_served(app: FastAPI) -> None:
-    for path in ("/panel/../pages.py", "/panel/%2e%2e/pages.py", "/panel/none.js", "/panel/"):
+    for path in (
+        "/panel/../pages.py",
+        "/panel/%2e%2e/pages.py",
+        "/panel/none.js",
+        "/panel/",
+        "/three/web-ifc-api.js",
+    ):
         assert ask(app, path).status_code == 404, path
 
 
