@@ -12,7 +12,7 @@ from benchmarks.judge import END_M, NEAR_M, Judge
 from benchmarks.lines import PLACES, STEP_RAD, exhaustive
 from benchmarks.stress_cases import Case
 from cobot.errors import CobotError, CollisionError, LimitError, UnreachableError
-from cobot.motions.requests import PATH_PLANNERS, MotionRequest
+from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.planners.circ import arc, helix
 from cobot.planners.lin import straight_line
@@ -46,12 +46,12 @@ def confirmed(judge: Judge, case: Case, exc: CobotError, random: np.random.Gener
         return None
     if "the goal" in text and isinstance(exc, CollisionError):
         return not any(_is_free(judge, joints) for joints in _goals(judge, request, random))
-    if request.planner in PATH_PLANNERS and isinstance(exc, UnreachableError | CollisionError):
+    if request.traits.follows_path and isinstance(exc, UnreachableError | CollisionError):
         return _no_line(judge, request)
     if (
         isinstance(exc, UnreachableError)
         and isinstance(request.goal, Pose)
-        and request.planner not in PATH_PLANNERS
+        and not request.traits.follows_path
     ):
         return not _goals(judge, request, random)
     if request.planner is PlannerName.CHOMP or "no free path" in text:

@@ -23,7 +23,7 @@ from benchmarks.judge import END_M, Judge
 from benchmarks.second_search import confirmed
 from benchmarks.stress_cases import CORRIDOR_RAD, KINDS, Case, case
 from cobot.errors import CobotError, InputError
-from cobot.motions.requests import PATH_PLANNERS, MotionRequest
+from cobot.motions.requests import MotionRequest
 from cobot.planners import plan, plan_waypoints
 from cobot.planners.joined import joined, leg_of
 from cobot.trajectory import Trajectory
@@ -138,7 +138,7 @@ def _motion_flaws(judge: Judge, request: MotionRequest, motion: Trajectory | Non
     if request.arc is None or request.arc.angle_rad is None:
         yield from _end_flaws(judge, request.goal, motion.end, END_M)
     rows = motion.sample(np.linspace(0.0, motion.duration_s, 400))
-    if request.planner in PATH_PLANNERS:
+    if request.traits.follows_path:
         scaled = robot.cartesian_limits.scaled(request.scaling.speed, 1.0, 1.0)
         asked = request.tcp_speed.linear_m_s or np.inf
         scaled = replace(scaled, max_linear_velocity=min(scaled.max_linear_velocity, asked))

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cobot.errors import InputError
+from cobot.motions.planners import PlannerName as PlannerName
 
 Array = npt.NDArray[np.float64]
 
@@ -58,18 +59,6 @@ RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
 
 STREAMING = frozenset({LoopMode.JOINT_IMPEDANCE, LoopMode.CARTESIAN, LoopMode.JOINT_TORQUE})
 """In these modes a client streams."""
-
-
-class PlannerName(StrEnum):
-    """The planners a motion can ask for."""
-
-    AUTO = "auto"
-    OMPL = "ompl"
-    PTP = "ptp"
-    LIN = "lin"
-    CIRC = "circ"
-    POLYLINE = "polyline"
-    CHOMP = "chomp"
 
 
 Algorithm = Literal[

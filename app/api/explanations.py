@@ -8,26 +8,26 @@ from typing import Any
 import numpy as np
 
 from app.api.explain_schemas import Explain, Works, explain_of, tried_of
-from app.services.motion.goals import Goal
 from cobot.errors import CobotError
 from cobot.findings import Explanation, Remedy
 from cobot.motions.bodies import AnyMotion, MoveArc, MoveJoints, MoveNamed, MovePose
+from cobot.motions.planners import BODY_FIELDS
+from cobot.motions.requests import MotionRequest
 from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Array, Pose, Scaling
 
 ENDPOINTS: dict[type[Any], str] = {MoveNamed: "named", MoveJoints: "joints", MovePose: "pose", MoveArc: "arc"}
 OF_POSES = set(MovePose.model_fields) - set(MoveJoints.model_fields)
 """What a motion to joint angles does not take of one to a pose."""
-DROPPED = {"via", "centre", "axis", "through", "radius", "speed_m_s", "speed_rad_s"}
-DROPPED |= {"synchronization", "algorithm", "cyclic", "end_joints"}
-"""What not every planner takes: another one goes without."""
+DROPPED = set().union(*BODY_FIELDS.values())
+"""Fields that not every planner uses. A remedy with another planner does without them."""
 
 
 def explained(
     error: CobotError,
     found: Explanation,
     motions: Sequence[AnyMotion],
-    goals: Sequence[Goal],
+    goals: Sequence[MotionRequest],
     base_frame: str,
 ) -> Explain:
     """The answer of a plan that failed with `error`; `motions` are what was asked for, for these goals."""

@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from app.api.constraints import constraints_of
 from app.robot_services import Services
-from app.services.motion.goals import NOWHERE, Goal, Goals
+from app.services.motion.goals import NOWHERE
 from cobot.errors import InputError
-from cobot.motions.bodies import (
-    AnyMotion,
-    MoveArc,
-    MoveJoints,
-    MoveNamed,
-    MovePose,
-    PathPoint,
-    PathPose,
-    TcpMotion,
-)
-from cobot.motions.checks import check_algorithm
-from cobot.motions.requests import Arc, TcpSpeed
+from cobot.motions.bodies import AnyMotion, MoveArc, MoveNamed, MovePose, PathPoint, PathPose, TcpMotion
+from cobot.motions.constraints import Constraints
+from cobot.motions.requests import NO_START, Arc, MotionRequest, TcpSpeed
 from cobot.robot.frames import pose_from_abc
 from cobot.types import Array, PlannerName, Pose, Scaling, Synchronization
 
@@ -49,54 +38,63 @@ def _vector(point: PathPoint) -> Array:
     return np.array([point.x, point.y, point.z])
 
 
-def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Goal:
-    """The goal of a request to move.
+def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> MotionRequest:
+    """The goal of a request to move: a request to a planner, whose start is not known yet.
 
     Args:
         checked: whether joint angles are checked against the limits already here; planning checks them too.
 
     Raises:
-        InputError, LimitError: see `Goals.named`, `joints`, `pose` and `arc`.
+        InputError: fields that do not fit each other, the planner or the robot.
+        LimitError: joint angles beyond the limits.
     """
-    constraints = constraints_of(body.constraints, services.robot.limits)
+    goals, constraints = services.goals, constraints_of(body.constraints, services.robot.limits)
     if isinstance(body, MoveArc):
-        return replace(_along_arc(body, services.goals), constraints=constraints)
-    goal, planner = _to_goal(body, services.goals, checked=checked), PlannerName(body.planner)
-    check_algorithm(planner, body.algorithm, constraints)
-    return replace(goal, planner=planner, algorithm=body.algorithm, constraints=constraints)
+        return goals.pose(_arc_by_angle(body, constraints), body.frame_id)
+    if isinstance(body, MovePose):
+        return goals.pose(_to_pose(body, constraints), body.frame_id)
+    joints = goals.named(body.name) if isinstance(body, MoveNamed) else np.array(body.joints)
+    goals.require_joints(joints, checked=checked)
+    return MotionRequest(
+        NO_START,
+        joints,
+        PlannerName(body.planner),
+        Scaling(body.speed, body.accel_scale),
+        algorithm=body.algorithm,
+        synchronization=Synchronization(body.synchronization),
+        constraints=constraints,
+    )
 
 
-def _along_arc(body: MoveArc, goals: Goals) -> Goal:
-    goal = Goal(
+def _arc_by_angle(body: MoveArc, constraints: Constraints | None) -> MotionRequest:
+    return MotionRequest(
+        NO_START,
         NOWHERE,
-        _scaling(body),
         PlannerName.CIRC,
+        _scaling(body),
         arc=Arc(_vector(body.centre), _vector(body.axis), body.angle, body.rise, body.turn_tool),
         tcp_speed=TcpSpeed(body.speed_m_s, body.speed_rad_s),
+        constraints=constraints,
         free_axes=tuple(body.free_axes),
         cyclic=body.cyclic,
     )
-    return goals.pose(goal, body.frame_id)
 
 
-def _to_goal(body: MoveNamed | MoveJoints | MovePose, goals: Goals, *, checked: bool) -> Goal:
-    scaling, synchronization = Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
-    if isinstance(body, MoveNamed):
-        return goals.named(body.name, scaling, synchronization, checked=checked)
-    if isinstance(body, MoveJoints):
-        return goals.joints(body.joints, scaling, synchronization, checked=checked)
-    goal = Goal(
+def _to_pose(body: MovePose, constraints: Constraints | None) -> MotionRequest:
+    return MotionRequest(
+        NO_START,
         _pose(body),
-        _scaling(body),
         PlannerName(body.planner),
+        _scaling(body),
         via=None if body.via is None else _vector(body.via),
-        synchronization=synchronization,
+        algorithm=body.algorithm,
+        synchronization=Synchronization(body.synchronization),
         arc=_arc_to(body),
         through=tuple(map(_pose, body.through)),
         radius_m=body.radius,
         tcp_speed=TcpSpeed(body.speed_m_s, body.speed_rad_s),
+        constraints=constraints,
         free_axes=tuple(body.free_axes),
         cyclic=body.cyclic,
         end_joints=None if body.end_joints is None else np.array(body.end_joints),
     )
-    return goals.pose(goal, body.frame_id)

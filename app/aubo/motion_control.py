@@ -13,12 +13,11 @@ import numpy as np
 
 from app.aubo.poses import place_of
 from app.aubo.registry import Json, Origin, service
-from app.services.motion.queue_moves import QueueRequest
+from app.services.motion.queue_moves import queue_request
 from cobot.errors import ConflictError, InputError, NotFoundError, NotSupportedError
 from cobot.ipc.layout import ServoMode
-from cobot.motions.requests import RatedMove
-from cobot.robot.limits import check_positions
-from cobot.types import Array, PlannerName, Pose
+from cobot.motions.requests import NO_START, MotionRequest, RatedMove
+from cobot.types import Array, PlannerName, Pose, Scaling
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -60,11 +59,8 @@ async def move_joint(
             comes half a second before the arm would slow down for q; 0 stops at q.
         duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
     """
-    limits = robot.settings.envelope.limits
-    if len(q) != limits.dof:
-        raise InputError(f"q must have {limits.dof} angles, got {len(q)}")
     target = np.array(q)
-    check_positions(limits, target)
+    robot.goals.require_joints(target, name="q", limits=robot.settings.envelope.limits)
     await _add(robot, origin, "moveJoint", PlannerName.PTP, target, Rate(a, v, blend_radius, duration))
 
 
@@ -354,7 +350,7 @@ async def _add(
     origin: Origin,
     name: str,
     planner: PlannerName,
-    goal: Array | Pose,
+    target: Array | Pose,
     rate: Rate,
     via: Array | None = None,
 ) -> None:
@@ -362,20 +358,12 @@ async def _add(
         raise InputError(f"duration must not be negative, got {rate.duration_s:g} s")
     envelope = robot.settings.envelope
 
-    def move(start: Array) -> RatedMove:
-        return RatedMove(
-            start=start,
-            goal=goal,
-            planner=planner,
-            velocity=rate.velocity,
-            acceleration=rate.acceleration,
-            envelope=envelope,
-            via=via,
-            duration_s=rate.duration_s,
-        )
+    def plan(goal: MotionRequest, start: Array) -> RatedMove:
+        request = robot.goals.request(goal, start)
+        return RatedMove(request, rate.velocity, rate.acceleration, envelope, rate.duration_s)
 
-    midway = planner is not PlannerName.CIRC
-    request = QueueRequest(name, [move], rate.blend_radius_m, midway=midway)
+    goals = [MotionRequest(NO_START, target, planner, Scaling(1.0), via)]
+    request = queue_request(name, goals, plan, rate.blend_radius_m)
     await robot.queue.add(request, origin.stops, origin.token)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from http import HTTPStatus
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from mcp.server.mcpserver import Context, Image
 from mcp.server.mcpserver.exceptions import ToolError
@@ -31,7 +31,8 @@ from app.services.rights.ownership import Caller
 from cobot.access.roles import Role, acting
 from cobot.errors import BY_CODE, CobotError
 from cobot.motions.bodies import Joints, PositionName
-from cobot.motions.fields import Angle, Coordinate, Speed
+from cobot.motions.fields import Angle, Coordinate, OneOf, Speed
+from cobot.motions.planners import GOAL_ALONE, summaries
 
 Ctx = Context[Any, Request]
 Robot = Annotated[str, Field(max_length=64, description="Name of the robot; empty for the default one.")]
@@ -39,10 +40,7 @@ Name = Annotated[PositionName, Field(description="A position of list_positions."
 JointAngles = Annotated[
     Joints, FailFast(), Field(description="rad, one for each joint, in the order of get_state.")
 ]
-PosePlanner = Annotated[
-    Literal["ptp", "lin", "ompl", "chomp", "auto"],
-    Field(description="ptp: the joints directly; lin: a straight line; ompl, chomp: around things; auto."),
-]
+PosePlanner = Annotated[str, OneOf(GOAL_ALONE), Field(description=summaries(GOAL_ALONE))]
 LOOKS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 PLANS = ToolAnnotations(read_only_hint=False, destructive_hint=False, open_world_hint=False)
 MOVES = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=False)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cobot.addresses import DEFAULT_URL
+from cobot.motions.planners import GOAL_ALONE, in_words
 
 URL_VARIABLE = "COBOT_URL"
 URL_HELP = f"of the service; {URL_VARIABLE}, or {DEFAULT_URL}, without it"
@@ -148,7 +149,7 @@ def _add_move(move: argparse.ArgumentParser) -> None:
         "angles, rad. Negative numbers need no quotes",
     )
     move.add_argument("--speed", type=float, default=0.1, metavar="SHARE", help="of the limits (%(default)s)")
-    move.add_argument("--planner", metavar="NAME", help="ptp, lin, ompl, chomp or auto")
+    move.add_argument("--planner", metavar="NAME", help=in_words(GOAL_ALONE, "or"))
     move.add_argument(
         "--queue",
         action="store_true",

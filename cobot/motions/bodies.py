@@ -34,6 +34,7 @@ from cobot.motions.fields import (
     example,
     few,
 )
+from cobot.motions.planners import users_of
 from cobot.types import RRT_CONNECT, FreeAxis
 from cobot.units import require_angle
 
@@ -134,7 +135,9 @@ class PathPose(RequestModel):
 
 MetresPerSecond = Annotated[
     Finite | None,
-    Field(description="How fast the TCP may be, m/s, in lin, circ and polyline; without `speed` that is 1."),
+    Field(
+        description=f"How fast the TCP may be, m/s, in {users_of('tcp_speed')}; without `speed` that is 1."
+    ),
 ]
 RadPerSecond = Annotated[Finite | None, Field(description="How fast the TCP may turn, rad/s, likewise.")]
 FrameId = Annotated[
@@ -217,23 +220,25 @@ class MovePose(TcpMotion, PathPose):
     planner: Planner = "ptp"
     algorithm: OmplAlgorithm = RRT_CONNECT
     synchronization: SynchronizationName = "time"
-    via: PathPoint | None = Field(None, description="Of circ: a point on the arc. It needs this or `centre`.")
-    centre: PathPoint | None = Field(None, description="Of circ: the centre of the arc, m.")
+    via: PathPoint | None = Field(
+        None, description=f"Of {users_of('via')}: a point on the arc. It needs this or `centre`."
+    )
+    centre: PathPoint | None = Field(None, description=f"Of {users_of('arc')}: the centre of the arc, m.")
     axis: PathPoint | None = Field(
         None, description="With `centre`: the arc turns about it by the right hand; else the short way."
     )
     end_joints: Annotated[list[Finite], Field(min_length=1, max_length=64)] | None = Field(
         None,
-        description="Of lin, circ and polyline: the joints in which the motion ends, rad, with the TCP at "
+        description=f"Of {users_of('end_joints')}: the joints in which the motion ends, rad, with the TCP at "
         "the pose; so a line back to where the arm was ends in the joints it had there.",
     )
     through: Annotated[list[PathPose], FailFast()] = Field(
-        [], max_length=200, description="Of polyline: poses on the way."
+        [], max_length=200, description=f"Of {users_of('through')}: poses on the way."
     )
     radius: Radius = Field(
         0.0,
-        description="Of polyline: how far from each of them, m, the TCP may leave its path to go on without "
-        "a stop; 0: it stops.",
+        description=f"Of {users_of('radius_m')}: how far from each of them, m, the TCP may leave its path to "
+        "go on without a stop; 0: it stops.",
     )
 
 

@@ -1,66 +1,106 @@
-"""Checks of requests for motions: which planner takes which field, and which values."""
+"""Checks of requests for motions: which planner uses which field, and which values.
+
+`check_request` needs no robot; each `MotionRequest` calls it when it is made.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from cobot.errors import InputError
-from cobot.motions.constraints import Constraints
-from cobot.motions.requests import PATH_PLANNERS, Arc, TcpSpeed
-from cobot.types import (
-    FREE_AXES,
-    RRT_CONNECT,
-    Algorithm,
-    Array,
-    CartesianLimits,
-    PlannerName,
-    Pose,
-    Synchronization,
-)
+from cobot.motions.planners import BODY_FIELDS, PLANNERS, PlannerTraits, users_of
+from cobot.types import FREE_AXES, RRT_CONNECT, Pose
+
+if TYPE_CHECKING:
+    from cobot.motions.requests import Arc, MotionRequest
+    from cobot.robot.description import RobotDescription
 
 SHORTEST_AXIS = 1e-3
 """Shorter vectors are rejected as directions."""
 
 
-def check_via(planner: PlannerName, via: object, arc: object = None) -> None:
-    """Require a point on the arc or its centre for circ, and none for other planners.
+def check_request(request: MotionRequest) -> None:
+    """Require the fields to fit the planner and each other.
 
     Raises:
-        InputError: circ has neither or both, or another planner has one.
+        InputError: names the field, its value and what is possible.
     """
-    if planner is PlannerName.CIRC and via is None and arc is None:
-        raise InputError("via: is missing; planner circ needs a point on its arc, or its centre")
-    if planner is PlannerName.CIRC and via is not None and arc is not None:
-        raise InputError("via, centre: one of them defines the arc of planner circ, not both")
-    for name, given in (("via", via), ("centre", arc)):
-        if given is not None and planner is not PlannerName.CIRC:
-            raise InputError(f"{name}: is for planner circ only, not for {planner}")
-
-
-def check_through(planner: PlannerName, through: Sequence[Pose], radius_m: float) -> None:
-    """Require poses on the way for polyline, and neither these nor a radius for other planners.
-
-    Raises:
-        InputError: polyline has none, or another planner has some.
-    """
-    if planner is PlannerName.POLYLINE and not through:
+    traits = PLANNERS[request.planner]
+    if traits.needs_pose and not isinstance(request.goal, Pose):
+        raise InputError(f"{request.planner} needs a pose as its goal, not joint angles")
+    given = [field for field in BODY_FIELDS if _is_given(request, field)]
+    for field in given:
+        if field not in traits.fields:
+            users = users_of(field)
+            planners = users if "," in users else f"planner {users}"
+            raise InputError(f"{_named(request, field)} is for {planners} only, not for {request.planner}")
+    _require_one(traits, request, given)
+    if request.constraints is not None and request.algorithm != RRT_CONNECT:
         raise InputError(
-            "through: is empty; planner polyline needs at least one pose on the way; or take lin"
+            f"constraints: of ompl's planners {RRT_CONNECT} alone keeps them, not {request.algorithm}"
         )
-    for name, given in (("through", len(through) > 0), ("radius", radius_m != 0.0)):
-        if given and planner is not PlannerName.POLYLINE:
-            raise InputError(f"{name}: is for planner polyline only, not for {planner}")
+    if request.cyclic and request.end_joints is not None:
+        raise InputError("cyclic, end_joints: give one of them, not both")
+    if request.arc is not None:
+        _check_arc(request.arc)
+    if request.free_axes:
+        _check_free_axes(request.free_axes)
 
 
-def check_arc(arc: Arc | None) -> None:
-    """Require an arc to turn, about a direction.
+def check_for_robot(request: MotionRequest, robot: RobotDescription) -> None:
+    """Require the number of end joints and the speed of the TCP to be possible for a robot.
 
     Raises:
-        InputError: the angle is 0, or the axis has no length.
+        InputError: names the field, its value and what is possible.
     """
-    if arc is None:
-        return
+    end, dof = request.end_joints, robot.limits.dof
+    if end is not None and len(end) != dof:
+        raise InputError(f"end_joints: must have {dof} angles, got {len(end)}")
+    speed, limits = request.tcp_speed, robot.cartesian_limits
+    for name, value, limit, setting, unit in (
+        ("speed_m_s", speed.linear_m_s, limits.max_linear_velocity, "max_linear_velocity", "m/s"),
+        ("speed_rad_s", speed.angular_rad_s, limits.max_angular_velocity, "max_angular_velocity", "rad/s"),
+    ):
+        if value is not None and not 0.0 < value <= limit:
+            raise InputError(
+                f"{name}: is {value:g} {unit}, possible is above 0 and up to {limit:g} {unit} "
+                f"(planning.{setting})"
+            )
+
+
+def _is_given(request: MotionRequest, field: str) -> bool:
+    """Whether a request gives an optional field. `cyclic` false asks for nothing."""
+    value = getattr(request, field)
+    if value is None or value is False or isinstance(value, np.ndarray):
+        return isinstance(value, np.ndarray)
+    return bool(value != request.__dataclass_fields__[field].default)
+
+
+def _named(request: MotionRequest, field: str) -> str:
+    """A field as an error begins with it: its name in JSON, and its value if that is a word."""
+    value = getattr(request, field)
+    if field == "tcp_speed" and value.linear_m_s is None:
+        return f"{BODY_FIELDS[field][1]}:"
+    name = BODY_FIELDS[field][0]
+    return f"{name}: {value}" if isinstance(value, str) else f"{name}:"
+
+
+def _require_one(traits: PlannerTraits, request: MotionRequest, given: list[str]) -> None:
+    """Require exactly one of the fields that the planner needs."""
+    needed = [field for field in traits.needs if field in given]
+    if traits.needs and not needed:
+        raise InputError(traits.missing)
+    if len(needed) > 1:
+        names = ", ".join(BODY_FIELDS[field][0] for field in needed)
+        raise InputError(f"{names}: one of them defines the path of planner {request.planner}, not both")
+
+
+def _check_arc(arc: Arc) -> None:
+    """Require an arc to turn, about a direction."""
     if arc.angle_rad == 0.0:
         raise InputError("angle: is 0 rad, which is no arc, with or without a rise; for a line there is lin")
     if arc.axis is not None and not math.hypot(*arc.axis) > SHORTEST_AXIS:
@@ -70,46 +110,8 @@ def check_arc(arc: Arc | None) -> None:
         )
 
 
-def check_tcp_speed(planner: PlannerName, speed: TcpSpeed, limits: CartesianLimits) -> None:
-    """Require a speed of the TCP to be within its limit, and none for planners in joint space.
-
-    Raises:
-        InputError: names the field, its value and what is possible.
-    """
-    for name, value, limit, setting, unit in (
-        ("speed_m_s", speed.linear_m_s, limits.max_linear_velocity, "max_linear_velocity", "m/s"),
-        ("speed_rad_s", speed.angular_rad_s, limits.max_angular_velocity, "max_angular_velocity", "rad/s"),
-    ):
-        if value is None:
-            continue
-        if planner not in PATH_PLANNERS:
-            raise InputError(f"{name}: is for lin, circ and polyline only, not for {planner}")
-        if not 0.0 < value <= limit:
-            raise InputError(
-                f"{name}: is {value:g} {unit}, possible is above 0 and up to {limit:g} {unit} "
-                f"(planning.{setting})"
-            )
-
-
-def check_end(planner: PlannerName, cyclic: bool | None, end_joints: Array | None) -> None:
-    """Require at most one choice of the end's joints, and none for planners in joint space.
-
-    Raises:
-        InputError: names the field.
-    """
-    for name, given in (("cyclic", cyclic), ("end_joints", end_joints is not None)):
-        if given and planner not in PATH_PLANNERS:
-            raise InputError(f"{name}: is for lin, circ and polyline only, not for {planner}")
-    if cyclic and end_joints is not None:
-        raise InputError("cyclic, end_joints: give one of them, not both")
-
-
-def check_free_axes(free: Sequence[str]) -> None:
-    """Require no free axis, one, or all three, because two of them together make the third.
-
-    Raises:
-        InputError: there are two, or one is unknown or given twice.
-    """
+def _check_free_axes(free: Sequence[str]) -> None:
+    """Require one free axis, or all three, because two of them together make the third."""
     valid = ", ".join(FREE_AXES)
     for index, axis in enumerate(free):
         if axis not in FREE_AXES:
@@ -124,25 +126,3 @@ def check_free_axes(free: Sequence[str]) -> None:
             f"free_axes: has {' and '.join(free)}, by which every orientation is reached; "
             f"valid are one of {valid}, or all three for the position alone"
         )
-
-
-def check_synchronization(planner: PlannerName, synchronization: Synchronization) -> None:
-    """Reject phase synchronization of planners other than ptp.
-
-    Raises:
-        InputError: names the planner.
-    """
-    if synchronization is Synchronization.PHASE and planner is not PlannerName.PTP:
-        raise InputError(f"synchronization: phase is for planner ptp only, not for {planner}")
-
-
-def check_algorithm(planner: PlannerName, algorithm: Algorithm, constraints: Constraints | None) -> None:
-    """Require the algorithm to fit the planner and the constraints.
-
-    Raises:
-        InputError: the planner is not ompl's, or the algorithm cannot keep constraints.
-    """
-    if algorithm != RRT_CONNECT and planner not in (PlannerName.OMPL, PlannerName.AUTO):
-        raise InputError(f"algorithm: {algorithm} is for planner ompl and auto only, not for {planner}")
-    if constraints is not None and algorithm != RRT_CONNECT:
-        raise InputError(f"constraints: of ompl's planners {RRT_CONNECT} alone keeps them, not {algorithm}")

@@ -13,8 +13,9 @@ from pydantic import (
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
 )
-from pydantic_core.core_schema import CoreSchema, no_info_after_validator_function
+from pydantic_core.core_schema import CoreSchema, literal_schema, no_info_after_validator_function
 
+from cobot.motions.planners import ANY_GOAL, PLANNERS, summaries
 from cobot.types import Algorithm
 from cobot.units import MAX_POSE_ANGLE_RAD, require_angle, require_way
 
@@ -55,6 +56,16 @@ Coordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, 10
 """m: further than any arm reaches, so near that nothing that is computed with it overflows."""
 
 
+@dataclass(frozen=True, slots=True)
+class OneOf:
+    """A word out of a table, with the schema and the error of a `Literal`."""
+
+    words: tuple[str, ...]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return literal_schema([str(word) for word in self.words])
+
+
 def _lower(value: Any) -> Any:
     return value.lower() if isinstance(value, str) else value
 
@@ -90,17 +101,14 @@ SynchronizationName = Annotated[
     ),
 ]
 Planner = Annotated[
-    Literal["ompl", "ptp", "lin", "circ", "polyline", "chomp", "auto"],
+    str,
+    OneOf(tuple(PLANNERS)),
     BeforeValidator(_lower),
-    Field(
-        description="ptp: in joint space, see `synchronization`; lin: the TCP on a straight line; circ: on "
-        "an arc, see `via` and `centre`; polyline: on straight lines through all of `through`; ompl: "
-        "sampling, around obstacles; chomp: optimisation, around obstacles; auto: ptp if that is free, else "
-        "ompl."
-    ),
+    Field(description=summaries(PLANNERS)),
 ]
 JointPlanner = Annotated[
-    Literal["ptp", "ompl", "chomp", "auto"],
+    str,
+    OneOf(ANY_GOAL),
     BeforeValidator(_lower),
     Field(description="As for a pose."),
 ]

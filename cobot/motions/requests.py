@@ -6,7 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from cobot.motions.checks import check_request
 from cobot.motions.constraints import Constraints
+from cobot.motions.planners import PLANNERS, PlannerName, PlannerTraits
 from cobot.motions.points import REST, WaysOut
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -17,7 +21,6 @@ from cobot.types import (
     CartesianLimits,
     FreeAxis,
     JointLimits,
-    PlannerName,
     Pose,
     Scaling,
     Synchronization,
@@ -56,27 +59,39 @@ class TcpSpeed:
 ANY_SPEED = TcpSpeed()
 
 
+NO_START = np.empty(0)
+"""The start of a motion that begins where the arm will be."""
+
+
 @dataclass(frozen=True, slots=True)
 class MotionRequest:
-    """A motion from rest to rest. Picklable: it travels to the planning workers.
+    """A motion from rest to rest, valid for some robot once it is made. Picklable: it travels to the planning
+    workers.
+
+    A goal is a request whose start is not known yet: its `start` is `NO_START`.
 
     Attributes:
         start: shape (dof,), rad.
         goal: joint angles, shape (dof,), rad, or a pose of the TCP in the base frame.
-        via: shape (3,), m in the base frame: a point on the arc, for circ only.
+        planner: what plans it; `cobot.motions.planners` says which of the fields below it uses.
+        via: shape (3,), m in the base frame: a point on the arc.
         seed: of the planners that draw random samples.
-        timeout_s: after which ompl, chomp and auto give up.
+        timeout_s: after which a search gives up.
         algorithm: of ompl.
-        synchronization: of the joints, for ptp only.
-        arc: for circ only, instead of `via`. With an angle the goal does not count.
-        through: poses on the way to the goal, for polyline only.
+        synchronization: of the joints.
+        arc: instead of `via`. With an angle the goal does not count.
+        through: poses on the way to the goal.
         radius_m: how far from each of them the TCP may leave its path to go on without a stop; 0: it stops.
-        tcp_speed: of lin, circ and polyline.
+        tcp_speed: of a path of the TCP.
         constraints: what the whole motion keeps to; None: nothing but the limits.
+        free_axes: the rotations of the TCP that poses do not fix, about its own axes: none, one or all three.
         cyclic: a path of the TCP that leads back to its start ends in the joints it began with. None: full
             circles do if they can, all others end where they lead.
         end_joints: in which a path of the TCP to a pose ends, shape (dof,), rad; None: where it leads.
-        free_axes: the rotations of the TCP that poses do not fix, about its own axes: none, one or all three.
+        in_tool: all poses and points are in the TCP's frame at the start, not yet in the base frame.
+
+    Raises:
+        InputError: fields that do not fit the planner or each other.
     """
 
     start: Array
@@ -96,6 +111,25 @@ class MotionRequest:
     free_axes: tuple[FreeAxis, ...] = ()
     cyclic: bool | None = None
     end_joints: Array | None = None
+    in_tool: bool = False
+
+    def __post_init__(self) -> None:
+        check_request(self)
+
+    @property
+    def traits(self) -> PlannerTraits:
+        """What is known of its planner."""
+        return PLANNERS[self.planner]
+
+    @property
+    def is_by_angle(self) -> bool:
+        """Whether it is an arc that ends where its angle leads."""
+        return self.arc is not None and self.arc.angle_rad is not None
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether it ends elsewhere if it begins elsewhere."""
+        return self.in_tool or self.is_by_angle
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""
@@ -141,25 +175,20 @@ class Envelope:
 
 @dataclass(frozen=True, slots=True)
 class RatedMove:
-    """A motion from rest to rest. Picklable.
+    """A motion whose velocity and acceleration are given in units. Picklable.
 
     Attributes:
-        start: shape (dof,), rad.
-        goal: for ptp joint angles, shape (dof,), rad; for lin and circ a pose of the tool's tip in the base
-            frame.
-        velocity, acceleration: for ptp of the fastest joint, rad/s and rad/s²; for lin and circ of the tool's
-            tip, m/s and m/s², which turns in proportion.
-        via: shape (3,), m: a point on the arc, for circ.
+        request: the motion. Its `scaling` counts too, if it is lower.
+        velocity, acceleration: of the fastest joint, rad/s and rad/s²; for a path of the TCP those of the
+            tool's tip, m/s and m/s², which turns in proportion.
+        envelope: the limits.
         duration_s: if above 0, how long the motion takes; velocity and acceleration do not count then.
     """
 
-    start: Array
-    goal: Array | Pose
-    planner: PlannerName
+    request: MotionRequest
     velocity: float
     acceleration: float
     envelope: Envelope
-    via: Array | None = None
     duration_s: float = 0.0
 
 
@@ -177,6 +206,3 @@ class Blended:
     ends_s: tuple[float, ...]
     blended: tuple[bool, ...]
     used_m: tuple[float, ...] = ()
-
-
-PATH_PLANNERS = (PlannerName.LIN, PlannerName.CIRC, PlannerName.POLYLINE)

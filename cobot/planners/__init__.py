@@ -9,63 +9,47 @@ the time, and most motions, ptp, need none of it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from importlib import import_module
+from typing import Any, cast
 
 import numpy as np
 
 from cobot.errors import LimitError, PlanningError
-from cobot.motions.checks import (
-    check_algorithm,
-    check_end,
-    check_free_axes,
-    check_synchronization,
-    check_tcp_speed,
-    check_through,
-    check_via,
-)
+from cobot.motions.checks import check_for_robot
+from cobot.motions.planners import PLANNERS, PlannerName, Way
 from cobot.motions.requests import MotionRequest, WaypointRequest
 from cobot.planners.checks import is_there, validate
-from cobot.planners.circ import plan_circ
 from cobot.planners.escape import leave
 from cobot.planners.goals import joint_goals, nearest_goal
 from cobot.planners.held import Held
-from cobot.planners.lin import plan_lin
-from cobot.planners.polyline import plan_polyline
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.unit_advice import advising_units
 from cobot.planners.waypoints import plan_waypoints
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName
+from cobot.types import Array
 
 __all__ = ["MotionRequest", "WaypointRequest", "plan", "plan_waypoints"]
 
 
-def _plan_ompl(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
-    """Imports OMPL when it is used: the service, which leaves planning to its workers, needs none of it."""
-    held = _held(robot, request)
-    if held is not None:
-        from cobot.planners.constrained import plan_constrained
-
-        return plan_constrained(robot, request, goals, held)
-    from cobot.planners.sampling import plan_ompl
-
-    return plan_ompl(robot, request, goals)
+@cache
+def function_of(planner: PlannerName) -> Callable[..., Any]:
+    """The function that plans, as the traits of the planner name it."""
+    module, name = PLANNERS[planner].function.split(":")
+    return cast(Callable[..., Any], getattr(import_module(f"cobot.planners.{module}"), name))
 
 
-def _plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
-    from cobot.planners.chomp import plan_chomp
-
-    return plan_chomp(robot, request, goals)
+for _name, _traits in PLANNERS.items():
+    if not _traits.searches:  # what searches imports OMPL or scipy, when it is used
+        function_of(_name)
 
 
 def _held(robot: RobotDescription, request: MotionRequest) -> Held | None:
     return None if request.constraints is None else Held(robot, request.constraints, request.start)
-
-
-SEARCHING_PLANNERS = {PlannerName.OMPL: _plan_ompl, PlannerName.CHOMP: _plan_chomp}
-PATH_PLANNERS = {PlannerName.LIN: plan_lin, PlannerName.CIRC: plan_circ, PlannerName.POLYLINE: plan_polyline}
 
 
 def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
@@ -77,13 +61,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
         InputError: a goal beyond the limits, or fields that this planner does not take.
         PlanningError: there is no such motion, or this planner does not find one.
     """
-    check_via(request.planner, request.via, request.arc)
-    check_through(request.planner, request.through, request.radius_m)
-    check_tcp_speed(request.planner, request.tcp_speed, robot.cartesian_limits)
-    check_synchronization(request.planner, request.synchronization)
-    check_algorithm(request.planner, request.algorithm, request.constraints)
-    check_free_axes(request.free_axes)
-    check_end(request.planner, request.cyclic, request.end_joints)
+    check_for_robot(request, robot)
     if request.end_joints is not None:
         check_positions(robot.limits, request.end_joints, "end_joints: the angle", 1.0)
     with advising_units(robot.model, request):
@@ -91,7 +69,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
 
 
 def _planned(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    if request.planner in PATH_PLANNERS or request.planner is PlannerName.PTP:
+    if not request.traits.searches:
         robot.collision.check_position(request.start, "the start", 0.0)
         return _direct(robot, request)
     first = leave(robot, request)
@@ -119,18 +97,18 @@ def _after(robot: RobotDescription, request: MotionRequest, first: Trajectory) -
 
 
 def _direct(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """ptp, lin, circ or polyline."""
-    if request.planner in PATH_PLANNERS:
-        trajectory = PATH_PLANNERS[request.planner](robot, request)
+    """Along the path of the request, or the direct way to its goal."""
+    if request.traits.way is Way.PATH:
+        trajectory = function_of(request.planner)(robot, request)
         return None if trajectory is None else _validated(robot, request, trajectory)
     goal = nearest_goal(robot, request)
     if is_there(request.start, goal):
         return None
-    return _validated(robot, request, plan_ptp(robot, request, goal))
+    return _validated(robot, request, function_of(request.planner)(robot, request, goal))
 
 
 def _searched(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """ompl, chomp or auto, from a start that is free and within the limits."""
+    """Around obstacles, from a start that is free and within the limits."""
     goals = joint_goals(robot, request)
     held = _held(robot, request)
     if held is not None:
@@ -143,7 +121,7 @@ def _searched(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
         return None
     if request.planner is PlannerName.AUTO:
         return _chosen(robot, request, goals)
-    return _validated(robot, request, SEARCHING_PLANNERS[request.planner](robot, request, goals))
+    return _validated(robot, request, function_of(request.planner)(robot, request, goals))
 
 
 def _chosen(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
@@ -154,7 +132,7 @@ def _chosen(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
     except PlanningError as exc:
         straight = exc
     try:
-        trajectory = _validated(robot, request, _plan_ompl(robot, request, goals))
+        trajectory = _validated(robot, request, function_of(PlannerName.OMPL)(robot, request, goals))
     except PlanningError as exc:
         message = f"auto found no motion: ptp: {straight}; {exc}"
         raise type(exc)(message, findings=straight.findings + exc.findings) from exc

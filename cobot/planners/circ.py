@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cobot.errors import InputError, PlanningError
+from cobot.errors import PlanningError
 from cobot.findings import Finding
-from cobot.motions.checks import check_via
 from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners.cartesian import follow
 from cobot.planners.ends import end_of, followed, full_turns
@@ -30,12 +29,9 @@ def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
     an axis by an angle.
 
     Raises:
-        InputError: neither `via` nor `arc`, or the goal is not a pose.
         PlanningError: what is given defines no circle, or from `follow` and `end_of`.
     """
-    check_via(request.planner, request.via, request.arc)
-    if not isinstance(request.goal, Pose):
-        raise InputError("circ needs a pose as its goal and via, a point (x, y, z) on the arc")
+    assert isinstance(request.goal, Pose)
     start = robot.model.forward(request.start)
     if request.arc is not None and request.arc.angle_rad is not None:
         return _by_angle(robot, request, request.arc, request.arc.angle_rad, start)

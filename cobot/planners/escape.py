@@ -14,7 +14,7 @@ from cobot.robot.collision import Contact, motion_pieces
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_limits
 from cobot.trajectory import Trajectory
-from cobot.types import Array, Synchronization
+from cobot.types import Array, PlannerName, Synchronization
 
 SPARE_M = 1e-3
 """The way out ends so much further away than the margin."""
@@ -44,7 +44,9 @@ def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     is_free = robot.collision.is_free(inside)
     if is_free and is_there(start, inside):
         return None
-    straight = replace(request, synchronization=Synchronization.PHASE)
+    straight = MotionRequest(
+        start, request.goal, PlannerName.PTP, request.scaling, synchronization=Synchronization.PHASE
+    )
     for least_m in _least(robot, start):
         for exit_joints in [inside] if is_free else exits(robot, inside):
             motion = plan_ptp(robot, straight, exit_joints)

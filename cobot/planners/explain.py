@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from cobot.errors import CobotError, LimitError, PlanningError
 from cobot.findings import Explanation, Failure, Kind, Remedy
-from cobot.motions.requests import ANY_SPEED, PATH_PLANNERS, MotionRequest
+from cobot.motions.planners import BODY_FIELDS, PlannerName, Way
+from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.planners.escape import exits
 from cobot.planners.goals import joint_goals
@@ -25,7 +26,7 @@ from cobot.robot.description import RobotDescription
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.robot.inverse_kinematics import MIN_GAP_M, freer, inverse_all, nearest_to, reach_gap
 from cobot.trajectory import Trajectory
-from cobot.types import RRT_CONNECT, Array, PlannerName, Pose, Scaling, Synchronization
+from cobot.types import Array, Pose, Scaling
 
 MAX_BRANCHES, MAX_STARTS, MAX_GOALS = 12, 40, 4
 SLOWER = (0.5, 0.2, 0.1)
@@ -38,6 +39,7 @@ SHORT_OF, SHORTEST = (0.95, 0.8, 0.6, 0.4, 0.2), 0.05
 """A line that ends on its way is tried up to these shares of where it ended, if that is not all too short."""
 SPREAD = 8
 ANY_END: dict[str, Any] = {"cyclic": False, "end_joints": None}
+DEFAULTS = {each.name: each.default for each in fields(MotionRequest) if each.name in BODY_FIELDS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,7 @@ def explain(
 
 def _planned(robot: RobotDescription, request: MotionRequest, idea: Idea) -> Trajectory | None:
     if idea.first:
-        anyhow = {"through": (), "radius_m": 0.0, "constraints": None, **_searching(request)}
+        anyhow = {"constraints": None, **_searching(request)}
         plan(robot, replace(request, goal=idea.change["start"], **anyhow))
     return plan(robot, replace(request, **idea.change))
 
@@ -117,7 +119,7 @@ def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -
     yield from _shorter(robot, request, error)
     if "reach" in checks and not at_goal:
         yield from _other_goals(robot, request)
-    if request.planner in PATH_PLANNERS or _at_start(error):
+    if request.traits.follows_path or _at_start(error):
         yield from _other_starts(robot, request)
 
 
@@ -149,41 +151,26 @@ def _freer(request: MotionRequest) -> Iterator[Idea]:
 
 def _is_the_path(request: MotionRequest) -> bool:
     """Whether there is no more to a request than its path, so that another way to its end is no help."""
-    return bool(request.through) or _is_by_angle(request)
-
-
-def _is_by_angle(request: MotionRequest) -> bool:
-    """Whether an arc ends where its angle leads, and no goal counts."""
-    return request.arc is not None and request.arc.angle_rad is not None
+    return bool(request.through) or request.is_by_angle
 
 
 def _other_planners(request: MotionRequest) -> Iterator[Idea]:
     """Those that go around what is in the way, from a start that must be left too."""
     if _is_the_path(request):
         return
-    others = {PlannerName.AUTO: PlannerName.CHOMP, PlannerName.OMPL: PlannerName.CHOMP}
-    planner = others.get(request.planner, PlannerName.AUTO)
-    along = ", not along the path" if request.planner in PATH_PLANNERS else ""
+    planner = request.traits.alternative
+    along = ", not along the path" if request.traits.follows_path else ""
     yield Idea("planner", _searching(request, planner), f"with planner {planner}{along}")
 
 
 def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) -> dict[str, Any]:
-    """Another planner, at the same shares of the limits, and nothing that only others take."""
-    return {
-        "planner": planner,
-        "scaling": request.scaling,
-        "via": None,
-        "arc": None,
-        "tcp_speed": ANY_SPEED,
-        "synchronization": Synchronization.TIME,
-        "algorithm": RRT_CONNECT,
-        **ANY_END,
-    }
+    """Another planner, at the same shares of the limits, without the fields that not every planner uses."""
+    return {"planner": planner, "scaling": request.scaling, **DEFAULTS, **ANY_END}
 
 
 def _other_branches(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
     """Of ptp, which goes to the nearest joint angles of a pose: the others."""
-    if request.planner is not PlannerName.PTP or not isinstance(request.goal, Pose):
+    if request.traits.way is not Way.DIRECT or not isinstance(request.goal, Pose):
         return
     try:
         goals = joint_goals(robot, request)[1:]
@@ -203,20 +190,20 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
         starts = exits(robot, inside)[:MAX_GOALS]
     elif np.abs(inside - request.start).max() > 0.0:
         starts = [inside]
-    elif request.planner in PATH_PLANNERS:
+    elif request.traits.follows_path:
         here = robot.model.forward(request.start)
         found = np.array(inverse_all(robot.model, here, request.start, spread=SPREAD))
         starts = list(found[robot.collision.clearance.are_free(found)][:MAX_STARTS])
     else:
         return
     goal = request.goal
-    if isinstance(goal, Pose) and not _is_by_angle(request) and reach_gap(robot.model, goal) > MIN_GAP_M:
+    if isinstance(goal, Pose) and not request.is_by_angle and reach_gap(robot.model, goal) > MIN_GAP_M:
         return
     for start in starts:
         if np.abs(start - request.start).max() > 1e-3:
             says = f"from the joints {_shown(start)} {limits.units}"
             yield Idea("start", {"start": start}, says, first=True)
-            if request.planner is PlannerName.PTP:
+            if request.traits.way is Way.DIRECT:
                 change = {"start": start, **_searching(request)}
                 yield Idea("start", change, f"{says}, with planner auto", first=True)
 
@@ -224,9 +211,9 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
 def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
     """The nearest that can be: within the limits, in reach and free; the way there may need a search."""
     for goal, says in _near_goals(robot, request):
-        if request.planner not in PATH_PLANNERS:
+        if not request.traits.follows_path:
             yield Idea("goal", {"goal": goal}, f"to the nearest goal that is possible, {says}")
-        if request.planner is PlannerName.PTP or request.planner in PATH_PLANNERS:
+        if not request.traits.searches:
             change = {"goal": goal, **_searching(request, PlannerName.AUTO)}
             yield Idea("goal", change, f"to the nearest goal that is possible, {says}, with planner auto")
 
@@ -252,7 +239,7 @@ def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) ->
     """Free joint angles with the TCP near a pose that cannot be reached, or only in collision."""
     descent = nearest_to(robot.model, goal, request.start, request.seed, request.free_axes)
     nearest = descent.joints
-    if request.planner in PATH_PLANNERS and descent.solved:
+    if request.traits.follows_path and descent.solved:
         return
     if not robot.collision.is_free(nearest):
         yield from exits(robot, nearest)[:MAX_GOALS]

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from cobot.errors import CobotError, InputError, LimitError, PlanningError
-from cobot.motions.requests import PATH_PLANNERS, Blended, MotionRequest
+from cobot.motions.requests import Blended, MotionRequest
 from cobot.motions.stretches import Corner, Leg
 from cobot.planners.cartesian import tcp_limits
 from cobot.planners.checks import validate
@@ -59,7 +59,7 @@ class Part:
 
 def leg_of(robot: RobotDescription, request: MotionRequest, motion: Trajectory) -> Leg:
     """A motion with the limits of its request."""
-    of_tcp = tcp_limits(robot, request) if request.planner in PATH_PLANNERS else None
+    of_tcp = tcp_limits(robot, request) if request.traits.follows_path else None
     return Leg(motion, request.scaled_limits(robot), of_tcp, request.constraints)
 
 

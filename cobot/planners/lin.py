@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cobot.errors import InputError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.cartesian import follow
 from cobot.planners.ends import end_of
@@ -20,11 +19,9 @@ def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | No
     """The straight line from the present pose of the TCP to the goal pose; None if it is there.
 
     Raises:
-        InputError: the goal is not a pose.
         PlanningError: from `follow` and `end_of`.
     """
-    if not isinstance(request.goal, Pose):
-        raise InputError("lin needs a pose as its goal, not joint angles")
+    assert isinstance(request.goal, Pose)
     start = robot.model.forward(request.start)
     goal = reachable(robot, request, start, request.goal)
     end = end_of(robot, request, goal)

@@ -13,7 +13,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from cobot.errors import InputError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.cartesian import STANDING_M, STANDING_RAD, follow
 from cobot.planners.ends import end_of
@@ -38,11 +37,9 @@ def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory
     With a radius it goes through without a stop, else it stops at each pose.
 
     Raises:
-        InputError: the goal is not a pose.
         PlanningError: from `follow`, saying on which leg, and from `end_of`.
     """
-    if not isinstance(request.goal, Pose):
-        raise InputError("polyline needs poses, not joint angles")
+    assert isinstance(request.goal, Pose)
     poses = [robot.model.forward(request.start)]
     for pose in (*request.through, request.goal):
         poses.append(reachable(robot, request, poses[-1], pose))

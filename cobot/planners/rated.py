@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from cobot.errors import InputError, LimitError
-from cobot.motions.requests import Envelope, MotionRequest, RatedMove
+from cobot.motions.requests import Envelope, RatedMove
 from cobot.motions.stretches import Leg
 from cobot.planners import plan
 from cobot.planners.joined import leg_of
 from cobot.robot.description import RobotDescription
-from cobot.types import CartesianLimits, JointLimits, PlannerName, Scaling
+from cobot.types import CartesianLimits, JointLimits
 
 MAX_DURATION_S = 86_400.0
 SLOWEST, PLACES = 1e-4, 200
@@ -34,7 +34,7 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
         LimitError: a duration beyond `MAX_DURATION_S`.
         PlanningError: see `plan`.
     """
-    joint_space = move.planner is PlannerName.PTP
+    request, joint_space = move.request, not move.request.traits.follows_path
     timed = move.duration_s > 0.0
     if move.duration_s > MAX_DURATION_S:
         raise LimitError(f"duration is {move.duration_s:g} s, possible is up to {MAX_DURATION_S:g} s")
@@ -49,7 +49,6 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
         limits=slowed_joints(move.envelope.limits, *joint_rates),
         cartesian_limits=slowed_tcp(move.envelope.cartesian, *tcp_rates),
     )
-    request = MotionRequest(move.start, move.goal, move.planner, Scaling(1.0), move.via)
     trajectory = plan(slower, request)
     if trajectory is None:
         return None

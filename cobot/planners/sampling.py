@@ -19,10 +19,8 @@ from cobot.planners.detours import length, without_detours
 from cobot.planners.goals import more_goals
 from cobot.planners.rrt_connect import connect
 from cobot.planners.shortcut import shortened
-from cobot.planners.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
-from cobot.trajectory import Trajectory
 from cobot.types import RRT_CONNECT, Algorithm, Array, Pose
 
 SPARE_M = 1e-3
@@ -56,16 +54,6 @@ util.setLogLevel(util.LogLevel.LOG_NONE)
 util.RNG.setSeed(
     1
 )  # one per process: of OMPL's own planners a worker's sequence is repeatable, not a single plan
-
-
-def plan_ompl(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
-    """A smooth motion around obstacles, to one of the goals, shape (n, dof), all of them free.
-
-    Raises:
-        PlanningTimeout: no path within the request's time.
-        CollisionError: the smoothed path touches something.
-    """
-    return smooth_motion(robot, find_path(robot, request, goals), request.scaled_limits(robot))
 
 
 def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Coroutine, Sequence
-from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -28,9 +27,8 @@ from app.api.schemas import (
     Quaternion,
     ResetAnswer,
 )
-from app.services.motion.goals import Goal, check_radii
 from app.services.motion.moves import Outcome
-from app.services.motion.queue_moves import QueueRequest
+from app.services.motion.queue_moves import queue_request
 from app.services.rights.job import JobKind
 from app.services.rights.ownership import Caller
 from app.services.state.first_contact import acknowledged
@@ -44,8 +42,8 @@ from cobot.motions.bodies import (
     MovePose,
     MoveSequence,
 )
+from cobot.motions.requests import MotionRequest
 from cobot.robot.frames import abc_from_quaternion
-from cobot.types import PlannerName
 
 How = Annotated[MoveQuery, Query()]
 COMPLETED = "Motion completed successfully"
@@ -166,7 +164,7 @@ def _as_text(body: BaseModel) -> str:
     return body.model_dump_json(exclude_unset=True)
 
 
-async def _move(call: Call, caller: Caller, goal: Goal, how: MoveQuery) -> MoveAnswer | JSONResponse:
+async def _move(call: Call, caller: Caller, goal: MotionRequest, how: MoveQuery) -> MoveAnswer | JSONResponse:
     """Answer a request for one motion, at once or from the queue."""
     check_queueing(how)
     if how.queue:
@@ -185,25 +183,12 @@ def check_queueing(how: MoveQuery) -> None:
 
 
 async def _enqueue(
-    call: Call, caller: Caller, goals: Sequence[Goal], radii_m: Sequence[float], how: MoveQuery
+    call: Call, caller: Caller, goals: Sequence[MotionRequest], radii_m: Sequence[float], how: MoveQuery
 ) -> JSONResponse:
     """Put motions into the queue and answer with their job."""
-    check_radii(goals, radii_m)
     services, job = call.services, caller.job
     assert job is not None
-    first = goals[0]
-    relative = first.in_tool or (first.arc is not None and first.arc.angle_rad is not None)
-    is_indivisible = len(goals) > 1 or first.planner in (PlannerName.CIRC, PlannerName.POLYLINE)
-    request = QueueRequest(
-        job.request,
-        [partial(services.goals.request, goal) for goal in goals],
-        how.blend_radius,
-        radii_m or [0.0] * (len(goals) - 1),
-        job,
-        anywhere=not relative,
-        midway=not relative and not is_indivisible,
-        count=len(goals),
-    )
+    request = queue_request(job.request, goals, services.goals.request, how.blend_radius, radii_m, job)
     return accepted(call, await services.jobs.enqueue(job, request, caller))
 
 

@@ -14,9 +14,9 @@ from app.services.rights.job import JobKind
 from app.services.rights.ownership import Caller, Claim
 from app.services.rights.speed_override import SpeedOverride
 from cobot.errors import CobotError, MotionStopped
-from cobot.motions.requests import RatedMove
+from cobot.motions.requests import MotionRequest, RatedMove
 from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName
+from cobot.types import Array, PlannerName, Scaling
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -119,9 +119,7 @@ class EqualMotions:
         services = self._robots[name]
         state = await services.motion.ready()
         move = RatedMove(
-            start=state.commanded_position,
-            goal=target.joints,
-            planner=PlannerName.PTP,
+            MotionRequest(state.commanded_position, target.joints, PlannerName.PTP, Scaling(1.0)),
             velocity=target.velocity,
             acceleration=target.acceleration,
             envelope=services.settings.envelope,

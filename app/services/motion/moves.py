@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from app.services.motion.execution import MotionService
-from app.services.motion.goals import Goal, Goals, check_radii
+from app.services.motion.goals import Goals, check_radii
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import joined
 from app.services.rights.ownership import Caller, Claim, Ownership, watching
@@ -54,7 +54,7 @@ class MoveService:
         self._motion = motion
         self._planning = planning
 
-    async def move(self, goal: Goal, caller: Caller) -> Outcome:
+    async def move(self, goal: MotionRequest, caller: Caller) -> Outcome:
         """Plan, go, and return when the arm has arrived and settled, or why it has not.
 
         Raises:
@@ -66,7 +66,9 @@ class MoveService:
 
         return await self._move(planned, caller)
 
-    async def move_sequence(self, goals: Sequence[Goal], radii_m: Sequence[float], caller: Caller) -> Outcome:
+    async def move_sequence(
+        self, goals: Sequence[MotionRequest], radii_m: Sequence[float], caller: Caller
+    ) -> Outcome:
         """Plan all of them, and go through them as one motion; see `move`.
 
         Args:
@@ -87,7 +89,7 @@ class MoveService:
 
     async def sequence(
         self,
-        goals: Sequence[Goal],
+        goals: Sequence[MotionRequest],
         radii_m: Sequence[float],
         start: Array,
         plan: Callable[[MotionRequest], Awaitable[Trajectory | None]],

@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from app.services.motion.execution import MotionService
-from app.services.motion.goals import Goal, Goals, check_radii
+from app.services.motion.goals import Goals, check_radii
 from app.services.motion.moves import MoveService, Outcome
 from app.services.motion.plan import QUEUED_TOLERANCE_RAD, Plan
 from app.services.motion.planning import PlanningService
@@ -155,7 +155,7 @@ class PlanService:
         self._drawing = asyncio.Lock()
 
     async def make(
-        self, goals: Sequence[Goal], radii_m: Sequence[float], asked: PlanOptions, timeout_s: float
+        self, goals: Sequence[MotionRequest], radii_m: Sequence[float], asked: PlanOptions, timeout_s: float
     ) -> Plan:
         """Plan one motion, or several as one; nothing moves.
 
@@ -186,7 +186,9 @@ class PlanService:
         self._forget()
         return plan
 
-    async def _forecast(self, goals: Sequence[Goal], radii_m: Sequence[float], attempt: _Attempt) -> Forecast:
+    async def _forecast(
+        self, goals: Sequence[MotionRequest], radii_m: Sequence[float], attempt: _Attempt
+    ) -> Forecast:
         begin, samples = attempt.begin, attempt.asked.samples
         if len(goals) == 1:
             request = self._goals.request(goals[0], begin)

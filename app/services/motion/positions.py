@@ -8,6 +8,7 @@ import math
 from itertools import count, islice
 from pathlib import Path
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from app.services.motion.goals import Goals
@@ -16,7 +17,7 @@ from cobot.errors import CobotError, ConflictError, NotFoundError
 from cobot.robot.description import RobotDescription
 from cobot.robot.kept import keep, read_kept
 from cobot.strict import sentences, shown
-from cobot.types import NamedPosition, Scaling
+from cobot.types import NamedPosition
 
 MAX_TAUGHT = 200
 TAUGHT = "taught"
@@ -73,7 +74,7 @@ class PositionService:
         if joints is None:
             state = await self._link.measured_state(STATE_TIMEOUT_S)
             joints = state.commanded_position.tolist()
-        self._goals.joints(joints, Scaling(1.0))
+        self._goals.require_joints(np.array(joints))
         async with self._turn:
             taught = dict(self._goals.taught)
             if name not in taught and len(taught) >= MAX_TAUGHT:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import TypeVar
 
 from app.services.motion.execution import MotionService
+from app.services.motion.goals import check_radii
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import LegRequest, begun, leg, prolonged
 from app.services.motion.tool_and_limits import RobotSettings
@@ -15,6 +16,7 @@ from app.services.rights.job import Job
 from app.services.rights.ownership import Claim
 from cobot.clock import Clock
 from cobot.errors import CobotError, CollisionError, InputError, PlanningError
+from cobot.motions.requests import MotionRequest
 from cobot.motions.stretches import Leg, Stretch
 from cobot.robot.description import RobotDescription
 from cobot.types import Array
@@ -52,6 +54,37 @@ class QueueRequest:
     midway: bool = True
     count: int = 1
     require_valid: Callable[[], None] = lambda: None
+
+
+def queue_request(
+    name: str,
+    goals: Sequence[MotionRequest],
+    plan: Callable[[MotionRequest, Array], LegRequest],
+    radius_m: float,
+    inner_radii_m: Sequence[float] = (),
+    job: Job | None = None,
+) -> QueueRequest:
+    """What the queue is asked for by goals, one after the other.
+
+    Args:
+        plan: what is to be planned for a goal from where it starts, shape (dof,), rad.
+        radius_m, inner_radii_m: see `QueueRequest`. No inner radii: the arm stops at each part.
+
+    Raises:
+        InputError: see `check_radii`.
+    """
+    check_radii(goals, inner_radii_m)
+    first = goals[0]
+    return QueueRequest(
+        name,
+        [partial(plan, goal) for goal in goals],
+        radius_m,
+        inner_radii_m or [0.0] * (len(goals) - 1),
+        job,
+        anywhere=not first.is_relative,
+        midway=not first.is_relative and len(goals) == 1 and not first.traits.one_piece,
+        count=len(goals),
+    )
 
 
 @dataclass(frozen=True, slots=True)

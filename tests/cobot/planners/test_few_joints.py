@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import few_joints
 import numpy as np
@@ -216,13 +217,11 @@ def test_an_arm_without_shapes_is_planned_for_and_forecast(chain: Chain, planner
     assert robot.collision.pairs == []
     start = np.resize([0.1, 0.5, 0.8, 0.2, 0.6], len(chain.axes))
     goal = pose_at(chain, start + np.resize([0.02, -0.05, 0.06], len(chain.axes)))
-    request = MotionRequest(start, goal, planner, FULL, free_axes=FREE_AXES)
-    match planner:
-        case PlannerName.CIRC:
-            axis = np.array([0.0, 0.0, 1.0])
-            request = replace(request, arc=Arc(np.zeros(3), axis, 0.2))
-        case PlannerName.POLYLINE:
-            request = replace(request, through=(pose_at(chain, start + 0.02),))
+    needs: dict[str, Any] = {
+        PlannerName.CIRC: {"arc": Arc(np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.2)},
+        PlannerName.POLYLINE: {"through": (pose_at(chain, start + 0.02),)},
+    }.get(planner, {})
+    request = MotionRequest(start, goal, planner, FULL, free_axes=FREE_AXES, **needs)
     found = forecast(robot, request, 5)
     assert found.trajectory is not None
     assert found.closest_self is None

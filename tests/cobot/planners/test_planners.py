@@ -416,7 +416,7 @@ def test_a_pose_whose_nearest_joints_touch_something_is_gone_to_with_others(
     ("planner", "goal", "via", "message"),
     [
         ("lin", "joints", None, "lin needs a pose as its goal, not joint angles"),
-        ("circ", "joints", (0.5, 0.1, 0.5), "circ needs a pose as its goal and via"),
+        ("circ", "joints", (0.5, 0.1, 0.5), "circ needs a pose as its goal, not joint angles"),
         ("circ", "pose", None, "via: is missing; planner circ needs a point on its arc"),
         ("lin", "pose", (0.5, 0.1, 0.5), "via: is for planner circ only, not for lin"),
         ("ptp", "pose", (0.5, 0.1, 0.5), "via: is for planner circ only, not for ptp"),
@@ -429,11 +429,9 @@ def test_what_a_planner_cannot_do_is_an_error_and_never_anothers_work(
 ) -> None:
     there = work(robot)
     target = there if goal == "joints" else robot.model.forward(there)
-    request = MotionRequest(
-        home(robot), target, PlannerName(planner), FULL, None if via is None else np.array(via)
-    )
+    point = None if via is None else np.array(via)
     with pytest.raises(InputError, match=message):
-        plan(robot, request)
+        MotionRequest(home(robot), target, PlannerName(planner), FULL, point)
     assert ptp(robot, home(robot), target).duration_s > 0.0, "which ptp could have done"
 
 

@@ -15,7 +15,7 @@ from second_opinion import changed_world, robot_in, second_robot
 
 from cobot.errors import InputError
 from cobot.motions.constraints import Box, Cone, Constraints
-from cobot.motions.requests import Envelope, RatedMove
+from cobot.motions.requests import Envelope, MotionRequest, RatedMove
 from cobot.motions.stretches import Leg, Stretch, alone
 from cobot.planners.going_over import JERK
 from cobot.planners.joined import joined
@@ -23,8 +23,10 @@ from cobot.planners.prolonged import begun, prolonged
 from cobot.planners.rated import plan_rated
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName, Pose
+from cobot.types import Array, PlannerName, Pose, Scaling
 from rtloop.planned.path import Path
+
+FULL = Scaling(1.0)
 
 START = np.array([0.0, 0.5, 0.0, -1.3, 0.0, 1.34, 0.0])
 RADIUS_M = 0.05
@@ -35,7 +37,7 @@ ROUNDING = 1.0 + 1e-6
 def leg(robot: RobotDescription, start: Array, goal: Array | Pose, v: float, a: float) -> Leg:
     planner = PlannerName.LIN if isinstance(goal, Pose) else PlannerName.PTP
     envelope = Envelope(robot.limits, robot.cartesian_limits)
-    found = plan_rated(robot, RatedMove(start, goal, planner, v, a, envelope))
+    found = plan_rated(robot, RatedMove(MotionRequest(start, goal, planner, FULL), v, a, envelope))
     assert found is not None
     return found
 
@@ -196,7 +198,13 @@ def test_a_motion_with_a_duration_takes_it_also_between_others(robot: RobotDescr
     goal = off(robot, 0.05, 0.2, -0.2)
     slow = plan_rated(
         robot,
-        RatedMove(legs[0].motion.end, goal, PlannerName.LIN, -1.0, -1.0, envelope, duration_s=6.0),
+        RatedMove(
+            MotionRequest(legs[0].motion.end, goal, PlannerName.LIN, FULL),
+            -1.0,
+            -1.0,
+            envelope,
+            duration_s=6.0,
+        ),
     )
     assert slow is not None
     assert slow.motion.duration_s == pytest.approx(6.0)

@@ -19,13 +19,15 @@ from second_opinion import (
 )
 
 from cobot.errors import InputError, LimitError
-from cobot.motions.requests import Envelope, RatedMove
+from cobot.motions.requests import Envelope, MotionRequest, RatedMove
 from cobot.planners.rated import plan_rated
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
 from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName, Pose
+from cobot.types import Array, PlannerName, Pose, Scaling
+
+FULL = Scaling(1.0)
 
 ROUNDING = 1.0 + 1e-6
 
@@ -49,7 +51,7 @@ def planned(robot: RobotDescription, move: RatedMove) -> Trajectory:
 def ptp(
     robot: RobotDescription, envelope: Envelope, start: Array, goal: Array, v: float = 0.5, a: float = 1.0
 ) -> Trajectory:
-    return planned(robot, RatedMove(start, goal, PlannerName.PTP, v, a, envelope))
+    return planned(robot, RatedMove(MotionRequest(start, goal, PlannerName.PTP, FULL), v, a, envelope))
 
 
 def line(
@@ -58,7 +60,7 @@ def line(
     """A straight line by so many metres, orientation kept."""
     place, turn = second_robot().forward(start)
     goal = Pose(place + by, Rotation.from_matrix(turn).as_quat(scalar_first=True))
-    move = RatedMove(start, goal, PlannerName.LIN, 0.25, 1.2, envelope)
+    move = RatedMove(MotionRequest(start, goal, PlannerName.LIN, FULL), 0.25, 1.2, envelope)
     return planned(robot, replace(move, **change))  # type: ignore[arg-type]
 
 
@@ -99,7 +101,9 @@ def test_a_duration_is_kept_exactly_and_counts_instead_of_the_rates(
     place, turn = second_robot().forward(home)
     pose = Pose(place + np.array([0.0, 0.1, 0.0]), Rotation.from_matrix(turn).as_quat(scalar_first=True))
     goal = home + 0.2 if planner is PlannerName.PTP else pose
-    slow = RatedMove(home, goal, planner, -1.0, 0.0, envelope, duration_s=3.0)  # rates that would be refused
+    slow = RatedMove(
+        MotionRequest(home, goal, planner, FULL), -1.0, 0.0, envelope, duration_s=3.0
+    )  # rates that would be refused
     assert planned(robot, slow).duration_s == pytest.approx(3.0, abs=1e-9)
     with pytest.raises(InputError) as refused:
         plan_rated(robot, replace(slow, duration_s=0.05))
@@ -119,13 +123,16 @@ def test_rates_that_are_not_above_zero_are_refused(
     robot: RobotDescription, envelope: Envelope, home: Array, rates: tuple[float, float]
 ) -> None:
     with pytest.raises(InputError, match=r"^[va] must be above 0, got"):
-        plan_rated(robot, RatedMove(home, home + 0.1, PlannerName.PTP, *rates, envelope))
+        plan_rated(robot, RatedMove(MotionRequest(home, home + 0.1, PlannerName.PTP, FULL), *rates, envelope))
 
 
 def test_an_arm_that_is_there_has_nothing_to_do(
     robot: RobotDescription, envelope: Envelope, home: Array
 ) -> None:
-    assert plan_rated(robot, RatedMove(home, home, PlannerName.PTP, 1.0, 1.0, envelope)) is None
+    assert (
+        plan_rated(robot, RatedMove(MotionRequest(home, home, PlannerName.PTP, FULL), 1.0, 1.0, envelope))
+        is None
+    )
 
 
 def test_tighter_limits_hold(robot: RobotDescription, envelope: Envelope, home: Array) -> None:
@@ -148,7 +155,7 @@ def test_a_tool_goes_along_the_line_and_not_the_tcp(
     model = RobotModel.load(MJCF, robot.limits)
     model.carry(Tool(tcp=(tool[0], tool[1], tool[2], *map(float, tool[3:]))))
     held = replace(robot, model=model)
-    motion = planned(held, RatedMove(home, pose, PlannerName.LIN, 0.2, 1.0, envelope))
+    motion = planned(held, RatedMove(MotionRequest(home, pose, PlannerName.LIN, FULL), 0.2, 1.0, envelope))
     places, turns = second_robot().path(motion.sample(np.linspace(0.0, motion.duration_s, 100)))
     tips = places + turns.apply(offset)
     assert np.abs(tips[:, [0, 2]] - tip[[0, 2]]).max() < 2e-4

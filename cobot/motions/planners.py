@@ -1,0 +1,171 @@
+"""The planners that a motion can ask for: their names and traits.
+
+This table is the only list of planners. The web service, the schemas and the documents read it, and so does
+`cobot.planners`, which the web service does not import.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum, StrEnum
+
+
+class PlannerName(StrEnum):
+    """The planners a motion can ask for, in the order in which schemas and documents list them."""
+
+    PTP = "ptp"
+    LIN = "lin"
+    CIRC = "circ"
+    POLYLINE = "polyline"
+    OMPL = "ompl"
+    CHOMP = "chomp"
+    AUTO = "auto"
+
+
+class Way(Enum):
+    """How a planner gets to the goal, and so with which arguments its function is called.
+
+    PATH: the TCP follows the path of the request. `function(robot, request)` returns None if the arm is
+        there already.
+    DIRECT: the joints go to the nearest joint angles of the goal. `function(robot, request, joints)`.
+    SEARCH: it finds a way around obstacles to any joint angles of the goal, and leaves a start in collision
+        first. `function(robot, request, goals)`, the nearest goal first.
+    """
+
+    PATH = "path"
+    DIRECT = "direct"
+    SEARCH = "search"
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerTraits:
+    """Everything that other modules need to know of a planner.
+
+    Attributes:
+        function: the function that plans, as "module:function" below `cobot.planners`, called as `way` says.
+            Empty for auto, which calls other planners.
+        way: how it gets to the goal.
+        summary: the motion in a few words, for schemas.
+        fields: the optional fields of `MotionRequest` that it uses; a request with others is rejected.
+        needs: the request gives exactly one of these fields.
+        missing: the error if it gives none of them, and what to do.
+        needs_pose: the goal is a pose of the TCP, never joint angles.
+        one_piece: what is left of its path after a stop cannot be planned as a motion of its own, unlike the
+            rest of a line.
+        alternative: the planner to try where this one finds no motion.
+    """
+
+    function: str
+    way: Way
+    summary: str
+    fields: frozenset[str] = frozenset()
+    needs: tuple[str, ...] = ()
+    missing: str = ""
+    needs_pose: bool = False
+    one_piece: bool = False
+    alternative: PlannerName = PlannerName.AUTO
+
+    @property
+    def follows_path(self) -> bool:
+        """Whether the request gives the path of the TCP."""
+        return self.way is Way.PATH
+
+    @property
+    def searches(self) -> bool:
+        """Whether it finds a way around obstacles."""
+        return self.way is Way.SEARCH
+
+
+TCP_PATH = frozenset({"tcp_speed", "cyclic", "end_joints"})
+"""The fields that each planner of a path of the TCP uses."""
+
+PLANNERS: dict[PlannerName, PlannerTraits] = {
+    PlannerName.PTP: PlannerTraits(
+        "ptp:plan_ptp",
+        Way.DIRECT,
+        "in joint space",
+        frozenset({"synchronization"}),
+    ),
+    PlannerName.LIN: PlannerTraits(
+        "lin:plan_lin",
+        Way.PATH,
+        "the TCP on a straight line",
+        TCP_PATH,
+        needs_pose=True,
+    ),
+    PlannerName.CIRC: PlannerTraits(
+        "circ:plan_circ",
+        Way.PATH,
+        "the TCP on an arc",
+        TCP_PATH | {"via", "arc"},
+        needs=("via", "arc"),
+        missing="via: is missing; planner circ needs a point on its arc, or its centre",
+        needs_pose=True,
+        one_piece=True,
+    ),
+    PlannerName.POLYLINE: PlannerTraits(
+        "polyline:plan_polyline",
+        Way.PATH,
+        "the TCP on straight lines through several poses",
+        TCP_PATH | {"through", "radius_m"},
+        needs=("through",),
+        missing="through: is empty; planner polyline needs at least one pose on the way; or take lin",
+        needs_pose=True,
+        one_piece=True,
+    ),
+    PlannerName.OMPL: PlannerTraits(
+        "ompl:plan_ompl",
+        Way.SEARCH,
+        "sampling, around obstacles",
+        frozenset({"algorithm"}),
+        alternative=PlannerName.CHOMP,
+    ),
+    PlannerName.CHOMP: PlannerTraits(
+        "chomp:plan_chomp",
+        Way.SEARCH,
+        "optimisation, around obstacles",
+    ),
+    PlannerName.AUTO: PlannerTraits(
+        "",
+        Way.SEARCH,
+        "ptp if that is free, else ompl",
+        frozenset({"algorithm"}),
+        alternative=PlannerName.CHOMP,
+    ),
+}
+
+BODY_FIELDS: dict[str, tuple[str, ...]] = {
+    "via": ("via",),
+    "arc": ("centre", "axis"),
+    "through": ("through",),
+    "radius_m": ("radius",),
+    "tcp_speed": ("speed_m_s", "speed_rad_s"),
+    "synchronization": ("synchronization",),
+    "algorithm": ("algorithm",),
+    "cyclic": ("cyclic",),
+    "end_joints": ("end_joints",),
+}
+"""The fields of `MotionRequest` that not every planner uses, and their names in requests as JSON."""
+
+
+ANY_GOAL = tuple(name for name, traits in PLANNERS.items() if not traits.needs_pose)
+"""The planners that go to joint angles as well as to a pose."""
+GOAL_ALONE = tuple(name for name, traits in PLANNERS.items() if not traits.needs)
+"""The planners that need nothing but a goal."""
+
+
+def users_of(field: str) -> str:
+    """The planners that use a field of `MotionRequest`, in words: "lin, circ and polyline"."""
+    return in_words([name for name, traits in PLANNERS.items() if field in traits.fields])
+
+
+def in_words(names: Iterable[str], conjunction: str = "and") -> str:
+    """A list for people: "lin, circ and polyline"."""
+    *others, last = names
+    return f"{', '.join(others)} {conjunction} {last}" if others else str(last)
+
+
+def summaries(names: Iterable[PlannerName]) -> str:
+    """What these planners do, for schemas."""
+    return "; ".join(f"{name}: {PLANNERS[name].summary}" for name in names) + "."

@@ -1,0 +1,25 @@
+"""ompl: a way around obstacles by sampling. Under constraints it samples where they hold."""
+
+from __future__ import annotations
+
+from cobot.motions.requests import MotionRequest
+from cobot.planners.constrained import plan_constrained
+from cobot.planners.held import Held
+from cobot.planners.sampling import find_path
+from cobot.planners.spline import smooth_motion
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
+from cobot.types import Array
+
+
+def plan_ompl(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
+    """A smooth motion around obstacles, to one of the goals, shape (n, dof), all of them free.
+
+    Raises:
+        PlanningTimeout: no path within the request's time.
+        CollisionError, PlanningError: the smoothed path touches something, or breaks a constraint.
+    """
+    if request.constraints is not None:
+        held = Held(robot, request.constraints, request.start)
+        return plan_constrained(robot, request, goals, held)
+    return smooth_motion(robot, find_path(robot, request, goals), request.scaled_limits(robot))
