@@ -155,15 +155,17 @@ def draw_paths(robot: RobotDescription) -> plt.Figure:
         given = Arc(
             here.position + np.array([0.0, 0.1, 0.0]), np.array([0.0, 0.0, 1.0]), turns * 2 * np.pi, rise
         )
-        motion = motion_of(robot, replace(MotionRequest(WORK, here, PlannerName.CIRC, FULL), arc=given))
+        motion = motion_of(robot, MotionRequest(WORK, here, PlannerName.CIRC, FULL, arc=given))
         space.plot(*_way(robot, motion).T, label=f"{name}, {motion.duration_s:.1f} s")
     space.set(title="circ", xlabel="x, m", ylabel="y, m", zlabel="z, m")
     space.legend(fontsize=7)
     corners = [(0.0, 0.25), (-0.15, 0.25), (-0.15, -0.2), (0.05, -0.2)]
     poses = [Pose(here.position + np.array([x, y, 0.0]), here.quaternion) for x, y in corners]
     for radius in (0.0, 0.02, 0.06):
-        request = MotionRequest(WORK, poses[-1], PlannerName.POLYLINE, FULL)
-        motion = motion_of(robot, replace(request, through=tuple(poses[:-1]), radius_m=radius))
+        request = MotionRequest(
+            WORK, poses[-1], PlannerName.POLYLINE, FULL, through=tuple(poses[:-1]), radius_m=radius
+        )
+        motion = motion_of(robot, request)
         way = _way(robot, motion)
         label = f"radius {1e3 * radius:g} mm, {motion.duration_s:.2f} s"
         plane.plot(way[:, 1], way[:, 0], linewidth=1.2, label=label)

@@ -127,12 +127,14 @@ class _Maker:
     def _of(self, planner: PlannerName, start: Array) -> MotionRequest:
         seed = int(self.random.integers(1000))
         if planner in (PlannerName.LIN, PlannerName.CIRC, PlannerName.POLYLINE):
-            request = MotionRequest(start, self._pose(start, 0.8), planner, self._scaling(), seed=seed)
+            pose = self._pose(start, 0.8)
+            request = MotionRequest(start, pose, PlannerName.LIN, self._scaling(), seed=seed)
             if self.random.random() < 0.3:
                 request = replace(request, tcp_speed=TcpSpeed(float(self.random.uniform(0.02, 0.5))))
             if planner is PlannerName.POLYLINE:
                 through = tuple(self._near(start, 0.3, 0.1) for _ in range(self.random.integers(1, 4)))
-                return replace(request, through=through, radius_m=float(self.random.choice([0.0, 0.02, 0.1])))
+                radius_m = float(self.random.choice([0.0, 0.02, 0.1]))
+                return replace(request, planner=planner, through=through, radius_m=radius_m)
             return self._arc(request) if planner is PlannerName.CIRC else request
         goal = self._any() if self.random.random() < 0.5 else self._pose(start, 0.2)
         request = MotionRequest(start, goal, planner, self._scaling(), seed=seed, timeout_s=TIMEOUT_S)
@@ -143,12 +145,14 @@ class _Maker:
     def _arc(self, request: MotionRequest) -> MotionRequest:
         """Through a point, or by an angle about an axis."""
         if self.random.random() < 0.6:
-            return replace(request, via=self._near(request.start, 0.3, 0.0).position)
+            via = self._near(request.start, 0.3, 0.0).position
+            return replace(request, planner=PlannerName.CIRC, via=via)
         centre = self._near(request.start, 0.2, 0.0).position
         angle = float(self.random.uniform(-7.0, 7.0))
         rise = float(self.random.choice([0.0, 0.1]))
         turns = bool(self.random.random() < 0.3)
-        return replace(request, arc=Arc(centre, self.random.normal(size=3), angle, rise, turns))
+        arc = Arc(centre, self.random.normal(size=3), angle, rise, turns)
+        return replace(request, planner=PlannerName.CIRC, arc=arc)
 
     def _chain(self, start: Array) -> tuple[tuple[MotionRequest, ...], tuple[float, ...]]:
         """ptp and lin mixed; each leg's start is a guess, which counts for the first one alone."""

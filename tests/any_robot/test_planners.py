@@ -69,9 +69,10 @@ def test_circ(made: Made) -> None:
 
 
 def test_polyline(made: Made) -> None:
-    request = MotionRequest(made.ready, made.pose(0.1, 0.1, 0.0), PlannerName.POLYLINE, FULL)
     through = (made.pose(0.1, 0.0, 0.0, 0.2), made.pose(0.1, 0.1, -0.1, 0.2))
-    require_planned(made, "polyline", replace(request, through=through, radius_m=0.02))
+    goal = made.pose(0.1, 0.1, 0.0)
+    request = MotionRequest(made.ready, goal, PlannerName.POLYLINE, FULL, through=through, radius_m=0.02)
+    require_planned(made, "polyline", request)
 
 
 @pytest.mark.parametrize("held", [False, True], ids=["free", "held"])
