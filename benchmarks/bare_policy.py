@@ -12,7 +12,7 @@ import time
 import numpy as np
 import websockets.asyncio.server
 
-from learning.openpi import packed, unpacked
+from cobot.learning.openpi import packed, unpacked
 
 LENGTH = 5
 STEP_RAD = 2e-4

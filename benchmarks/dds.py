@@ -30,10 +30,10 @@ from running import Run
 from app.aubo.interfaces import interface_definitions
 from benchmarks.service import reader
 from benchmarks.table import Row, percentiles, row
+from cobot.dds.names import ENCLAVE
+from cobot.dds.rtps import Participant, Qos
+from cobot.dds.rtps.announcements import LEASE_S
 from cobot.ros.messages import Messages
-from ros2.names import ENCLAVE
-from ros2.rtps import Participant, Qos
-from ros2.rtps.announcements import LEASE_S
 
 JOINT_STATES = "sensor_msgs/msg/JointState"
 BYTES = 292
@@ -96,7 +96,7 @@ def _joint_states(running: Ros, rate_hz: int, seconds: float) -> Iterator[Row]:
     setter.call({"parameters": [parameter]})
     states = running.peer.subscription(f"/{running.run.name}/joint_states", JOINT_STATES, depth=1000)
     states.until_matched()
-    process = running.run.child("ros2")
+    process = running.run.child("cobot.dds")
     assert process is not None
     used, begun_s = process.cpu_times(), time.monotonic()
     states.drain()
@@ -254,7 +254,7 @@ def _recoveries(running: Ros) -> Row:
     client = running.client("RobotConfig/getDof", "aubo_interfaces/srv/GetDof")
     took_s = []
     for _ in range(RECOVERIES):
-        killed = running.run.until(lambda: running.run.child("ros2"))
+        killed = running.run.until(lambda: running.run.child("cobot.dds"))
         killed.kill()
         begun_s = time.monotonic()
         until(lambda: client.matches() == (0, 0), "the dead one is still there")

@@ -136,7 +136,7 @@ def _look(memory: RobotMemory, seen: list[tuple[str, float]], ended: threading.E
 def _memory(run: Run, app: psutil.Process, robot: Client, duration_s: float) -> Row:
     """Resident memory in the first and in the last third of the time; the medians of what is seen."""
     seen: list[tuple[float, float]] = []
-    rtloop, recorder = process(run, "rtloop"), process(run, "recorder")
+    rtloop, recorder = process(run, "rtloop"), process(run, "cobot.recorder")
     begun_s, number = time.monotonic(), 0
     while time.monotonic() < begun_s + duration_s:
         robot.move_named(("work", "home")[number % 2], speed=0.5)

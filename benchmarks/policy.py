@@ -15,8 +15,8 @@ from benchmarks.service import background, reader, service
 from benchmarks.table import Row, percentiles, row
 from cobot import Mode, Robot
 from cobot.ipc.shm import RobotMemory
-from learning.openpi import PolicyConnection
-from learning.policy import PolicyRunner
+from cobot.learning.openpi import PolicyConnection
+from cobot.learning.policy import PolicyRunner
 
 PERIOD_S = 0.01
 STILL_S = 0.02

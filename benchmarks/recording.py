@@ -32,7 +32,7 @@ def recording(cycles: int, slice_s: float) -> Iterator[Row]:
     """
     yield _cycle(cycles)
     with service() as run:
-        rtloop, recorder = process(run, "rtloop"), process(run, "recorder")
+        rtloop, recorder = process(run, "rtloop"), process(run, "cobot.recorder")
         rest = shares([recorder, rtloop], slice_s)
         httpx.post(f"{run.url}/recordings", json={"action": "start"}, timeout=30.0).raise_for_status()
         busy = shares([recorder, rtloop], slice_s)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import gymnasium
 import numpy as np
 
-with gymnasium.make("learning:cobot/Reach-v0", max_episode_steps=150) as env:
+with gymnasium.make("cobot.learning:cobot/Reach-v0", max_episode_steps=150) as env:
     observation, info = env.reset(seed=7)
     away = [np.linalg.norm(observation["tcp_pose"][:3] - observation["goal"])]
     action, over = env.action_space.sample(), False

@@ -3,8 +3,7 @@ LeRobot in this environment (or with the Python of the one that it is in):
 
     .venv/bin/python examples/lerobot_arm.py
 
-or with a number of seconds. It needs `pip install ./cobot-client ./lerobot-robot-cobot`, which brings LeRobot
-and PyTorch.
+or with a number of seconds. It needs the packages of its error message, which bring LeRobot and PyTorch.
 """
 
 from __future__ import annotations
@@ -17,7 +16,8 @@ import time
 try:
     from lerobot_robot_cobot import CobotRobot, CobotRobotConfig
 except ImportError as exc:
-    sys.exit(f"lerobot_arm.py: {exc}: pip install ./cobot-client ./lerobot-robot-cobot (3 GB with PyTorch)")
+    needed = "./packages/cobot-client ./packages/lerobot-robot-cobot"
+    sys.exit(f"lerobot_arm.py: {exc}: pip install {needed} (3 GB with PyTorch)")
 
 RATE_HZ = 30
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 5.0

@@ -13,8 +13,8 @@ import sys
 
 from cobot import Mode, Robot
 from cobot.errors import CobotError
-from learning.openpi import PolicyConnection
-from learning.policy import PolicyRunner, state_observer
+from cobot.learning.openpi import PolicyConnection
+from cobot.learning.policy import PolicyRunner, state_observer
 
 PERIOD_S = 1 / 30  # of the actions of a chunk: as the policy was trained
 

@@ -4,7 +4,7 @@ learnt from. Start `make run` in another terminal, then:
     .venv/bin/python examples/record_episode.py
 
 or with a number of seconds. From another computer, with COBOT_ROBOT=http://HOST:8007. Of an arm that somebody
-else moves, a hand or a policy, `python -m learning record` makes the same file.
+else moves, a hand or a policy, `python -m cobot.learning record` makes the same file.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numpy as np
 from cobot import Mode, Robot
 from cobot.config import load_settings
 from cobot.errors import CobotError
+from cobot.learning.cameras import FRONT, Renderer
+from cobot.learning.episodes import EpisodeWriter, read_episode
 from cobot.robot.description import load_robot
-from learning.cameras import FRONT, Renderer
-from learning.episodes import EpisodeWriter, read_episode
 
 RATE_HZ = 30
 SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 5.0

@@ -12,9 +12,9 @@ from running import unique_name
 from cobot.config import RecordingSection, Settings
 from cobot.ipc.layout import STATE_SCALARS
 from cobot.ipc.recording_memory import RecordingMemory
+from cobot.recorder.robot import RobotRecorder
 from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode
-from recorder.robot import RobotRecorder
 from rtloop.recording import CycleRecorder
 
 PERIOD_NS = 1_000_000

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from wheels import ROOT
 
-PLUGIN = ROOT / "lerobot-robot-cobot"
+PLUGIN = ROOT / "packages" / "lerobot-robot-cobot"
 
 
 @dataclass(kw_only=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 FIRST, LAST = "8.0 完整脚本", "8.1 脚本主流程说明"
 LUA_FIRST, LUA_LAST = "最小示例如下:", "4. Topic 模块"
-SHIM = ROOT / "tests" / "ros2" / "rclpy_shim"
+SHIM = ROOT / "tests" / "cobot" / "dds" / "rclpy_shim"
 
 
 def script() -> str | None:

@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 
 from ros_peer import until
 
+from cobot.dds.names import ENCLAVE, NodeName
+from cobot.dds.node import Node
+from cobot.dds.rtps import Participant
 from cobot.ros.messages import Messages
-from ros2.names import ENCLAVE, NodeName
-from ros2.node import Node
-from ros2.rtps import Participant
 
 Value = TypeVar("Value")
 NAME = NodeName("cobot")

@@ -34,7 +34,7 @@ COLCON = (
     *(str(PYTHON), "-m", "colcon", "build", "--merge-install", "--event-handlers", "console_cohesion+"),
     *("--cmake-args", "-GNinja", "-DBUILD_TESTING=OFF", "-DCMAKE_BUILD_TYPE=None"),
     *("-DCMAKE_C_FLAGS=-O0", "-DCMAKE_CXX_FLAGS=-O0"),
-    f"-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES={Path(__file__).parent / 'ros2' / 'quick.cmake'}",
+    f"-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES={Path(__file__).parent / 'cobot' / 'dds' / 'quick.cmake'}",
 )
 """Builds the packages below the current folder, as quickly as can be."""
 PYTHON_GENERATORS = "".join(

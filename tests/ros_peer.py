@@ -16,7 +16,7 @@ from peers import built
 
 from cobot.ros.messages import Messages
 
-SOURCE = Path(__file__).parent / "ros2" / "ros_peer.cpp"
+SOURCE = Path(__file__).parent / "cobot" / "dds" / "ros_peer.cpp"
 WAIT_S = 30.0
 Arrival = tuple[int, bytes]
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from peers import built
 
-SOURCE = Path(__file__).parent / "ros2" / "peer.cpp"
+SOURCE = Path(__file__).parent / "cobot" / "dds" / "peer.cpp"
 HEAD = struct.Struct("<4xId")
 WAIT_S = 60.0
 

@@ -20,11 +20,11 @@ from wheels import Environment
 
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-CLIENT = tomllib.loads((ROOT / "cobot-client" / "pyproject.toml").read_text())
+CLIENT = tomllib.loads((ROOT / "packages" / "cobot-client" / "pyproject.toml").read_text())
 BUILD = PYPROJECT["build-system"]
 MODULES = sorted(
     ".".join(source.relative_to(ROOT).with_suffix("").parts)
-    for package in ("cobot", "rtloop", "app", "ros2", "sequences")
+    for package in ("cobot", "rtloop", "app")
     for source in (ROOT / package).rglob("*.pyx")
 )
 # Each in a process of its own, which shares with the others what they all need of other people.
@@ -92,14 +92,14 @@ def test_missing_headers_are_one_sentence(
 
 
 def test_what_the_build_needs_is_pinned_with_hashes() -> None:
-    lock = (ROOT / "requirements-build.lock").read_text().lower()
+    lock = (ROOT / "requirements/build.lock").read_text().lower()
     for requirement in BUILD["requires"]:
         assert f"\n{requirement.lower()} \\\n    --hash=" in "\n" + lock
 
 
 def test_dependencies_are_ranges_that_have_the_pinned_versions_in_them() -> None:
-    pins = dict(re.findall(r"^([\w.-]+)==(\S+)", (ROOT / "requirements-dev.lock").read_text(), re.M))
-    pins |= dict(re.findall(r"^([\w.-]+)==(\S+)", (ROOT / "requirements.lock").read_text(), re.M))
+    pins = dict(re.findall(r"^([\w.-]+)==(\S+)", (ROOT / "requirements/dev.lock").read_text(), re.M))
+    pins |= dict(re.findall(r"^([\w.-]+)==(\S+)", (ROOT / "requirements/run.lock").read_text(), re.M))
     project = PYPROJECT["project"]
     needed = [*project["dependencies"], *CLIENT["project"]["dependencies"]]
     for each in map(Requirement, needed):
@@ -113,7 +113,7 @@ def test_dependencies_are_ranges_that_have_the_pinned_versions_in_them() -> None
 def parent(tmp_path: Path) -> Path:
     """A folder with a clone in it that is named cobot: its Python modules, and what setup.py reads."""
     clone = tmp_path / "parent" / "cobot"
-    for package in ("cobot", "rtloop", "app", "ros2", "sequences", "config"):
+    for package in ("cobot", "rtloop", "app", "config", "sequences"):
         unread = shutil.ignore_patterns("__pycache__", "*.so", "*.py[xi]", "*.pxd")
         shutil.copytree(ROOT / package, clone / package, ignore=unread)
     for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):

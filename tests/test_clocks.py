@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("cobot", "rtloop", "app", "ros2", "sequences", "recorder")
+PACKAGES = ("cobot", "rtloop", "app")
 WALL = {
     "app/aubo/system_info.py": "what time it is, for who asks",
     "app/services/devices/traces.py": "time stamps of messages",
@@ -24,19 +24,21 @@ WALL = {
     "cobot/audit.py": "time stamps of entries",
     "cobot/clock.py": "the one place that services ask",
     "cobot/ipc/shm.py": "when the memory was made",
+    "cobot/learning/record.py": "time stamps of episodes",
+    "cobot/learning/simulation.py": "time stamps of episodes",
     "cobot/logs/lines.py": "time stamps of lines",
     "cobot/logs/process.py": "time stamps of lines",
     "cobot/logs/supervision.py": "time stamps of lines",
-    "recorder/robot.py": "names and time stamps of recordings",
-    "ros2/gateway.py": "time stamps of ROS",
-    "ros2/parameters.py": "time stamps of ROS",
-    "ros2/rtps/discovery.py": "time stamps of RTPS",
-    "ros2/rtps/writer.py": "time stamps of RTPS",
-    "ros2/telemetry.py": "time stamps of ROS",
+    "cobot/recorder/robot.py": "names and time stamps of recordings",
+    "cobot/dds/gateway.py": "time stamps of ROS",
+    "cobot/dds/parameters.py": "time stamps of ROS",
+    "cobot/dds/rtps/discovery.py": "time stamps of RTPS",
+    "cobot/dds/rtps/writer.py": "time stamps of RTPS",
+    "cobot/dds/telemetry.py": "time stamps of ROS",
     "rtloop/backends/fri/simulator/server.py": "how long ago the kernel got a packet, by its stamp",
     "rtloop/main.py": "when it was started",
-    "sequences/recorder.py": "time stamps in recordings",
-    "sequences/runner.py": "time stamps of lines",
+    "cobot/runner/recorder.py": "time stamps in recordings",
+    "cobot/runner/runner.py": "time stamps of lines",
 }
 """Who looks at the clock on the wall, and what for."""
 ASKS = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime", "utcnow"), ("date", "today")}

@@ -24,12 +24,12 @@ def instructions(text: str) -> list[tuple[str, str]]:
 
 @pytest.fixture(scope="module")
 def dockerfile() -> list[tuple[str, str]]:
-    return instructions((ROOT / "Dockerfile").read_text(encoding="utf-8"))
+    return instructions((ROOT / "docker" / "Dockerfile").read_text(encoding="utf-8"))
 
 
 def test_hadolint_has_nothing_to_say() -> None:
     done = subprocess.run(
-        [str(HADOLINT), str(ROOT / "Dockerfile")], capture_output=True, text=True, check=False
+        [str(HADOLINT), str(ROOT / "docker" / "Dockerfile")], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout + done.stderr) == (0, "")
 
@@ -37,7 +37,7 @@ def test_hadolint_has_nothing_to_say() -> None:
 def test_what_is_copied_is_let_through_and_is_there(dockerfile: list[tuple[str, str]]) -> None:
     through = {
         line.removeprefix("!")
-        for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+        for line in (ROOT / "docker" / "Dockerfile.dockerignore").read_text(encoding="utf-8").splitlines()
         if line.startswith("!")
     }
     assert all((ROOT / name).exists() for name in through)
@@ -61,7 +61,7 @@ def test_the_service_runs_as_nobody_in_particular_with_the_settings_of_an_instal
 
 
 def test_the_compose_file_is_one_and_gives_what_a_punctual_cycle_needs() -> None:
-    text = (ROOT / "compose.yaml").read_text(encoding="utf-8")
+    text = (ROOT / "docker" / "compose.yaml").read_text(encoding="utf-8")
     compose_spec.PyCompose.from_yaml(text).to_spec()
     service = yaml.safe_load(text)["services"]["cobot"]
     assert service["shm_size"] == "512m"
@@ -71,6 +71,6 @@ def test_the_compose_file_is_one_and_gives_what_a_punctual_cycle_needs() -> None
 
 
 def test_a_compose_file_that_is_none_would_be_found() -> None:
-    text = (ROOT / "compose.yaml").read_text(encoding="utf-8").replace("shm_size", "shm_sise")
+    text = (ROOT / "docker" / "compose.yaml").read_text(encoding="utf-8").replace("shm_size", "shm_sise")
     with pytest.raises(ValueError, match="shm_sise"):
         compose_spec.PyCompose.from_yaml(text).to_spec()

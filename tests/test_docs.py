@@ -143,7 +143,7 @@ def test_on_the_site_each_link_leads_somewhere_and_each_page_is_in_the_navigatio
     make_site.stage(tmp_path)
     pages = sorted(tmp_path.glob("*.md"))
     assert [(page.name, link) for page in pages for link in links(page) if dead(page, link)] == []
-    navigation = tomllib.loads((ROOT / "zensical.toml").read_text(encoding="utf-8"))["project"]["nav"]
+    navigation = tomllib.loads((DOCS / "zensical.toml").read_text(encoding="utf-8"))["project"]["nav"]
     listed = [name for part in navigation for names in part.values() for name in names]
     assert sorted(listed) == [page.name for page in pages]
     (tmp_path / "index.html").write_text(
@@ -197,7 +197,7 @@ def test_each_address_that_people_are_told_to_ask_is_one() -> None:
 def test_the_house_has_every_room() -> None:
     page = (DOCS / "architecture.md").read_text(encoding="utf-8")
     (house,) = re.findall(r"^```\n(cobot/ .*?)^```", page, re.M | re.S)
-    packages = ("cobot", "rtloop", "app", "recorder", "ros2", "sequences", "learning")
+    packages = ("cobot", "rtloop", "app")
     rooms = [
         file.parent.relative_to(ROOT) for name in packages for file in (ROOT / name).rglob("__init__.py")
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -10,9 +11,13 @@ from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
 
+import pytest
+
+import cobot
+
 ROOT = Path(__file__).parents[1]
 IMPORTS = re.compile(r"^[ \t]*(?:import (.+)|from ([\w.]+) import (\([^)]*\)|.+))", re.M)
-PROCESSES = ("rtloop.main", "ros2.process", "cobot.launch.cli", "cobot.launch.supervisor", "app.server")
+PROCESSES = ("rtloop.main", "cobot.dds.process", "cobot.launch.cli", "cobot.launch.supervisor", "app.server")
 SLOW = {"cobot.planners", "httpx", "ompl", "rich", "ruckig", "scipy"}
 """What only planning processes and clients need."""
 
@@ -64,3 +69,33 @@ def _named(source: str) -> Iterator[str]:
         if package:
             yield package
         yield from (f"{package}.{name}" if package else name for name in re.findall(r"[\w.]+", whole + some))
+
+
+def test_the_contract_of_the_library_has_every_module_of_it() -> None:
+    """import-linter cannot say "all but these": a new module has to be named in pyproject.toml."""
+    folder = Path(cobot.__file__).parent
+    names = {file.stem for file in folder.glob("*.py")} | {
+        room.parent.name for room in folder.glob("*/__init__.py")
+    }
+    project = tomllib.loads((folder.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    library = project["tool"]["importlinter"]["contracts"][0]
+    programs = {name for name in library["forbidden_modules"] if name.startswith("cobot.")}
+    listed = {name.removeprefix("cobot.") for name in [*library["source_modules"], *programs]}
+    assert listed == names - {"__init__", "__main__"}
+
+
+@pytest.mark.parametrize("name", ["config", "learning", "recorder", "ros2", "sequences"])
+def test_a_foreign_package_may_have_the_name_of_a_folder_of_the_clone(name: str, tmp_path: Path) -> None:
+    """Oracle: Python's own import of the foreign package, and the settings that cobot finds beside it."""
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "__init__.py").write_text("FOREIGN = True\n", encoding="utf-8")
+    script = f"import {name}; assert {name}.FOREIGN; from cobot.config import load_settings; load_settings()"
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr

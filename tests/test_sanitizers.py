@@ -27,14 +27,12 @@ COPIED = (
     "cobot",
     "rtloop",
     "app",
-    "ros2",
     "sequences",
-    "recorder",
     "config",
     "tests",
     "pyproject.toml",
     "setup.py",
-    "requirements-build.lock",
+    "requirements/build.lock",
 )
 # Every file here works compiled modules with valid and with invalid input, and all of them together each one.
 TESTS = (

@@ -32,12 +32,12 @@ def client_wheel(into: Path) -> Path:
     """That of the client; in a copy, because several may be made at a time."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder)
-        for name in ("cobot", "cobot-client", "docs"):
+        for name in ("cobot", "packages", "docs"):
             unread = shutil.ignore_patterns("__pycache__", "*.so", "*.png", "build", "*.egg-info")
             shutil.copytree(ROOT / name, copy / name, ignore=unread)
         for name in ("pyproject.toml", "LICENSE"):
             shutil.copy2(ROOT / name, copy)
-        return build(copy / "cobot-client", into)
+        return build(copy / "packages" / "cobot-client", into)
 
 
 class Environment:

@@ -1,11 +1,12 @@
 """The ROS interfaces of the vendor services and actions: texts, and the package that a ROS user builds.
 
-`python -m app.aubo.interfaces` writes the package's two folders anew from the registry: the whole one, and a
-small one of what the manual's client needs. Both have the same name, for it is part of the types.
+`python -m app.aubo.interfaces FOLDER` writes the package below a folder, from the registry; with --small only
+what the manual's client needs. Both have the same name, for it is part of the types.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import shutil
 import textwrap
@@ -20,8 +21,6 @@ from app.aubo.fields import REQUIRED, Field
 from app.aubo.registry import Service
 
 PACKAGE = "aubo_interfaces"
-FOLDER = Path(__file__).parents[2] / "ros2_interfaces" / PACKAGE
-SMALL_FOLDER = FOLDER.parent / "small" / PACKAGE
 WIDTH = 110
 ACTIONS = {"ServoMode": ServoModeAction.definition}
 """The definitions of the vendor's own actions, by name."""
@@ -121,7 +120,16 @@ def _comment(text: str) -> list[str]:
     return textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent="#   ", break_long_words=False)
 
 
+def main() -> None:
+    """Write the package that a ROS user builds."""
+    parser = argparse.ArgumentParser(prog="python -m app.aubo.interfaces", description=__doc__)
+    parser.add_argument("folder", type=Path, help="the src folder of a colcon workspace")
+    parser.add_argument("--small", action="store_true", help="only what the manual's client needs")
+    chosen = parser.parse_args()
+    files = package_files(SMALL if chosen.small else None)
+    write_package(chosen.folder / PACKAGE, files)
+    print(f"{chosen.folder / PACKAGE}: {len(files) - 2} interfaces")
+
+
 if __name__ == "__main__":
-    write_package(FOLDER, package_files())
-    write_package(SMALL_FOLDER, package_files(SMALL))
-    print(f"{FOLDER}: {len(interface_definitions())} interfaces, {len(SMALL)} of them in {SMALL_FOLDER}")
+    main()

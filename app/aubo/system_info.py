@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 CLASS = "SystemInfo"
-PACKAGES = ("app", "cobot", "rtloop", "sequences")
+PACKAGES = ("app", "cobot", "rtloop")
 
 
 @service(CLASS)

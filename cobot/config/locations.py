@@ -8,11 +8,14 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, ValidationInfo
 
+from cobot import shipped
 from cobot.errors import ConfigError
 
 
 def resolve(location: str, folder: Path) -> Path:
     """The file that a setting names: pkg://PACKAGE/PATH, ~/PATH, or relative to `folder`.
+
+    pkg://config and pkg://sequences are what ships with cobot.
 
     Raises:
         ConfigError: for a package that is not installed or a path that leaves it.
@@ -23,17 +26,29 @@ def resolve(location: str, folder: Path) -> Path:
         except (RuntimeError, OSError, ValueError) as exc:  # no such user, a circle of links, a NUL byte
             raise ConfigError(f"{location}: {exc}") from exc
     package, _, inner = location.removeprefix("pkg://").partition("/")
-    try:
-        spec = importlib.util.find_spec(package) if package.isidentifier() else None
-    except (ImportError, ValueError):
-        spec = None
-    if spec is None or not spec.submodule_search_locations:
+    root = _folder_of(package)
+    if root is None:
         raise ConfigError(f"{location}: there is no installed Python package {package!r}")
-    root = Path(next(iter(spec.submodule_search_locations))).resolve()
     path = (root / inner).resolve()
     if not path.is_relative_to(root):
         raise ConfigError(f"{location}: leaves the package {package!r}")
     return path
+
+
+def _folder_of(package: str) -> Path | None:
+    """The folder of what ships with cobot, or else of an installed package; None if there is none.
+
+    A foreign package may be named `config` too, so that what ships with cobot comes first.
+    """
+    if package in shipped.NAMES:
+        return (shipped.FOLDER / package).resolve()
+    try:
+        spec = importlib.util.find_spec(package) if package.isidentifier() else None
+    except (ImportError, ValueError):
+        return None
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    return Path(next(iter(spec.submodule_search_locations))).resolve()
 
 
 def _in_folder(value: object, info: ValidationInfo) -> Path:

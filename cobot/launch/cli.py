@@ -168,7 +168,7 @@ def _become_client(chosen: argparse.Namespace) -> NoReturn:
     """Become the runner or the bridge for agents: clients like any other, unknown to this library."""
     if chosen.command == "lua":
         url = address(chosen.url, chosen.robot) if chosen.robot else chosen.url
-        command = [*RUN_MODULE, "sequences", "run", "--lua", "--url", url, "--", str(chosen.file)]
+        command = [*RUN_MODULE, "cobot.runner", "run", "--lua", "--url", url, "--", str(chosen.file)]
     else:
         command = [*RUN_MODULE, "app.mcp", "--url", chosen.url]
     given = {TOKEN_VARIABLE: chosen.token, CERTIFICATE_VARIABLE: chosen.certificate}

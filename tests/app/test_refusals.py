@@ -26,13 +26,13 @@ from app.mcp.tools import decided
 from app.rosbridge.connection import Connection
 from cobot.client import Client
 from cobot.codes import OF_ERROR, code_of
+from cobot.dds.gateway import failure
+from cobot.dds.rosbridge import Rosbridge
 from cobot.errors import BY_CODE, CobotError, PayloadError
 from cobot.ros.failures import FjtError, error_code_of
 from cobot.ros.messages import Messages
-from ros2.gateway import failure
-from ros2.rosbridge import Rosbridge
-from sequences.lua_program import Program
-from sequences.lua_sandbox import Limits, run_apart
+from cobot.runner.lua_program import Program
+from cobot.runner.lua_sandbox import Limits, run_apart
 
 ERRORS = sorted(BY_CODE.values(), key=lambda kind: kind.code)
 GET_DOF = REGISTRY["RobotConfig", "getDof"]

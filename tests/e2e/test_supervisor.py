@@ -46,7 +46,7 @@ def test_the_start_says_what_matters(shared: Run) -> None:
 
 
 def test_the_recorder_takes_the_time_that_nobody_else_wants_once_it_is_there(shared: Run) -> None:
-    recorder = shared.child("recorder")
+    recorder = shared.child("cobot.recorder")
     assert recorder is not None
     shared.until(lambda: recorder.nice() == Niceness.BACKGROUND)
 
@@ -213,7 +213,7 @@ def test_what_a_killed_supervisor_left_is_taken_over(run: Run) -> None:
 
 def test_what_lies_in_the_current_folder_is_not_taken_for_cobot(tmp_path: Path) -> None:
     """A clone's folder is called cobot too, and Python would look there first."""
-    for name in ("cobot/config", "app", "rtloop", "sequences"):
+    for name in ("cobot/config", "app", "rtloop", "config"):
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "__init__.py").write_text(
             "raise RuntimeError('the wrong one')\n", encoding="utf-8"
@@ -304,7 +304,7 @@ def test_a_recording_goes_on_without_a_missing_cycle_when_recorder_and_rtloop_ar
 
     run.until(lambda: recorder().get("alive"))
     (started,) = asked("start")
-    for module in ("recorder", "rtloop", "recorder"):
+    for module in ("cobot.recorder", "rtloop", "cobot.recorder"):
         old = run.child(module)
         assert old is not None
         cycle = recorder()
@@ -312,7 +312,7 @@ def test_a_recording_goes_on_without_a_missing_cycle_when_recorder_and_rtloop_ar
         old.kill()
         run.until(lambda module=module, old=old: run.restarted(module, old.pid) and run.healthy())
         run.until(lambda old=old: recorder().get("alive") and recorder().get("pid") != old.pid)
-    old = run.child("recorder")
+    old = run.child("cobot.recorder")
     assert old is not None
     lost = recorder()["lost"]  # by fast motions of other tests
     old.suspend()

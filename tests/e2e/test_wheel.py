@@ -13,8 +13,8 @@ from wheels import Environment, build, client_wheel
 
 ROOT = Path(__file__).parents[2]
 # With what is compiled already: the wheel has to be whole, not new.
-SOURCES = ("cobot", "rtloop", "app", "ros2", "sequences", "recorder", "learning", "config", "build")
-FILES = ("pyproject.toml", "setup.py", "requirements-build.lock", "README.md", "LICENSE")
+SOURCES = ("cobot", "rtloop", "app", "config", "sequences", "build")
+FILES = ("pyproject.toml", "setup.py", "requirements/build.lock", "README.md", "LICENSE")
 # Where nothing is compiled yet, all of it is.
 pytestmark = pytest.mark.timeout(900)
 
@@ -44,7 +44,7 @@ def installed(wheel: Path, tmp_path: Path) -> Path:
 
 def stems(folder: Path, last_names: str) -> set[Path]:
     """The compiled modules there, or what they are made from, without their last names."""
-    found = {each for name in SOURCES[:-2] for each in (folder / name).rglob(last_names)}
+    found = {each for name in SOURCES[:3] for each in (folder / name).rglob(last_names)}
     return {each.relative_to(folder).with_name(each.name.split(".")[0]) for each in found}
 
 

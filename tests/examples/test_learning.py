@@ -17,7 +17,7 @@ from lerobot_stand_in import plugin_beside_it
 from virtual import VirtualService, virtual_service
 
 import cobot
-from learning.episodes import read_episode
+from cobot.learning.episodes import read_episode
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SWING_S = 1.5
@@ -47,8 +47,8 @@ def test_the_policy_s_example_moves_the_arm(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     need("msgpack")
-    from learning import policy
-    from learning.openpi import packed, unpacked
+    from cobot.learning import policy
+    from cobot.learning.openpi import packed, unpacked
 
     async def serve(socket: Any) -> None:
         await socket.send(packed({"model": "a little further"}))
@@ -105,7 +105,10 @@ def test_lerobot_moves_the_arm(
     [
         ("own_hand.py", f"own_hand.py: .*{NOBODY}.*; `make run` starts a service"),
         ("record_episode.py", f"record_episode.py: {NOBODY}: "),
-        ("lerobot_arm.py", r"lerobot_arm.py: .*: pip install \./cobot-client \./lerobot-robot-cobot"),
+        (
+            "lerobot_arm.py",
+            r"lerobot_arm.py: .*: pip install \./packages/cobot-client \./packages/lerobot",
+        ),
     ],
 )
 def test_what_is_missing_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch, script: str, said: str) -> None:

@@ -74,7 +74,7 @@ def axe() -> str:
     """The script of axe-core. What brings it along would import a browser's driver, so it is not imported."""
     spec = find_spec("axe_playwright_python")
     if spec is None or not spec.submodule_search_locations:
-        pytest.skip("axe-playwright-python is not installed: see requirements-peers.lock")
+        pytest.skip("axe-playwright-python is not installed: see requirements/peers.lock")
     return (Path(spec.submodule_search_locations[0]) / "axe.min.js").read_text(encoding="utf-8")
 
 

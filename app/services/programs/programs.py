@@ -162,7 +162,7 @@ async def _check(path: Path) -> None:
     """Have the runner look at a program, in a process of its own, as it will be run."""
     process = await asyncio.create_subprocess_exec(
         *RUN_MODULE,
-        "sequences",
+        "cobot.runner",
         "check",
         str(path),
         stdin=asyncio.subprocess.DEVNULL,

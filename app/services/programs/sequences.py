@@ -233,7 +233,7 @@ class SequenceService:
         try:
             process = await asyncio.create_subprocess_exec(
                 *RUN_MODULE,
-                "sequences",
+                "cobot.runner",
                 *arguments,
                 "--progress-fd",
                 str(write_end),

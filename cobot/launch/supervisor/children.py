@@ -40,7 +40,7 @@ class Children:
         return Child(name, command, self._log)
 
     def recorder(self) -> Child:
-        return Child(RECORDER, [*RUN_MODULE, "recorder", *self._config], self._log)
+        return Child(RECORDER, [*RUN_MODULE, "cobot.recorder", *self._config], self._log)
 
     def service(self, listener: socket.socket) -> Child:
         """The web service; it takes connections from this socket."""
@@ -57,7 +57,7 @@ class Children:
         # What one such process leaves to the next; it goes with the supervisor.
         last_words = os.memfd_create("cobot-ros2")
         arguments = ["--last-words", str(last_words), *(("--url", url) if url else ())]
-        command = [*RUN_MODULE, "ros2", *self._config, *arguments]
+        command = [*RUN_MODULE, "cobot.dds", *self._config, *arguments]
         environment = {ROS_TOKEN_VARIABLE: self._ros_token}
         if self._settings.web.tls_certificate:
             environment[CERTIFICATE_VARIABLE] = str(self._settings.web.tls_certificate)

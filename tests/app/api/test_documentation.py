@@ -275,6 +275,6 @@ def test_the_sample_trajectory_runs_from_anywhere(service: VirtualService) -> No
 def test_the_other_samples_are_what_the_runner_takes(name: str, tmp_path: Path) -> None:
     file = tmp_path / name
     file.write_text(SAMPLES[name][1], encoding="utf-8")
-    command = [sys.executable, "-P", "-m", "sequences", "check", str(file)]
+    command = [sys.executable, "-P", "-m", "cobot.runner", "check", str(file)]
     checked = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert checked.returncode == 0, checked.stderr

@@ -1,30 +1,33 @@
 """The package of ROS interfaces.
 
-Oracle: rosbags' parser of message definitions and its CDR; the files in the repository; ElementTree.
+Oracle: rosbags' parser of message definitions and its CDR; ElementTree.
 """
 
 from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from app.aubo.interfaces import FOLDER, PACKAGE, interface_definitions, package_files
+from app.aubo.interfaces import PACKAGE, SMALL, interface_definitions, main, package_files
 from app.aubo.registry import REGISTRY
 
 DEFINITIONS = interface_definitions()
 SEPARATOR = re.compile(r"^---$", re.MULTILINE)
 
 
-def test_the_folder_is_what_the_registry_says() -> None:
-    written = {
-        str(path.relative_to(FOLDER)): path.read_text(encoding="utf-8")
-        for path in FOLDER.rglob("*")
-        if path.is_file()
-    }
-    assert written == package_files(), "run: python -m app.aubo.interfaces"
+def test_the_command_writes_the_package_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for options, files in (([], package_files()), (["--small"], package_files(SMALL))):
+        monkeypatch.setattr("sys.argv", ["interfaces", str(tmp_path), *options])
+        main()
+        folder = tmp_path / PACKAGE
+        written = [path for path in folder.rglob("*") if path.is_file()]
+        assert {str(path.relative_to(folder)): path.read_text(encoding="utf-8") for path in written} == files
 
 
 def test_each_service_has_a_text_whose_fields_are_its_own() -> None:

@@ -57,7 +57,7 @@ def runners(run: Run) -> list[psutil.Process]:
     found = []
     for process in psutil.process_iter(["cmdline"]):
         line = process.info["cmdline"] or []
-        if "sequences" in line and any(run.url.rsplit(":", 1)[1] in part for part in line):
+        if "cobot.runner" in line and any(run.url.rsplit(":", 1)[1] in part for part in line):
             found.append(process)
     return found
 
@@ -151,7 +151,7 @@ def test_processes_beside_the_motion_that_are_stopped_and_killed_leave_it_alone(
     run = crashing
     with doing(run, activity) if activity == "stream" else active(run, activity):
         (worker,) = run.until(lambda: workers(run))
-        beside = {which: child(run, which, None) for which in ("ros2", "recorder")}
+        beside = {which: child(run, which, None) for which in ("cobot.dds", "cobot.recorder")}
         for signal in ("suspend", "kill"):
             for each in (worker, *beside.values()):
                 getattr(each, signal)()
@@ -170,14 +170,14 @@ def test_a_ros_process_that_fails_is_no_business_of_the_arm(
 ) -> None:
     run = crashing
     move(run, HOME)
-    old = run.until(lambda: run.child("ros2"))
+    old = run.until(lambda: run.child("cobot.dds"))
     getattr(old, signal)()
     try:
         require_arrival(run, AWAY, 0.5)
     finally:
         if signal == "suspend":
             old.resume()
-    run.until(lambda: signal == "suspend" or run.restarted("ros2", old.pid))
+    run.until(lambda: signal == "suspend" or run.restarted("cobot.dds", old.pid))
     require_able(run, record)
 
 

@@ -16,7 +16,7 @@ from running import WAIT_S, Run, answering
 
 # Who comes first builds what all need.
 pytestmark = pytest.mark.timeout(600)
-SESSION = Path(__file__).parents[2] / "ros2" / "jazzy_session.py"
+SESSION = Path(__file__).parents[2] / "cobot" / "dds" / "jazzy_session.py"
 
 
 class Jazzy:

@@ -27,9 +27,9 @@ from running import WAIT_S, Run, answering, require_quick
 
 from app.aubo.interfaces import interface_definitions
 from cobot.codes import Code
+from cobot.dds.rtps.announcements import LEASE_S
 from cobot.robot.description import RobotDescription
 from cobot.ros.messages import Messages
-from ros2.rtps.announcements import LEASE_S
 
 STRING = "std_msgs/msg/String"
 JOINT_STATES = "sensor_msgs/msg/JointState"
@@ -324,7 +324,9 @@ def test_the_client_finds_a_restarted_ros_process(ros: Ros) -> None:
         killed_s = time.monotonic()
         # Who finds the new one no longer believes in the dead one: each call that can be made is answered.
         restarted(
-            ros, "ros2", lambda: until(lambda: get_dof.matches() == (0, 0), "the dead one is still there")
+            ros,
+            "cobot.dds",
+            lambda: until(lambda: get_dof.matches() == (0, 0), "the dead one is still there"),
         )
         until(lambda: get_dof.matches() == (1, 1), "the new process is not found")
         assert get_dof.call()["result"] == 7
@@ -368,7 +370,7 @@ def test_what_came_by_way_of_a_ros_process_ends_with_it(ros: Ros, activity: str)
         until(rests, "the arm does not come to rest")
         until(lambda: send.matches() == (0, 0), "the dead one is still there")
 
-    restarted(ros, "ros2", missed)
+    restarted(ros, "cobot.dds", missed)
     until(lambda: send.matches() == (1, 1), "the next process is not found")
     assert np.abs(np.array(ros.run.joints()) - HOME).max() < 0.49, "it did not go to its end"
     with pytest.raises(queue.Empty):

@@ -123,7 +123,7 @@ def test_a_stop_ends_a_paused_program_and_its_process(pair: Pair, arms: tuple[Ar
     until(lambda: arm.speed > 0.02)
     service = pair.child("app")
     assert service is not None
-    runners = [p for p in service.children(recursive=True) if "sequences" in p.cmdline()]
+    runners = [p for p in service.children(recursive=True) if "cobot.runner" in p.cmdline()]
     assert len(runners) == 1
     arm.ask("RuntimeMachine/pause")
     assert arm.state == "Paused"

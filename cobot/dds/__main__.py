@@ -1,0 +1,30 @@
+"""`python -m cobot.dds`: the robots on ROS 2, as `cobot run` starts it."""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import signal
+import sys
+
+from cobot.launch.process import Niceness, be, die_with_parent, in_words
+
+
+def start() -> int:
+    from cobot.dds.process import main  # takes a second, in which the supervisor might die unnoticed
+
+    return main()
+
+
+LAST_WORDS = "--last-words"
+
+if __name__ == "__main__":
+    atexit.register(gc.freeze)  # as in `cobot.__main__`
+    die_with_parent(signal.SIGTERM)
+    be(Niceness.PROMPT, session=True)
+    gc.disable()  # until all is there that stays: see `cobot.dds.process`
+    if LAST_WORDS in sys.argv[:-1]:
+        from cobot.dds.rtps import LastWords
+
+        LastWords(int(sys.argv[sys.argv.index(LAST_WORDS) + 1])).speak()
+    sys.exit(in_words(start))

@@ -1,0 +1,268 @@
+"""A ROS 2 node: publishers, subscriptions and service servers, as rmw_fastrtps makes them.
+
+Callbacks and handlers run in the event loop; what comes from the wire's thread is handed over in order. An
+action needs nothing of its own: it is three services and two topics below `NAME/_action/`, see
+https://design.ros2.org/articles/actions.html, and a handler may take as long as it likes to answer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from contextvars import ContextVar
+from typing import Any
+from weakref import WeakValueDictionary
+
+from cobot.dds import rtps
+from cobot.dds.graph import Graph
+from cobot.dds.inbox import Inbox, Losses
+from cobot.dds.names import NodeName, reply_name, request_name, topic_name, type_hash, type_name
+from cobot.dds.rtps import Participant, Qos, RtpsError, Sample, SampleIdentity
+from cobot.errors import CobotError, InputError, PayloadError
+from cobot.ros.message_limits import MAX_MESSAGE
+from cobot.ros.messages import Messages
+
+Message = dict[str, Any]
+LARGE_BYTES = 1 << 16
+"""Messages above this size are decoded in a thread, so that a trajectory does not keep the others waiting."""
+MAX_BYTES = 4 * MAX_MESSAGE
+"""Maximum size of a message: no type needs less than a quarter of its CDR as JSON (an int64 as `0,`)."""
+MAX_CALLS = 64
+"""Maximum number of calls of one service by one client that are worked on; its further requests wait."""
+CYCLONE = 0x0110
+CYCLONE_HEADER = slice(4, 20)
+"""rmw_cyclonedds writes who asks into the payload: uint64 guid, int64 sequence number, after 4 bytes."""
+SERVICE_QOS = Qos(reliable=True, transient_local=False, depth=None)
+LATCHED_QOS = Qos(reliable=True, transient_local=True, depth=1)
+
+log = logging.getLogger("cobot.ros2")
+
+
+class Publisher:
+    """Publishes on a topic. Made by `Node.publisher`; may be used in any thread."""
+
+    def __init__(self, node: Node, topic: str, type_: str, qos: Qos) -> None:
+        self.topic = topic
+        self.type = type_
+        self._node = node
+        self._writer = node.participant.create_writer(
+            topic_name(topic), type_name(type_), qos, type_hash(node.messages.type_hash(type_))
+        )
+        node.graph.add(self._writer.guid)
+
+    @property
+    def readers(self) -> int:
+        """How many readers of others there are."""
+        return len(self._writer.matched)
+
+    def publish(self, message: Message) -> None:
+        """Send a message, in which ROS's defaults may be missing.
+
+        Raises:
+            InputError: it is no message of this type, or too large.
+        """
+        self.publish_cdr(self._node.messages.to_cdr(self.type, message))
+
+    def publish_cdr(self, content: bytes) -> None:
+        """Send a message that is CDR already, header included.
+
+        Raises:
+            InputError: it is too large.
+        """
+        try:
+            self._writer.write(content)
+        except rtps.PayloadError as exc:
+            raise InputError(str(exc)) from exc
+
+    def close(self) -> None:
+        self._node.graph.remove(self._writer.guid)
+        self._writer.close()
+
+
+class Subscription:
+    """Gets the messages of a topic. Made by `Node.subscription`."""
+
+    def __init__(
+        self, node: Node, topic: str, type_: str, callback: Callable[[Message], None], qos: Qos
+    ) -> None:
+        self.topic = topic
+        self.type = type_
+        self.rejected = Losses(f"messages on {topic} ({type_}) that are rejected")
+        self._node = node
+        self._callback = callback
+        self._inbox = Inbox(topic, node.loop, self._deliver)
+        self._reader = node.participant.create_reader(
+            topic_name(topic),
+            type_name(type_),
+            qos,
+            self._inbox.put,
+            type_hash(node.messages.type_hash(type_)),
+        )
+        node.graph.add(self._reader.guid)
+
+    def close(self) -> None:
+        self._node.graph.remove(self._reader.guid)
+        self._reader.close()
+
+    def _deliver(self, sample: Sample) -> Awaitable[None] | None:
+        if len(sample.payload) > LARGE_BYTES:
+            return self._deliver_large(sample)
+        try:
+            self._callback(self._node.messages.from_cdr(self.type, sample.payload))
+        except CobotError as exc:
+            self.rejected.add(str(exc))
+        return None
+
+    async def _deliver_large(self, sample: Sample) -> None:
+        try:
+            self._callback(await self._node.read_large(self.type, sample.payload))
+        except CobotError as exc:
+            self.rejected.add(str(exc))
+
+
+Handler = Callable[[Message], Awaitable[Message]]
+CLIENT: ContextVar[bytes] = ContextVar("client", default=b"")
+"""The participant whose request the present task answers."""
+
+
+class Service:
+    """Answers requests. Made by `Node.service`."""
+
+    def __init__(self, node: Node, name: str, type_: str, handler: Handler) -> None:
+        self.name = name
+        self.type = type_
+        self._node = node
+        self._handler = handler
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._turns: WeakValueDictionary[bytes, asyncio.Semaphore] = WeakValueDictionary()
+        self._inbox = Inbox(name, node.loop, self._begin)
+        participant = node.participant
+        self._writer = participant.create_writer(
+            reply_name(name), type_name(f"{type_}_Response"), SERVICE_QOS
+        )
+        self._reader = participant.create_reader(
+            request_name(name), type_name(f"{type_}_Request"), SERVICE_QOS, self._inbox.put
+        )
+        node.graph.add(self._reader.guid, self._writer.guid)
+
+    def close(self) -> None:
+        """Requests that are under way get no answer."""
+        self._node.graph.remove(self._reader.guid, self._writer.guid)
+        self._reader.close()
+        self._writer.close()
+        for task in self._tasks:
+            task.cancel()
+
+    def _begin(self, sample: Sample) -> None:
+        task = self._node.loop.create_task(self._answer(sample), name=self.name)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _answer(self, sample: Sample) -> None:
+        messages = self._node.messages
+        asker = SampleIdentity(sample.related.writer if sample.related else sample.writer, sample.sequence)
+        payload, header = sample.payload, b""
+        if sample.vendor == CYCLONE:
+            header = payload[CYCLONE_HEADER]
+            payload = payload[: CYCLONE_HEADER.start] + payload[CYCLONE_HEADER.stop :]
+        CLIENT.set(asker.writer.prefix)
+        turn = self._turns.setdefault(asker.writer.prefix, asyncio.Semaphore(MAX_CALLS))
+        try:
+            async with turn:
+                log.debug("a request to %s", self.name)
+                content = messages.to_cdr(f"{self.type}_Response", await self._respond(payload))
+            if header:
+                content = content[: CYCLONE_HEADER.start] + header + content[CYCLONE_HEADER.start :]
+            # To the client's reader alone, and there even if it is yet to be discovered.
+            only = asker.writer if asker.writer.is_reader else None
+            self._writer.write(content, related=asker, only=only)
+        except (CobotError, RtpsError) as exc:
+            log.warning("a request to %s gets no answer: %s", self.name, exc)
+
+    async def _respond(self, payload: bytes) -> Message:
+        type_ = f"{self.type}_Request"
+        if len(payload) > LARGE_BYTES:
+            return await self._handler(await self._node.read_large(type_, payload))
+        return await self._handler(self._node.messages.from_cdr(type_, payload))
+
+
+class Node:
+    """The one node of a participant.
+
+    Args:
+        messages: the types; may be given more of them later.
+        gid_bytes: see `Graph`.
+        loop: where callbacks and handlers run.
+    """
+
+    def __init__(
+        self,
+        participant: Participant,
+        name: NodeName,
+        messages: Messages,
+        gid_bytes: int | None,
+        loop: asyncio.AbstractEventLoop,
+    ) -> None:
+        self.participant = participant
+        self.name = name
+        self.messages = messages
+        self.loop = loop
+        self.graph = Graph(participant, name, gid_bytes, loop)
+
+    async def read_large(self, type_: str, payload: bytes) -> Message:
+        """Decodes CDR without keeping the event loop waiting.
+
+        Raises:
+            PayloadError: it is larger than anything that the service accepts.
+            InputError: it is not a message of this type.
+        """
+        if len(payload) > MAX_BYTES:
+            raise PayloadError(f"the message has {len(payload)} bytes, allowed are {MAX_BYTES}")
+        self.messages.record(type_)  # types are added in this thread alone
+        return await asyncio.to_thread(self.messages.from_cdr, type_, payload)
+
+    def publisher(self, topic: str, type_: str, *, depth: int = 10, latched: bool = False) -> Publisher:
+        """Publish on a topic, reliably.
+
+        Args:
+            type_: "std_msgs/msg/String".
+            depth: how many messages are kept for those who read slowly.
+            latched: who comes later gets the last message (transient local).
+
+        Raises:
+            InputError: no such type.
+        """
+        return Publisher(self, topic, type_, LATCHED_QOS if latched else Qos(depth=depth))
+
+    def subscription(
+        self, topic: str, type_: str, callback: Callable[[Message], None], *, reliable: bool = True
+    ) -> Subscription:
+        """Get a topic's messages.
+
+        Args:
+            callback: called with each, in the order of each publisher; it must be quick.
+            reliable: whether to get nothing from publishers that are not.
+
+        Raises:
+            InputError: no such type.
+        """
+        return Subscription(self, topic, type_, callback, Qos(reliable=reliable, depth=None))
+
+    def service(self, name: str, type_: str, handler: Handler) -> Service:
+        """Answer requests.
+
+        Args:
+            type_: "aubo_interfaces/srv/GetDof".
+            handler: gets the complete request and gives the response, in which ROS's defaults may be missing.
+                If it raises a CobotError there is no answer, because ROS has none for that.
+
+        Raises:
+            InputError: no such type.
+        """
+        if not self.messages.has_service(type_):
+            raise InputError(f"there is no type {type_!r} here")
+        return Service(self, name, type_, handler)
+
+    def close(self) -> None:
+        self.graph.close()

@@ -1,0 +1,93 @@
+"""The manual's options (its chapter 2.5) and ours, as parameters of the node."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from cobot.config import Settings
+from cobot.dds.gateway import Gateway
+from cobot.dds.parameters import Parameter, Value
+from cobot.dds.rosbridge import AWAY
+from cobot.dds.telemetry import Telemetry
+from cobot.errors import UnavailableError
+from cobot.ros.robot_messages import STRING
+from cobot.servo.protocol import LONGEST_PERIOD_S, LONGEST_TIME_S
+
+MAX_HZ = 1000.0
+FIXED = "it is needed at the start: change ros.{} in the settings file and start cobot again"
+NO_ROS = "it means nothing here, for cobot speaks DDS itself and needs no ROS"
+
+log = logging.getLogger("cobot.ros2")
+
+
+def options(settings: Settings, robots: list[Telemetry], gateway: Gateway | None) -> list[Parameter]:
+    """All parameters, with what they do when they are set. Long, as it is their table."""
+    ros = settings.ros
+
+    async def set_debug(value: bool) -> None:
+        log.setLevel(logging.DEBUG if value else logging.INFO)
+
+    async def set_rate(value: float) -> None:
+        for robot in robots:
+            robot.joint_states.rate_hz = value
+
+    def later(key: str) -> Callable[[Any], Awaitable[None]]:
+        async def tell(value: Value) -> None:
+            """As a client would with joint_cmd, so that whoever speaks last is heard."""
+            command = json.dumps({"type": "fjt_control", key: value})
+            for name in settings.each:
+                if gateway is None or not gateway.publish(f"/{name}/joint_cmd", STRING, {"data": command}):
+                    raise UnavailableError(AWAY)
+
+        return tell
+
+    def fixed(name: str, value: Value, doc: str, key: str | None = None) -> Parameter:
+        return Parameter(name, value, doc, fixed=FIXED.format(key or name))
+
+    domain = "the domain, ROS_DOMAIN_ID"
+    return [
+        fixed("domain_id", ros.domain_id, domain),
+        fixed("domin_id", ros.domain_id, f"{domain}; so it is written in the manual", "domain_id"),
+        fixed("localhost_only", int(ros.localhost_only), "1: this computer only; ROS_LOCALHOST_ONLY"),
+        Parameter("rmw_imp", "", "an implementation of ROS's middleware", fixed=NO_ROS),
+        Parameter("rmw_qos_file", "", "profiles of Fast DDS", fixed=NO_ROS),
+        Parameter("ament_prefix_env", "", "where ROS is installed", fixed=NO_ROS),
+        Parameter("ld_library_env", "", "where ROS's libraries are", fixed=NO_ROS),
+        Parameter("legacy_names", False, "older names too", fixed="there have never been other names"),
+        Parameter("use_sim_time", False, "time of /clock", fixed="measurements carry the time of the clock"),
+        Parameter("debug", ros.debug, "whether the log tells more", set_debug),
+        Parameter(
+            "joint_states_rate_hz",
+            ros.joint_states_rate_hz,
+            "messages per second",
+            set_rate,
+            low=1.0,
+            high=MAX_HZ,
+        ),
+        Parameter(
+            "enable_fjt_action",
+            ros.enable_fjt_action,
+            "whether follow_joint_trajectory takes goals",
+            later("enable_fjt_action"),
+        ),
+        Parameter("fjt_mode", ros.fjt_mode, "its servo mode, 0 for none", later("fjt_mode"), low=0, high=7),
+        Parameter(
+            "fjt_time",
+            ros.fjt_time,
+            "s, the time of each of its points; 0: fjt_send_period",
+            later("fjt_time"),
+            low=0.0,
+            high=LONGEST_TIME_S,
+        ),
+        Parameter(
+            "fjt_send_period",
+            ros.fjt_send_period,
+            "s, between its points; 0: 0.01",
+            later("fjt_send_period"),
+            low=0.0,
+            high=LONGEST_PERIOD_S,
+        ),
+    ]

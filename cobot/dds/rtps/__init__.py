@@ -1,0 +1,37 @@
+"""RTPS 2.2, the wire protocol of DDS, in pure Python: enough of it to be a good neighbour of ROS 2 nodes."""
+
+from cobot.dds.rtps.errors import ClosedError, MalformedError, NetworkError, PayloadError, RtpsError
+from cobot.dds.rtps.last_words import LastWords
+from cobot.dds.rtps.participant import Participant
+from cobot.dds.rtps.reader import TopicReader as Reader
+from cobot.dds.rtps.types import (
+    Guid,
+    Limits,
+    Qos,
+    RemoteEndpoint,
+    RemoteParticipant,
+    Sample,
+    SampleIdentity,
+    Statistics,
+)
+from cobot.dds.rtps.writer import Writer
+
+__all__ = [
+    "ClosedError",
+    "Guid",
+    "LastWords",
+    "Limits",
+    "MalformedError",
+    "NetworkError",
+    "Participant",
+    "PayloadError",
+    "Qos",
+    "Reader",
+    "RemoteEndpoint",
+    "RemoteParticipant",
+    "RtpsError",
+    "Sample",
+    "SampleIdentity",
+    "Statistics",
+    "Writer",
+]

@@ -1,0 +1,78 @@
+"""The one way in which this package reads bytes that came from the network."""
+
+from __future__ import annotations
+
+from struct import Struct
+from typing import Any
+
+from cobot.dds.rtps.errors import MalformedError
+
+
+class Layout:
+    """A fixed run of fields in either byte order; `fields` as in `struct`."""
+
+    __slots__ = ("big", "little", "size")
+
+    def __init__(self, fields: str) -> None:
+        self.big = Struct(f">{fields}")
+        self.little = Struct(f"<{fields}")
+        self.size = self.big.size
+
+
+_U32 = Layout("I")
+_SEQUENCE = Layout("iI")
+
+
+class Cursor:
+    """Reads forward through a part of a datagram; whatever lies beyond its end is a MalformedError."""
+
+    __slots__ = ("_data", "end", "little", "position")
+
+    def __init__(self, data: memoryview, position: int, end: int, little: bool) -> None:
+        if not 0 <= position <= end <= len(data):
+            raise MalformedError(f"part {position}..{end} of {len(data)} bytes")
+        self._data = data
+        self.position = position
+        self.end = end
+        self.little = little
+
+    @property
+    def remaining(self) -> int:
+        return self.end - self.position
+
+    def skip(self, count: int) -> int:
+        """Where the skipped bytes begin."""
+        start = self.position
+        if count > self.end - start:
+            raise MalformedError(f"{count} bytes wanted, {self.remaining} left")
+        self.position = start + count
+        return start
+
+    def read(self, layout: Layout) -> tuple[Any, ...]:
+        start = self.skip(layout.size)
+        return (layout.little if self.little else layout.big).unpack_from(self._data, start)
+
+    def take(self, count: int) -> memoryview:
+        """A view of the next bytes; it is only valid while the datagram is being handled."""
+        start = self.skip(count)
+        return self._data[start : start + count]
+
+    def rest(self) -> memoryview:
+        return self.take(self.remaining)
+
+    def part(self, count: int) -> Cursor:
+        """A cursor over the next bytes, which this one skips."""
+        start = self.skip(count)
+        return Cursor(self._data, start, start + count, self.little)
+
+    def bytes(self, count: int) -> bytes:
+        return self.take(count).tobytes()
+
+    def u32(self) -> int:
+        number: int = self.read(_U32)[0]
+        return number
+
+    def sequence(self) -> int:
+        high, low = self.read(_SEQUENCE)
+        number: int = (high << 32) | low
+        return number

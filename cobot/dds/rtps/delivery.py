@@ -1,0 +1,42 @@
+"""The thread that calls the user's callbacks, so that none of them can hold up the wire."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from queue import SimpleQueue
+
+from cobot.dds.rtps.types import Statistics
+
+_log = logging.getLogger(__name__)
+_LAST_CALLBACK_S = 5.0
+
+
+class Delivery:
+    """Calls one at a time, in the order they were put; a callback that raises is logged and counted."""
+
+    def __init__(self, statistics: Statistics) -> None:
+        self._statistics = statistics
+        self._calls: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name="rtps-delivery", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def put(self, call: Callable[[], None]) -> None:
+        self._calls.put(call)
+
+    def close(self) -> None:
+        """Ends after what was put before; waits for that, 5 s at most."""
+        self._calls.put(None)
+        if threading.current_thread() is not self._thread:
+            self._thread.join(_LAST_CALLBACK_S)
+
+    def _run(self) -> None:
+        while (call := self._calls.get()) is not None:
+            try:
+                call()
+            except Exception:  # noqa: BLE001 - whatever a callback raises, the others must go on
+                self._statistics.failed += 1
+                _log.exception("an error in a callback of a DDS reader")

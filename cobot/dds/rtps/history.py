@@ -1,0 +1,79 @@
+"""The samples that a writer keeps for readers that are late, slow or lost something."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from cobot.dds.rtps.types import Limits
+
+
+@dataclass(slots=True, eq=False)
+class Change:
+    """One sample as it was written.
+
+    inline: parameters without their end.
+    time_s: when it was written by the clock on the wall, for readers.
+    only: the one reader that it is meant for, None for all.
+    key: of keyed (discovery) topics; a later change of the same key replaces this one.
+    disposes: the payload is only a key, of something that is gone.
+    written_s: the same moment as time_s on CLOCK_MONOTONIC, for us.
+    """
+
+    sequence: int
+    payload: bytes
+    inline: bytes
+    time_s: float
+    only: bytes | None = None
+    key: bytes | None = None
+    disposes: bool = False
+    written_s: float = 0.0
+
+
+class History:
+    """Changes by sequence number, within the depth and the limits."""
+
+    def __init__(self, depth: int | None, limits: Limits) -> None:
+        self._most = limits.history_samples if depth is None else depth
+        self._most_bytes = limits.history
+        self._changes: dict[int, Change] = {}
+        self._by_key: dict[bytes, int] = {}
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._changes)
+
+    def __iter__(self) -> Iterator[Change]:
+        """In the order of their numbers."""
+        return iter(self._changes.values())
+
+    def __contains__(self, sequence: int) -> bool:
+        return sequence in self._changes
+
+    def get(self, sequence: int) -> Change | None:
+        return self._changes.get(sequence)
+
+    def first(self, default: int) -> int:
+        return next(iter(self._changes), default)
+
+    def add(self, change: Change) -> int:
+        """How many others had to go for it (those of the same key not counted)."""
+        if change.key is not None:
+            replaced = self._by_key.get(change.key)
+            if replaced is not None:
+                self.remove((replaced,))
+            self._by_key[change.key] = change.sequence
+        self._changes[change.sequence] = change
+        self._bytes += len(change.payload)
+        gone = 0
+        while len(self._changes) > self._most or (self._bytes > self._most_bytes and len(self._changes) > 1):
+            self.remove((next(iter(self._changes)),))
+            gone += 1
+        return gone
+
+    def remove(self, sequences: Iterable[int]) -> None:
+        for sequence in sequences:
+            change = self._changes.pop(sequence)
+            self._bytes -= len(change.payload)
+            if change.key is not None and self._by_key.get(change.key) == sequence:
+                del self._by_key[change.key]

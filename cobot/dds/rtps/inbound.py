@@ -1,0 +1,59 @@
+"""Bounds the bytes that incomplete and out-of-order samples may occupy, whoever sends them."""
+
+from __future__ import annotations
+
+from cobot.dds.rtps.types import Limits, Statistics
+
+
+class Holder:
+    """Somebody on whose behalf bytes are held."""
+
+    __slots__ = ("held",)
+
+    def __init__(self) -> None:
+        self.held = 0
+
+    def discard(self) -> None:
+        """Drop all that is held; the accounts are `Inbound`'s."""
+        raise NotImplementedError
+
+
+class Inbound:
+    """The accounts of one participant. When all is taken, who holds most loses what it holds.
+
+    A reliable writer sends again what was dropped.
+    """
+
+    def __init__(self, limits: Limits, statistics: Statistics) -> None:
+        self.limits = limits
+        self.statistics = statistics
+        self.used = 0
+        self._holders: set[Holder] = set()
+
+    def take(self, holder: Holder, size: int) -> bool:
+        """Whether `size` more bytes may be held for it."""
+        if holder.held + size > self.limits.buffered_per_writer:
+            self.statistics.refused += 1
+            return False
+        while self.used + size > self.limits.buffered:
+            largest = max(self._holders, key=lambda other: other.held)
+            self.statistics.refused += 1
+            self.clear(largest)
+            if largest is holder:
+                return False
+        self.used += size
+        holder.held += size
+        self._holders.add(holder)
+        return True
+
+    def give(self, holder: Holder, size: int) -> None:
+        self.used -= size
+        holder.held -= size
+        if not holder.held:
+            self._holders.discard(holder)
+
+    def clear(self, holder: Holder) -> None:
+        holder.discard()
+        self.used -= holder.held
+        holder.held = 0
+        self._holders.discard(holder)

@@ -1,0 +1,283 @@
+"""The reading side of one topic: matched writers, order, acknowledgements (RTPS 2.2, 8.4.12).
+
+A reliable reader answers heartbeats, and asks by itself for what is missing as soon as a later sample shows
+it: some writers send heartbeats only every few seconds.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+
+from cobot.dds.rtps.announcements import EndpointAnnouncement
+from cobot.dds.rtps.endpoint import Endpoint
+from cobot.dds.rtps.errors import RtpsError
+from cobot.dds.rtps.inbound import Inbound
+from cobot.dds.rtps.parameters import Parameters, disposes
+from cobot.dds.rtps.submessages import Fragment
+from cobot.dds.rtps.types import Address, Guid, Qos, Sample
+from cobot.dds.rtps.wire import Wire
+from cobot.dds.rtps.writer_proxy import Arrival, WriterProxy
+
+_FAST_DDS = 0x010F
+_SPACING_S = 0.003  # between acknowledgements to one writer; its heartbeats may come with every sample
+_ASK_AFTER_S = 0.002  # something is missing: perhaps it was only overtaken
+_ASK_AGAIN_S = (0.02, 1.0)  # first and slowest
+_FRAGMENTS_QUIET_S = 0.02  # ask for fragments when none has come for this long
+_INTRODUCE_S = 0.1
+
+
+class Reader(Endpoint[WriterProxy]):
+    """Made by `Participant.create_reader`; every public method may be called from any thread."""
+
+    def __init__(self, wire: Wire, inbound: Inbound, announcement: EndpointAnnouncement) -> None:
+        super().__init__(wire, announcement)
+        self._inbound = inbound
+
+    def close(self) -> None:
+        with self._wire.lock:
+            if self._closed:
+                return
+            self._closed = True
+            for guid in list(self._proxies):
+                self.unmatch(guid)
+
+    def _take(self, proxy: WriterProxy, sequence: int, arrival: Arrival) -> None:
+        """Do with a sample, in order, what this reader is for."""
+        raise NotImplementedError
+
+    def _has_room(self, size: int) -> bool:
+        """False leaves a reliable sample unacknowledged, so that it is sent again."""
+        return True
+
+    # What writers say; called by the participant with the lock held
+
+    def match(self, guid: bytes, address: Address, qos: Qos, vendor: int) -> None:
+        """A writer was discovered, or its address has changed."""
+        known = self._proxies.get(guid)
+        if known is not None:
+            known.address = address
+            return
+        proxy = WriterProxy(
+            self._inbound, self._header, self.guid.entity, guid, address, vendor,
+            reliable=self.qos.reliable and qos.reliable,
+        )  # fmt: skip
+        self._proxies[guid] = proxy
+        if proxy.reliable:
+            proxy.interval_s = _INTRODUCE_S
+            self._introduce(proxy)
+
+    def unmatch(self, guid: bytes) -> None:
+        proxy = self._proxies.pop(guid, None)
+        if proxy is not None:
+            self._inbound.clear(proxy)
+
+    def on_data(self, guid: bytes, sequence: int, arrival: Arrival) -> None:
+        proxy = self._proxies.get(guid)
+        if proxy is not None:
+            self._on_arrival(proxy, sequence, arrival)
+
+    def _on_arrival(self, proxy: WriterProxy, sequence: int, arrival: Arrival) -> None:
+        if not proxy.expects(sequence):
+            return
+        if not self._has_room(arrival.size):
+            self._wire.statistics.refused += 1
+            proxy.last = max(proxy.last, sequence)
+        else:
+            for number, ready in proxy.accept(sequence, arrival):
+                proxy.interval_s = 0.0
+                self._take(proxy, number, ready)
+        if proxy.reliable and proxy.heard and not proxy.complete:
+            again_s = proxy.acknowledged_s + proxy.interval_s - time.monotonic()
+            self._acknowledge_in(proxy, max(_ASK_AFTER_S, again_s))
+
+    def on_fragment(
+        self, guid: bytes, sequence: int, fragment: Fragment, arrival: Arrival, piece: memoryview
+    ) -> None:
+        """arrival: the sample's circumstances, its payload not yet known."""
+        proxy = self._proxies.get(guid)
+        if proxy is None or not proxy.expects(sequence):
+            return
+        now_s = time.monotonic()
+        assembly = proxy.assemble(sequence, fragment, arrival.inline, piece, now_s)
+        if assembly is not None:
+            arrival.payload, arrival.inline = assembly.payload(), assembly.inline
+            self._on_arrival(proxy, sequence, arrival)
+            return
+        self._drain(proxy)
+        if proxy.reliable and proxy.heard:
+            proxy.interval_s = 0.0
+            self._acknowledge_in(proxy, _FRAGMENTS_QUIET_S)
+
+    def on_gap(self, guid: bytes, start: int, base: int, members: list[int]) -> None:
+        proxy = self._proxies.get(guid)
+        if proxy is not None and proxy.reliable:
+            proxy.skip(start, base, members)
+            self._drain(proxy)
+
+    def on_heartbeat(self, guid: bytes, first: int, last: int, *, final: bool) -> None:
+        proxy = self._proxies.get(guid)
+        if proxy is None or not proxy.reliable:
+            return
+        if not proxy.heard:
+            proxy.heard = True
+            proxy.interval_s = 0.0
+        proxy.announce(last)
+        proxy.begin_at(first)
+        self._drain(proxy)
+        if not proxy.complete:
+            self._acknowledge_in(proxy, _ASK_AFTER_S)
+        elif not final:
+            self._acknowledge_in(proxy, 0.0)
+
+    def on_heartbeat_fragment(self, guid: bytes, sequence: int) -> None:
+        """A sample is being sent; some writers say so with every fragment, so this is no moment to answer."""
+        proxy = self._proxies.get(guid)
+        if proxy is not None and proxy.reliable and proxy.heard and proxy.expects(sequence):
+            proxy.last = max(proxy.last, sequence)
+            self._acknowledge_in(proxy, _FRAGMENTS_QUIET_S)
+
+    def _drain(self, proxy: WriterProxy) -> None:
+        for number, ready in proxy.drain():
+            proxy.interval_s = 0.0
+            self._take(proxy, number, ready)
+
+    # Answers
+
+    def _introduce(self, proxy: WriterProxy) -> None:
+        """Ask for the first heartbeat until it comes; the writer may not know this reader yet.
+
+        Fast DDS answers at once only to base 0, and else up to 3 s later.
+        """
+        if proxy.heard or self._proxies.get(proxy.guid) is not proxy:
+            return
+        base = 0 if proxy.vendor == _FAST_DDS else 1
+        self._wire.send(proxy.introduction(base), proxy.address)
+        self._wire.later(proxy.interval_s, partial(self._introduce, proxy))
+        proxy.interval_s = min(1.5 * proxy.interval_s, _ASK_AGAIN_S[1])
+
+    def _acknowledge_in(self, proxy: WriterProxy, delay_s: float) -> None:
+        """Acknowledge after `delay_s`, or earlier if that was agreed before, but not too often."""
+        now_s = time.monotonic()
+        spacing_s = _ASK_AGAIN_S[0] if proxy.interval_s else _SPACING_S
+        due_s = max(now_s + delay_s, proxy.acknowledged_s + spacing_s)
+        if due_s >= proxy.acknowledge_at_s:
+            return
+        proxy.acknowledge_at_s = due_s
+        if due_s <= now_s:
+            self._acknowledge(proxy)
+        else:
+            self._wire.later(due_s - now_s, partial(self._acknowledge, proxy))
+
+    def _acknowledge(self, proxy: WriterProxy) -> None:
+        now_s = time.monotonic()
+        if now_s < proxy.acknowledge_at_s or self._proxies.get(proxy.guid) is not proxy:
+            return
+        proxy.acknowledge_at_s = float("inf")
+        if now_s - proxy.quiet_since_s() < _FRAGMENTS_QUIET_S:
+            # More are on their way; asking now would bring them twice.
+            proxy.acknowledge_at_s = now_s + _FRAGMENTS_QUIET_S
+            self._wire.later(_FRAGMENTS_QUIET_S, partial(self._acknowledge, proxy))
+            return
+        self._wire.send(proxy.acknowledgement(), proxy.address)
+        proxy.acknowledged_s = now_s
+        if proxy.complete:
+            proxy.interval_s = 0.0
+        else:
+            fastest, slowest = _ASK_AGAIN_S
+            proxy.interval_s = min(max(fastest, 2 * proxy.interval_s), slowest)
+            self._acknowledge_in(proxy, proxy.interval_s)
+
+
+class TopicReader(Reader):
+    """A reader whose samples go to a callback on the participant's delivery thread.
+
+    `depth` samples wait for it at most, newer ones push out the oldest; without depth a reliable writer has
+    to wait with its samples while `Limits.undelivered` bytes do.
+    """
+
+    def __init__(
+        self,
+        wire: Wire,
+        inbound: Inbound,
+        announcement: EndpointAnnouncement,
+        on_sample: Callable[[Sample], None],
+        deliver: Callable[[Callable[[], None]], None],
+        on_close: Callable[[TopicReader], None],
+    ) -> None:
+        super().__init__(wire, inbound, announcement)
+        self._on_sample = on_sample
+        self._deliver = deliver
+        self._on_close = on_close
+        self._waiting: deque[Sample] = deque()
+        self._waiting_bytes = 0
+        self._scheduled = False
+
+    def close(self) -> None:
+        """No callback begins after this has returned, except one that is already under way."""
+        with self._wire.lock:
+            if self._closed:
+                return
+            super().close()
+            self._waiting.clear()
+            self._on_close(self)
+
+    def _has_room(self, size: int) -> bool:
+        most = self._wire.limits.undelivered
+        return self.qos.depth is not None or not self._waiting or self._waiting_bytes + size <= most
+
+    def _take(self, proxy: WriterProxy, sequence: int, arrival: Arrival) -> None:
+        if arrival.payload is None or disposes(arrival.inline):
+            return  # news of an instance; topics here have no keys
+        sample = Sample(
+            arrival.payload, Guid(proxy.guid), sequence, arrival.related, arrival.time_s, arrival.vendor
+        )
+        self._waiting.append(sample)
+        self._waiting_bytes += arrival.size
+        if self.qos.depth is not None:
+            self._push_out(self.qos.depth)
+        if not self._scheduled:
+            self._scheduled = True
+            self._deliver(self._deliver_one)
+
+    def _push_out(self, depth: int) -> None:
+        most = self._wire.limits.undelivered
+        while len(self._waiting) > depth or (self._waiting_bytes > most and len(self._waiting) > 1):
+            self._waiting_bytes -= len(self._waiting.popleft().payload)
+            self._wire.statistics.overrun += 1
+
+    def _deliver_one(self) -> None:
+        with self._wire.lock:
+            if self._closed:
+                return
+            sample = self._waiting.popleft()
+            self._waiting_bytes -= len(sample.payload)
+            self._scheduled = bool(self._waiting)
+            if self._scheduled:
+                self._deliver(self._deliver_one)  # in turn with the other readers
+        self._on_sample(sample)
+
+
+class BuiltinReader(Reader):
+    """A reader of discovery, handled at once on the wire's thread.
+
+    on_announcement(prefix of the sender, payload, inline QoS)
+    """
+
+    def __init__(
+        self,
+        wire: Wire,
+        inbound: Inbound,
+        announcement: EndpointAnnouncement,
+        on_announcement: Callable[[bytes, bytes, Parameters | None], None],
+    ) -> None:
+        super().__init__(wire, inbound, announcement)
+        self._on_announcement = on_announcement
+
+    def _take(self, proxy: WriterProxy, sequence: int, arrival: Arrival) -> None:
+        try:
+            self._on_announcement(proxy.guid[:12], arrival.payload or b"", arrival.inline)
+        except RtpsError:
+            self._wire.statistics.malformed += 1

@@ -1,0 +1,122 @@
+"""What a writer knows of one matched reader, and the datagrams that it sends to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cobot.dds.rtps import submessages
+from cobot.dds.rtps.history import Change
+from cobot.dds.rtps.types import Address
+
+LARGEST_PIECE = 60_000
+"""One datagram has so many bytes of payload; longer samples are cut into fragments of this size."""
+
+FIRST_HEARTBEAT_S = 0.02
+"""A sample that stays unacknowledged is followed by a heartbeat after this, s, then after twice as long."""
+
+SLOWEST_HEARTBEAT_S = 0.5
+
+
+def pieces(change: Change) -> range:
+    """Numbers of the fragments of a change; 1..1 when it is sent whole."""
+    return range(1, max(1, -(-len(change.payload) // LARGEST_PIECE)) + 1)
+
+
+class ReaderProxy:
+    """A matched reader.
+
+    joined: samples up to this number are not for it unless addressed to it.
+    asked: up to here all that it misses is on its way, for it could not name as many as it misses.
+    sent: highest number that was sent to it, declared irrelevant, or is left for it to ask for.
+    acknowledged: all up to here have arrived.
+    queue: what still has to be sent: fragment numbers (an ordered set) by change.
+    """
+
+    __slots__ = (
+        "_envelope", "_guid_entity", "_heartbeats", "_writer", "acknowledged", "address", "asked", "due_s",
+        "guid", "heartbeat_s", "interval_s", "joined", "pumping", "queue", "reliable", "sent",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        header: bytes,
+        writer: bytes,
+        guid: bytes,
+        address: Address,
+        *,
+        reliable: bool,
+        joined: int,
+        last: int,
+    ) -> None:
+        """last: the number of the writer's newest sample."""
+        self._envelope = header + submessages.info_destination(guid[:12])
+        self._writer = writer
+        self._guid_entity = guid[12:]
+        self._heartbeats = 0
+        self.guid = guid
+        self.address = address
+        self.reliable = reliable
+        self.joined = self.acknowledged = joined
+        self.sent = last
+        self.asked = 0
+        self.queue: dict[Change, dict[int, None]] = {}
+        self.pumping = False
+        self.heartbeat_s = 0.0
+        self.interval_s = FIRST_HEARTBEAT_S
+        self.due_s: float | None = None
+
+    def wants(self, change: Change) -> bool:
+        if change.only is not None:
+            return change.only == self.guid
+        return change.sequence > self.joined
+
+    def enqueue(self, change: Change, fragments: Iterable[int]) -> None:
+        self.queue.setdefault(change, {}).update(dict.fromkeys(fragments))
+
+    @property
+    def passed(self) -> int:
+        """The writer may forget the changes up to this number, as far as this reader is concerned."""
+        if self.reliable:
+            return self.acknowledged
+        return next(iter(self.queue)).sequence - 1 if self.queue else self.sent
+
+    def piece(self, change: Change, piece: int) -> bytes:
+        """One piece of a change, with what its reader must know before it."""
+        arguments = self._guid_entity, self._writer, change.sequence, change.inline, change.payload
+        if len(change.payload) <= LARGEST_PIECE:
+            body = submessages.data(*arguments, key=change.disposes)
+        else:
+            body = submessages.data_fragment(*arguments, piece, LARGEST_PIECE)
+        skipped = self.skipped(change.sequence)
+        self.sent = max(self.sent, change.sequence)
+        return skipped + submessages.info_time(change.time_s) + body
+
+    def skipped(self, sequence: int) -> bytes:
+        """A gap over what was not meant for this reader between the last that was sent and this one."""
+        if not self.reliable or sequence <= self.sent + 1:
+            return b""
+        return submessages.gap(self._guid_entity, self._writer, self.sent + 1, sequence)
+
+    def heartbeat(self, first: int, last: int, *, final: bool) -> bytes:
+        self._heartbeats += 1
+        return submessages.heartbeat(
+            self._guid_entity, self._writer, first, last, self._heartbeats, final=final
+        )
+
+    def heartbeat_fragment(self, sequence: int, last: int) -> bytes:
+        self._heartbeats += 1
+        return submessages.heartbeat_fragment(
+            self._guid_entity, self._writer, sequence, last, self._heartbeats
+        )
+
+    def gaps(self, sequences: list[int]) -> bytes:
+        """Gaps over ascending numbers that will never be sent to it."""
+        made = b""
+        while sequences:
+            base = sequences[0]
+            made += submessages.gap(self._guid_entity, self._writer, base, base + 1, sequences[1:])
+            sequences = [number for number in sequences if number > base + 256]
+        return made
+
+    def enveloped(self, body: bytes) -> bytes:
+        return self._envelope + body

@@ -1,0 +1,58 @@
+"""One sample that arrives in fragments."""
+
+from __future__ import annotations
+
+from cobot.dds.rtps.errors import MalformedError
+from cobot.dds.rtps.parameters import Parameters
+from cobot.dds.rtps.submessages import Fragment
+
+MAX_FRAGMENTS = 1 << 16
+
+
+class Assembly:
+    """Bytes and marks of the fragments that have arrived.
+
+    Errors: MalformedError for fragments that cannot belong to a sample, or not to this one.
+    """
+
+    __slots__ = ("_data", "_marks", "_size", "count", "inline", "touched_s")
+
+    def __init__(self, fragment: Fragment, inline: Parameters | None) -> None:
+        if not fragment.size or not fragment.total:
+            raise MalformedError("a fragment of nothing")
+        self._size = fragment.size
+        self.count = -(-fragment.total // fragment.size)
+        if self.count > MAX_FRAGMENTS:
+            raise MalformedError(f"a sample in {self.count} fragments, at most {MAX_FRAGMENTS}")
+        self._data = bytearray(fragment.total)
+        self._marks = bytearray(self.count)
+        self.inline = inline
+        self.touched_s = 0.0
+
+    @property
+    def total(self) -> int:
+        return len(self._data)
+
+    def add(self, fragment: Fragment, payload: memoryview) -> bool:
+        """Whether the sample is complete now."""
+        if fragment.size != self._size or fragment.total != len(self._data):
+            raise MalformedError("a fragment of another sample under the same number")
+        last = fragment.first + fragment.count - 1
+        if not 1 <= fragment.first <= last <= self.count:
+            raise MalformedError(f"fragments {fragment.first} to {last} of {self.count}")
+        start = (fragment.first - 1) * self._size
+        length = min(last * self._size, len(self._data)) - start
+        if len(payload) < length:
+            raise MalformedError(f"{len(payload)} bytes for fragments of {length}")
+        self._data[start : start + length] = payload[:length]
+        self._marks[fragment.first - 1 : last] = b"\1" * fragment.count
+        return 0 not in self._marks
+
+    def missing(self, span: int) -> list[int]:
+        """The missing ones among the `span` fragments from the first missing one on; never none."""
+        first = self._marks.find(0)
+        end = min(self.count, first + span)
+        return [i + 1 for i in range(first, end) if not self._marks[i]]
+
+    def payload(self) -> bytes:
+        return bytes(self._data)

@@ -1,0 +1,18 @@
+"""Robot learning: a Gymnasium environment, policies that a server computes, cameras, episodes.
+
+    gymnasium.make("cobot.learning:cobot/Reach-v0")
+
+Each module imports what it needs; docs/learning.md says which extra brings it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+
+with contextlib.suppress(ImportError):
+    import gymnasium
+
+    if "cobot/Reach-v0" not in gymnasium.registry:
+        gymnasium.register(
+            "cobot/Reach-v0", entry_point="cobot.learning.environment:ArmEnv", max_episode_steps=300
+        )

@@ -1,0 +1,297 @@
+"""The arm as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from numbers import Real
+from pathlib import Path
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from cobot.client import Client, Robot
+from cobot.clock import SYSTEM, Clock
+from cobot.config import load_settings
+from cobot.errors import CollisionError, ExecutionError, InputError, MotionStopped
+from cobot.learning.arms import Arm, ServedArm, SimulatedArm
+from cobot.learning.cameras import FRONT, Camera, Renderer
+from cobot.learning.tasks import Reach, Task
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.limits import check_positions
+from cobot.strict import unknown_key
+from cobot.types import Array, vector
+
+Observation = dict[str, Any]
+MARGIN_RAD = 0.02
+"""Targets keep so far from the joints' limits."""
+TRIES = 100
+REACH_M = 3.0
+"""No TCP is further from its base along an axis."""
+RELATIVE, ABSOLUTE = "relative", "absolute"
+Connect = Callable[[str], tuple[Client, Robot, Clock]]
+
+
+class ArmEnv(gymnasium.Env[Observation, Array]):
+    """One arm that is streamed joint targets.
+
+    Without `url` it is a simulation of its own, which is the same for the same seed and the same actions and
+    takes as long as its arithmetic. With it, it is the arm of the service there, simulated or real, in that
+    service's time.
+
+    An action is one target for each joint: with `relative` control from −1 to 1, how far on from the last
+    target, in units of `max_velocity_rad_s` times the period; with `absolute` control an angle, rad.
+
+    Observations: position (rad), velocity (rad/s), effort and external_effort (N·m), each shape (dof,),
+    tcp_pose (m, and a quaternion w, x, y, z), what the task adds, and `camera_NAME` for each camera.
+
+    `info`: time_s of the robot, interventions since the last step by kind (docs/streaming.md), and `reason`
+    when the session has ended, which truncates the episode.
+
+    Args:
+        config: settings file of the robot; the shipped one without it.
+        url: of a service that runs.
+        control: what an action means.
+        rate_hz: of the actions, 1 to 500.
+        task: what is to be done; without it `Reach`.
+        cameras: that belong to the observations.
+        spread_rad: a start is so far from the start position at most, each joint.
+        max_velocity_rad_s: of a relative action of 1.
+        speed: on the way to a start, on a service.
+        render_mode: None, or rgb_array: what the first camera sees, or `cameras.FRONT` without one.
+        connect: makes the client of REST, the streaming one and their clock from the URL.
+
+    Raises (constructor):
+        InputError, ConfigError, UnavailableError: with what, and what is possible.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 - Gymnasium's own form
+
+    # Many parameters: they are what `gymnasium.make` takes, each by its name.
+    def __init__(
+        self,
+        *,
+        config: Path | str | None = None,
+        url: str | None = None,
+        control: Literal["relative", "absolute"] = "relative",
+        rate_hz: float = 30.0,
+        task: Task | None = None,
+        cameras: Sequence[Camera] = (),
+        spread_rad: float = 0.2,
+        max_velocity_rad_s: float = 1.0,
+        speed: float = 0.2,
+        render_mode: str | None = None,
+        connect: Connect | None = None,
+    ) -> None:
+        _check_numbers(rate_hz, spread_rad, max_velocity_rad_s, speed)
+        _check(control, render_mode, task, cameras)
+        if not isinstance(config, Path | str | None):
+            raise InputError(f"config must be the path of a settings file, got {config!r}")
+        settings = load_settings(config if config is None else Path(config))
+        self.robot: RobotDescription = load_robot(settings)
+        self._home = np.array(self.robot.positions[settings.robot.start_position].joints)
+        self.render_mode = render_mode
+        self._task, self._spread_rad = Reach() if task is None else task, spread_rad
+        self._relative, self._period_s = control == RELATIVE, 1.0 / rate_hz
+        self._step_rad = max_velocity_rad_s * self._period_s
+        self._cameras = tuple(cameras)
+        self._renderer = Renderer(self.robot, self._cameras) if self._cameras else None
+        self._viewer: Renderer | None = None
+        self._arm = (
+            SimulatedArm(settings, self.robot, rate_hz)
+            if url is None
+            else _served(url, rate_hz, speed, connect)
+        )
+        limits = self.robot.limits
+        self._low, self._high = limits.min_position + MARGIN_RAD, limits.max_position - MARGIN_RAD
+        self.action_space = (
+            spaces.Box(-1.0, 1.0, (limits.dof,), np.float64)
+            if self._relative
+            else spaces.Box(self._low, self._high, dtype=np.float64)
+        )
+        self.observation_space = self._space()
+        self._target = self._home
+        self._due_s = 0.0
+        self._counted: dict[str, int] = {}
+        self._ended = True
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            options: `start`, joint angles in rad to begin at instead of those that the seed gives.
+
+        Raises:
+            InputError: another option, or no such angles; LimitError for one where no target may be.
+            CollisionError: the arm cannot stand at `start`.
+        """
+        wanted = self._wanted(options)
+        super().reset(seed=seed)
+        start = self._free_start() if wanted is None else wanted
+        self._task.reset(self.robot, start, self.np_random)
+        self._arm.restart(start)
+        self._target, self._ended = start, False
+        self._due_s = self._arm.clock.now_s()
+        self._counted = self._arm.robot.interventions()
+        return self._observe(), self._info("")
+
+    def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Aim the arm, wait for one period, look.
+
+        Raises:
+            InputError: another number of joints, or a number that is none.
+            ExecutionError: there is no episode: `reset` first.
+        """
+        if self._ended:
+            raise ExecutionError("the episode has ended, or has not begun: reset the environment first")
+        given = vector(action, len(self._target), name="an action")
+        aim = self._target + self._step_rad * given.clip(-1.0, 1.0) if self._relative else given
+        self._target = aim.clip(self._low, self._high)
+        reason = refused = ""
+        try:
+            refused = self._send_target()
+            self._due_s += self._period_s
+            now_s = self._arm.clock.now_s()
+            if self._due_s > now_s:
+                self._arm.clock.sleep(self._due_s - now_s)
+            else:
+                self._due_s = now_s  # what is late stays late, and is not hurried after
+        except MotionStopped as exc:
+            reason = str(exc)
+        observation = self._observe()
+        reward, reached = self._task.judge(observation)
+        self._ended = bool(reason)
+        return observation, reward, reached, bool(reason), self._info(reason, refused)
+
+    def render(self) -> np.ndarray | None:
+        """What a camera sees now, uint8, shape (height, width, 3); None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self._viewer is None:
+            self._viewer = Renderer(self.robot, self._cameras[:1] or (FRONT,))
+        (picture,) = self._viewer.render(np.array(self._arm.control.get_state().q)).values()
+        return picture
+
+    def close(self) -> None:
+        """The arm comes to rest, and is free for others."""
+        self._ended = True
+        self._arm.close()
+
+    def _wanted(self, options: dict[str, Any] | None) -> Array | None:
+        """Where the options say that an episode begins; None: nowhere."""
+        if not isinstance(options, Mapping | None):
+            raise InputError(f"options must be a dictionary, got {options!r}")
+        given = dict(options or {})
+        wanted = given.pop("start", None)
+        if given:
+            raise InputError(f"options: {unknown_key(str(next(iter(given))), ['start'])}")
+        if wanted is None:
+            return None
+        what = "options: start"
+        start = vector(wanted, len(self._home), name=what)
+        possible = replace(self.robot.limits, min_position=self._low, max_position=self._high)
+        check_positions(possible, start, f"{what}: angle")
+        self.robot.collision.check_position(start, what)
+        return start
+
+    def _free_start(self) -> Array:
+        for _ in range(TRIES):
+            away = self.np_random.uniform(-self._spread_rad, self._spread_rad, len(self._home))
+            free: Array = (self._home + away).clip(self._low, self._high)
+            try:
+                self.robot.collision.check_position(free, "a start")
+            except CollisionError:
+                continue
+            return free
+        return self._home
+
+    def _observe(self) -> Observation:
+        state = self._arm.robot.states()
+        seen: Observation = {
+            "position": np.array(state.q),
+            "velocity": np.array(state.dq),
+            "effort": np.array(state.tau),
+            "external_effort": np.array(state.tau_ext),
+            "tcp_pose": np.array(state.tcp_pose),
+            **self._task.observe(),
+        }
+        for name, space in self.observation_space.items():
+            if name in seen and isinstance(space, spaces.Box):
+                seen[name] = seen[name].clip(space.low, space.high)
+        if self._renderer is not None:
+            for name, picture in self._renderer.render(seen["position"]).items():
+                seen[f"camera_{name}"] = picture
+        return seen
+
+    def _send_target(self) -> str:
+        """Aims the arm; returns why it does not follow the first target of an episode, "" if it does."""
+        try:
+            self._arm.control.set_target_joints(self._target.tolist())
+        except InputError as exc:
+            return str(exc)
+        return ""
+
+    def _info(self, reason: str, refused: str = "") -> dict[str, Any]:
+        before, self._counted = self._counted, self._arm.robot.interventions()
+        new = {kind: count - before[kind] for kind, count in self._counted.items() if count > before[kind]}
+        info: dict[str, Any] = {"time_s": self._arm.robot.clock_s(), "interventions": new}
+        sentences = {"reason": reason, "refused": refused}
+        return {**info, **{name: sentence for name, sentence in sentences.items() if sentence}}
+
+    def _space(self) -> spaces.Dict:
+        limits = self.robot.limits
+        beyond = 0.5  # rad: an arm that gives way may be beyond its limits
+        boxes = {
+            "position": (limits.min_position - beyond, limits.max_position + beyond),
+            "velocity": (-2.0 * limits.max_velocity, 2.0 * limits.max_velocity),
+            "effort": (-2.0 * limits.max_effort, 2.0 * limits.max_effort),
+            "external_effort": (-2.0 * limits.max_effort, 2.0 * limits.max_effort),
+            "tcp_pose": (np.array([-REACH_M] * 3 + [-1.0] * 4), np.array([REACH_M] * 3 + [1.0] * 4)),
+        }
+        found: dict[str, spaces.Space[Any]] = {
+            name: spaces.Box(low, high, dtype=np.float64) for name, (low, high) in boxes.items()
+        }
+        found |= self._task.spaces()
+        for camera in self._cameras:
+            shape = (camera.height, camera.width, 3)
+            found[f"camera_{camera.name}"] = spaces.Box(0, 255, shape, np.uint8)
+        return spaces.Dict(found)
+
+
+def _check_numbers(rate_hz: float, spread_rad: float, velocity: float, speed: float) -> None:
+    given: dict[str, object] = {
+        "rate_hz": rate_hz,
+        "spread_rad": spread_rad,
+        "max_velocity_rad_s": velocity,
+        "speed": speed,
+    }
+    for name, value in given.items():
+        if not isinstance(value, Real):
+            raise InputError(f"{name} must be a number, got {value!r}")
+    if not 1.0 <= rate_hz <= 500.0:
+        raise InputError(f"rate_hz must be from 1 to 500, got {rate_hz}")
+    if not 0.0 <= spread_rad <= 3.0:
+        raise InputError(f"spread_rad must be from 0 to 3 rad, got {spread_rad}")
+    if not 0.0 < velocity <= 10.0:
+        raise InputError(f"max_velocity_rad_s must be above 0, 10 rad/s at most, got {velocity}")
+
+
+def _check(control: str, render_mode: str | None, task: Task | None, cameras: Sequence[Camera]) -> None:
+    if control not in (RELATIVE, ABSOLUTE):
+        raise InputError(f"control must be {RELATIVE} or {ABSOLUTE}, got {control!r}")
+    if render_mode not in (None, "rgb_array"):
+        raise InputError(f"render_mode must be None or rgb_array, got {render_mode!r}")
+    for method in ("spaces", "reset", "observe", "judge"):
+        if task is not None and not callable(getattr(task, method, None)):
+            raise InputError(f"task must be a learning.tasks.Task; {task!r} has no method {method}")
+    if not isinstance(cameras, Sequence) or not all(isinstance(each, Camera) for each in cameras):
+        raise InputError(f"cameras must be a list of learning.cameras.Camera, got {cameras!r}")
+
+
+def _served(url: str, rate_hz: float, speed: float, connect: Connect | None) -> Arm:
+    client, robot, clock = connect(url) if connect else (Client(url), Robot(url), SYSTEM)
+    return ServedArm(robot, client, rate_hz, speed, clock)

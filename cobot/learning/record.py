@@ -1,0 +1,59 @@
+"""Records an episode of an arm that somebody else moves: a hand on a gamepad, a policy, a program."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from cobot.client import Robot
+from cobot.clock import SYSTEM, Clock
+from cobot.errors import InputError
+from cobot.learning.cameras import Renderer
+from cobot.learning.episodes import EpisodeWriter
+
+LONGEST_S = 3600.0
+
+
+# Many parameters: users' programs call it, with most of them by name or by default.
+def record(
+    robot: Robot,
+    joint_names: list[str],
+    path: Path,
+    *,
+    seconds: float,
+    rate_hz: float = 30.0,
+    task: str = "",
+    renderer: Renderer | None = None,
+    ended: Callable[[], bool] = lambda: False,
+    clock: Clock = SYSTEM,
+) -> int:
+    """Write what the arm does to a file, until the time is over or `ended` says so.
+
+    An action is what rtloop commanded the joints when the frame was made.
+
+    Returns:
+        The number of frames.
+
+    Raises:
+        InputError: the time or the rate is none.
+        UnavailableError: the robot does not answer; nothing is kept.
+    """
+    if not 0.0 < seconds <= LONGEST_S or not 1.0 <= rate_hz <= 200.0:
+        raise InputError(
+            f"an episode lasts up to {LONGEST_S:g} s at 1 to 200 Hz, got {seconds} s at {rate_hz} Hz"
+        )
+    name = robot.info().serial_num
+    with EpisodeWriter(path, joint_names, rate_hz, task=task, robot=name) as episode:
+        begun_s = clock.now_s()
+        epoch_s = time.time() - begun_s
+        for frame in range(round(seconds * rate_hz)):
+            if ended():
+                break
+            state = robot.states()
+            pictures = renderer.render(np.array(state.q)) if renderer else {}
+            episode.add(epoch_s + clock.now_s(), state.q, state.dq, robot.commanded_position(), pictures)
+            clock.sleep(max(0.0, begun_s + (frame + 1) / rate_hz - clock.now_s()))
+        return episode.frames

@@ -1,0 +1,11 @@
+"""Files that users read, and that ship with cobot: the settings and robots of `config/`, and `sequences/`.
+
+In a clone they are folders at its top, to which links lead from here. An installed cobot has them here.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+FOLDER = Path(__file__).parent
+NAMES = ("config", "sequences")

@@ -1,0 +1,78 @@
+"""Takes the client out of the tree that this folder is in.
+
+A package `cobot` is in the service's distribution as well. Two distributions that put the same files into one
+place break each other: the later one overwrites, and with the first that is removed the files of both are
+gone. So this one brings its `cobot` in a folder of its own, and a file `.pth` by which Python looks there for
+what it finds nowhere else: beside the service, in whatever order they came, the service's `cobot` counts,
+which has all of this and more.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tomllib
+from pathlib import Path
+
+from setuptools import setup
+from setuptools.command.build_py import build_py
+from setuptools.command.editable_wheel import editable_wheel
+from setuptools.command.sdist import sdist
+
+TREE = Path(__file__).resolve().parents[2]
+FOLDER = "cobot_client"
+FILES = (
+    "__init__.py",
+    "addresses.py",
+    "client/*.py",
+    "clock.py",
+    "errors.py",
+    "findings.py",
+    "ipc/__init__.py",
+    "ipc/layout.py",
+    "ipc/session_rules.py",
+    "py.typed",
+    "types.py",
+)
+ONLY_WITH_THE_SERVICE = {"client/shared_memory.py"}
+
+
+class Take(build_py):
+    """In the place of the packages that setuptools would look for here."""
+
+    def run(self) -> None:
+        into = Path(self.build_lib)
+        shutil.rmtree(into, ignore_errors=True)  # what an earlier tree had
+        source = TREE / "cobot"
+        for pattern in FILES:
+            for file in sorted(source.glob(pattern)):
+                name = file.relative_to(source)
+                if name.as_posix() not in ONLY_WITH_THE_SERVICE:
+                    (into / FOLDER / "cobot" / name).parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(file, into / FOLDER / "cobot" / name)
+        shutil.copyfile(TREE / "LICENSE", into / FOLDER / "LICENSE")
+        (into / f"{FOLDER}.pth").write_text(f"{FOLDER}\n", encoding="ascii")
+
+    def get_source_files(self) -> list[str]:
+        return []
+
+    def get_outputs(self, include_bytecode: bool = True) -> list[str]:
+        return [str(file) for file in Path(self.build_lib).rglob("*") if file.is_file()]
+
+
+class NoSources(sdist):
+    def run(self) -> None:
+        sys.exit("cobot-client: there is no source distribution: the sources are cobot's; build a wheel")
+
+
+class NotEditable(editable_wheel):
+    def run(self) -> None:
+        sys.exit("cobot-client: there is no editable installation: put the clone itself on PYTHONPATH")
+
+
+setup(
+    version=tomllib.loads((TREE / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"],
+    long_description=(TREE / "docs" / "client.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    cmdclass={"build_py": Take, "sdist": NoSources, "editable_wheel": NotEditable},
+)

@@ -1,0 +1,106 @@
+"""LeRobot's dataset from episodes that cobot has recorded (`python -m cobot.learning record`).
+
+The service's distribution, cobot, has to be installed too: it reads the files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+STATE, ACTION, IMAGES = "observation.state", "action", "observation.images."
+
+
+def to_dataset(files: Sequence[Path], repo_id: str, root: Path, *, videos: bool = True) -> Any:
+    """One dataset of all episodes, in their order.
+
+    Args:
+        root: a folder that does not exist yet.
+        videos: pictures as videos; else as single files.
+
+    Returns:
+        LeRobot's dataset.
+
+    Raises:
+        ValueError: there are none, or they do not fit each other, naming the file.
+        cobot.errors.InputError: a file is no episode.
+    """
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    from cobot.learning.episodes import read_episode
+
+    if not files:
+        raise ValueError("there is no episode")
+    dataset: Any = None
+    features: dict[str, Any] = {}
+    rate_hz = 0.0
+    for file in files:
+        episode = read_episode(file)
+        here = _features(episode, videos)
+        if dataset is None:
+            features, rate_hz = here, episode.rate_hz
+            dataset = LeRobotDataset.create(
+                repo_id=repo_id,
+                fps=round(rate_hz),
+                features=features,
+                root=root,
+                robot_type="cobot",
+                use_videos=videos,
+            )
+        elif here != features or episode.rate_hz != rate_hz:
+            raise ValueError(f"{file}: its joints, cameras or rate differ from those of {files[0]}")
+        for index in range(len(episode.times_s)):
+            frame: dict[str, Any] = {
+                STATE: episode.position[index].astype(np.float32),
+                ACTION: episode.action[index].astype(np.float32),
+                "task": episode.about.get("task") or "no task said",
+            }
+            for name, pictures in episode.pictures.items():
+                frame[IMAGES + name] = pictures[index]
+            dataset.add_frame(frame)
+        dataset.save_episode()
+    dataset.finalize()
+    return dataset
+
+
+def _features(episode: Any, videos: bool) -> dict[str, Any]:
+    joints = {
+        "dtype": "float32",
+        "shape": (len(episode.joint_names),),
+        "names": [f"{name}.pos" for name in episode.joint_names],
+    }
+    pictures = {
+        IMAGES + name: {
+            "dtype": "video" if videos else "image",
+            "shape": each.shape[1:],
+            "names": ["height", "width", "channels"],
+        }
+        for name, each in episode.pictures.items()
+    }
+    return {STATE: joints, ACTION: dict(joints), **pictures}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """`cobot-to-lerobot FOLDER EPISODE...`; the exit status."""
+    parser = argparse.ArgumentParser("cobot-to-lerobot", description=__doc__)
+    parser.add_argument("root", type=Path, metavar="FOLDER", help="of the dataset; to be made")
+    parser.add_argument("files", type=Path, nargs="+", metavar="EPISODE.mcap")
+    parser.add_argument("--repo-id", default="local/cobot", help="what LeRobot calls it (%(default)s)")
+    parser.add_argument("--images", action="store_true", help="single pictures in place of videos")
+    chosen = parser.parse_args(arguments)
+    try:
+        dataset = to_dataset(chosen.files, chosen.repo_id, chosen.root, videos=not chosen.images)
+    except Exception as exc:  # noqa: BLE001 - LeRobot's and ours, each a sentence for who called it
+        print(f"cobot-to-lerobot: {exc}", file=sys.stderr)
+        return 1
+    print(f"{chosen.root}: {dataset.num_episodes} episodes, {dataset.num_frames} frames")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

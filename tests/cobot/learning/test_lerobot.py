@@ -1,0 +1,148 @@
+"""The plug-in of LeRobot, against a stand-in for LeRobot's base classes."""
+
+from __future__ import annotations
+
+import shutil
+import zipfile
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from lerobot_stand_in import (
+    PLUGIN,
+    Camera,
+    Dataset,
+    DeviceAlreadyConnectedError,
+    DeviceNotConnectedError,
+    RobotConfig,
+    plugin_beside_it,
+)
+from virtual import virtual_service
+from wheels import build
+
+from cobot.client import Robot
+from cobot.learning.episodes import EpisodeWriter
+
+
+@pytest.fixture
+def plugin(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    with plugin_beside_it(monkeypatch) as made:
+        yield made
+
+
+def test_lerobot_finds_it_by_its_names(plugin: ModuleType) -> None:
+    config = RobotConfig.kinds["cobot"]
+    assert config is plugin.CobotRobotConfig
+    # LeRobot makes the class of a plug-in's robot by taking `Config` from the name of its configuration.
+    assert getattr(plugin, config.__name__.removesuffix("Config")) is plugin.CobotRobot
+
+
+def test_it_moves_the_arm_and_sees_it(plugin: ModuleType, tmp_path: Path) -> None:
+    with virtual_service(tmp_path) as service:
+        local = partial(Robot, service.name, clock=service.clock, client=service.client)
+        config = plugin.CobotRobotConfig(id="one", cameras={"front": Camera()})
+        robot = plugin.CobotRobot(config, connect=lambda url, token: local())
+        names = [f"joint{number}.pos" for number in range(1, 8)]
+        assert list(robot.action_features) == names
+        assert robot.observation_features == {**dict.fromkeys(names, float), "front": (6, 8, 3)}
+        assert not robot.is_connected
+        with pytest.raises(DeviceNotConnectedError, match=r"call connect\(\) first"):
+            robot.get_observation()
+        robot.connect()
+        assert robot.is_connected
+        assert robot.is_calibrated
+        with pytest.raises(DeviceAlreadyConnectedError):
+            robot.connect()
+        seen = robot.get_observation()
+        assert seen["front"].shape == (6, 8, 3)
+        action = {name: seen[name] for name in names}
+        for _ in range(30):
+            action["joint1.pos"] += 0.01
+            assert robot.send_action(action) == action
+            service.sleep(1 / 30)
+        assert robot.get_observation()["joint1.pos"] - seen["joint1.pos"] == pytest.approx(0.3, abs=0.05)
+        with pytest.raises(ValueError, match=r"the action has no 'joint7\.pos'"):
+            robot.send_action(dict.fromkeys(names[:6], 0.0))
+        robot.disconnect()
+        robot.disconnect()
+        assert not robot.is_connected
+        service.until(lambda: service.health()["robot"]["settled"])
+
+
+def test_what_keeps_it_from_the_arm_is_said(plugin: ModuleType, tmp_path: Path) -> None:
+    with virtual_service(tmp_path) as service:
+        local = partial(Robot, service.name, clock=service.clock, client=service.client)
+        two = plugin.CobotRobotConfig(joints=["a", "b"])
+        with pytest.raises(DeviceNotConnectedError, match="names 2 joints, http://localhost:8007 has 7"):
+            plugin.CobotRobot(two, connect=lambda url, token: local()).connect()
+        robot = plugin.CobotRobot(plugin.CobotRobotConfig(), connect=lambda url, token: local())
+        robot.connect()
+        action = robot.get_observation()
+        service.post("/stop").raise_for_status()
+        service.sleep(1.0)
+        with pytest.raises(DeviceNotConnectedError, match="the session has ended"):
+            robot.send_action(action)
+        robot.disconnect()
+    nobody = plugin.CobotRobot(plugin.CobotRobotConfig(url="nonsense"))
+    with pytest.raises(DeviceNotConnectedError, match="nonsense"):
+        nobody.connect()
+
+
+def episode(path: Path, *, rate_hz: float = 10.0) -> Path:
+    with EpisodeWriter(path, ["joint1", "joint2"], rate_hz, task="wave") as made:
+        for frame in range(3):
+            picture = np.full((6, 8, 3), frame, np.uint8)
+            made.add(frame / rate_hz, [frame, 0], [0, 0], [frame + 1, 0], {"front": picture})
+    return path
+
+
+def test_episodes_become_a_dataset(
+    plugin: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from lerobot_robot_cobot.dataset import main
+
+    files = [str(episode(tmp_path / f"{name}.mcap")) for name in ("one", "two")]
+    assert main([str(tmp_path / "set"), *files]) == 0
+    assert "2 episodes, 6 frames" in capsys.readouterr().out
+    made = Dataset.made
+    assert made.finalized
+    assert made.options["fps"] == 10
+    assert made.options["features"]["observation.images.front"]["shape"] == (6, 8, 3)
+    assert made.options["features"]["action"]["names"] == ["joint1.pos", "joint2.pos"]
+    assert [frame["action"][0] for frame in made.frames] == [1.0, 2.0, 3.0] * 2
+    assert made.frames[2]["observation.images.front"][0, 0, 0] == 2
+    assert made.frames[0]["task"] == "wave"
+
+
+def test_episodes_that_do_not_fit_are_named(
+    plugin: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from lerobot_robot_cobot.dataset import main, to_dataset
+
+    one, two = episode(tmp_path / "one.mcap"), episode(tmp_path / "two.mcap", rate_hz=20.0)
+    assert main([str(tmp_path / "set"), str(one), str(two)]) == 1
+    assert "two.mcap: its joints, cameras or rate differ" in capsys.readouterr().err
+    assert main([str(tmp_path / "set"), str(tmp_path / "three.mcap")]) == 1
+    assert "three.mcap: No such file" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="there is no episode"):
+        to_dataset([], "local/cobot", tmp_path / "set")
+
+
+def test_it_is_a_distribution_of_its_own(tmp_path: Path) -> None:
+
+    shutil.copytree(
+        PLUGIN, tmp_path / "plugin", ignore=shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
+    )
+    wheel = build(tmp_path / "plugin", tmp_path)
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+        (metadata,) = (archive.read(name).decode() for name in names if name.endswith("METADATA"))
+    assert wheel.name.startswith("lerobot_robot_cobot-")
+    assert {name for name in names if name.endswith(".py")} == {
+        f"lerobot_robot_cobot/{file.name}" for file in (PLUGIN / "lerobot_robot_cobot").glob("*.py")
+    }
+    assert "Name: lerobot_robot_cobot" in metadata
+    assert "Requires-Dist: lerobot" in metadata
