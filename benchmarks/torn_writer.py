@@ -11,8 +11,8 @@ import sys
 
 import numpy as np
 
-from cobot.ipc.layout import state_dtype
 from cobot.ipc.seqlock import Block
+from cobot.ipc.state_fields import state_dtype
 
 RECORD = np.dtype([("words", "u8", (state_dtype(7).itemsize // 8,))])
 

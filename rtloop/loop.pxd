@@ -1,7 +1,8 @@
 from rtloop.backends.compiled cimport CompiledBackend, Measured
 from rtloop.clock cimport Clock, Pace
 from rtloop.controller cimport Controller
-from rtloop.publisher cimport StatePublisher, StateScalars, Statistics
+from cobot.ipc.state_scalars cimport StateScalars
+from rtloop.publisher cimport StatePublisher, Statistics
 from rtloop.recording cimport CycleRecorder
 
 

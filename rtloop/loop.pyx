@@ -336,11 +336,4 @@ cdef class ControlLoop:
             self._cycle,
             self._scalars.monotonic_ns,
         )
-        self._recorder.c_record(
-            &self._scalars,
-            self._measured.c_values,
-            self.controller.safety.c_command,
-            self._state.tcp,
-            phases_ns,
-            fresh,
-        )
+        self._recorder.c_record(self._state.block.c_data, phases_ns, fresh)

@@ -2,42 +2,12 @@ from libc.stdint cimport int64_t, uint32_t, uint64_t
 
 from cobot.arrays cimport MAX_DOF
 from cobot.ipc.seqlock cimport Block
+from cobot.ipc.state_scalars cimport StateScalars
 from cobot.robot.chain cimport Chain
 from rtloop.safety.limiter cimport Safety
 
-cdef struct StateScalars:  # `cobot.ipc.layout.STATE_SCALARS`, which says what they are
-    uint64_t cycle
-    double robot_time_s
-    uint64_t mode
-    uint64_t settled
-    uint64_t motion_id
-    uint64_t motion_result
-    uint64_t slot
-    double path_time_s
-    double path_duration_s
-    double path_rate
-    int64_t deceleration_monotonic_ns
-    uint64_t stops_seen
-    uint64_t estops_seen
-    uint64_t command_seen
-    uint64_t session
-    uint64_t setpoint_seen
-    uint64_t move_seen
-    uint64_t move_running
-    uint64_t chunk_seen
-    uint64_t point_seen
-    uint64_t points_taken
-    uint64_t points_dropped
-    uint64_t points_buffered
-    uint64_t underruns
-    uint64_t overruns
-    uint64_t torn_reads
-    int64_t monotonic_ns
-    int64_t measured_monotonic_ns
-
-
 cdef class StatePublisher:
-    cdef Block _block
+    cdef Block block
     cdef Chain _chain
     cdef int _dof
     cdef double _smoothing
@@ -49,7 +19,7 @@ cdef class StatePublisher:
     cdef double* _velocity
     cdef double* _effort
     cdef double* _commanded
-    cdef double* tcp
+    cdef double* _tcp
     cdef double* _tcp_velocity
     cdef double* _effort_rate
     cdef uint64_t* _interventions

@@ -10,7 +10,8 @@ from rtloop.clock cimport monotonic_ns
 import numpy as np
 
 from cobot.errors import LayoutError
-from cobot.ipc.layout import HISTOGRAM_BUCKETS, STATE_SCALARS, Intervention, Phase
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, Intervention, Phase
+from cobot.ipc.state_fields import STATE_SCALARS
 from cobot.ipc.shm import encoded
 from rtloop.backends import JOINT_ROWS
 
@@ -37,7 +38,7 @@ cdef class StatePublisher:
         cdef Block block = memory.state
         _require_layout()
         self._dof = checked_dof(memory.dof)
-        self._block = block
+        self.block = block
         self._chain = model.chain
         self._smoothing = memory.period_s / EFFORT_RATE_S
         self._per_period = 1.0 / memory.period_s
@@ -46,7 +47,7 @@ cdef class StatePublisher:
         self._measured = block.c_doubles("position")
         self._velocity, self._effort = block.c_doubles("velocity"), block.c_doubles("effort")
         self._commanded = block.c_doubles("commanded_position")
-        self.tcp, self._tcp_velocity = block.c_doubles("tcp"), block.c_doubles("tcp_velocity")
+        self._tcp, self._tcp_velocity = block.c_doubles("tcp"), block.c_doubles("tcp_velocity")
         self._effort_rate = block.c_doubles("effort_rate")
         self._interventions = block.c_unsigned("interventions")
         self._intervened_ns = block.c_signed("intervened_ns")
@@ -60,7 +61,7 @@ cdef class StatePublisher:
             memcpy(self._intervened_ns, safety.c_intervened_ns, _kinds * sizeof(int64_t))
         if reason is not self._reason:
             self._reason = reason
-            self._block.data["reason"] = encoded(reason)
+            self.block.data["reason"] = encoded(reason)
 
     cdef void c_publish(
         self, const StateScalars* scalars, const double* measured_values, const double* command
@@ -71,14 +72,14 @@ cdef class StatePublisher:
         self._find_tcp()
         self._smooth_effort_rate()
         self.scalars.monotonic_ns = monotonic_ns()
-        self._block.c_publish()
+        self.block.c_publish()
 
     cdef void _find_tcp(self) noexcept nogil:
         """Pose and velocity of the TCP, as measured."""
         cdef double jacobian[6 * MAX_DOF]
         cdef double rate
         cdef int row, joint
-        self._chain.c_forward_jacobian(self._measured, self.tcp, jacobian)
+        self._chain.c_forward_jacobian(self._measured, self._tcp, jacobian)
         for row in range(6):
             rate = 0.0
             for joint in range(self._dof):
@@ -94,7 +95,7 @@ cdef class StatePublisher:
             self._effort_rate[joint] += (change - self._effort_rate[joint]) * self._smoothing
 
     def publish_values(self, scalars, measured_values, command):
-        """`c_publish` of arrays; the scalars are a record of `cobot.ipc.layout.STATE_SCALARS`."""
+        """`c_publish` of arrays; the scalars are a record of `cobot.ipc.state_fields.STATE_SCALARS`."""
         cdef StateScalars* given = <StateScalars*>bytes_of(scalars, sizeof(StateScalars))
         cdef double* values = doubles(measured_values, _joint_rows * self._dof + 12)
         self.c_publish(given, values, doubles(command, 3 * self._dof))

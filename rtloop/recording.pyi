@@ -1,5 +1,6 @@
+import numpy as np
+
 from cobot.ipc.recording_memory import RecordingMemory
-from cobot.types import Array
 from rtloop.safety.limiter import Safety
 
 class CycleRecorder:
@@ -7,11 +8,8 @@ class CycleRecorder:
     def heed(self, safety: Safety, reason: str, mode: int, cycle: int, now_ns: int) -> None: ...
     def record(
         self,
-        scalars: Array,
-        measured_values: Array,
-        command: Array,
-        tcp: Array,
-        phases_ns: Array,
+        state: np.ndarray,
+        phases_ns: np.ndarray,
         *,
         fresh: bool,
     ) -> None: ...

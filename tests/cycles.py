@@ -10,14 +10,16 @@ from rig import Rig
 from running import unique_name
 
 from cobot.config import RecordingSection, Settings
-from cobot.ipc.layout import STATE_SCALARS
 from cobot.ipc.recording_memory import RecordingMemory
+from cobot.ipc.state_fields import state_dtype
 from cobot.recorder.robot import RobotRecorder
 from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode
 from rtloop.recording import CycleRecorder
 
 PERIOD_NS = 1_000_000
+MEASURED = ("position", "velocity", "effort", "desired_effort", "external_effort")
+COMMANDED = ("commanded_position", "commanded_velocity", "commanded_acceleration")
 
 
 class Cycles:
@@ -64,23 +66,27 @@ class Cycles:
 
     def write(self, count: int, mode: LoopMode = LoopMode.HOLD, reason: str = "", **more: int) -> None:
         """So many cycles more; with more of the state's scalars by their names."""
-        scalars = np.zeros((), np.dtype(list(STATE_SCALARS)))
+        state = np.zeros((), state_dtype(self.dof))
         for field, value in more.items():
-            scalars[field] = value
+            state[field] = value
         safety = self._rig.loop.controller.safety
         for _ in range(count):
             self.number += 1
             self._now_ns += PERIOD_NS
-            scalars["cycle"], scalars["mode"] = self.number, mode
-            scalars["monotonic_ns"] = self._now_ns
-            scalars["measured_monotonic_ns"] = self._now_ns - 50_000
-            scalars["path_time_s"] = 0.001 * self.number
+            state["cycle"], state["mode"] = self.number, mode
+            state["monotonic_ns"] = self._now_ns
+            state["measured_monotonic_ns"] = self._now_ns - 50_000
+            state["path_time_s"] = 0.001 * self.number
             measured = self._random.normal(size=5 * self.dof + 12)
             command = self._random.normal(size=(3, self.dof))
             tcp = self._random.normal(size=7)
             phases = self._random.integers(0, 1_000_000, 4)
+            rows = zip(MEASURED, measured[: 5 * self.dof].reshape(5, self.dof), strict=True)
+            for name, row in [*rows, *zip(COMMANDED, command, strict=True)]:
+                state[name] = row
+            state["wrench"], state["sensor"], state["tcp"] = measured[-12:-6], measured[-6:], tcp
             self._writer.heed(safety, reason, mode, self.number, self._now_ns)
-            self._writer.record(scalars, measured, command, tcp, phases, fresh=True)
+            self._writer.record(state, phases, fresh=True)
             self.written.append({"measured": measured, "command": command, "tcp": tcp, "phases": phases})
 
     def recorder(self) -> RobotRecorder:

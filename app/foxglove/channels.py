@@ -13,6 +13,7 @@ from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from cobot.errors import UnavailableError
 from cobot.ipc.records import record_dtype
+from cobot.ipc.state_fields import RECORDED
 from cobot.robot.description import RobotDescription
 
 if TYPE_CHECKING:
@@ -21,29 +22,6 @@ if TYPE_CHECKING:
 EVENTS = "/events"
 LATE_S = 0.1
 """A state that was measured so long ago is said to be none of this cycle."""
-_SAME = (
-    "monotonic_ns",
-    "measured_monotonic_ns",
-    "motion_id",
-    "path_time_s",
-    "path_rate",
-    "session",
-    "overruns",
-    "mode",
-    "motion_result",
-    "settled",
-    "position",
-    "commanded_position",
-    "velocity",
-    "effort",
-    "desired_effort",
-    "external_effort",
-    "wrench",
-    "sensor",
-    "commanded_velocity",
-    "tcp",
-)
-"""What a recording's record and the state block call the same."""
 
 
 @lru_cache(maxsize=64)
@@ -78,8 +56,8 @@ class Channels:
         except UnavailableError:
             return {}
         record = self._record
-        for name in _SAME:
-            record[name] = state.record[name]
+        for field in RECORDED:
+            record[field.name] = state.record[field.name]
         record["number"] = state.record["cycle"]
         record["fresh"] = state.measured_age_s < LATE_S
         record["interventions"] = self._interventions(state)

@@ -112,7 +112,7 @@ def robot_info(robot: str, info: np.ndarray) -> RobotInfo:
 
 
 def joint_state(state: np.ndarray) -> JointState:
-    """From the record of `cobot.ipc.layout.state_dtype`."""
+    """From the record of `cobot.ipc.state_fields.state_dtype`."""
     return JointState(
         state["position"].tolist(),
         state["velocity"].tolist(),
@@ -123,7 +123,7 @@ def joint_state(state: np.ndarray) -> JointState:
 
 
 def cartesian_state(state: np.ndarray) -> CartesianState:
-    """From the record of `cobot.ipc.layout.state_dtype`."""
+    """From the record of `cobot.ipc.state_fields.state_dtype`."""
     pose, wrench = state["tcp"].tolist(), state["wrench"].tolist()
     return CartesianState(
         tcp_pose=pose,
@@ -137,7 +137,7 @@ def cartesian_state(state: np.ndarray) -> CartesianState:
 
 
 def robot_states(state: np.ndarray, flange: Values) -> RobotStates:
-    """From the record of `cobot.ipc.layout.state_dtype`, and the flange's pose in the TCP's frame."""
+    """From the record of `cobot.ipc.state_fields.state_dtype`, and the flange's pose in the TCP's frame."""
     joints, tcp = joint_state(state), cartesian_state(state)
     x, y, z, *turn = tcp.tcp_pose
     dx, dy, dz = rotated(turn, flange[:3])

@@ -28,7 +28,7 @@ class Transport(Protocol):
     info: np.ndarray
 
     def state(self) -> np.ndarray:
-        """The newest state, a record of `cobot.ipc.layout.state_dtype`, which is the caller's to keep.
+        """The newest state, a record of `cobot.ipc.state_fields.state_dtype`, which is the caller's to keep.
 
         Raises:
             UnavailableError: there is none that is fresh.

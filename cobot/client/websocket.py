@@ -18,7 +18,8 @@ from cobot.client.tls import Verify, tls_context, token_from_environment
 from cobot.client.wire import PATH, Kind, packed, record
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError, InputError, LayoutError, UnavailableError
-from cobot.ipc.layout import LAYOUT_VERSION, info_dtype
+from cobot.ipc.layout import info_dtype
+from cobot.ipc.state_fields import LAYOUT_VERSION
 
 STALE_S = 0.5
 """A state that came longer ago is none: a robot on this computer would have to be faster."""

@@ -11,7 +11,8 @@ from enum import IntEnum
 import numpy as np
 
 from cobot.errors import InputError, LayoutError
-from cobot.ipc.layout import LAYOUT_VERSION, chunk_dtype, session_dtype, setpoint_dtype, state_dtype
+from cobot.ipc.layout import chunk_dtype, session_dtype, setpoint_dtype
+from cobot.ipc.state_fields import LAYOUT_VERSION, state_dtype
 
 PATH = "/robot/stream"
 MAX_FRAME_BYTES = 65536

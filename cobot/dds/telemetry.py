@@ -51,7 +51,7 @@ class JointStates:
         self._at = [len(template) - self._joints.size - step * place for place in (2, 1, 0)]
 
     def cdr(self, state: np.ndarray, stamp_ns: int) -> bytes:
-        """Of a record of `cobot.ipc.layout.state_dtype`: rad, rad/s, N·m."""
+        """Of a record of `cobot.ipc.state_fields.state_dtype`: rad, rad/s, N·m."""
         _STAMP.pack_into(self._bytes, _STAMP_AT, *divmod(stamp_ns, _SECOND_NS))
         for at, name in zip(self._at, ("position", "velocity", "effort"), strict=True):
             self._joints.pack_into(self._bytes, at, *state[name].tolist())

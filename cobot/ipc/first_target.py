@@ -18,7 +18,7 @@ class FirstTarget:
     """Watches a session until its first target is taken or refused."""
 
     def __init__(self, stream: Stream, names: list[str], state: np.ndarray) -> None:
-        """state: record of `cobot.ipc.layout.state_dtype`, before anything is sent."""
+        """state: record of `cobot.ipc.state_fields.state_dtype`, before anything is sent."""
         self._stream, self._names = stream, names
         self._jumps = _jumps(state)
         self._target: np.ndarray | None = None

@@ -1,17 +1,16 @@
 """What stands in the shared memory of a robot: records, and the words for what is in them.
 
-`cobot.ipc.shm` maps them; who changes one raises `LAYOUT_VERSION`. Long, so that one file shows all of it.
+`cobot.ipc.shm` maps them. The record of the state block and the version of all records, which a change of any
+raises, are in `cobot.ipc.state_fields`. Long, so that one file shows all the others.
 """
 
 from __future__ import annotations
 
-import struct
 from enum import IntEnum
 
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 15
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96
@@ -107,67 +106,6 @@ class ServoMode(IntEnum):
     THROUGH = 5  # planned through all points
     REPLANNED_FORCE = 6  # as 1, with force control along the force axes
     THROUGH_FORCE = 7  # as 5, with force control along the force axes
-
-
-STATE_SCALARS = (
-    ("cycle", "u8"),  # since rtloop's start
-    ("robot_time_s", "f8"),  # the robot's clock: cycles times the period
-    ("mode", "u8"),
-    ("settled", "u8"),  # at rest at the commanded position
-    ("motion_id", "u8"),  # the running motion or the last one
-    ("motion_result", "u8"),
-    ("slot", "u8"),
-    ("path_time_s", "f8"),
-    ("path_duration_s", "f8"),
-    ("path_rate", "f8"),  # path time per clock time
-    ("deceleration_monotonic_ns", "i8"),  # when the last stop began to take effect
-    ("stops_seen", "u8"),  # the requests' counters as last acted upon
-    ("estops_seen", "u8"),
-    ("command_seen", "u8"),
-    ("session", "u8"),  # the streaming session that moves the arm, 0 for none
-    ("setpoint_seen", "u8"),  # the number of its target taken last
-    ("move_seen", "u8"),  # the number of its `move_to_pose` taken last
-    ("move_running", "u8"),
-    ("chunk_seen", "u8"),
-    ("point_seen", "u8"),  # the number of the servo point read last
-    ("points_taken", "u8"),  # of the session: those that the reference has gone for
-    ("points_dropped", "u8"),  # and those that it could not: jumps, unreadable ones
-    ("points_buffered", "u8"),  # and those that are still ahead
-    ("underruns", "u8"),  # how often the reference had to wait for a point
-    ("overruns", "u8"),
-    ("torn_reads", "u8"),
-    ("monotonic_ns", "i8"),  # CLOCK_MONOTONIC at publication
-    ("measured_monotonic_ns", "i8"),  # and when the robot was last read without an error
-)
-"""They stand first, without gaps, so that the cycle can write them with one `struct.pack_into`."""
-_CODES = {"u8": "Q", "i8": "q", "f8": "d"}
-STATE_STRUCT = struct.Struct("=" + "".join(_CODES[kind] for _, kind in STATE_SCALARS))
-
-
-def state_dtype(dof: int) -> np.dtype:
-    """The state block's record; measured and commanded arrays stand together."""
-    joints = ("f8", (dof,))
-    return np.dtype(
-        [
-            *STATE_SCALARS,
-            ("position", *joints),  # measured, rad
-            ("velocity", *joints),  # measured, rad/s
-            ("effort", *joints),  # measured, N·m
-            ("desired_effort", *joints),  # N·m
-            ("external_effort", *joints),  # what the surroundings exert, estimated, N·m
-            ("wrench", "f8", (6,)),  # the same at the TCP, in the base frame: N, N·m
-            ("sensor", "f8", (6,)),  # raw, in the TCP's frame: N, N·m
-            ("commanded_position", *joints),
-            ("commanded_velocity", *joints),
-            ("commanded_acceleration", *joints),
-            ("tcp", "f8", (7,)),  # measured: x, y, z in m, then w, x, y, z, in the base frame
-            ("tcp_velocity", "f8", (6,)),  # m/s, rad/s, in the base frame
-            ("effort_rate", *joints),  # N·m/s, smoothed
-            ("interventions", "u8", (len(Intervention),)),
-            ("intervened_ns", "i8", (len(Intervention),)),  # CLOCK_MONOTONIC of the last one of each kind
-            ("reason", TEXT),  # why ESTOP, FAULT or the last stop, UTF-8
-        ]
-    )
 
 
 HEADER = np.dtype(

@@ -20,12 +20,12 @@ from cobot.ipc.records import (
     NOTE,
     NOTES,
     RECORDER,
-    RECORDS_LAYOUT,
     record_dtype,
 )
 from cobot.ipc.ring import Ring
 from cobot.ipc.seqlock import Block, checksum
 from cobot.ipc.shm import FOLDER, MAX_DOF, REMEDIES, encoded
+from cobot.ipc.state_fields import LAYOUT_VERSION
 
 _PAGE = 4096
 _STATUS = _PAGE
@@ -100,7 +100,7 @@ class RecordingMemory:
         """
         path, record = ring_path(robot), record_dtype(dof)
         header = np.zeros((), HEADER)
-        header["magic"], header["layout"], header["dof"] = MAGIC, RECORDS_LAYOUT, dof
+        header["magic"], header["layout"], header["dof"] = MAGIC, LAYOUT_VERSION, dof
         header["fresh"] = FRESH_BYTES // record.itemsize
         header["history"] = history_places(dof, period_s, ring_s)
         header["period_s"], header["created_ns"] = period_s, time.monotonic_ns()
@@ -162,9 +162,9 @@ def _require_layout(path: Path, descriptor: int, raw: bytes) -> None:
     if len(raw) < HEADER.itemsize or not raw.startswith(MAGIC):
         raise LayoutError(f"{path}: is not the recording of a robot")
     header = np.frombuffer(raw, HEADER)[0]
-    if header["layout"] != RECORDS_LAYOUT:
+    if header["layout"] != LAYOUT_VERSION:
         raise LayoutError(
-            f"{path}: has layout version {header['layout']}, this program has {RECORDS_LAYOUT}: "
+            f"{path}: has layout version {header['layout']}, this program has {LAYOUT_VERSION}: "
             "stop the cobot that made it, or use its version"
         )
     if header["checksum"] != _checksum(raw) or not 0 < header["dof"] <= MAX_DOF:

@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.ipc.layout import TEXT, Phase
+from cobot.ipc.state_fields import RECORDED
 
 MAGIC = b"COBOTREC"
-RECORDS_LAYOUT = 1
 FRESH_BYTES = 8_000_000
 """Some 18 s of seven joints at 1 kHz: so long a recorder may be away without losing a cycle."""
 HISTORY_BYTES = 52_000_000
@@ -29,48 +29,32 @@ NAME = "S64"
 TIMED = (Phase.WAKEUP, Phase.READ, Phase.UPDATE, Phase.WRITE)
 """The phases whose times are in a record, in this order."""
 
-HEAD = (
-    ("number", "u8"),  # of the cycle, as the state's `cycle`: records of a ring have it in turn
-    ("monotonic_ns", "i8"),  # CLOCK_MONOTONIC at the end of the cycle
-    ("measured_monotonic_ns", "i8"),  # and when the robot was last read without an error
-    ("motion_id", "u8"),
-    ("path_time_s", "f8"),
-    ("path_rate", "f8"),
-    ("session", "u8"),
-    ("overruns", "u4"),
-    ("note", "u4"),  # the number of the newest note, 0 for none
-    ("interventions", "u4"),  # of the safety layer in this cycle: a bit for each `Intervention`
+OWN = (
+    ("note", "u4", ()),  # the number of the newest note, 0 for none
+    ("interventions", "u4", ()),  # of the safety layer in this cycle: a bit for each `Intervention`
     ("phases_ns", "u4", (len(TIMED),)),
-    ("mode", "u1"),
-    ("motion_result", "u1"),
-    ("settled", "u1"),
-    ("fresh", "u1"),  # whether the robot was read in this cycle
+    ("fresh", "u1", ()),  # whether the robot was read in this cycle
 )
-"""The fields that stand first, without gaps, as `rtloop.recording` knows them."""
+"""Fields of a record that the state block does not have."""
 
 
 def record_dtype(dof: int) -> np.dtype:
-    """A cycle. Positions are exact; what is only looked at has the precision of float32.
+    """A cycle: the fields of the state block that are recorded, in its units and frames, and `OWN`.
 
-    What is measured and what is commanded in the units and frames of the state block.
+    Positions are exact; what is only looked at has the precision of float32. The widest fields come first, so
+    that each is aligned.
     """
-    exact, single = ("f8", (dof,)), ("f4", (dof,))
-    fields = [
-        *HEAD,
-        ("position", *exact),
-        ("commanded_position", *exact),
-        ("velocity", *single),
-        ("effort", *single),
-        ("desired_effort", *single),
-        ("external_effort", *single),
-        ("wrench", "f4", (6,)),
-        ("sensor", "f4", (6,)),
-        ("commanded_velocity", *single),
-        ("tcp", "f4", (7,)),
-        *([("padding", "u4")] if dof % 2 == 0 else []),
-        ("checksum", "u8"),  # XXH64 of all that stands before it
-    ]
-    return np.dtype(fields)
+    fields = [*((field.name, field.recorded, field.shape(dof)) for field in RECORDED), *OWN]
+    fields.sort(key=lambda field: -np.dtype(field[1]).itemsize)
+    padding = -np.dtype(fields).itemsize % 8
+    return np.dtype(
+        [
+            ("number", "u8"),  # of the cycle, as the state's `cycle`: records of a ring have it in turn
+            *fields,
+            *([("padding", "u1", (padding,))] if padding else []),
+            ("checksum", "u8"),  # XXH64 of all that stands before it
+        ]
+    )
 
 
 NOTE = np.dtype(

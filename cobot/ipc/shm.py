@@ -49,7 +49,6 @@ from cobot.ipc.layout import (
     HEADER,
     HEARTBEAT,
     IO,
-    LAYOUT_VERSION,
     MAGIC,
     OUTPUT,
     POINT_HEAD,
@@ -68,10 +67,10 @@ from cobot.ipc.layout import (
     point_dtype,
     session_dtype,
     setpoint_dtype,
-    state_dtype,
     text,
 )
 from cobot.ipc.seqlock import Block, SharedCounter, checksum
+from cobot.ipc.state_fields import LAYOUT_VERSION, state_dtype
 from cobot.motions.fence import Fence
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array

@@ -7,6 +7,7 @@ found by serialising messages in which one field differs, so `rosbags` alone kno
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
 from typing import Any, cast
 
 import numpy as np
@@ -14,6 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from cobot.ipc.layout import Intervention, MotionResult
 from cobot.ipc.records import TIMED
+from cobot.ipc.state_fields import STATE_FIELDS
 from cobot.recording.events import Event
 from cobot.types import LoopMode
 
@@ -29,22 +31,43 @@ TOPICS = {
     "/events": EVENT,
 }
 SECOND_NS = 1_000_000_000
+ROS_POSE = [0, 1, 2, 4, 5, 6, 3]
+"""Where the numbers of a ROS pose, x, y, z, then x, y, z, w, are in x, y, z, then w, x, y, z."""
 
 
 def _constants(prefix: str, names: Sequence[tuple[str, int]], kind: str) -> str:
     return "".join(f"{kind} {prefix}{name}={value}\n" for name, value in names)
 
 
-_PHASES = "".join(f"uint32 {phase.name.lower()}_ns\n" for phase in TIMED)
+_PHASES = tuple(f"{phase.name.lower()}_ns" for phase in TIMED)
+_OWN = (
+    (1, "uint64", "cycle"),
+    (2, "float64", "robot_time_s"),
+    (6, "bool", "measured"),
+    (12, "uint32", "interventions"),
+    *((13, "uint32", name) for name in _PHASES),
+)
+"""Fields of a /cycle message that are not copied from the record: place, type and name."""
+_COPIED = tuple((*field.message, field.name) for field in STATE_FIELDS if field.message)
+_CYCLE_FIELDS = tuple((name, type_) for _, type_, name in sorted((*_OWN, *_COPIED), key=itemgetter(0)))
+"""Name and type of each field of a /cycle message after its header, in their order."""
+_FORMATS = {
+    "bool": "u1",
+    "uint8": "u1",
+    "uint32": "<u4",
+    "uint64": "<u8",
+    "int64": "<i8",
+    "float64": "<f8",
+    "geometry_msgs/Pose": "(7,)<f8",
+    "geometry_msgs/Wrench": "(6,)<f8",
+}
 DEFINITIONS = {
     CYCLE: (
         _constants("MODE_", [(mode.name, mode) for mode in LoopMode], "uint8")
         + _constants("RESULT_", [(result.name, result) for result in MotionResult], "uint8")
         + _constants("INTERVENTION_", [(kind.name, 1 << kind) for kind in Intervention], "uint32")
-        + "std_msgs/Header header\nuint64 cycle\nfloat64 robot_time_s\nuint8 mode\nuint8 motion_result\n"
-        "bool settled\nbool measured\nuint64 motion_id\nuint64 session\nfloat64 path_time_s\n"
-        f"float64 path_rate\nuint32 overruns\nuint32 interventions\n{_PHASES}"
-        "geometry_msgs/Pose tcp\nfloat64[] external_effort\ngeometry_msgs/Wrench sensor\n"
+        + "std_msgs/Header header\n"
+        + "".join(f"{type_} {name}\n" for name, type_ in _CYCLE_FIELDS)
     ),
     EVENT: "std_msgs/Header header\nuint64 cycle\nstring kind\nstring mode\nstring text\n",
 }
@@ -103,20 +126,9 @@ class RecordMessages:
             self._joint_state, {**stamp, "position": many, "velocity": many, "effort": many}
         )
         self._wrench = Template(self._wrench_stamped, {**stamp, "wrench": "(6,)<f8"})
+        formats = {**_FORMATS, "float64[]": many}
         self._cycle = Template(
-            self._cycle_message,
-            {
-                **stamp,
-                **dict.fromkeys(("cycle", "motion_id", "session"), "<u8"),
-                **dict.fromkeys(("robot_time_s", "path_time_s", "path_rate"), "<f8"),
-                **dict.fromkeys(("mode", "motion_result", "settled", "measured"), "u1"),
-                "overruns": "<u4",
-                "interventions": "<u4",
-                "phases_ns": f"({len(TIMED)},)<u4",
-                "tcp": "(7,)<f8",
-                "external_effort": many,
-                "sensor": "(6,)<f8",
-            },
+            self._cycle_message, {**stamp, **{name: formats[type_] for name, type_ in _CYCLE_FIELDS}}
         )
 
     def definition(self, type_: str) -> str:
@@ -148,13 +160,14 @@ class RecordMessages:
         commanded["velocity"] = records["commanded_velocity"]
         commanded["effort"] = records["desired_effort"]
         wrench["wrench"] = records["wrench"]
-        for name in ("motion_id", "session", "path_time_s", "path_rate", "mode", "motion_result", "settled"):
-            cycle[name] = records[name]
-        for name in ("overruns", "interventions", "phases_ns", "external_effort", "sensor"):
-            cycle[name] = records[name]
+        for _, type_, name in _COPIED:
+            values = records[name]
+            cycle[name] = values[:, ROS_POSE] if type_ == "geometry_msgs/Pose" else values
+        for name, nanoseconds in zip(_PHASES, records["phases_ns"].T, strict=True):
+            cycle[name] = nanoseconds
         cycle["cycle"], cycle["measured"] = records["number"], records["fresh"]
+        cycle["interventions"] = records["interventions"]
         cycle["robot_time_s"] = records["number"] * self._period_s
-        cycle["tcp"] = records["tcp"][:, [0, 1, 2, 4, 5, 6, 3]]  # of ROS: x, y, z, w
         made_of = {"/joint_states": measured, "/commanded": commanded, "/wrench": wrench, "/cycle": cycle}
         return {topic: (rows.tobytes(), rows.dtype.itemsize) for topic, rows in made_of.items()}
 
@@ -205,23 +218,25 @@ class RecordMessages:
         )
         return self._made("geometry_msgs/msg/Wrench", force=force, torque=torque)
 
-    def _cycle_message(self, values: Mapping[str, Any]) -> bytes:
-        x, y, z, *turn = map(float, values.get("tcp", np.zeros(7)))
-        tcp = self._made(
+    def _pose_of(self, values: Sequence[float]) -> Any:
+        """Of seven numbers in the order of ROS."""
+        x, y, z, *turn = map(float, values)
+        return self._made(
             "geometry_msgs/msg/Pose",
             position=self._made("geometry_msgs/msg/Point", x=x, y=y, z=z),
             orientation=self._made("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", turn, strict=True))),
         )
-        phases = values.get("phases_ns", np.zeros(len(TIMED), np.uint32))
-        numbers = ("cycle", "mode", "motion_result", "motion_id", "session", "overruns", "interventions")
-        return self._serialized(
-            CYCLE,
-            header=self._header(values),
-            **{name: int(values.get(name, 0)) for name in numbers},
-            **{name: bool(values.get(name, 0)) for name in ("settled", "measured")},
-            **{name: float(values.get(name, 0.0)) for name in ("robot_time_s", "path_time_s", "path_rate")},
-            **{f"{phase.name.lower()}_ns": int(ns) for phase, ns in zip(TIMED, phases, strict=True)},
-            tcp=tcp,
-            external_effort=values.get("external_effort", np.zeros(len(self._names))),
-            sensor=self._wrench_of(values.get("sensor", np.zeros(6))),
-        )
+
+    def _cycle_message(self, values: Mapping[str, Any]) -> bytes:
+        makers: dict[str, tuple[Callable[[Any], Any], Any]] = {
+            "bool": (bool, 0),
+            "float64": (float, 0.0),
+            "float64[]": (np.asarray, np.zeros(len(self._names))),
+            "geometry_msgs/Pose": (self._pose_of, np.zeros(7)),
+            "geometry_msgs/Wrench": (self._wrench_of, np.zeros(6)),
+        }
+        fields = {}
+        for name, type_ in _CYCLE_FIELDS:
+            make, zero = makers.get(type_, (int, 0))
+            fields[name] = make(values.get(name, zero))
+        return self._serialized(CYCLE, header=self._header(values), **fields)

@@ -24,7 +24,7 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 
 class RobotMessages:
-    """Makes messages of one robot. `state` is a record of `cobot.ipc.layout.state_dtype`; SI units.
+    """Makes messages of one robot. `state` is a record of `cobot.ipc.state_fields.state_dtype`; SI units.
 
     Frames are called as the model's bodies are, and the TCP as its site; the model's world is `world`.
 

@@ -31,6 +31,7 @@ FILES = (
     "ipc/__init__.py",
     "ipc/layout.py",
     "ipc/session_rules.py",
+    "ipc/state_fields.py",
     "py.typed",
     "types.py",
 )

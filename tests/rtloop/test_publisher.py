@@ -14,8 +14,9 @@ from samples import samples
 import rtloop.publisher
 from cobot.config import Settings
 from cobot.errors import LayoutError
-from cobot.ipc.layout import HISTOGRAM_BUCKETS, STATE_SCALARS, Command, Intervention, Phase, text
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, Command, Intervention, Phase, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
+from cobot.ipc.state_fields import STATE_SCALARS
 from cobot.robot.description import RobotDescription
 from rtloop.backends import Measured
 from rtloop.publisher import EFFORT_RATE_S, STATISTICS_CYCLES, StatePublisher, Statistics

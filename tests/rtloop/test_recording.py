@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from cobot.config import Settings
 from cobot.errors import LayoutError
 from cobot.ipc.layout import Command, Intervention, text
 from cobot.ipc.recording_memory import RecordingMemory
-from cobot.ipc.records import HEAD
+from cobot.ipc.state_fields import RECORDED, StateField
 from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode
 from rtloop.recording import CycleRecorder
@@ -50,21 +51,11 @@ def test_each_cycle_leaves_a_record_of_what_the_state_says(
         reader = RecordingMemory.attach(recording.robot, history=False)
         records = reader.fresh.read(1, CYCLES)
         assert records["number"].tolist() == [int(state["cycle"]) for state in states]
-        for name in ("mode", "motion_result", "settled", "motion_id", "path_time_s", "session", "overruns"):
-            assert records[name].tolist() == [state[name] for state in states], name
-        for name in ("position", "commanded_position"):
-            np.testing.assert_array_equal(records[name], [state[name] for state in states])
-        for name in (
-            "velocity",
-            "effort",
-            "external_effort",
-            "wrench",
-            "sensor",
-            "commanded_velocity",
-            "tcp",
-        ):
-            expected = np.array([state[name] for state in states]).astype(np.float32)
-            np.testing.assert_array_equal(records[name], expected, err_msg=name)
+        for field in RECORDED:
+            expected = np.array([state[field.name] for state in states])
+            np.testing.assert_array_equal(
+                records[field.name], expected.astype(field.recorded), err_msg=field.name
+            )
         assert (np.diff(records["monotonic_ns"]) > 0).all()
         assert records["fresh"].all()
         notes = {int(n["number"]): text(n["reason"]) for n in reader.notes.read(1, 100)}
@@ -98,17 +89,24 @@ def test_a_restarted_cycle_goes_on_with_the_notes(
         rig.close()
 
 
-@pytest.mark.parametrize("fault", ["swapped", "one more"])
-def test_a_recorder_does_not_start_with_another_layout(
-    monkeypatch: pytest.MonkeyPatch, recording: RecordingMemory, fault: str
+POSITION = next(field for field in RECORDED if field.name == "position")
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ((replace(POSITION, recorded="f2"),), "position of the state is f8, not recorded as f2"),
+        ((POSITION,) * 65, "65 fields of the state are recorded, there is room for 64"),
+    ],
+)
+def test_a_recorder_does_not_start_with_fields_that_it_cannot_copy(
+    monkeypatch: pytest.MonkeyPatch,
+    recording: RecordingMemory,
+    fields: tuple[StateField, ...],
+    said: str,
 ) -> None:
-    head = list(HEAD)
-    if fault == "swapped":
-        head[1], head[2] = head[2], head[1]
-    else:
-        head.append(("one_more", "u8"))
-    monkeypatch.setattr(rtloop.recording, "HEAD", tuple(head))
-    with pytest.raises(LayoutError, match="head"):
+    monkeypatch.setattr(rtloop.recording, "RECORDED", fields)
+    with pytest.raises(LayoutError, match=said):
         CycleRecorder(recording)
 
 

@@ -43,7 +43,8 @@ from cobot.client import wire
 from cobot.client.wire import Kind
 from cobot.clock import Ticks
 from cobot.errors import AuthenticationError, CobotError, InputError, PermissionDenied
-from cobot.ipc.layout import LAYOUT_VERSION, Stream
+from cobot.ipc.layout import Stream
+from cobot.ipc.state_fields import LAYOUT_VERSION
 
 MAX_ANSWERS = 64
 """So many answers wait for a client that does not read; then the oldest one is dropped."""

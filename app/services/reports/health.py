@@ -17,7 +17,8 @@ from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from app.services.streaming.sessions import StreamService
 from cobot.errors import UnavailableError
-from cobot.ipc.layout import LAYOUT_VERSION, Intervention, Phase, text
+from cobot.ipc.layout import Intervention, Phase, text
+from cobot.ipc.state_fields import LAYOUT_VERSION
 from cobot.types import LoopMode
 
 VERSIONS = {

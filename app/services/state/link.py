@@ -192,7 +192,7 @@ class RobotLink:
         return state
 
     async def measured_record(self, timeout_s: float) -> np.ndarray:
-        """A copy of all that rtloop publishes, `cobot.ipc.layout.state_dtype`; raises as `measured_state`."""
+        """A copy of the state block, `cobot.ipc.state_fields.state_dtype`; raises as `measured_state`."""
         return (await self.measured_state(timeout_s)).record
 
     async def ready_state(self, timeout_s: float) -> RobotState:

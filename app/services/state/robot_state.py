@@ -10,7 +10,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from cobot.ipc.layout import STATE_SCALARS, STATE_STRUCT, MotionResult, record_of, text
+from cobot.ipc.layout import MotionResult, record_of, text
+from cobot.ipc.state_fields import STATE_SCALARS, STATE_STRUCT
 from cobot.types import Array, LoopMode
 
 PLACES = {name: place for place, (name, _) in enumerate(STATE_SCALARS)}
@@ -43,23 +44,14 @@ class _Vector:
 
 
 class RobotState:
-    """A copy of rtloop's state block: rad, rad/s, N·m, shape (dof,) each.
+    """A copy of rtloop's state block. Fields have the names, units and meanings of `cobot.ipc.state_fields`.
 
     Attributes:
-        tcp: shape (7,): x, y, z in m, then w, x, y, z, in the base frame, as measured.
-        wrench: shape (6,), N and N·m: what the surroundings do to the TCP, as estimated, in the base frame.
-        path_time_s, path_duration_s: how far along its path the motion is, and how long that is.
-        path_rate: path time per clock time, 0 at rest to 1 at full speed.
+        record: all fields.
         published_s: when it was published, on the link's clock.
         age_s: how long ago that was.
         measured_age_s: how long ago the robot was read.
-        session: the streaming session that moves the arm, 0 for none.
-        points_taken, points_dropped, points_buffered: servo points that the session has gone for, that it
-            could not go for, and that are still ahead of it.
-        underruns: how often the session had to wait for a servo point.
-        interventions: in the order of `Intervention`.
-        intervened_ns: when each was counted last, CLOCK_MONOTONIC; 0 for never.
-        reason: why the mode is ESTOP or FAULT, or why the last motion ended.
+        interventions, intervened_ns: in the order of `Intervention`.
     """
 
     __slots__ = ("_now_ns", "record", "scalars")
@@ -75,7 +67,7 @@ class RobotState:
         """Copies what has just been read.
 
         Args:
-            record: of `cobot.ipc.layout.state_dtype`.
+            record: of `cobot.ipc.state_fields.state_dtype`.
             now_ns: CLOCK_MONOTONIC, which its ages are counted up to.
         """
         octets = record.tobytes()

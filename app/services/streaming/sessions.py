@@ -83,7 +83,7 @@ class Session:
         self._first.sent(setpoint)
 
     def look_at(self, state: np.ndarray) -> None:
-        """Tell the client if this state, `cobot.ipc.layout.state_dtype`, shows that its first target is
+        """Tell the client if this state, `cobot.ipc.state_fields.state_dtype`, shows that its first target is
         refused.
         """
         refusal = self._first.refusal(self.number, state)

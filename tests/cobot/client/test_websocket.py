@@ -25,7 +25,8 @@ from cobot.client import websocket as remote
 from cobot.client.connection import ERRORS
 from cobot.client.websocket import WebSocketTransport
 from cobot.errors import InputError, LayoutError, UnavailableError
-from cobot.ipc.layout import LAYOUT_VERSION, info_dtype, session_dtype, setpoint_dtype, state_dtype
+from cobot.ipc.layout import info_dtype, session_dtype, setpoint_dtype
+from cobot.ipc.state_fields import LAYOUT_VERSION, state_dtype
 
 DOF = 3
 WISH = np.zeros((), session_dtype(DOF))

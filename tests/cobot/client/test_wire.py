@@ -9,7 +9,8 @@ import pytest
 
 from cobot.client.wire import Kind, header, packed, record
 from cobot.errors import InputError, LayoutError
-from cobot.ipc.layout import LAYOUT_VERSION, setpoint_dtype, state_dtype
+from cobot.ipc.layout import setpoint_dtype
+from cobot.ipc.state_fields import LAYOUT_VERSION, state_dtype
 
 DOF = 7
 SEED = 20261122

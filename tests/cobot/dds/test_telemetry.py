@@ -15,8 +15,8 @@ from running import unique_name
 
 from cobot.config import Settings
 from cobot.dds.telemetry import JointStates, Telemetry
-from cobot.ipc.layout import state_dtype
 from cobot.ipc.shm import RobotMemory
+from cobot.ipc.state_fields import state_dtype
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import Tool, ToolFile
 from cobot.ros.messages import Messages

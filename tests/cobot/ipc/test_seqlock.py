@@ -19,8 +19,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cobot.errors import TornReadError
-from cobot.ipc.layout import STATISTICS, state_dtype
+from cobot.ipc.layout import STATISTICS
 from cobot.ipc.seqlock import Block, checksum
+from cobot.ipc.state_fields import state_dtype
 
 RECORD = np.dtype([("number", "u8"), ("values", "f8", (200,)), ("text", "S24")])
 READS = 20_000

@@ -19,9 +19,10 @@ from hypothesis import strategies as st
 from running import unique_name
 
 from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
-from cobot.ipc.layout import HEADER, LAYOUT_VERSION, POINTS, RING
+from cobot.ipc.layout import HEADER, POINTS, RING
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import MemoryRole, RobotMemory, encoded, robots_running
+from cobot.ipc.state_fields import LAYOUT_VERSION
 from cobot.trajectory import from_hermite
 
 DOF, PERIOD_S, CAPACITY = 7, 0.001, 50

@@ -26,7 +26,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from cobot.errors import InputError
-from cobot.ipc.layout import state_dtype
+from cobot.ipc.state_fields import state_dtype
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
 from cobot.ros.messages import Messages, ros_time

@@ -28,8 +28,8 @@ from tasks import CLIENT
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 
 from cobot import Mode, Robot
-from cobot.ipc.layout import state_dtype
 from cobot.ipc.shm import MemoryRole, RobotMemory
+from cobot.ipc.state_fields import state_dtype
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 CONFIG = Path(__file__).parents[3] / "config"

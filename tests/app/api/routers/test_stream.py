@@ -22,7 +22,8 @@ from running import WAIT_S
 from streaming_client import Frames
 from virtual import VirtualService, virtual_service
 
-from cobot.ipc.layout import chunk_dtype, session_dtype, setpoint_dtype, state_dtype
+from cobot.ipc.layout import chunk_dtype, session_dtype, setpoint_dtype
+from cobot.ipc.state_fields import state_dtype
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 CONFIG = Path(__file__).parents[4] / "config"

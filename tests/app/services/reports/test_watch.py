@@ -15,7 +15,8 @@ import pytest
 from app.services.events.ring import Events
 from app.services.reports.watch import StateWatch
 from app.services.state.robot_state import RobotState
-from cobot.ipc.layout import Intervention, state_dtype
+from cobot.ipc.layout import Intervention
+from cobot.ipc.state_fields import state_dtype
 from cobot.types import LoopMode
 
 STALE_S = 0.25

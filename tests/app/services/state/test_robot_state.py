@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from app.services.state.robot_state import RobotState
-from cobot.ipc.layout import MotionResult, state_dtype
+from cobot.ipc.layout import MotionResult
+from cobot.ipc.state_fields import state_dtype
 from cobot.types import LoopMode
 
 SEED = 20261122

@@ -24,8 +24,9 @@ from app.services.state.interventions import InterventionLog
 from app.services.state.link import RobotLink
 from app.services.streaming.sessions import StreamService
 from cobot.errors import ConflictError, ExecutionError, InputError, NotReadyError, UnavailableError
-from cobot.ipc.layout import Interpolation, Intervention, Stream, chunk_dtype, setpoint_dtype, state_dtype
+from cobot.ipc.layout import Interpolation, Intervention, Stream, chunk_dtype, setpoint_dtype
 from cobot.ipc.session_rules import nominal_session
+from cobot.ipc.state_fields import state_dtype
 from cobot.robot.description import RobotDescription
 from cobot.ticker import Ticker
 from cobot.types import LoopMode

@@ -1,0 +1,221 @@
+"""The state block of a robot, field by field: what rtloop publishes in each cycle.
+
+A field is declared in `STATE_FIELDS` and nowhere else. From this table come the record in shared memory, the
+struct of the compiled modules and the table of docs/api.md (`python -m cobot.ipc.generate` writes both), the
+JSON of `GET /robot/state` and of the WebSocket, the record of a cycle in recordings, and what recordings and
+Foxglove show of it.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from cobot.ipc.layout import TEXT, Intervention, MotionResult
+from cobot.types import LoopMode
+
+LAYOUT_VERSION = 15
+"""Version of all records in shared memory: a change of any of them raises it."""
+PER_JOINT = -1
+_STRUCT_CODES = {"u8": "Q", "i8": "q", "f8": "d"}
+"""The kinds of numbers, and what `struct` calls them."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateField:
+    """A field of the state block.
+
+    Attributes:
+        name: the same in shared memory, in JSON and in recordings.
+        kind: type in shared memory, as numpy calls it: "u8", "i8", "f8", or `TEXT`.
+        unit: "" for counts, flags and texts.
+        meaning: a phrase for the documents and the JSON schema, with the frame of a vector.
+        length: 0 for one number or text, `PER_JOINT`, or how many numbers.
+        member: enumeration whose member's name stands in JSON in place of the number.
+        keys: enumeration with a number for each member: JSON has an object with these keys.
+        recorded: type in the recording's record, "" for a field that is not recorded.
+        message: place and ROS type in cobot_msgs/msg/Cycle, which recordings and Foxglove show. Readers know
+            that message: a place is never given to another field, a new field gets the next place.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    meaning: str
+    length: int = 0
+    member: type[IntEnum] | None = None
+    keys: type[IntEnum] | None = None
+    recorded: str = ""
+    message: tuple[int, str] | None = None
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether it is one number, which the cycle writes with all others at once."""
+        return self.length == 0 and not self.is_text
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it is UTF-8."""
+        return self.kind not in _STRUCT_CODES
+
+    def shape(self, dof: int) -> tuple[int, ...]:
+        """Shape of its array, () for one number or text."""
+        return (dof if self.length == PER_JOINT else self.length,) if self.length else ()
+
+
+def _members(kind: type[IntEnum]) -> str:
+    return ", ".join(f"{member.value} {member.name.lower()}" for member in kind)
+
+
+STATE_FIELDS = (
+    StateField("cycle", "u8", "", "Number of the cycle since rtloop started"),
+    StateField("robot_time_s", "f8", "s", "Clock of the robot: number of cycles times the period"),
+    StateField("mode", "u8", "", "Mode of rtloop", member=LoopMode, recorded="u1", message=(3, "uint8")),
+    StateField(
+        "settled",
+        "u8",
+        "",
+        "1 when the arm is at rest at the commanded position",
+        recorded="u1",
+        message=(5, "bool"),
+    ),
+    StateField(
+        "motion_id",
+        "u8",
+        "",
+        "Number of the running motion, or of the last one",
+        recorded="u8",
+        message=(7, "uint64"),
+    ),
+    StateField(
+        "motion_result",
+        "u8",
+        "",
+        f"How that motion stands: {_members(MotionResult)}",
+        recorded="u1",
+        message=(4, "uint8"),
+    ),
+    StateField("slot", "u8", "", "Slot in shared memory that holds that motion"),
+    StateField("path_time_s", "f8", "s", "Path time of the motion", recorded="f8", message=(9, "float64")),
+    StateField("path_duration_s", "f8", "s", "Path time at the end of the motion"),
+    StateField(
+        "path_rate",
+        "f8",
+        "",
+        "Path time per clock time: 0 at rest, 1 at full speed",
+        recorded="f8",
+        message=(10, "float64"),
+    ),
+    StateField(
+        "deceleration_monotonic_ns", "i8", "ns", "CLOCK_MONOTONIC when the last stop began to take effect"
+    ),
+    StateField("stops_seen", "u8", "", "Number of stop requests that rtloop has acted on"),
+    StateField("estops_seen", "u8", "", "Number of e-stop requests that rtloop has acted on"),
+    StateField("command_seen", "u8", "", "Number of the command that rtloop took last"),
+    StateField(
+        "session",
+        "u8",
+        "",
+        "Number of the streaming session that moves the arm, 0 for none",
+        recorded="u8",
+        message=(8, "uint64"),
+    ),
+    StateField("setpoint_seen", "u8", "", "Number of the session's target that rtloop took last"),
+    StateField("move_seen", "u8", "", "Number of the session's `move` that rtloop took last"),
+    StateField("move_running", "u8", "", "1 while that `move` is under way"),
+    StateField("chunk_seen", "u8", "", "Number of the session's chunk that rtloop took last"),
+    StateField("point_seen", "u8", "", "Number of the servo point that rtloop read last"),
+    StateField("points_taken", "u8", "", "Servo points of the session that became targets"),
+    StateField("points_dropped", "u8", "", "Servo points that were dropped: jumps, unreadable ones"),
+    StateField("points_buffered", "u8", "", "Servo points of the session that are still ahead"),
+    StateField("underruns", "u8", "", "How often the session had to wait for a servo point"),
+    StateField("overruns", "u8", "", "Cycles that were missed", recorded="u4", message=(11, "uint32")),
+    StateField("torn_reads", "u8", "", "Inconsistent copies that rtloop found and read again"),
+    StateField("monotonic_ns", "i8", "ns", "CLOCK_MONOTONIC when the state was published", recorded="i8"),
+    StateField(
+        "measured_monotonic_ns",
+        "i8",
+        "ns",
+        "CLOCK_MONOTONIC when the robot was last read without an error",
+        recorded="i8",
+    ),
+    StateField("position", "f8", "rad", "Measured joint positions", PER_JOINT, recorded="f8"),
+    StateField("velocity", "f8", "rad/s", "Measured joint velocities", PER_JOINT, recorded="f4"),
+    StateField("effort", "f8", "N·m", "Measured joint torques", PER_JOINT, recorded="f4"),
+    StateField("desired_effort", "f8", "N·m", "Joint torques asked of the drives", PER_JOINT, recorded="f4"),
+    StateField(
+        "external_effort",
+        "f8",
+        "N·m",
+        "Estimated joint torques from the surroundings",
+        PER_JOINT,
+        recorded="f4",
+        message=(15, "float64[]"),
+    ),
+    StateField(
+        "wrench",
+        "f8",
+        "N, N·m",
+        "Estimated force and torque on the TCP, in the base frame",
+        length=6,
+        recorded="f4",
+    ),
+    StateField(
+        "sensor",
+        "f8",
+        "N, N·m",
+        "Force and torque of the sensor, raw, in the TCP's frame",
+        6,
+        recorded="f4",
+        message=(16, "geometry_msgs/Wrench"),
+    ),
+    StateField("commanded_position", "f8", "rad", "Commanded joint positions", PER_JOINT, recorded="f8"),
+    StateField("commanded_velocity", "f8", "rad/s", "Commanded joint velocities", PER_JOINT, recorded="f4"),
+    StateField("commanded_acceleration", "f8", "rad/s²", "Commanded joint accelerations", PER_JOINT),
+    StateField(
+        "tcp",
+        "f8",
+        "m",
+        "Measured pose of the TCP in the base frame: x, y, z, then w, x, y, z",
+        7,
+        recorded="f4",
+        message=(14, "geometry_msgs/Pose"),
+    ),
+    StateField("tcp_velocity", "f8", "m/s, rad/s", "Measured velocity of the TCP in the base frame", 6),
+    StateField("effort_rate", "f8", "N·m/s", "Rate of change of `effort`, smoothed over 10 ms", PER_JOINT),
+    StateField(
+        "interventions",
+        "u8",
+        "",
+        "How often the safety layer has acted, by kind",
+        len(Intervention),
+        keys=Intervention,
+    ),
+    StateField(
+        "intervened_ns",
+        "i8",
+        "ns",
+        "CLOCK_MONOTONIC of the last intervention of each kind",
+        len(Intervention),
+        keys=Intervention,
+    ),
+    StateField("reason", TEXT, "", "Why the mode is ESTOP or FAULT, or why the last motion ended"),
+)
+"""In the order of the record. Rows of arrays that the cycle copies at once stand together: what is measured
+(position to sensor), and what is commanded. New rows of arrays go to the end."""
+
+SCALARS = tuple(field for field in STATE_FIELDS if field.is_scalar)
+"""Fields that stand first in the record, without gaps: `StateScalars` of the compiled modules."""
+STATE_SCALARS = tuple((field.name, field.kind) for field in SCALARS)
+STATE_STRUCT = struct.Struct("=" + "".join(_STRUCT_CODES[field.kind] for field in SCALARS))
+_ARRAYS = tuple(field for field in STATE_FIELDS if not field.is_scalar)
+RECORDED = tuple(field for field in STATE_FIELDS if field.recorded)
+"""Fields that a recording has of each cycle."""
+
+
+def state_dtype(dof: int) -> np.dtype:
+    """The record of the state block."""
+    return np.dtype([*STATE_SCALARS, *((field.name, field.kind, field.shape(dof)) for field in _ARRAYS)])

@@ -1,0 +1,33 @@
+# Written by `python -m cobot.ipc.generate`; `cobot.ipc.state_fields` describes the fields.
+# Layout version 15, records 76e0cc749385fea3.
+from libc.stdint cimport int64_t, uint64_t
+
+cdef struct StateScalars:
+    uint64_t cycle
+    double robot_time_s
+    uint64_t mode
+    uint64_t settled
+    uint64_t motion_id
+    uint64_t motion_result
+    uint64_t slot
+    double path_time_s
+    double path_duration_s
+    double path_rate
+    int64_t deceleration_monotonic_ns
+    uint64_t stops_seen
+    uint64_t estops_seen
+    uint64_t command_seen
+    uint64_t session
+    uint64_t setpoint_seen
+    uint64_t move_seen
+    uint64_t move_running
+    uint64_t chunk_seen
+    uint64_t point_seen
+    uint64_t points_taken
+    uint64_t points_dropped
+    uint64_t points_buffered
+    uint64_t underruns
+    uint64_t overruns
+    uint64_t torn_reads
+    int64_t monotonic_ns
+    int64_t measured_monotonic_ns
