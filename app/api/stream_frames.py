@@ -9,14 +9,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from app.api.state_json import state_content
 from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
 from app.services.streaming.jog import JogCommand
 from cobot.errors import InputError, NotReadyError
-from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Intervention, Stream, chunk_dtype, text
+from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Stream, chunk_dtype
 from cobot.ipc.session_rules import MOVE_S, decimation, nominal_session
 from cobot.motions.fields import Finite
 from cobot.strict import StrictModel, sentences, shown
-from cobot.types import LoopMode, vector
+from cobot.types import vector
 
 Numbers = Annotated[list[Finite], Field(max_length=64)]
 Sequence = Annotated[int, Field(ge=1, lt=2**63)]
@@ -248,19 +249,11 @@ def read_frame(content: Frame, stream: Stream) -> TextFrame:
 
 def state_frame(state: np.ndarray, sequence: int) -> str:
     """The state as JSON; what is no number is null there."""
-    content: Frame = {"type": "state", "sequence": sequence}
-    content |= {name: state[name].tolist() for name in state.dtype.names or ()}
-    content["mode"] = LoopMode(content["mode"]).name
-    content["reason"] = text(state["reason"])
-    for name in ("interventions", "intervened_ns"):
-        content[name] = dict(zip(KINDS, content[name], strict=True))
+    content: Frame = {"type": "state", "sequence": sequence, **state_content(state)}
     try:
         return json.dumps(content, allow_nan=False)
     except ValueError:
         return json.dumps({name: _without_nan(value) for name, value in content.items()})
-
-
-KINDS = [kind.name.lower() for kind in Intervention]
 
 
 def hello_frame(info: np.ndarray, **more: object) -> str:

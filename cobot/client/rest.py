@@ -52,6 +52,12 @@ class Client(Moves, EventConnection):
         """The TCP: `position` (m), `orientation`, `frame_id`."""
         return self._json("GET", "/robot/pose")
 
+    def state(self) -> Json:
+        """The whole state block: `mode`, `reason`, measured and commanded joints, the TCP, the motion, the
+        session, counters. The table of GET /robot/state in docs/api.md has units and meanings.
+        """
+        return self._json("GET", "/robot/state")
+
     def positions(self) -> list[Json]:
         """The named positions."""
         return list(self._request("GET", "/robot/positions"))

@@ -27,6 +27,7 @@ from app.api.schemas import (
     Quaternion,
     ResetAnswer,
 )
+from app.api.state_json import StateAnswer, state_response
 from app.services.motion.moves import Outcome
 from app.services.motion.queue_moves import queue_request
 from app.services.rights.job import JobKind
@@ -85,6 +86,15 @@ async def pose(request: Request) -> PoseAnswer:
         ),
         frame_id=call.services.robot.base_frame,
     )
+
+
+@router.endpoint(
+    "GET /robot/state", Role.OBSERVER, timeout_s=1.5, response_model=StateAnswer, responses=responses(503)
+)
+async def state(request: Request) -> Response:
+    """The whole state block, as rtloop publishes it in each cycle; also while the robot cannot be read."""
+    call = Call(request)
+    return state_response((await call.services.link.fresh_state(call.timeout_s)).record)
 
 
 @router.endpoint("POST /robot/move/named", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)

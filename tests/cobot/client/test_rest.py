@@ -73,6 +73,7 @@ def form(request: httpx.Request) -> dict[str, tuple[str | None, str]]:
     [
         (Client.joint_states, "GET", "/robot/joint_states", {"name": []}),
         (Client.pose, "GET", "/robot/pose", {"position": {}}),
+        (Client.state, "GET", "/robot/state", {"mode": "HOLD"}),
         (Client.positions, "GET", "/robot/positions", [{"name": "home"}]),
         (Client.sequence_status, "GET", "/sequences/status", {"status": "idle"}),
         (Client.stop, "POST", "/stop", {"success": True}),

@@ -1,0 +1,62 @@
+"""The state block as JSON: what `GET /robot/state` and the `state` frames of the WebSocket have in common."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from fastapi import Response
+from pydantic import BaseModel, Field, create_model
+from pydantic.config import JsonDict
+from pydantic_core import to_json
+
+from cobot.ipc.layout import text
+from cobot.ipc.state_fields import STATE_FIELDS, StateField
+
+_MEMBERS = {field.name: field.member for field in STATE_FIELDS if field.member}
+_KEYS = {field.name: [key.name.lower() for key in field.keys] for field in STATE_FIELDS if field.keys}
+_TEXTS = [field.name for field in STATE_FIELDS if field.is_text]
+
+
+def state_content(state: np.ndarray) -> dict[str, Any]:
+    """A record of `cobot.ipc.state_fields.state_dtype` as JSON has it; numbers may be infinite or NaN."""
+    content = {name: state[name].tolist() for name in state.dtype.names or ()}
+    for name, member in _MEMBERS.items():
+        content[name] = member(content[name]).name
+    for name, keys in _KEYS.items():
+        content[name] = dict(zip(keys, content[name], strict=True))
+    for name in _TEXTS:
+        content[name] = text(content[name])
+    return content
+
+
+def state_response(state: np.ndarray) -> Response:
+    """The answer of `GET /robot/state`, which is `StateAnswer` in the schema.
+
+    It is polled and made of a table, so it is not validated: a test does that.
+    """
+    return Response(to_json(state_content(state), inf_nan_mode="null"), media_type="application/json")
+
+
+def _json_type(field: StateField) -> Any:
+    """The type in the schema."""
+    if field.member:
+        return Literal[tuple(member.name for member in field.member)]
+    if field.is_text:
+        return str
+    number: Any = float | None if field.kind == "f8" else int
+    if field.keys:
+        return dict[Literal[tuple(_KEYS[field.name])], number]  # type: ignore[misc]
+    return list.__class_getitem__(number) if field.length else number
+
+
+def _model() -> type[BaseModel]:
+    fields: dict[str, Any] = {}
+    for field in STATE_FIELDS:
+        unit: JsonDict | None = {"unit": field.unit} if field.unit else None
+        described = Field(description=f"{field.meaning}.", json_schema_extra=unit)
+        fields[field.name] = (_json_type(field), described)
+    return create_model("StateAnswer", __doc__="All that rtloop publishes of a robot in a cycle.", **fields)
+
+
+StateAnswer = _model()
