@@ -119,9 +119,9 @@ class Reloading:
 
     def begin(self) -> None:
         """The same in the background, with the log as the answer: for a signal."""
-        self._task = asyncio.create_task(self._logged())
+        self._task = asyncio.create_task(self._reload_and_log())
 
-    async def _logged(self) -> None:
+    async def _reload_and_log(self) -> None:
         try:
             answer = await self.reload()
         except CobotError as exc:

@@ -128,11 +128,11 @@ class FollowJointTrajectory:
         run, before = Run(), self._newest
         self._newest = run
 
-        async def cancelled() -> None:
+        async def await_cancel() -> None:
             await handle.cancel_requested.wait()
             run.interrupt(MotionStopped("the goal was cancelled"))
 
-        watcher = asyncio.create_task(cancelled())
+        watcher = asyncio.create_task(await_cancel())
         try:
             if before is not None:
                 before.interrupt(MotionStopped("preempted by a newer goal"))
@@ -155,9 +155,9 @@ class FollowJointTrajectory:
         with self._ownership.claim(caller) as claim:
             run.own(claim)
             state = await self._motion.ready()
-            trajectory = await self._planned(claim, goal, state, streamed=settings.mode != ServoMode.NONE)
+            trajectory = await self._plan(claim, goal, state, streamed=settings.mode != ServoMode.NONE)
             if goal.start_s is not None:
-                await claim.unless_interrupted(run.sleep(goal.start_s - self._wall_s()))
+                await claim.run_interruptibly(run.sleep(goal.start_s - self._wall_s()))
             run.proceed()
             if settings.mode is ServoMode.NONE:
                 await self._follow(claim, goal, trajectory, handle)
@@ -165,7 +165,7 @@ class FollowJointTrajectory:
         await self._streamed.execute(run, goal, trajectory, settings, handle, claim.stops)
         return trajectory.note
 
-    async def _planned(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
+    async def _plan(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
         """The motion through all points, slowed down where the limits need it and the goal permits it."""
         start, points = state.commanded_position, goal.points
         if points[-1].time_from_start_s == 0.0:
@@ -221,7 +221,7 @@ class FollowJointTrajectory:
         stamp_ns = self._link.clock.wall_ns()
         progress = on_path(trajectory, trajectory.duration_s, 0.0, state, stamp_ns)
         handle.feedback(progress.feedback(self._limits.names))
-        await self._arrived(claim, goal, trajectory)
+        await self._await_arrival(claim, goal, trajectory)
 
     async def _watch(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
         """Tell the client, and end the motion where it leaves the tolerances."""
@@ -243,7 +243,7 @@ class FollowJointTrajectory:
                         claim.interrupt(GoalViolated(goal.late(trajectory.duration_s)))
             await asyncio.sleep(WATCH_S)
 
-    async def _arrived(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
+    async def _await_arrival(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
         """Wait for goal_tolerance where it is tighter than what counts as arrived."""
         deadline_s = self._link.clock.now_s() + min(goal.late_s, ARRIVAL_S)
         while True:

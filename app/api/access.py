@@ -137,7 +137,7 @@ class Access:
         """Serve a WebSocket; close it when its token is revoked, has expired, or means another role."""
         accepted = ended = False
 
-        async def checked(message: Message) -> None:
+        async def check_then_send(message: Message) -> None:
             nonlocal accepted
             if ended:
                 raise OSError(INVALID)  # as when the client has gone
@@ -157,7 +157,7 @@ class Access:
 
         watching = asyncio.create_task(watch())
         try:
-            await self._app(scope, receive, checked)
+            await self._app(scope, receive, check_then_send)
         finally:
             watching.cancel()
 
@@ -206,9 +206,9 @@ def _cut_off(scope: Scope) -> str | None:
 
 
 def _unframed(send: Send) -> Send:
-    async def sent(message: Message) -> None:
+    async def send_with_session(message: Message) -> None:
         if message["type"] == "http.response.start":
             message = {**message, "headers": [*message.get("headers", ()), *UNFRAMED]}
         await send(message)
 
-    return sent
+    return send_with_session

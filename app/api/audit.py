@@ -58,14 +58,14 @@ class RequestTrail:
     async def _request(self, scope: Scope, receive: Receive, send: Send, on: Trail) -> None:
         outcome = "no answer"
 
-        async def noted(message: Message) -> None:
+        async def send_and_note(message: Message) -> None:
             nonlocal outcome
             if message["type"] == "http.response.start":
                 outcome = str(message["status"])
             await send(message)
 
         try:
-            await self._app(scope, receive, _identified(noted, on.request))
+            await self._app(scope, receive, _identified(send_and_note, on.request))
         except Exception:
             outcome = "500"
             raise
@@ -80,7 +80,7 @@ class RequestTrail:
         opened_s = 0.0
         outcome = "no answer"
 
-        async def noted(message: Message) -> None:
+        async def send_and_note(message: Message) -> None:
             nonlocal opened_s, outcome
             match message["type"]:
                 case "websocket.accept":
@@ -93,7 +93,7 @@ class RequestTrail:
             await send(message)
 
         try:
-            await self._app(scope, receive, noted)
+            await self._app(scope, receive, send_and_note)
         finally:
             if opened_s:
                 on.details = {"seconds": round(time.monotonic() - opened_s, 3)}

@@ -28,9 +28,9 @@ class BodyLimit:
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] != "http" or scope["method"] == "GET":  # of a GET nothing is taken in
             return self._app(scope, receive, send)
-        return self._limited(scope, receive, send)
+        return self._limit(scope, receive, send)
 
-    async def _limited(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _limit(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers = dict(scope["headers"])
         form = headers.get(b"content-type", b"").lower().startswith(b"multipart/")
         web = scope["app"].state.web
@@ -40,7 +40,7 @@ class BodyLimit:
         coding = headers.get(b"content-encoding", IDENTITY).strip().lower()
         received = 0
 
-        async def counted() -> Message:
+        async def receive_and_count() -> Message:
             """Asked for only by an endpoint that takes a body."""
             nonlocal received
             if coding not in (b"", IDENTITY):
@@ -64,6 +64,6 @@ class BodyLimit:
             raise HTTPException(413) from error  # FastAPI lets no other class through
 
         try:
-            await self._app(scope, counted, send)
+            await self._app(scope, receive_and_count, send)
         finally:
             self._held_bytes -= received

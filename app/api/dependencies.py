@@ -101,7 +101,7 @@ class Call:
         return Caller(name, self.token, self.stops, self.timeout_s, leaving, job, waits=wait)
 
 
-async def gone(request: Request) -> AsyncIterator[asyncio.Event]:
+async def watch_for_departure(request: Request) -> AsyncIterator[asyncio.Event]:
     """An event that is set when the client goes away, if the settings want to know."""
     event = asyncio.Event()
 
@@ -138,4 +138,4 @@ async def form_body(request: Request) -> None:
             raise InputError(unknown_key(name, valid))
 
 
-Gone = Annotated[asyncio.Event, Depends(gone)]
+Gone = Annotated[asyncio.Event, Depends(watch_for_departure)]

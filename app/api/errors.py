@@ -106,10 +106,10 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(CobotError, _cobot_error)
     app.add_exception_handler(RequestValidationError, _invalid_request)
     app.add_exception_handler(HTTPException, _http_exception)
-    app.add_exception_handler(OSError, _refused_by_system)
-    app.add_exception_handler(MemoryError, _refused_by_system)
-    app.add_exception_handler(RuntimeError, _refused_by_system)  # of a thread that cannot be started
-    app.add_exception_handler(Exception, _unexpected)
+    app.add_exception_handler(OSError, _answer_refusal_of_system)
+    app.add_exception_handler(MemoryError, _answer_refusal_of_system)
+    app.add_exception_handler(RuntimeError, _answer_refusal_of_system)  # of a thread that cannot be started
+    app.add_exception_handler(Exception, _answer_unexpected)
     app.router.default = without_websocket(app.router.default)
 
 
@@ -150,14 +150,14 @@ async def _cobot_error(request: Request, exc: Exception) -> JSONResponse:
     return answer_to(exc, getattr(request.state, "explain", None))
 
 
-async def _refused_by_system(request: Request, exc: Exception) -> JSONResponse:
+async def _answer_refusal_of_system(request: Request, exc: Exception) -> JSONResponse:
     error = exhausted(exc)
     if error is None:
         raise exc
-    return await _exhausted(request, error)
+    return await _answer_exhaustion(request, error)
 
 
-async def _exhausted(request: Request, error: CobotError) -> JSONResponse:
+async def _answer_exhaustion(request: Request, error: CobotError) -> JSONResponse:
     log.error("%s %s: %s", request.method, request.url.path, error)
     return await _cobot_error(request, error)
 
@@ -197,7 +197,7 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
     if isinstance(exc.__cause__, CobotError):
         return await _cobot_error(request, exc.__cause__)
     if error := exhausted(exc.__cause__):  # of the disk on which an upload waits to be read
-        return await _exhausted(request, error)
+        return await _answer_exhaustion(request, error)
     path = request.url.path
     match exc.status_code:
         case 400:  # FastAPI: a body that could not even be taken apart
@@ -213,7 +213,7 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
             return _answer(status, str(exc.detail), "http", exc.headers)
 
 
-async def _unexpected(request: Request, exc: Exception) -> JSONResponse:
+async def _answer_unexpected(request: Request, exc: Exception) -> JSONResponse:
     log.error("%s %s failed", request.method, request.url.path, exc_info=exc)
     headers = {"X-Request-Id": log_context.get().get("request", "")}  # past the middleware that adds it
     return _answer(500, "an error in cobot itself; its log has the details", CobotError.code, headers)

@@ -54,14 +54,14 @@ class Timing:
         begun_s = time.perf_counter()
         status = CANCELLED
 
-        async def watched(message: Message) -> None:
+        async def send_and_watch(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
             await send(message)
 
         try:
-            await self._app(scope, receive, watched)
+            await self._app(scope, receive, send_and_watch)
         except Exception:
             status = 500  # which somebody further out answers
             raise

@@ -45,14 +45,14 @@ class Departures:
         watching = asyncio.create_task(_watch(receive, gone))
         first: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
-        async def received() -> Message:
+        async def receive_and_watch() -> Message:
             if first:
                 return first.pop()
             await gone.wait()
             return {"type": "http.disconnect"}
 
         try:
-            yield received
+            yield receive_and_watch
         finally:
             watching.cancel()
             events.discard(gone)

@@ -101,12 +101,12 @@ async def get_scene(ctx: Ctx, robot: Robot = "") -> Any:
 
 async def plan_to_position(ctx: Ctx, name: Name, speed: Speed = 0.1, robot: Robot = "") -> Any:
     """Plan a motion to a named position. Nothing moves; answers a plan_id."""
-    return await _planned(ctx, robot, "named", {"name": name, "speed": speed})
+    return await _plan(ctx, robot, "named", {"name": name, "speed": speed})
 
 
 async def plan_to_joints(ctx: Ctx, joints: JointAngles, speed: Speed = 0.1, robot: Robot = "") -> Any:
     """Plan a motion to joint angles in rad, in the order of get_state. Nothing moves; answers a plan_id."""
-    return await _planned(ctx, robot, "joints", {"joints": joints, "speed": speed})
+    return await _plan(ctx, robot, "joints", {"joints": joints, "speed": speed})
 
 
 # Its parameters are what an agent sees of it, so none of them is put away in an object.
@@ -125,7 +125,7 @@ async def plan_to_pose(
 ) -> Any:
     """Plan a motion of the TCP to a pose: m and rad. Nothing moves; answers a plan_id."""
     body = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "planner": planner}
-    return await _planned(ctx, robot, "pose", body | fields)
+    return await _plan(ctx, robot, "pose", body | fields)
 
 
 @takes_fields_of(PlanPath, "poses", "radius", "speed", "frame_id", "free_axes", "cyclic")
@@ -133,7 +133,7 @@ async def plan_path(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
     """Plan straight lines of the TCP through poses: m and rad. A path that leads back to its start can be
     repeated if `cyclic` is true. Nothing moves; answers a plan_id.
     """
-    return await _planned(ctx, robot, "path", fields)
+    return await _plan(ctx, robot, "path", fields)
 
 
 @takes_fields_of(
@@ -143,7 +143,7 @@ async def plan_arc(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
     """Plan an arc, a circle or a helix of the TCP about an axis: m and rad. Nothing moves; answers a
     plan_id.
     """
-    return await _planned(ctx, robot, "arc", fields)
+    return await _plan(ctx, robot, "arc", fields)
 
 
 async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:
@@ -240,7 +240,7 @@ async def why_did_it_stop(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
     }
 
 
-async def _planned(ctx: Ctx, robot: str, kind: str, body: dict[str, Any]) -> Any:
+async def _plan(ctx: Ctx, robot: str, kind: str, body: dict[str, Any]) -> Any:
     fields = to_jsonable_python(body)
     return await _Rest(ctx, robot).post(f"/robot/plan/{kind}", {**fields, "samples": 20})
 

@@ -47,13 +47,13 @@ class _Site(StaticFiles):
     """With `HEADERS`."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        async def sent(message: Message) -> None:
+        async def send_and_compress(message: Message) -> None:
             if message["type"] == "http.response.start":
                 added = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
                 message = {**message, "headers": [*message.get("headers", ()), *added]}
             await send(message)
 
-        await super().__call__(scope, receive, sent)
+        await super().__call__(scope, receive, send_and_compress)
 
 
 def find_three(name: str) -> Path:

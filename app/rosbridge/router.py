@@ -73,11 +73,11 @@ async def _serve(socket: WebSocket, graph: Graph, large: asyncio.Lock) -> None:
 
 
 async def _receive(socket: WebSocket, connection: Connection, large: asyncio.Lock) -> None:
-    while await _received_one(socket, connection, large):
+    while await _receive_one(socket, connection, large):
         await asyncio.sleep(0)  # who floods this connection shall not keep the others waiting
 
 
-async def _received_one(socket: WebSocket, connection: Connection, large: asyncio.Lock) -> bool:
+async def _receive_one(socket: WebSocket, connection: Connection, large: asyncio.Lock) -> bool:
     """Take the next message; whether there was one. Nothing of it is kept while the one after is awaited:
     decoded it has three times its size, and each connection would hold one.
     """

@@ -80,7 +80,7 @@ class Rosbridge:
         told = False
         while True:
             try:
-                async with self._connected() as socket:
+                async with self._connect() as socket:
                     log.info("connected to the service")
                     pause_s, told = FIRST_RETRY_S, False
                     await self._serve(socket)
@@ -136,7 +136,7 @@ class Rosbridge:
             self._calls_of -= Counter([client])
 
     @contextlib.asynccontextmanager
-    async def _connected(self) -> AsyncIterator[ClientConnection]:
+    async def _connect(self) -> AsyncIterator[ClientConnection]:
         async with connect(
             self._url,
             ssl=self._trusted,

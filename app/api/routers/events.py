@@ -124,7 +124,7 @@ class EventStream(Response):
 
     async def _watch(self, receive: Receive) -> None:
         """Close the listener when the client has gone, or its token is revoked."""
-        left = asyncio.create_task(_disconnected(receive))
+        left = asyncio.create_task(_await_disconnect(receive))
         try:
             while self._still_valid is None or self._still_valid():
                 done, _ = await asyncio.wait({left}, timeout=LOOK_AGAIN_S if self._still_valid else None)
@@ -135,7 +135,7 @@ class EventStream(Response):
             self._listener.close()
 
 
-async def _disconnected(receive: Receive) -> None:
+async def _await_disconnect(receive: Receive) -> None:
     while (await receive())["type"] != "http.disconnect":
         pass
 

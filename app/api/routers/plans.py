@@ -61,37 +61,37 @@ router = EndpointRouter(tags=["plans"])
 @router.endpoint("POST /robot/plan/named", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_named(body: PlanNamed, request: Request) -> PlanAnswer:
     """Plan a motion to a named position. Nothing moves."""
-    return await _planned([body], [], body, Call(request))
+    return await _plan([body], [], body, Call(request))
 
 
 @router.endpoint("POST /robot/plan/joints", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_joints(body: PlanJoints, request: Request) -> PlanAnswer:
     """Plan a motion to joint angles. Nothing moves."""
-    return await _planned([body], [], body, Call(request))
+    return await _plan([body], [], body, Call(request))
 
 
 @router.endpoint("POST /robot/plan/pose", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_pose(body: PlanPose, request: Request) -> PlanAnswer:
     """Plan a motion of the TCP to a pose. Nothing moves."""
-    return await _planned([body], [], body, Call(request))
+    return await _plan([body], [], body, Call(request))
 
 
 @router.endpoint("POST /robot/plan/arc", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_arc(body: PlanArc, request: Request) -> PlanAnswer:
     """Plan an arc of the TCP by an angle about an axis. Nothing moves."""
-    return await _planned([body], [], body, Call(request))
+    return await _plan([body], [], body, Call(request))
 
 
 @router.endpoint("POST /robot/plan/path", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_path(body: PlanPath, request: Request) -> PlanAnswer:
     """Plan straight lines of the TCP through poses. Nothing moves."""
-    return await _planned([body.polyline()], [], body, Call(request))
+    return await _plan([body.polyline()], [], body, Call(request))
 
 
 @router.endpoint("POST /robot/plan/sequence", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_sequence(body: PlanSequence, request: Request) -> PlanAnswer:
     """Plan several motions as one, with round corners. Nothing moves."""
-    return await _planned(body.motions, body.radii, body, Call(request))
+    return await _plan(body.motions, body.radii, body, Call(request))
 
 
 @router.endpoint(
@@ -221,7 +221,7 @@ def _kept(plan: Plan, services: Services) -> KeptPlan:
     )
 
 
-async def _planned(
+async def _plan(
     motions: Sequence[AnyMotion], radii: Sequence[float], asked: Planning, call: Call
 ) -> PlanAnswer:
     plans = call.services.plans

@@ -32,7 +32,7 @@ from app.services.motion.moves import Outcome
 from app.services.motion.queue_moves import queue_request
 from app.services.rights.job import JobKind
 from app.services.rights.ownership import Caller
-from app.services.state.first_contact import acknowledged
+from app.services.state.first_contact import acknowledge_contact
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.errors import InputError
@@ -164,7 +164,7 @@ async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
     changes nothing.
     """
     services = Call(request).services
-    found = await acknowledged(services.link, payload_checked=body.payload_checked)
+    found = await acknowledge_contact(services.link, payload_checked=body.payload_checked)
     message = "acknowledged: the robot goes at full speed" if found else "there was nothing to acknowledge"
     audit.add_details(message=message, payload_checked=body.payload_checked)
     return AcknowledgeAnswer(success=True, message=message, found=found)

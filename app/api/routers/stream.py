@@ -246,9 +246,9 @@ class Connection:
         """
         self._stop_wanted = number
         if self._stopping is None or self._stopping.done():
-            self._stopping = asyncio.create_task(self._stopped())
+            self._stopping = asyncio.create_task(self._stop_motion())
 
-    async def _stopped(self) -> None:
+    async def _stop_motion(self) -> None:
         """It goes on to its end when the connection is lost."""
         reason = f"stopped by {self._name}"
         while self._stop_wanted is not None:

@@ -55,7 +55,7 @@ async def send_trajectory(
         return points
 
     caller = call.caller(gone, JobKind.TRAJECTORY, f"{len(body.points)} points", wait=wait)
-    return await _sent(call, caller, call.services.trajectories.send(read, options, caller))
+    return await _send(call, caller, call.services.trajectories.send(read, options, caller))
 
 
 @router.endpoint(
@@ -86,7 +86,7 @@ async def send_csv(
     audit.add_details(file=file.filename or "", bytes=file.size, sha256=digest.hexdigest())
     read = partial(read_points, file.file, query.separator, call.services.robot.limits.names)
     caller = call.caller(gone, JobKind.TRAJECTORY, file.filename or "", wait=query.wait)
-    return await _sent(call, caller, call.services.trajectories.send(read, options, caller))
+    return await _send(call, caller, call.services.trajectories.send(read, options, caller))
 
 
 @router.endpoint("GET /trajectory/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
@@ -96,7 +96,7 @@ async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request)
     return LogAnswer(lines=call.services.trajectories.lines(query.n))
 
 
-async def _sent(
+async def _send(
     call: Call, caller: Caller, sending: Coroutine[Any, Any, StartedTrajectory]
 ) -> SentAnswer | Response:
     if caller.waits:

@@ -43,7 +43,7 @@ class Equipment:
         self._speed_override = speed_override
         self.simulated = simulated
         self.registers = Registers()
-        self.variables = Variables(self._expired)
+        self.variables = Variables(self._expire)
         self.io = IoBanks(simulated=simulated)
         self.modbus = Modbus()
         self.sockets = Sockets()
@@ -62,7 +62,7 @@ class Equipment:
         self.sockets.close_all()
         self.serial_ports.close_all()
 
-    async def _expired(self, name: str, action: int) -> None:
+    async def _expire(self, name: str, action: int) -> None:
         done, reason = WatchdogAction(action), f"stopped by the watchdog {name}"
         text = f"watchdog {name}: not written in time; action: {done.name.lower()}"
         self.traces.add("alarm", text, Level.ERROR if action else Level.WARNING)

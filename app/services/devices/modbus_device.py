@@ -104,7 +104,7 @@ class Device:
         told = False
         while True:
             if not self._client.connected:
-                if not await self._connected():
+                if not await self._connect():
                     told = False
                     await asyncio.sleep(delay_s)
                     delay_s = min(2.0 * delay_s, longest_s)
@@ -115,7 +115,7 @@ class Device:
             delay_s = BACKOFF_S[0]
             await self._read_due()
 
-    async def _connected(self) -> bool:
+    async def _connect(self) -> bool:
         try:
             await self._client.connect()
             return True

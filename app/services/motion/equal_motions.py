@@ -104,7 +104,7 @@ class EqualMotions:
         ways = {name: way for name, way in zip(targets, planned, strict=True) if way is not None}
         while paused := [claim for claim in claims.values() if claim.speed_override.paused]:
             # Nobody goes ahead.
-            await paused[0].unless_interrupted(paused[0].speed_override.opened.wait())
+            await paused[0].run_interruptibly(paused[0].speed_override.opened.wait())
         fractions = {name: claims[name].speed_override.fraction for name in ways}
         takes_s = {name: way.duration_s / fractions[name] for name, way in ways.items()}
         longest_s = max(takes_s.values(), default=0.0)

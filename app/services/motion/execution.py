@@ -68,7 +68,7 @@ class MotionService:
     async def plan(self, claim: Claim, request: PlanRequest, timeout_s: float) -> Trajectory | None:
         """Plan on behalf of a claim; an interruption kills the planner."""
         try:
-            return await claim.unless_interrupted(self._planning.plan(request, timeout_s))
+            return await claim.run_interruptibly(self._planning.plan(request, timeout_s))
         except MotionTimeout as exc:
             raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
 
@@ -80,7 +80,7 @@ class MotionService:
             CollisionError: the scene has changed since it was planned.
         """
         if claim.speed_override.paused:
-            await claim.unless_interrupted(claim.speed_override.opened.wait())
+            await claim.run_interruptibly(claim.speed_override.opened.wait())
         await self.require_free_since(claim.since_s, trajectory)  # it may have been planned before
         claim.proceed()
         tool = self._robot.model.carried.version  # it cannot change while somebody has a claim
@@ -89,7 +89,7 @@ class MotionService:
         logs.bind(motion=claim.motion_id)
         if claim.job is not None:
             claim.job.started(claim.motion_id, trajectory)
-        await claim.speed_override.begun()
+        await claim.speed_override.begin_motion()
 
     async def replace(self, claim: Claim, trajectory: Trajectory, offset_s: float, planned_s: float) -> None:
         """Have the motion under way go on with another trajectory, see `Commands.replace`.
@@ -138,7 +138,7 @@ class MotionService:
             ExecutionError: it did not arrive; its class and text say why.
             UnavailableError: rtloop is gone.
         """
-        state = await self._ended(claim)
+        state = await self._await_end(claim)
         if state.motion_result in WHERE:
             share = 100.0 * state.path_time_s / state.path_duration_s
             cause = claim.interruption or MotionStopped(state.reason)
@@ -147,7 +147,7 @@ class MotionService:
         if state.motion_result is not MotionResult.ARRIVED:
             raise ExecutionError(state.reason)
 
-    async def _ended(self, claim: Claim) -> RobotState:
+    async def _await_end(self, claim: Claim) -> RobotState:
         """The first state after the motion; an interruption has it stopped."""
         clock, give_up_s = self._link.clock, math.inf
         begun_s = clock.now_s()

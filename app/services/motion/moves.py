@@ -61,10 +61,10 @@ class MoveService:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
 
-        async def planned(claim: Claim, start: Array) -> Trajectory | None:
+        async def plan_motion(claim: Claim, start: Array) -> Trajectory | None:
             return await self._motion.plan(claim, self._goals.request(goal, start), caller.timeout_s)
 
-        return await self._move(planned, caller)
+        return await self._move(plan_motion, caller)
 
     async def move_sequence(
         self, goals: Sequence[MotionRequest], radii_m: Sequence[float], caller: Caller
@@ -76,16 +76,16 @@ class MoveService:
         """
         check_radii(goals, radii_m)
 
-        async def planned(claim: Claim, start: Array) -> Trajectory | None:
+        async def plan_motion(claim: Claim, start: Array) -> Trajectory | None:
             async def plan(request: MotionRequest) -> Trajectory | None:
                 return await self._motion.plan(claim, request, caller.timeout_s)
 
             async def join(work: Join) -> Blended:
-                return await claim.unless_interrupted(self._planning.compute(work, caller.timeout_s))
+                return await claim.run_interruptibly(self._planning.compute(work, caller.timeout_s))
 
             return await self.sequence(goals, radii_m, start, plan, join)
 
-        return await self._move(planned, caller)
+        return await self._move(plan_motion, caller)
 
     async def sequence(
         self,
@@ -130,7 +130,7 @@ class MoveService:
         return blended.trajectory
 
     async def _move(
-        self, planned: Callable[[Claim, Array], Awaitable[Trajectory | None]], caller: Caller
+        self, plan_motion: Callable[[Claim, Array], Awaitable[Trajectory | None]], caller: Caller
     ) -> Outcome:
         begun_s = self._clock.now_s()
         planned_s, note = begun_s, ""
@@ -140,7 +140,7 @@ class MoveService:
             try:
                 state = await self._motion.ready()
                 claim.accept()
-                trajectory = await planned(claim, state.commanded_position)
+                trajectory = await plan_motion(claim, state.commanded_position)
                 planned_s = self._clock.now_s()
                 if trajectory is not None:
                     note = trajectory.note

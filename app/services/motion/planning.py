@@ -121,7 +121,7 @@ class PlanningService:
         asked_s = asyncio.get_running_loop().time()
         while True:
             scene, tool = self.scene, self.tool
-            found = await self._computed(self.placed(work), timeout_s, asked_s)
+            found = await self._compute(self.placed(work), timeout_s, asked_s)
             if scene is self.scene and tool is self.tool:
                 return found
             log.info("the scene or the tool has changed meanwhile: what was planned is planned again")
@@ -132,7 +132,7 @@ class PlanningService:
             return work
         return partial(in_scene, scene=self.scene, tool=self.tool, work=work)
 
-    async def _computed(
+    async def _compute(
         self, work: Callable[[RobotDescription], Result], timeout_s: float, asked_s: float
     ) -> Result:
         for left in reversed(range(ATTEMPTS)):

@@ -128,11 +128,11 @@ class PlanningPool:
         packed = await asyncio.to_thread(message, task)
         while True:
             try:
-                return await self._given(packed, timeout_s, asked_s)
+                return await self._hand_over(packed, timeout_s, asked_s)
             except _NotBegun as exc:
                 log.info("a planning process %s before it had begun: another one has the task", exc)
 
-    async def _given(self, packed: bytes, timeout_s: float, asked_s: float) -> Any:
+    async def _hand_over(self, packed: bytes, timeout_s: float, asked_s: float) -> Any:
         """`run`, of one worker."""
         loop = asyncio.get_running_loop()
         try:
@@ -214,7 +214,7 @@ class PlanningPool:
         Raises:
             OSError: it cannot be started.
         """
-        worker, reader = await self._started()
+        worker, reader = await self._start_worker()
         self._workers.add(worker)
         began = False
         try:
@@ -243,7 +243,7 @@ class PlanningPool:
             worker.writer.close()
             worker.process.wait()
 
-    async def _started(self) -> tuple[_Worker, asyncio.StreamReader]:
+    async def _start_worker(self) -> tuple[_Worker, asyncio.StreamReader]:
         ours, theirs = socket.socketpair()
         with theirs:
             try:

@@ -286,7 +286,7 @@ class PlanService:
         if trajectory is None:
             return plan, None
         work = partial(rehearsed, settings=self._settings, start=plan.start, trajectory=trajectory)
-        running = asyncio.create_task(self._rehearsed(work, timeout_s))
+        running = asyncio.create_task(self._rehearse(work, timeout_s))
         leaving = asyncio.create_task(gone.wait())
         try:
             await asyncio.wait({running, leaving}, return_when=asyncio.FIRST_COMPLETED)
@@ -297,7 +297,7 @@ class PlanService:
             running.cancel()
             leaving.cancel()
 
-    async def _rehearsed(self, work: Callable[[RobotDescription], Rehearsal], timeout_s: float) -> Rehearsal:
+    async def _rehearse(self, work: Callable[[RobotDescription], Rehearsal], timeout_s: float) -> Rehearsal:
         begun_s = self._clock.now_s()
         try:
             async with asyncio.timeout(timeout_s):

@@ -116,7 +116,7 @@ class QueueLine:
         """
         while True:
             await self.mend(claim)
-            found = await self._planned_from_end(claim, number, request)
+            found = await self._plan_from_end(claim, number, request)
             if found is not None:
                 self._append(found)
                 return found
@@ -130,7 +130,7 @@ class QueueLine:
                 if not (move.legs and np.array_equal(move.legs[0].motion.start, self.end)):
                     if not move.request.anywhere:
                         raise ConflictError(f"{move.name}: it is given relative to where it was to begin")
-                    found = await self._planned_from_end(claim, move.number, move.request)
+                    found = await self._plan_from_end(claim, move.number, move.request)
             except CobotError as exc:
                 if claim.interruption is None:
                     behind = list(self._loose)
@@ -153,10 +153,10 @@ class QueueLine:
         if self._planning is not None:
             self._planning.cancel()
 
-    async def _planned_from_end(self, claim: Claim, number: int, request: QueueRequest) -> QueuedMove | None:
+    async def _plan_from_end(self, claim: Claim, number: int, request: QueueRequest) -> QueuedMove | None:
         """A move that begins at `end`; None if something was taken out meanwhile."""
         cuts = self._cuts
-        planning = asyncio.create_task(self._planner.planned(claim, number, request, self.end))
+        planning = asyncio.create_task(self._planner.plan_move(claim, number, request, self.end))
         self._planning = planning
         try:
             await asyncio.wait({planning})

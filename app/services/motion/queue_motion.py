@@ -128,7 +128,7 @@ class QueueMotion:
             return None
         if len(legs) == 1 and radii[0] == 0.0:
             return alone(legs[0])
-        return await self._planner.begun(claim, legs, radii)
+        return await self._planner.begin_stretch(claim, legs, radii)
 
     async def _start(self, claim: Claim, running: Run) -> bool:
         """Have it started; False if a move was dropped so early that nothing has moved."""
@@ -290,7 +290,7 @@ class QueueMotion:
         times_s: tuple[float, float],
     ) -> Stretch | None:
         """The motion under way, prolonged; None if a move was dropped meanwhile."""
-        work = self._planner.prolonged(claim, stretch, legs, radii, times_s)
+        work = self._planner.prolong(claim, stretch, legs, radii, times_s)
         planning = self._planning = asyncio.create_task(work)
         try:
             await asyncio.wait({planning})

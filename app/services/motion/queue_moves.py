@@ -169,7 +169,7 @@ class MovePlanner:
         self._planning = planning
         self._settings = settings
 
-    async def planned(self, claim: Claim, number: int, request: QueueRequest, start: Array) -> QueuedMove:
+    async def plan_move(self, claim: Claim, number: int, request: QueueRequest, start: Array) -> QueuedMove:
         """A move that begins there.
 
         Raises:
@@ -216,12 +216,12 @@ class MovePlanner:
             except CollisionError as exc:
                 raise exc.said(f"the scene has changed since it was queued: {exc}") from exc
 
-    async def begun(self, claim: Claim, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
+    async def begin_stretch(self, claim: Claim, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
         """See `planning_tasks.begun`; raises as `PlanningService.compute`."""
         envelope = self._settings.envelope
         return await self._compute(claim, partial(begun, legs=legs, radii_m=radii_m, envelope=envelope))
 
-    async def prolonged(
+    async def prolong(
         self,
         claim: Claim,
         under_way: Stretch,
@@ -246,4 +246,4 @@ class MovePlanner:
         return await self._compute(claim, partial(leg, request=made, envelope=self._settings.envelope))
 
     async def _compute(self, claim: Claim, work: Callable[[RobotDescription], Result]) -> Result:
-        return await claim.unless_interrupted(self._planning.compute(work, PLAN_TIMEOUT_S))
+        return await claim.run_interruptibly(self._planning.compute(work, PLAN_TIMEOUT_S))

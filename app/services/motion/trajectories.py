@@ -124,7 +124,7 @@ class TrajectoryService:
         def check(point: Waypoint) -> None:
             check_first(point, start, self._limits, tolerance_rad, within_limits=options.validate_limits)
 
-        points = await claim.unless_interrupted(asyncio.to_thread(read, check))
+        points = await claim.run_interruptibly(asyncio.to_thread(read, check))
         claim.accept()
         state = await self._motion.ready()
         request = WaypointRequest(

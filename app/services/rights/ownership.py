@@ -117,7 +117,7 @@ class Claim:
         if self.interruption is not None:
             raise self.interruption
 
-    async def unless_interrupted(self, work: Coroutine[Any, Any, Result]) -> Result:
+    async def run_interruptibly(self, work: Coroutine[Any, Any, Result]) -> Result:
         """The work's result; an interruption cancels it and is raised."""
         task = asyncio.create_task(work)
         interrupted = asyncio.create_task(self.interrupted.wait())

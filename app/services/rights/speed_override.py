@@ -96,7 +96,7 @@ class SpeedOverride:
         held = self._fraction == 0.0
         self._take(fraction)
         if held and not self.paused:
-            self._restoring = asyncio.get_running_loop().create_task(self._restored())
+            self._restoring = asyncio.get_running_loop().create_task(self._restore())
 
     def _take(self, fraction: float) -> None:
         if fraction != self._fraction:
@@ -105,7 +105,7 @@ class SpeedOverride:
             self._link.events.publish("speed", fraction=fraction)
         self._settle()
 
-    async def _restored(self) -> None:
+    async def _restore(self) -> None:
         with contextlib.suppress(UnavailableError):  # a new rtloop has no motion that could be held
             await self._apply()
 
@@ -179,7 +179,7 @@ class SpeedOverride:
         self._paused_s, self._slowed_s = self.paused_s, self.slowed_s
         self._since_s = self._link.clock.now_s()
 
-    async def begun(self) -> None:
+    async def begin_motion(self) -> None:
         """A motion has just begun, as every motion at its full rate."""
         if self.paused or self.fraction != 1.0:
             await self._apply()

@@ -106,7 +106,7 @@ class StopService:
         if at_rest and claim is not None:  # who has stopped the arm may want to move it next
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
-        carried_out, confirmed = await self._carried_out(category, begun_s + timeout_s - 0.5, problems)
+        carried_out, confirmed = await self._confirm_category(category, begun_s + timeout_s - 0.5, problems)
         told = "stopped" if at_rest else "told to stop:"
         done = f"{told} {' and '.join(stopped)}" if stopped else "nothing was running"
         where = "the arm is at rest" if at_rest else "the arm is NOT known to be at rest"
@@ -121,7 +121,7 @@ class StopService:
             at_rest and confirmed,
         )
 
-    async def _carried_out(self, category: int, until_s: float, problems: list[str]) -> tuple[int, bool]:
+    async def _confirm_category(self, category: int, until_s: float, problems: list[str]) -> tuple[int, bool]:
         """Which category it has become, once the drives are off if so; whether the device says so."""
         until_s = min(until_s, self._link.clock.now_s() + DRIVES_S)
         while True:

@@ -6,7 +6,7 @@ from app.services.state.link import RobotLink
 from cobot.errors import InputError, UnavailableError
 
 
-async def acknowledged(link: RobotLink, *, payload_checked: bool) -> str:
+async def acknowledge_contact(link: RobotLink, *, payload_checked: bool) -> str:
     """Acknowledge it; what it has found, "" if there is nothing to acknowledge.
 
     Args:

@@ -57,9 +57,9 @@ class IoService:
                 await self._link.commands.set_output(name, number)
             except ExecutionError as exc:
                 raise DeviceError(str(exc)) from exc
-            return await self._reported(name, number, timeout_s)
+            return await self._await_report(name, number, timeout_s)
 
-    async def _reported(self, name: str, number: float, timeout_s: float) -> IoPoint:
+    async def _await_report(self, name: str, number: float, timeout_s: float) -> IoPoint:
         deadline_s, before = self._link.clock.now_s() + timeout_s, self._report().number
         while True:
             report = self._report()

@@ -133,7 +133,7 @@ class ServoSessions:
         if request.mode is ServoMode.NONE or generation != self.generation:
             return
         try:
-            session = await self._begun(request, stops)
+            session = await self._begin(request, stops)
         except CobotError as exc:
             if generation == self.generation:
                 self._fail(str(exc))
@@ -148,7 +148,7 @@ class ServoSessions:
             raise ConflictError("the servo session was ended while it began")
         self._points.begin(session)
 
-    async def _begun(self, request: SetMode, stops: int) -> Session:
+    async def _begin(self, request: SetMode, stops: int) -> Session:
         """Ask rtloop, which refuses what a stop has overtaken; who is about to let go is waited for."""
         deadline_s = self._link.clock.now_s() + PATIENCE_S
         if request.mode in FORCE_MODES:

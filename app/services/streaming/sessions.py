@@ -221,7 +221,7 @@ class StreamService:
             stack.callback(self._writer.release)
             with contextlib.ExitStack() as undo:
                 undo.callback(self._writer.end)
-                await self._begun(number, timeout_s)
+                await self._begin(number, timeout_s)
                 undo.pop_all()
             stream = Stream(int(request["stream"]))
             first = FirstTarget(
@@ -255,7 +255,7 @@ class StreamService:
         for task in self._tasks:
             task.cancel()
 
-    async def _begun(self, number: int, timeout_s: float) -> None:
+    async def _begin(self, number: int, timeout_s: float) -> None:
         """Wait until rtloop has agreed, and a state shows it."""
         deadline_s = self._link.clock.now_s() + timeout_s
         answer: str | None = None

@@ -1,0 +1,115 @@
+"""Names and sentences of the code. Oracle: the rules of docs/contributing.md, "Names and sentences"."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tokenize
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("cobot", "rtloop", "app")
+IRREGULAR = {
+    *("begun", "built", "chosen", "done", "drawn", "driven", "found", "given", "gone", "held"),
+    *("kept", "known", "led", "left", "lost", "made", "met", "said", "seen", "sent", "shown"),
+    *("spoken", "taken", "taught", "thrown", "told", "understood", "worn", "written"),
+}
+ADJECTIVES = frozenset({"named", "closed", "occurred", "unexpected"})
+"""`move_named` is an endpoint's name, `wait_closed` is asyncio's, `is_collision_occurred` the vendor's."""
+
+
+IDIOMS = re.compile(
+    r"\b(is said|says so|(is|are) told|goes by|held against|whoever|somebody|nobody|anybody|what is none|anew|"
+    r"beside|at the (most|least)|as shipped|shall|for it is|of one piece|who (asks|has|is|may|does|wants))\b",
+    re.IGNORECASE,
+)
+"""What style.md has a plain word for."""
+FRAGMENT = re.compile(r"(So (long|many|far|much|often|near)|Of|The same|Likewise|And|As|Or|Without|Beyond) ")
+"""A caption that begins so only finishes the sentence of the name above it."""
+BACKLOG = ROOT / "tests" / "style_backlog.txt"
+"""Files whose sentences are still to be rewritten. It only gets shorter."""
+
+
+def is_participle(word: str) -> bool:
+    return word not in ADJECTIVES and (
+        word in IRREGULAR or (word.endswith("ed") and not word.endswith("eed"))
+    )
+
+
+def awaited_functions(source: str) -> Iterator[str]:
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.AsyncFunctionDef):
+            yield node.name
+
+
+def test_a_participle_is_recognised() -> None:
+    source = "async def _started(): ...\nasync def begin(): ...\nasync def feed(): ..."
+    found = list(awaited_functions(source))
+    assert [is_participle(name.split("_")[-1]) for name in found] == [True, False, False]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_what_is_awaited_is_a_verb(package: str) -> None:
+    """An async function does something: `acknowledge`, not `acknowledged`."""
+    wrong = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for name in awaited_functions(path.read_text(encoding="utf-8"))
+        if is_participle(name.split("_")[-1])
+    ]
+    assert wrong == []
+
+
+def sentences_of(path: Path) -> Iterator[str]:
+    """All comments and strings of a module."""
+    with path.open("rb") as file:
+        for token in tokenize.tokenize(file.readline):
+            if token.type in (tokenize.COMMENT, tokenize.STRING):
+                yield token.string
+
+
+def captions_of(source: str) -> Iterator[str]:
+    """The strings below assignments, which explain them."""
+    for node in ast.walk(ast.parse(source)):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            for before, each in pairwise(body):
+                explains = isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant)
+                if explains and isinstance(before, ast.Assign | ast.AnnAssign):
+                    yield str(each.value.value)
+
+
+def findings(path: Path) -> Iterator[str]:
+    """Each idiom and each fragment of a module, in words."""
+    for sentence in sentences_of(path):
+        for found in IDIOMS.finditer(sentence):
+            yield f"{path.relative_to(ROOT)}: {found[0]!r}"
+    for caption in captions_of(path.read_text(encoding="utf-8")):
+        if FRAGMENT.match(caption):
+            yield f"{path.relative_to(ROOT)}: the caption {caption[:40]!r}"
+
+
+def test_an_idiom_and_a_fragment_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(globals(), "ROOT", tmp_path)
+    module = tmp_path / "module.py"
+    module.write_text(
+        'A = 1\n"""So long it waits."""\n# somebody waits\nB = "plain words"\n', encoding="utf-8"
+    )
+    assert list(findings(module)) == ["module.py: 'somebody'", "module.py: the caption 'So long it waits.'"]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_sentences_are_plain_english(package: str) -> None:
+    backlog = set(BACKLOG.read_text(encoding="utf-8").split())
+    found: dict[str, list[str]] = {}
+    for path in sorted((ROOT / package).rglob("*.py")):
+        found[str(path.relative_to(ROOT))] = list(findings(path))
+    wrong = [each for name, all_of_it in found.items() for each in all_of_it if name not in backlog]
+    assert wrong == []
+    assert [name for name in found if name in backlog and not found[name]] == [], (
+        f"take them out of {BACKLOG}"
+    )
