@@ -23,8 +23,8 @@ ADJECTIVES = frozenset({"named", "closed", "occurred", "unexpected"})
 
 
 IDIOMS = re.compile(
-    r"\b(is said|says so|(is|are) told|goes by|held against|whoever|somebody|nobody|anybody|what is none|anew|"
-    r"beside|at the (most|least)|as shipped|shall|for it is|of one piece|who (asks|has|is|may|does|wants))\b",
+    r"\b(is said|says so|(is|are) told|goes by|held against|whoever|somebody|nobody|anybody|what is none|"
+    r"anew|beside|at the (most|least)|as shipped|shall|for it is|of one piece|who (asks|has|is|may|does|wants))\b",
     re.IGNORECASE,
 )
 """What style.md has a plain word for."""
