@@ -24,7 +24,7 @@ ADJECTIVES = frozenset({"named", "closed", "occurred", "unexpected"})
 
 IDIOMS = re.compile(
     r"\b(is said|says so|(is|are) told|goes by|held against|whoever|somebody|nobody|anybody|what is none|"
-    r"anew|beside|at the (most|least)|as shipped|shall|for it is|of one piece|who (asks|has|is|may|does|wants))\b",
+    r"anew|beside|at the (most|least)|as shipped|shall|for it is|of one piece|who (asks|has|is|may|wants))\b",
     re.IGNORECASE,
 )
 """What style.md has a plain word for."""
