@@ -8,43 +8,32 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from rig import Rig
 
-from cobot.config import SETTINGS_FILE, Settings, load_settings
+from benchmarks.arm_draws import Arm
+from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import CobotError
 from cobot.ipc.layout import MotionResult
 from cobot.planners import MotionRequest, plan
-from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.description import load_robot
 from cobot.robot.tool import BARE, Tool
 from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName, Pose, Scaling, vector
-from rtloop.backends import Measured
-from rtloop.backends.mujoco import MujocoBackend
+from cobot.types import Array, PlannerName, Scaling
 
 POSTURES, MOTIONS = 100, 20
 PLANNERS = (PlannerName.PTP, PlannerName.LIN, PlannerName.OMPL)
-DRAWS = 3000
-"""Random postures among which free ones are looked for that the drives can hold."""
-HOLDABLE = 0.9
-"""Share of the efforts that gravity may need in a posture that counts as holdable."""
-CARRIES = 0.95
-"""Share of the postures in which the drives hold the payload, of those in which they hold the arm."""
-DISTURBANCE = 1e-3
-"""Initial distance of each joint from the commanded posture, rad; of a slide, as a share of the reach."""
-HOLDS_S = 1.0
 STILL = 1e-3
 """Velocity at which an arm holds still, rad/s; of a slide, as a share of the reach per second."""
 TRACKS = 1e-3
 """Tracking error that the iiwa is allowed at full speed, rad (tests/rtloop/backends/test_mujoco.py)."""
 TRIES = 20
-"""Goals of a planner that are tried before a motion counts as refused."""
-LINE = (0.02, 0.15)
-"""Length of a line, as a share of the reach."""
+"""Pairs of start and goal that a planner is given before a motion counts as refused."""
+SEARCH_S = 2.0
+"""How long ompl looks for a way: between many random postures of an arm that turns far there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +104,7 @@ def measure(folder: Path, seed: int = 0, postures: int = POSTURES, motions: int 
     """
     begun_s = time.perf_counter()
     settings = load_settings(folder / SETTINGS_FILE)
-    arm = _Arm(settings, load_robot(settings), np.random.default_rng(seed))
+    arm = Arm(settings, load_robot(settings), np.random.default_rng(seed))
     payload = arm.payload()
     bare, loaded = (arm.holdable(tool, postures) for tool in (BARE, payload))
     held = [arm.speeds(bare, BARE), arm.speeds(loaded, payload)]
@@ -137,83 +126,13 @@ def measure(folder: Path, seed: int = 0, postures: int = POSTURES, motions: int 
     )
 
 
-class _Arm:
-    """An arm and random postures of it."""
-
-    def __init__(self, settings: Settings, robot: RobotDescription, random: np.random.Generator) -> None:
-        self.settings, self.robot, self.random = settings, robot, random
-        self.home = vector(robot.positions[settings.robot.start_position].joints)
-        limits = robot.limits
-        drawn = random.uniform(limits.min_position, limits.max_position, (DRAWS, limits.dof))
-        self._drawn = np.vstack([self.home, drawn])
-        places = [robot.model.forward(joints).position for joints in drawn[:200]]
-        self.reach_m = float(np.linalg.norm(places, axis=1).max())
-        slides = np.array(limits.slides or [False] * limits.dof)
-        self.size = np.where(slides, self.reach_m, 1.0)
-
-    def payload(self) -> Tool:
-        """The permitted payload, halved until the drives hold it nearly wherever they hold the arm."""
-        mass = self.settings.robot.max_payload_kg
-        drawn = [joints for joints in self._drawn[:300] if self._holds(joints)]
-        while mass > 1e-3:
-            tool = Tool(version=1, mass=mass, centre=(0.0, 0.0, 0.05 * self.reach_m))
-            self.robot.model.carry(tool)
-            held = sum(self._holds(joints) for joints in drawn)
-            self.robot.model.carry(BARE)
-            if held >= CARRIES * len(drawn):
-                return tool
-            mass /= 2.0
-        return BARE
-
-    def holdable(self, tool: Tool, count: int) -> list[Array]:
-        """Free postures that the drives can hold; the first is home, if it is one of them."""
-        self.robot.model.carry(tool)
-        found: list[Array] = []
-        for joints in self._drawn:
-            if len(found) < count and self._holds(joints) and self.robot.collision.is_free(joints):
-                found.append(joints)
-        self.robot.model.carry(BARE)
-        return found
-
-    def speeds(self, postures: Sequence[Array], tool: Tool) -> Array:
-        """The largest velocity of a joint after some time in each posture, shape (n,)."""
-        backend = MujocoBackend(self.settings, self.robot.limits)
-        backend.set_tool(tool)
-        measured, command = Measured(self.robot.limits.dof), np.zeros((3, self.robot.limits.dof))
-        cycles = round(HOLDS_S / self.settings.rt.period_s)
-        found = []
-        for joints in postures:
-            backend.open(joints + DISTURBANCE * self.size * self.random.choice([-1.0, 1.0], len(joints)))
-            command[0] = joints
-            for _ in range(cycles):
-                backend.write(command)
-            backend.read(measured)
-            velocity = np.abs(measured.velocity / self.size).max()
-            found.append(float(velocity) if np.isfinite(velocity) else np.inf)
-        return np.array(found)
-
-    def line(self, start: Array) -> Pose:
-        """The end of a line without a turn of the hand, in a direction that the joints permit."""
-        jacobian = self.robot.model.jacobian(start)
-        _, values, rows = np.linalg.svd(jacobian[3:])
-        rank = int((values > 1e-6).sum())
-        way = jacobian[:3] @ rows[rank:].T @ self.random.normal(size=len(start) - rank)
-        way *= self.random.uniform(*LINE) * self.reach_m / max(float(np.linalg.norm(way)), 1e-9)
-        here = self.robot.model.forward(start)
-        return Pose(here.position + way, here.quaternion)
-
-    def _holds(self, joints: Array) -> bool:
-        needed = np.abs(self.robot.model.gravity_torques(joints))
-        return bool((needed <= HOLDABLE * self.robot.limits.max_effort).all())
-
-
 class _Motions:
     """Random motions one after the other, each from where the last one ended.
 
     Attributes: see `Figures`.
     """
 
-    def __init__(self, arm: _Arm, postures: tuple[list[Array], ...], tools: tuple[Tool, ...]) -> None:
+    def __init__(self, arm: Arm, postures: tuple[list[Array], ...], tools: tuple[Tool, ...]) -> None:
         self.arm, self._postures, self._tools = arm, postures, tools
         self.tracking = 0.0
         self.completed = {str(planner): 0 for planner in PLANNERS}
@@ -242,17 +161,17 @@ class _Motions:
             motion = self._plan(start, postures, planner)
             if motion is not None:
                 return self._execute(start, motion, tool, planner)
-            if planner is PlannerName.LIN:
-                start = None  # Perhaps no line begins there.
+            start = None  # Perhaps no free way begins there, or no line.
         self.refused[str(planner)] += 1
         return start
 
     def _plan(self, start: Array, postures: list[Array], planner: PlannerName) -> Trajectory | None:
         random = self.arm.random
         goal = postures[int(random.integers(len(postures)))]
-        aim = self.arm.line(start) if planner is PlannerName.LIN else goal
+        aim, free = self.arm.line(start) if planner is PlannerName.LIN else (goal, ())
+        request = MotionRequest(start, aim, planner, Scaling(1.0), timeout_s=SEARCH_S, free_axes=free)
         try:
-            return plan(self.arm.robot, MotionRequest(start, aim, planner, Scaling(1.0)))
+            return plan(self.arm.robot, request)
         except CobotError as exc:
             self.reasons[str(planner)] = str(exc)
             return None

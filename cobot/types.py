@@ -235,6 +235,9 @@ its own, and can begin at once only if the motion has left some."""
 PLANNED_ACCELERATION = 0.95
 """The share of the acceleration limits that motions timed along a path use at the most: such a motion is at
 some limit nearly all the time, and whoever pauses, resumes or stops it needs some room."""
+PLANNED_EFFORT = 0.98
+"""The share of the efforts that planned motions use at the most, except where holding the arm needs nearly as
+much: a drive that gives all it has cannot correct its position."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,8 @@ KNOT_S, LOOK_S = 0.01, 0.004
 """Between the ends of two quintics of a window, and between the times at which its limits are looked at."""
 JERK = 1.15
 """Of the limit of jerk, what a window may use: less than the arm may, of which plans use 0.8."""
+EFFORT = 0.99
+"""Of the efforts, what a window may use, of which plans use `PLANNED_EFFORT`."""
 TOLERANCE = 1e-9
 STEP = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
 """From 0 to 1, with no velocity and no acceleration at either end."""
@@ -98,7 +100,7 @@ class LimitedPath:
         if not within:
             return False
         _, efforts = effort_samples(robot.model, window)
-        return bool((np.abs(efforts) <= self.limits.max_effort).all())
+        return bool((np.abs(efforts) <= EFFORT * self.limits.max_effort).all())
 
 
 def gone_over(

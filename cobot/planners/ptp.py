@@ -12,14 +12,15 @@ from cobot.planners.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import effort_samples, stretch_to_limits
 from cobot.trajectory import ORDER, Trajectory
-from cobot.types import Array, JointLimits, Synchronization
+from cobot.types import PLANNED_EFFORT, Array, JointLimits, Synchronization
 
 SHORTEST_PIECE_S = 1e-9
 
 
 def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
     """Time-optimal under velocity, acceleration and jerk limits, or straight in joint space: as the request's
-    `synchronization` says. Where that needs more than a drive's effort, the same path is run more slowly.
+    `synchronization` says. Where that needs more than `PLANNED_EFFORT` of a drive, the same path is run more
+    slowly.
 
     Ruckig's profiles are piecewise cubics; they are taken over exactly, not sampled.
 
@@ -32,7 +33,7 @@ def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Tr
     else:
         motion = _in_time(request.start, goal, limits)
     motion = stretch_to_limits(motion, limits)
-    if (np.abs(effort_samples(robot.model, motion)[1]) <= limits.max_effort).all():
+    if (np.abs(effort_samples(robot.model, motion)[1]) <= PLANNED_EFFORT * limits.max_effort).all():
         return motion
     straight = request.synchronization is Synchronization.PHASE
     path = Path.straight(request.start, goal) if straight else Path.of_trajectory(motion)

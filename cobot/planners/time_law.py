@@ -34,7 +34,7 @@ from cobot.polynomials import greatest_rates, hermite
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import effort_samples
 from cobot.trajectory import ORDER, Integers, Trajectory
-from cobot.types import PLANNED_ACCELERATION, Array, CartesianLimits, JointLimits
+from cobot.types import PLANNED_ACCELERATION, PLANNED_EFFORT, Array, CartesianLimits, JointLimits
 
 MIN_CELLS, MAX_CELLS = 64, 1000
 CELLS_PER_BUILD_UP, FINER_CELLS = 8, 32
@@ -53,8 +53,8 @@ TIGHT = 1.003
 one more for each zone after the first, the latter at the most."""
 COARSE = 1.02
 """A motion that its extrema would stretch by more is divided into more cells."""
-EFFORT_SHARE = 0.999
-"""Of the efforts: what may lie between the places that are looked at."""
+HOLDING = 0.999
+"""The share of an effort from which on holding the arm leaves nothing to move it."""
 UNBOUNDED = 1e9
 ENDING_CELLS = 2
 """At either end the jerk is looked at in the middle of so many cells too: from rest it changes most."""
@@ -91,8 +91,9 @@ def time_optimal(
     any, and of the drives' efforts with what the model carries.
 
     Of the robot's acceleration limits it uses `PLANNED_ACCELERATION` at the most, whatever `limits` say.
-    The efforts take part in the optimisation when the motion without them is beyond one. `zones` are where
-    the limits are lower than these.
+    Of the efforts it uses `PLANNED_EFFORT`, and more only where the arm could hardly move with that. They
+    take part in the optimisation when the motion without them needs more. `zones` are where the limits are
+    lower than these.
 
     Raises:
         PlanningError: the efforts do not suffice to hold the arm somewhere on the path, or limits are too
@@ -142,7 +143,7 @@ def _solved(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Ar
                     break
             timed = problem.refined(first)
             _, efforts = effort_samples(robot.model, timed.trajectory)
-            if (np.abs(efforts) > limits.max_effort).any():
+            if (np.abs(efforts) > PLANNED_EFFORT * limits.max_effort).any():
                 problem.limit_efforts()
                 timed = problem.refined(problem.solved())
             if not timed.trajectory.duration_s < LONGEST_S:
@@ -234,7 +235,8 @@ class _Problem:
         curved = dynamics.inverse(joints[0], joints[1], joints[2]) - held
         first, second, _ = chained(np.array([along, curved, still]), self._law, limits.max_effort)
         share = held / limits.max_effort
-        self._efforts = first, second, -EFFORT_SHARE - share, EFFORT_SHARE - share
+        allowed = np.maximum(PLANNED_EFFORT, 0.5 * (np.abs(share) + HOLDING))
+        self._efforts = first, second, -allowed - share, allowed - share
 
     def _timed(self, rate: Array) -> Timed:
         """As quintics that meet path and rate in value and two derivatives at the knots."""
@@ -282,7 +284,7 @@ def _require_held(held: Array, places: Array, limits: JointLimits) -> None:
     """places: of the path, as shares, shape (n,)."""
     share = np.abs(held) / limits.max_effort
     place, joint = np.unravel_index(int(share.argmax()), share.shape)
-    if share[place, joint] >= EFFORT_SHARE:
+    if share[place, joint] >= HOLDING:
         where, name = float(places[place]), limits.names[int(joint)]
         needed, limit = float(abs(held[place, joint])), float(limits.max_effort[joint])
         unit = limits.effort_unit(int(joint))

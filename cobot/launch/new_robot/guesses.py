@@ -22,6 +22,8 @@ VELOCITY = {False: 1.0, True: 0.25}
 """Guessed for a hinge, rad/s, and a slide, m/s."""
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
 """Full speed in a quarter of a second, full acceleration in a tenth."""
+MAX_ACCELERATION = 100.0
+"""The largest guess, rad/s², of a slide m/s². A velocity that asks for more, like 1e4, is a placeholder."""
 MANY_TURNS_RAD = 8.0 * np.pi
 """Few joints turn so far either way: who has this in a file may have written degrees."""
 EFFORT_RESERVE = 2.5
@@ -70,9 +72,15 @@ def limits(
         if mj.jnt_actfrclimited[index]:
             bound = float(np.abs(mj.jnt_actfrcrange[index]).min())
             effort = min(effort, bound) if effort > 0.0 else bound
+        if velocity * ACCELERATION_PER_VELOCITY > MAX_ACCELERATION:
+            unit = "m" if slides else "rad"
+            guessed.append(
+                f"{name}: acceleration {MAX_ACCELERATION:g} {unit}/s² at the most, though the file has a "
+                f"velocity of {velocity:g} {unit}/s"
+            )
         velocities[index], known[index] = velocity, effort
     guessed.append("acceleration: 4 times the velocity per second; jerk: 10 times the acceleration")
-    accelerations = ACCELERATION_PER_VELOCITY * velocities
+    accelerations = np.minimum(ACCELERATION_PER_VELOCITY * velocities, MAX_ACCELERATION)
     jerks = JERK_PER_ACCELERATION * accelerations
     return JointLimits(names, ranges[:, 0], ranges[:, 1], velocities, accelerations, jerks, known)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
+import yaml
 from extreme_arms import EXTREMES, extreme_robot, urdf
 
 from benchmarks.any_arm import measure
@@ -66,6 +67,19 @@ def test_it_holds_still_everywhere_and_completes_motions_at_full_speed(arm: Arm)
     assert found.faults == (), found
     assert sum(found.completed.values()) + sum(found.refused.values()) == MOTIONS
     assert min(found.completed.values()) > 0, found
+    assert found.tracking_ratio <= 1.0, found
+
+
+def test_an_arm_without_limits_but_its_efforts_is_followed(tmp_path: Path) -> None:
+    """Its accelerations are such that every plan needs what the drives have; oracle: MuJoCo."""
+    folder = extreme_robot("light", tmp_path)
+    file = folder / "joint_limits.yaml"
+    limits = yaml.safe_load(file.read_text(encoding="utf-8"))
+    for joint in limits["joint_limits"].values():
+        joint |= {"max_acceleration": 4e3, "max_jerk": 4e5}
+    file.write_text(yaml.safe_dump(limits), encoding="utf-8")
+    found = measure(folder, postures=POSTURES, motions=12)
+    assert found.faults == (), found
     assert found.tracking_ratio <= 1.0, found
 
 

@@ -22,6 +22,8 @@ from cobot.robot.description import load_robot
 from cobot.types import PlannerName, Scaling
 from rtloop.backends import JOINT_ROWS, Measured, make_backend
 
+RATES = ("velocity", "acceleration", "jerk")
+
 
 @pytest.fixture(scope="module", params=sorted(ARMS))
 def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -141,6 +143,18 @@ def test_what_was_guessed_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert guess in said
     limits = yaml.safe_load((tmp_path / "made" / "joint_limits.yaml").read_text())
     assert limits["joint_limits"]["j"]["max_position"] == pytest.approx(np.pi / 2)
+
+
+def test_no_acceleration_is_guessed_from_a_velocity_that_is_a_placeholder(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(urdf(ARMS["ur"]).replace('velocity="1.5"', 'velocity="10000"', 1))
+    new = NewRobot(file)
+    new.write(tmp_path / "made")
+    guessed = new.guessed
+    assert "a0: acceleration 100 rad/s² at the most, though the file has a velocity of 10000 rad/s" in guessed
+    limits = yaml.safe_load((tmp_path / "made" / "joint_limits.yaml").read_text())["joint_limits"]
+    rates = [[limits[name][f"max_{rate}"] for rate in RATES] for name in ("a0", "a1")]
+    assert rates == [[10000.0, 100.0, 1000.0], [1.5, 6.0, 60.0]]
 
 
 def test_cobot_run_moves_the_gantry(tmp_path: Path) -> None:
