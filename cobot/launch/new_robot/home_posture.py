@@ -6,6 +6,7 @@ its base, easy to hold and far from touching itself. Candidates of that kind are
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations, product
 from pathlib import Path
@@ -114,7 +115,10 @@ def _choose(file: Path, robot: RobotModel, collision: CollisionChecker, base: st
         return best, f"joints at multiples of 45°; holding it takes {100.0 * share:.0f} % of a drive"
     best = choice.nearest_free()
     if best is None:
-        raise ConfigError(f"{file}: it touches itself in each of {SAMPLES} positions")
+        raise ConfigError(
+            f"{file}: it touches itself in each of {SAMPLES} positions, {choice.touches_most()}; if they "
+            "may, disable the pair in an SRDF (--srdf), otherwise correct their shapes"
+        )
     return best, "the free position nearest to 0; no posture with simple angles is free and can be held"
 
 
@@ -180,11 +184,20 @@ class _Choice:
 
     def nearest_free(self) -> Array | None:
         """The best random position, one that can be held if there is any."""
-        limits = self._limits
-        rows = np.random.default_rng(0).uniform(
-            limits.min_position, limits.max_position, (SAMPLES, limits.dof)
-        )
+        limits, rows = self._limits, self._random()
         zero = np.clip(self._robot.mj.qpos0, limits.min_position, limits.max_position)
         free = [joints for joints in (zero, *rows) if self._collision.is_free(joints)]
         holds = [joints for joints in free if held(self._robot, limits, joints).share <= 1.0]
         return min(holds or free, key=lambda joints: float(np.abs(joints - zero).max()), default=None)
+
+    def touches_most(self) -> str:
+        """The pair that touches in most of the random positions."""
+        pairs: Counter[tuple[str, str]] = Counter()
+        for joints in self._random():
+            pairs.update({(each.first, each.second) for each in self._collision.contacts(joints)})
+        (first, second), count = pairs.most_common(1)[0]
+        return f"{first} and {second} in {count} of them"
+
+    def _random(self) -> Array:
+        low, high = self._limits.min_position, self._limits.max_position
+        return np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))

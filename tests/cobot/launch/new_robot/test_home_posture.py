@@ -13,8 +13,12 @@ from swinging_arm import swinging_arm
 from urdf_arms import ARMS, urdf
 
 from cobot.config import load_settings
+from cobot.errors import ConfigError
+from cobot.launch.new_robot import home_posture
 from cobot.launch.new_robot.new_robot import NewRobot
+from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription, load_robot
+from cobot.types import Array
 
 HALF = np.pi / 2.0
 ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="stand"><geom size="0.02"/>
@@ -105,3 +109,24 @@ def test_the_same_file_gives_the_same_home(tmp_path: Path) -> None:
         robot, _ = made(tmp_path / name / "arm.urdf", urdf(ARMS["spherical"]))
         homes.append(robot.positions["home"].joints)
     assert all(first == second for first, second in pairwise(homes))
+
+
+def test_of_an_arm_that_is_never_free_the_pair_is_named_that_touches_most(tmp_path: Path) -> None:
+    """Which pair touches depends on the position, so none of them is one that always does."""
+    robot, _ = made(tmp_path / "arm.urdf", urdf(ARMS["ur"]))
+    low, high = robot.limits.min_position[0], robot.limits.max_position[0]
+    most = low + 0.8 * (high - low)
+
+    class Touching(CollisionChecker):
+        def __init__(self) -> None: ...
+
+        def is_free(self, joints: Array) -> bool:
+            return False
+
+        def contacts(self, joints: Array) -> list[Contact]:
+            return [Contact("hand", "stand" if joints[0] < most else "elbow", -0.01)]
+
+    with pytest.raises(ConfigError, match=r"hand and stand in (3[89]|4[012]).") as refusal:
+        home_posture.positions(Path("arm.urdf"), robot.model, Touching(), "base_link", {}, [])
+    assert str(refusal.value).startswith("arm.urdf: it touches itself in each of 500 positions, ")
+    assert str(refusal.value).endswith("disable the pair in an SRDF (--srdf), otherwise correct their shapes")
