@@ -121,10 +121,11 @@ def pairs_that_touch(
     checker = CollisionChecker(robot, MARGIN_M, map(frozenset, disabled))
     touching = checker.clearance.distances(_samples(robot.limits), MARGIN_M) < MARGIN_M
     bodies = robot.mj.geom_bodyid
-    found = {
-        tuple(sorted(int(bodies[geom]) for geom in checker.pairs[pair]))
-        for pair in np.flatnonzero(touching.all(axis=0))
-    }
+    of_bodies: dict[tuple[int, ...], Array] = {}  # Of two bodies any shapes may touch, not always the same.
+    for pair in np.flatnonzero(touching.any(axis=0)):
+        both = tuple(sorted(int(bodies[geom]) for geom in checker.pairs[pair]))
+        of_bodies[both] = touching[:, pair] | of_bodies.get(both, np.False_)
+    found = [both for both, touch in of_bodies.items() if touch.all()]
     pairs = [(robot.mj.body(first).name, robot.mj.body(second).name) for first, second in sorted(found)]
     also = ", which the SRDF does not disable" if disabled else ""
     guessed += [

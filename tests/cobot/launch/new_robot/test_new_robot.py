@@ -145,6 +145,28 @@ def test_what_was_guessed_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert limits["joint_limits"]["j"]["max_position"] == pytest.approx(np.pi / 2)
 
 
+def test_links_of_which_always_some_shapes_touch_may_touch(tmp_path: Path) -> None:
+    """A ring of spheres turns past one of the forearm: which of them touches it depends on the joints."""
+    ring = "".join(
+        f'<geom size=".02" pos="{0.05 * np.cos(angle):.5f} 0 {0.05 * np.sin(angle):.5f}"/>'
+        for angle in np.arange(12) * np.pi / 6.0
+    )
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        '<mujoco><compiler angle="radian"/><worldbody><body name="stand"><geom size="0.02"/>'
+        '<body name="one" pos="0 0 .3"><joint name="j" range="-1.5 1.5"/><geom size=".01" pos=".25 0 0"/>'
+        '<body name="two" pos=".3 0 0"><joint name="k" axis="0 1 0" range="-1.5 1.5"/>'
+        '<inertial pos="0 .1 0" mass=".1" diaginertia="1e-4 1e-4 1e-4"/>'
+        f'<body name="three"><joint name="l" axis="0 1 0" range="-1.5 1.5"/>{ring}<site name="tcp"/></body>'
+        "</body></body></body></worldbody></mujoco>"
+    )
+    new = NewRobot(file)
+    new.write(tmp_path / "made")
+    assert "one and three may touch: they do in each of 500 positions" in new.guessed
+    robot = load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml"))
+    assert robot.collision.is_free(np.zeros(3))
+
+
 def test_no_acceleration_is_guessed_from_a_velocity_that_is_a_placeholder(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(urdf(ARMS["ur"]).replace('velocity="1.5"', 'velocity="10000"', 1))
