@@ -9,15 +9,16 @@ import sys
 
 INTERRUPTED = 130
 BLAS_THREADS = "OPENBLAS_NUM_THREADS"
-"""Of numpy, in each process. More than one solve no equations of a robot sooner, but spin for milliseconds
-after each, on the processors that the cycle and the service want."""
+"""Variable that limits numpy's threads in each process. More than one thread solves a robot's equations no
+faster. The extra threads spin for milliseconds afterwards, on processors that the real-time loop and the
+service need."""
 
 
 def main() -> int:
-    """The exit status. What is imported takes long enough to be interrupted too."""
-    os.environ.setdefault(BLAS_THREADS, "1")  # numpy looks when it is imported
-    # What is imported stays to the end: the collector walks through it neither meanwhile nor when the process
-    # ends, which would take a tenth of a second.
+    """Run the command line and return its exit status. An interrupt during the imports is handled too."""
+    os.environ.setdefault(BLAS_THREADS, "1")  # numpy reads it at import
+    # Imported modules live until the process ends. The garbage collector skips them during the imports and at
+    # exit, which saves a tenth of a second.
     gc.disable()
     atexit.register(gc.freeze)
     try:

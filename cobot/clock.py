@@ -1,14 +1,14 @@
-"""The time that the service and its clients go by, given to them and not fetched.
+"""The clock of the service and its clients, which receive it as an argument.
 
-Who asks what time it is, asks a `Clock`: moments in shared memory, deadlines, ages, time stamps. Who waits in
-a coroutine waits with asyncio's own tools (`sleep`, `wait_for`, `timeout`, `call_later`), for these ask the
-running event loop, and a loop can be virtual as well: the tests have one that jumps from timer to timer and
-whose time their clock shows (tests/virtual.py). So a clock needs no second set of waits, nothing that
-asyncio offers is lost, and nobody can forget to wait by the clock. The loop's own time is no substitute for
-it: uvloop's is in whole milliseconds and stands still within a turn, and shared memory wants CLOCK_MONOTONIC.
-Threads, which have no loop, wait with `Clock.sleep`.
+Code that needs the time reads a `Clock`: for stamps in shared memory, deadlines, ages and time stamps.
+Coroutines wait with asyncio's own functions (`sleep`, `wait_for`, `timeout`, `call_later`). These use the
+time of the running event loop, and tests replace that loop by a virtual one, which jumps from timer to timer
+and sets the time of the tests' clock (tests/virtual.py). A `Clock` therefore needs no waiting functions for
+coroutines. The loop's time cannot replace the clock: uvloop's has a resolution of 1 ms and does not advance
+within an iteration, and stamps in shared memory are on CLOCK_MONOTONIC. Threads have no event loop and wait
+with `Clock.sleep`.
 
-rtloop has a clock of its own (`rtloop.clock`), which paces a cycle instead of telling the time.
+The real-time loop has a clock of its own (`rtloop.clock`), which also paces its cycle.
 """
 
 from __future__ import annotations
@@ -19,37 +19,37 @@ from typing import Protocol
 
 
 class Ticks(Protocol):
-    """Something that ticks until it is closed."""
+    """A running ticker, which ticks until it is closed."""
 
     def close(self) -> None: ...
 
 
 class Clock(Protocol):
-    """What time it is."""
+    """A source of the present time."""
 
     def now_ns(self) -> int:
-        """CLOCK_MONOTONIC, which the stamps in shared memory are on: ns."""
+        """Time on CLOCK_MONOTONIC, which stamps in shared memory use, in ns."""
         ...
 
     def now_s(self) -> float:
-        """The same: s."""
+        """Time on CLOCK_MONOTONIC, in seconds."""
         ...
 
     def wall_ns(self) -> int:
-        """The time of day, which may jump: ns since 1970."""
+        """Time of day in ns since 1970. It may jump."""
         ...
 
     def sleep(self, seconds: float) -> None:
-        """Keep a thread that has no event loop waiting."""
+        """Block a thread that has no event loop."""
         ...
 
     def ticker(self, rate_hz: float, on_tick: Callable[[int], None]) -> Ticks:
-        """A tick in the running event loop; see `cobot.ticker.Ticker`."""
+        """Start a ticker in the running event loop; see `cobot.ticker.Ticker`."""
         ...
 
 
 class SystemClock:
-    """The computer's."""
+    """The computer's clock."""
 
     def now_ns(self) -> int:
         return time.monotonic_ns()
@@ -64,7 +64,7 @@ class SystemClock:
         time.sleep(seconds)
 
     def ticker(self, rate_hz: float, on_tick: Callable[[int], None]) -> Ticks:
-        from cobot.ticker import Ticker  # a timer of Linux; a client has no use for it
+        from cobot.ticker import Ticker  # uses a Linux timer, which clients do not need
 
         return Ticker(rate_hz, on_tick)
 

@@ -1,1 +1,1 @@
-"""Who may do what: roles, identities and the tokens that prove them. Knows no web framework."""
+"""Roles, identities and the tokens that prove them. This package knows no web framework."""

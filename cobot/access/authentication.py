@@ -1,4 +1,4 @@
-"""Whether tokens are needed, and whose a token is."""
+"""Decides whether clients need tokens, and finds the holder of a token."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from cobot.config import RosSection, WebSection
 from cobot.errors import ConfigError
 
 LOOK_AGAIN_S = 0.5
-"""A token that was made or revoked is known after so long, s."""
+"""Longest delay until a created or revoked token takes effect, in seconds."""
 ROS_TOKEN_VARIABLE = "COBOT_ROS_TOKEN"
-"""The variable by which the service knows the DDS process; both have it in their environment."""
+"""Environment variable with the token of the DDS process. The service and the DDS process both have it."""
 RIGHTS_OF_ROS = {"observe": Role.OBSERVER, "move": Role.OPERATOR, "all": Role.ADMIN}
 
 log = logging.getLogger("cobot.service")
 
 
 def is_loopback(address: str) -> bool:
-    """Whether it is reached from this computer alone."""
+    """Whether an address can be reached from this computer only."""
     found = parsed(address)
     return found is not None and found.is_loopback
 
 
 def parsed(address: str) -> IPv4Address | IPv6Address | None:
-    """What is no name; ::ffff:127.0.0.1, as a socket for both families has it, is 127.0.0.1."""
+    """The parsed address; None for a host name. A mapped address (::ffff:127.0.0.1) becomes 127.0.0.1."""
     try:
         found = ip_address(address.partition("%")[0])
     except ValueError:
@@ -42,19 +42,19 @@ def parsed(address: str) -> IPv4Address | IPv6Address | None:
 
 
 def authentication_required(web: WebSection, address: str) -> bool:
-    """Whether tokens are needed by a service that listens on this address."""
+    """Whether a service that listens on this address requires tokens."""
     if web.authentication == "auto":
         return not is_loopback(address)
     return web.authentication == "required"
 
 
 def rights_of_ros(ros: RosSection, web: WebSection) -> Role:
-    """What DDS participants may do, none of which can show a token."""
+    """The role of DDS participants, which cannot show a token."""
     return RIGHTS_OF_ROS[_access_of_ros(ros, web)]
 
 
 def ros_access(ros: RosSection, web: WebSection) -> str:
-    """What DDS participants may do, for people."""
+    """A sentence for people about what DDS participants may do."""
     if not ros.enabled:
         return "no ROS 2"
     access = _access_of_ros(ros, web)
@@ -67,7 +67,7 @@ def ros_access(ros: RosSection, web: WebSection) -> str:
 
 
 def _access_of_ros(ros: RosSection, web: WebSection) -> str:
-    """`ros.access`, with what auto means: moving needs a token where every client needs one."""
+    """`ros.access` with `auto` resolved: where every client needs a token, DDS participants may not move."""
     if ros.access != "auto":
         return ros.access
     return "move" if ros.localhost_only and web.authentication != "required" else "observe"
@@ -75,17 +75,17 @@ def _access_of_ros(ros: RosSection, web: WebSection) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Whose a token is, and what it permits."""
+    """The holder of a token and the role that the token grants."""
 
     name: str
     role: Role
 
 
 class Authenticator:
-    """Knows the tokens of the file, as it is now, and those that the service itself has given out.
+    """Checks tokens against the token file and against the tokens that the service itself has granted.
 
-    While the file is spoilt, none of its tokens is valid, and the log says why. The service goes on, and
-    starts: it has to be there for a stop.
+    While the file is invalid, none of its tokens is accepted, and the log says why. The service starts and
+    keeps running nevertheless, because clients must be able to stop the robot.
     """
 
     def __init__(self, file: TokenFile, clock: Clock = SYSTEM) -> None:
@@ -98,10 +98,9 @@ class Authenticator:
         self._refresh()
 
     def find(self, token: str) -> Holder | None:
-        """Whose it is; None for nobody's.
+        """The holder of a token; None for an invalid or expired one.
 
-        Takes the same time whichever token it is, and whether it is one: it compares hashes, all of them,
-        each in constant time.
+        The time taken does not depend on the token: each stored hash is compared, in constant time.
         """
         self._refresh()
         digest = sha256(token.encode("utf-8", "surrogatepass")).digest()
@@ -113,13 +112,13 @@ class Authenticator:
         return None if ends_ns and self._clock.wall_ns() >= ends_ns else found
 
     def grant(self, name: str, role: Role, token: str | None = None) -> str:
-        """Give out a token that is valid until it is withdrawn, and kept nowhere."""
+        """Create a token that is valid until it is withdrawn. The token is not stored on disk."""
         token = token or secrets.token_urlsafe(32)
         self._given[token] = sha256(token.encode()).digest(), Holder(name, role), 0
         return token
 
     def withdraw(self, token: str) -> None:
-        """Take it back; nothing happens if that was done already."""
+        """Revoke a granted token. Revoking it twice has no effect."""
         self._given.pop(token, None)
 
     def _refresh(self) -> None:
@@ -148,7 +147,7 @@ class Authenticator:
         ]
 
     def _signature(self) -> object:
-        """What changes when the file does: it is replaced, not written to."""
+        """Properties that change whenever the file is replaced. It is never written in place."""
         try:
             status = os.stat(self._file.path)
         except OSError as exc:

@@ -1,4 +1,4 @@
-"""Roles, and who asks."""
+"""Roles, and the identity behind a request."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from cobot.errors import AuthenticationError, PermissionDenied
 
 
 class Role(IntEnum):
-    """What somebody may do: each role may do all that those before it may."""
+    """The permissions of a client. Each role includes those of all lower roles."""
 
-    NOBODY = 0  # has not shown who it is: what is open to everybody
-    OBSERVER = 1  # looks: states, logs, health
-    AGENT = 2  # plans, and runs what an operator or the settings' fence has approved: docs/mcp.md
-    OPERATOR = 3  # moves the arm, resets it, streams to it, runs programs that are there
-    PROGRAMMER = 4  # brings programs along, and changes what later motions do: tool, payload, limits
-    ADMIN = 5  # the rest: the audit, reading the settings anew
+    NOBODY = 0  # not authenticated: only what is open to everyone
+    OBSERVER = 1  # reads states, logs and health
+    AGENT = 2  # plans, and runs motions that an operator or the configured fence approved: docs/mcp.md
+    OPERATOR = 3  # moves the arm, resets it, streams to it, runs stored programs
+    PROGRAMMER = 4  # uploads programs and changes what affects later motions: tool, payload, limits
+    ADMIN = 5  # everything else: reads the audit, reloads the settings
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who asks.
+    """The client that sends a request.
 
     Attributes:
-        name: of the token, "anonymous" without one.
-        role: what it may do.
-        address: where it comes from, as the connection has it; "" for the service itself.
-        forwarded: a proxy has passed it on, so that the address is the proxy's.
+        name: name of its token; "anonymous" without one.
+        role: role that its token grants.
+        address: peer address of its connection; "" for the service itself.
+        forwarded: whether a proxy forwarded the request. If so, the address is the proxy's.
     """
 
     name: str
@@ -39,19 +39,19 @@ class Identity:
 
 ANONYMOUS = "anonymous"
 ROS = "ros2"
-"""Who comes over DDS, which cannot tell one from another."""
+"""Name of all clients that use DDS, because DDS cannot distinguish them."""
 SERVICE = Identity("cobot", Role.ADMIN)
-"""The service itself, when nobody has asked."""
+"""The service itself, when it acts without a request."""
 acting: ContextVar[Identity] = ContextVar("acting", default=SERVICE)
-"""On whose behalf the present task works: for what lies too deep to be told."""
+"""Identity on whose behalf the present task works, for code too deep to receive it as an argument."""
 
 
 def require(identity: Identity, role: Role) -> None:
-    """See that somebody has at least this role.
+    """Check that an identity has at least this role.
 
     Raises:
-        AuthenticationError: it has not shown who it is.
-        PermissionDenied: its role is a lower one.
+        AuthenticationError: the client has not authenticated.
+        PermissionDenied: the client's role is lower.
     """
     if identity.role >= role:
         return
