@@ -18,10 +18,10 @@ from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.motions.constraints import Cone, Constraints
 from cobot.planners import MotionRequest, plan
-from cobot.planners.detours import length, without_detours
 from cobot.planners.goals import joint_goals
 from cobot.planners.rrt_connect import connect
-from cobot.planners.sampling import ATTEMPTS, RANGE_RAD, SHARES, find_path, room
+from cobot.planners.search.detours import length, without_detours
+from cobot.planners.search.sampling import ATTEMPTS, RANGE_RAD, SHARES, find_path, room
 from cobot.planners.shortcut import shortened
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import Array, PlannerName, Pose, Scaling

@@ -10,8 +10,8 @@ from benchmarks.table import Row, row
 from cobot.config import load_settings
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
-from cobot.planners.joined import Leg, joined, leg_of
-from cobot.planners.prolonged import begun, prolonged
+from cobot.planners.blending.joined import Leg, joined, leg_of
+from cobot.planners.blending.prolonged import begun, prolonged
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import Array, PlannerName, Pose, Scaling
 

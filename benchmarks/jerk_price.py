@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import csr_matrix
 
-from cobot.planners.path import Path
+from cobot.planners.timing.path import Path
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 

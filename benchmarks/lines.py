@@ -13,7 +13,7 @@ from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
-from cobot.planners.lin import straight_line
+from cobot.planners.path.lin import straight_line
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import Array, PlannerName, Pose, Scaling
 

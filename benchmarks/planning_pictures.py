@@ -22,8 +22,8 @@ from cobot.errors import CobotError
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners import plan
-from cobot.planners.joined import joined, leg_of
-from cobot.planners.lin import straight_line
+from cobot.planners.blending.joined import joined, leg_of
+from cobot.planners.path.lin import straight_line
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.trajectory import Trajectory
@@ -107,7 +107,7 @@ def draw_lin(robot: RobotDescription) -> plt.Figure:
 
 def _needs_the_redundancy(robot: RobotDescription) -> tuple[MotionRequest, str]:
     """A line that the joints nearest to the ones before do not lead along, and why."""
-    from cobot.planners.cartesian import _continued
+    from cobot.planners.path.cartesian import _continued
 
     random, limits = np.random.default_rng(8), robot.limits
     while True:

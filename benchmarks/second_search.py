@@ -14,10 +14,10 @@ from benchmarks.stress_cases import Case
 from cobot.errors import CobotError, CollisionError, LimitError, UnreachableError
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
-from cobot.planners.circ import arc, helix
-from cobot.planners.lin import straight_line
-from cobot.planners.polyline import rounded
-from cobot.planners.tcp_path import TcpPath
+from cobot.planners.path.circ import arc, helix
+from cobot.planners.path.lin import straight_line
+from cobot.planners.path.polyline import rounded
+from cobot.planners.path.tcp_path import TcpPath
 from cobot.types import Array, PlannerName, Pose
 
 TRIES = 80

@@ -25,7 +25,7 @@ from benchmarks.stress_cases import CORRIDOR_RAD, KINDS, Case, case
 from cobot.errors import CobotError, InputError
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan, plan_waypoints
-from cobot.planners.joined import joined, leg_of
+from cobot.planners.blending.joined import joined, leg_of
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits, Pose
 

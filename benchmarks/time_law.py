@@ -15,9 +15,9 @@ from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.motions.requests import MotionRequest
 from cobot.planners import WaypointRequest, plan, plan_waypoints
-from cobot.planners.joined import Leg, joined, leg_of
-from cobot.planners.path import Path
-from cobot.planners.time_law import time_optimal, with_room
+from cobot.planners.blending.joined import Leg, joined, leg_of
+from cobot.planners.timing.path import Path
+from cobot.planners.timing.time_law import time_optimal, with_room
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.trajectory import Trajectory
 from cobot.types import PLANNED_ACCELERATION, Array, PlannerName, Pose, Scaling, Waypoint

@@ -15,7 +15,7 @@ from benchmarks.table import EACH, Row, percentiles, row
 from cobot.config import load_settings
 from cobot.errors import LimitError
 from cobot.planners import WaypointRequest, plan_waypoints
-from cobot.planners.course import through
+from cobot.planners.timing.course import through
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.feasibility import check_limits
 from cobot.robot.tool import Tool

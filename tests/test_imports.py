@@ -25,7 +25,7 @@ SLOW = {"cobot.planners", "httpx", "ompl", "rich", "ruckig", "scipy"}
 PLANNING = (
     "app.services.motion.planning_worker",
     "app.services.motion.planning_tasks",
-    "cobot.planners.prolonged",
+    "cobot.planners.blending.prolonged",
 )
 
 
@@ -59,7 +59,7 @@ def test_what_the_type_checker_passes_over_is_imported_by_nobody() -> None:
         if file.suffix in (".py", ".pyi")
         for name in _named(file.read_text(encoding="utf-8"))
     }
-    assert ("cobot/planners/chomp.py", "scipy.linalg") in found
+    assert ("cobot/planners/search/chomp.py", "scipy.linalg") in found
     assert [each for each in found if any(fnmatch(f"{each[1]}.", name) for name in unread)] == []
 
 

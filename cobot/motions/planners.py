@@ -88,14 +88,14 @@ PLANNERS: dict[PlannerName, PlannerTraits] = {
         frozenset({"synchronization"}),
     ),
     PlannerName.LIN: PlannerTraits(
-        "lin:plan_lin",
+        "path.lin:plan_lin",
         Way.PATH,
         "the TCP on a straight line",
         TCP_PATH,
         needs_pose=True,
     ),
     PlannerName.CIRC: PlannerTraits(
-        "circ:plan_circ",
+        "path.circ:plan_circ",
         Way.PATH,
         "the TCP on an arc",
         TCP_PATH | {"via", "arc"},
@@ -105,7 +105,7 @@ PLANNERS: dict[PlannerName, PlannerTraits] = {
         one_piece=True,
     ),
     PlannerName.POLYLINE: PlannerTraits(
-        "polyline:plan_polyline",
+        "path.polyline:plan_polyline",
         Way.PATH,
         "the TCP on straight lines through several poses",
         TCP_PATH | {"through", "radius_m"},
@@ -115,14 +115,14 @@ PLANNERS: dict[PlannerName, PlannerTraits] = {
         one_piece=True,
     ),
     PlannerName.OMPL: PlannerTraits(
-        "ompl:plan_ompl",
+        "search.ompl:plan_ompl",
         Way.SEARCH,
         "sampling, around obstacles",
         frozenset({"algorithm"}),
         alternative=PlannerName.CHOMP,
     ),
     PlannerName.CHOMP: PlannerTraits(
-        "chomp:plan_chomp",
+        "search.chomp:plan_chomp",
         Way.SEARCH,
         "optimisation, around obstacles",
     ),

@@ -26,8 +26,8 @@ from cobot.planners.escape import leave
 from cobot.planners.goals import joint_goals, nearest_goal
 from cobot.planners.held import Held
 from cobot.planners.ptp import plan_ptp
+from cobot.planners.timing.waypoints import plan_waypoints
 from cobot.planners.unit_advice import advising_units
-from cobot.planners.waypoints import plan_waypoints
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory

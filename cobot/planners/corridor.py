@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.planners.uniform_spline import averaged, knots_of, spline_at
+from cobot.planners.timing.uniform_spline import averaged, knots_of, spline_at
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 

@@ -21,7 +21,7 @@ from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.planners.escape import exits
 from cobot.planners.goals import joint_goals
-from cobot.planners.lin import straight_line
+from cobot.planners.path.lin import straight_line
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.robot.inverse_kinematics import MIN_GAP_M, freer, inverse_all, nearest_to, reach_gap

@@ -6,9 +6,9 @@ import numpy as np
 import ruckig
 
 from cobot.motions.requests import MotionRequest
-from cobot.planners.path import Path
-from cobot.planners.profile import fastest_profile
-from cobot.planners.time_law import time_optimal
+from cobot.planners.timing.path import Path
+from cobot.planners.timing.profile import fastest_profile
+from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import effort_samples, stretch_to_limits
 from cobot.trajectory import ORDER, Trajectory

@@ -13,7 +13,7 @@ from cobot.errors import InputError, LimitError
 from cobot.motions.requests import Envelope, RatedMove
 from cobot.motions.stretches import Leg
 from cobot.planners import plan
-from cobot.planners.joined import leg_of
+from cobot.planners.blending.joined import leg_of
 from cobot.robot.description import RobotDescription
 from cobot.types import CartesianLimits, JointLimits
 

@@ -26,8 +26,8 @@ from cobot.errors import LimitError, UnreachableError
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Arc, MotionRequest, WaypointRequest
 from cobot.planners import plan
-from cobot.planners.joined import leg_of
-from cobot.planners.prolonged import begun, prolonged
+from cobot.planners.blending.joined import leg_of
+from cobot.planners.blending.prolonged import begun, prolonged
 from cobot.robot.description import load_robot
 from cobot.robot.feasibility import check_efforts, check_limits
 from cobot.robot.scene import Scene, SceneObject

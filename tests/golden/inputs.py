@@ -9,8 +9,8 @@ import numpy as np
 
 from cobot.motions.requests import MotionRequest
 from cobot.planners import WaypointRequest, plan, plan_waypoints
-from cobot.planners.path import Path
-from cobot.planners.time_law import time_optimal
+from cobot.planners.timing.path import Path
+from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from cobot.planners.corridor import AskedCurve, shift_along
-from cobot.planners.uniform_spline import AT_REST
+from cobot.planners.timing.uniform_spline import AT_REST
 from cobot.types import Array, JointLimits
 
 WEIGHTS = (0.003, 0.3, 3.0, 1.0)

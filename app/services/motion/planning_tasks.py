@@ -68,7 +68,7 @@ def leg(robot: RobotDescription, request: LegRequest, envelope: Envelope) -> Leg
     if isinstance(request, RatedMove):
         return rated(robot, request)
     from cobot.planners import plan
-    from cobot.planners.joined import leg_of
+    from cobot.planners.blending.joined import leg_of
     from cobot.planners.rated import with_envelope
 
     slower = with_envelope(robot, envelope)
@@ -79,8 +79,8 @@ def leg(robot: RobotDescription, request: LegRequest, envelope: Envelope) -> Leg
 def begun(
     robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float], envelope: Envelope
 ) -> Stretch:
-    """See `cobot.planners.prolonged.begun`."""
-    from cobot.planners.prolonged import begun
+    """See `cobot.planners.blending.prolonged.begun`."""
+    from cobot.planners.blending.prolonged import begun
     from cobot.planners.rated import with_envelope
 
     return begun(with_envelope(robot, envelope), legs, radii_m)
@@ -94,8 +94,12 @@ def prolonged(
     times_s: tuple[float, float],
     envelope: Envelope,
 ) -> Stretch:
-    """See `cobot.planners.prolonged.prolonged`; times_s: now, and before which nothing may change."""
-    from cobot.planners.prolonged import prolonged
+    """See `cobot.planners.blending.prolonged.prolonged`.
+
+    Args:
+        times_s: now, and before which nothing may change.
+    """
+    from cobot.planners.blending.prolonged import prolonged
     from cobot.planners.rated import with_envelope
 
     return prolonged(with_envelope(robot, envelope), under_way, legs, radii_m, *times_s)
@@ -107,8 +111,8 @@ def joined(
     motions: Sequence[Trajectory],
     radii_m: Sequence[float],
 ) -> Blended:
-    """See `cobot.planners.joined.joined`: motions as they have been planned for these requests."""
-    from cobot.planners.joined import joined, leg_of
+    """See `cobot.planners.blending.joined.joined`: motions as they have been planned for these requests."""
+    from cobot.planners.blending.joined import joined, leg_of
 
     pairs = zip(requests, motions, strict=True)
     return joined(robot, [leg_of(robot, *pair) for pair in pairs], radii_m)

@@ -12,8 +12,8 @@ from second_opinion import largest_rates, rate_limits, second_robot
 from cobot.errors import InputError, PlanningError
 from cobot.motions.requests import Arc, TcpSpeed
 from cobot.planners import MotionRequest, plan
-from cobot.planners.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
-from cobot.planners.polyline import rounded
+from cobot.planners.path.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
+from cobot.planners.path.polyline import rounded
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose, Scaling

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from cobot.errors import PlanningError
-from cobot.planners.circ import arc
+from cobot.planners.path.circ import arc
 from cobot.types import Pose
 
 SEED = 20261122

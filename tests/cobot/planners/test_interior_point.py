@@ -7,9 +7,9 @@ import pytest
 from laws.interior_point import Rows, iterate
 from laws.reference_motion import reference_motion as plain_reference_motion
 
-from cobot.planners.cells import basis
 from cobot.planners.interior_point import Stations, fastest_rate
 from cobot.planners.reference import reference_motion
+from cobot.planners.timing.cells import basis
 from cobot.types import Array
 
 CELLS, ROWS = 14, 3

@@ -17,7 +17,7 @@ from cobot.errors import InputError
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Blended
 from cobot.planners import MotionRequest, plan
-from cobot.planners.joined import Leg, _between, _breaks, joined, leg_of
+from cobot.planners.blending.joined import Leg, _between, _breaks, joined, leg_of
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, PlannerName, Pose, Scaling
 

@@ -8,9 +8,9 @@ from scipy.interpolate import make_interp_spline
 
 from cobot.errors import InputError
 from cobot.motions.requests import MotionRequest
-from cobot.planners.path import Path
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.spline import control_spline
+from cobot.planners.search.spline import control_spline
+from cobot.planners.timing.path import Path
 from cobot.robot.description import RobotDescription
 from cobot.types import PlannerName, Scaling
 

@@ -21,7 +21,7 @@ from cobot.errors import CobotError, CollisionError, InputError, LimitError, Pla
 from cobot.motions.constraints import Cone, Constraints
 from cobot.motions.stretches import Leg
 from cobot.planners import MotionRequest, plan
-from cobot.planners.joined import joined
+from cobot.planners.blending.joined import joined
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory

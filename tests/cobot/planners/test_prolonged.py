@@ -17,9 +17,9 @@ from cobot.errors import InputError
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Envelope, MotionRequest, RatedMove
 from cobot.motions.stretches import Leg, Stretch, alone
-from cobot.planners.going_over import JERK
-from cobot.planners.joined import joined
-from cobot.planners.prolonged import begun, prolonged
+from cobot.planners.blending.going_over import JERK
+from cobot.planners.blending.joined import joined
+from cobot.planners.blending.prolonged import begun, prolonged
 from cobot.planners.rated import plan_rated
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory

@@ -9,8 +9,8 @@ from second_opinion import largest_rates, rate_limits, second_robot
 
 from cobot.errors import CobotError, UnreachableError
 from cobot.planners import MotionRequest, plan
-from cobot.planners.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
-from cobot.planners.lin import straight_line
+from cobot.planners.path.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
+from cobot.planners.path.lin import straight_line
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory

@@ -8,7 +8,7 @@ from scipy.interpolate import PPoly
 
 from cobot.errors import LimitError
 from cobot.planners import MotionRequest, WaypointRequest, plan, plan_waypoints
-from cobot.planners.rounding import smoothed
+from cobot.planners.timing.rounding import smoothed
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, PlannerName, Scaling, Waypoint
 

@@ -12,10 +12,10 @@ from scipy.sparse.csgraph import dijkstra
 
 from benchmarks import scenes
 from cobot.motions.requests import MotionRequest
-from cobot.planners.detours import length, without_detours
 from cobot.planners.roadmap import shortest
 from cobot.planners.rrt_connect import connect
-from cobot.planners.sampling import find_path, room
+from cobot.planners.search.detours import length, without_detours
+from cobot.planners.search.sampling import find_path, room
 from cobot.planners.shortcut import shortened
 from cobot.robot.description import RobotDescription
 from cobot.types import PlannerName, Scaling

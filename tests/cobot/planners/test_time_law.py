@@ -21,10 +21,10 @@ from toppra.constraint import JointAccelerationConstraint, JointVelocityConstrai
 from benchmarks.jerk_price import Optimiser
 from cobot.errors import PlanningError
 from cobot.planners import MotionRequest, plan
-from cobot.planners.coordinates import Coordinates
-from cobot.planners.path import Path
-from cobot.planners.spline import control_spline, resampled
-from cobot.planners.time_law import Timed, time_optimal, with_room
+from cobot.planners.search.spline import control_spline, resampled
+from cobot.planners.timing.coordinates import Coordinates
+from cobot.planners.timing.path import Path
+from cobot.planners.timing.time_law import Timed, time_optimal, with_room
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory

@@ -18,9 +18,9 @@ from totg import problems, totg, trapezoid
 from cobot.errors import LimitError
 from cobot.planners import WaypointRequest, jerk_fit, plan_waypoints
 from cobot.planners.corridor import asked_curve
-from cobot.planners.course import BLEND_SHARE
-from cobot.planners.timed_fit import fitted
-from cobot.planners.uniform_spline import averaged, knots_of, spline_at, spline_motion, stretch_needed
+from cobot.planners.timing.course import BLEND_SHARE
+from cobot.planners.timing.timed_fit import fitted
+from cobot.planners.timing.uniform_spline import averaged, knots_of, spline_at, spline_motion, stretch_needed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, JointLimits, Waypoint

@@ -21,7 +21,7 @@ from second_opinion import Contacts, largest_rates, rate_limits
 from benchmarks.arms import Arm, arm, carrying, loaded_model
 from cobot.errors import CobotError, CollisionError, InputError, LimitError
 from cobot.planners import WaypointRequest, plan_waypoints
-from cobot.planners.waypoints import through
+from cobot.planners.timing.waypoints import through
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import load_joint_limits
 from cobot.robot.tool import Tool

@@ -13,9 +13,9 @@ from cobot.config import Settings
 from cobot.ipc.layout import Command, MotionResult
 from cobot.motions.requests import MotionRequest
 from cobot.planners import WaypointRequest, plan_waypoints
-from cobot.planners.path import Path as JointPath
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.time_law import time_optimal
+from cobot.planners.timing.path import Path as JointPath
+from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode, PlannerName, Scaling, Waypoint

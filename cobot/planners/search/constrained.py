@@ -18,8 +18,8 @@ import numpy as np
 from cobot.errors import PlanningError, PlanningTimeout
 from cobot.motions.requests import MotionRequest
 from cobot.planners.held import Held
-from cobot.planners.sampling import room
-from cobot.planners.spline import smooth_motion
+from cobot.planners.search.sampling import room
+from cobot.planners.search.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory

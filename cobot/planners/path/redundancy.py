@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cobot.planners.lattice import cheapest
-from cobot.planners.tcp_path import TcpPath
+from cobot.planners.path.tcp_path import TcpPath
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import SrsArm
 from cobot.types import Array

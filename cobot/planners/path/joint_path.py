@@ -8,8 +8,8 @@ import numpy as np
 
 from cobot.errors import UnreachableError
 from cobot.findings import Finding
-from cobot.planners.path import Path, spline_through
-from cobot.planners.tcp_path import TcpPath, angles_between
+from cobot.planners.path.tcp_path import TcpPath, angles_between
+from cobot.planners.timing.path import Path, spline_through
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
 

@@ -11,10 +11,10 @@ from cobot.errors import LimitError
 from cobot.motions.points import labels_of, require_positions
 from cobot.motions.requests import MotionRequest, WaypointRequest
 from cobot.planners.checks import is_there, validate
-from cobot.planners.course import PRESENT, Course, course_of, through
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.rounding import smoothed
-from cobot.planners.timed_fit import AS_ASKED, Fitted, fitted
+from cobot.planners.timing.course import PRESENT, Course, course_of, through
+from cobot.planners.timing.rounding import smoothed
+from cobot.planners.timing.timed_fit import AS_ASKED, Fitted, fitted
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import (
     check_efforts,

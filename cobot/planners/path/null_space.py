@@ -12,8 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cobot.planners.joint_path import POSE_SHARE
-from cobot.planners.tcp_path import TcpPath
+from cobot.planners.path.joint_path import POSE_SHARE
+from cobot.planners.path.tcp_path import TcpPath
 from cobot.robot.description import RobotDescription
 from cobot.types import Array
 

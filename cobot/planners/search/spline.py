@@ -9,8 +9,8 @@ import numpy as np
 
 from cobot.errors import CollisionError
 from cobot.planners.held import Held
-from cobot.planners.path import Path
-from cobot.planners.time_law import time_optimal
+from cobot.planners.timing.path import Path
+from cobot.planners.timing.time_law import time_optimal
 from cobot.polynomials import control_points
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory

@@ -10,7 +10,7 @@ import numpy as np
 
 from cobot.errors import CobotError, UnreachableError
 from cobot.findings import Finding
-from cobot.planners.joint_path import (
+from cobot.planners.path.joint_path import (
     LARGEST_DEVIATION_M,
     LARGEST_DEVIATION_RAD,
     POSE_SHARE,
@@ -20,8 +20,8 @@ from cobot.planners.joint_path import (
     jump_of,
     through,
 )
-from cobot.planners.path import Path
-from cobot.planners.tcp_path import TcpPath, angles_between
+from cobot.planners.path.tcp_path import TcpPath, angles_between
+from cobot.planners.timing.path import Path
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import allowed, apart, cause_of, missing
 from cobot.types import Array, JointLimits

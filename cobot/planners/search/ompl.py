@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from cobot.motions.requests import MotionRequest
-from cobot.planners.constrained import plan_constrained
 from cobot.planners.held import Held
-from cobot.planners.sampling import find_path
-from cobot.planners.spline import smooth_motion
+from cobot.planners.search.constrained import plan_constrained
+from cobot.planners.search.sampling import find_path
+from cobot.planners.search.spline import smooth_motion
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array

@@ -15,9 +15,9 @@ from ompl import base, geometric, util
 
 from cobot.errors import PlanningTimeout
 from cobot.motions.requests import MotionRequest
-from cobot.planners.detours import length, without_detours
 from cobot.planners.goals import more_goals
 from cobot.planners.rrt_connect import connect
+from cobot.planners.search.detours import length, without_detours
 from cobot.planners.shortcut import shortened
 from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.motions.requests import MotionRequest
-from cobot.planners.cartesian import follow
-from cobot.planners.ends import end_of
-from cobot.planners.path_goals import reachable
-from cobot.planners.tcp_path import TcpPath, least_turn, turn_between, turned
+from cobot.planners.path.cartesian import follow
+from cobot.planners.path.ends import end_of
+from cobot.planners.path.path_goals import reachable
+from cobot.planners.path.tcp_path import TcpPath, least_turn, turn_between, turned
 from cobot.robot.description import RobotDescription
 from cobot.robot.quaternion import SMALL_RAD
 from cobot.trajectory import Trajectory

@@ -16,7 +16,10 @@ import numpy as np
 
 from cobot.errors import InputError, PlanningError
 from cobot.findings import Finding
-from cobot.planners.cells import (
+from cobot.planners.derivatives import chained
+from cobot.planners.interior_point import Stations, fastest_rate
+from cobot.planners.reference import reference_motion
+from cobot.planners.timing.cells import (
     acceleration_stations,
     cubics,
     duration_stations,
@@ -25,11 +28,8 @@ from cobot.planners.cells import (
     states,
     times_of,
 )
-from cobot.planners.coordinates import Coordinates, Zones
-from cobot.planners.derivatives import chained
-from cobot.planners.interior_point import Stations, fastest_rate
-from cobot.planners.path import Path
-from cobot.planners.reference import reference_motion
+from cobot.planners.timing.coordinates import Coordinates, Zones
+from cobot.planners.timing.path import Path
 from cobot.polynomials import greatest_rates, hermite
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import effort_samples

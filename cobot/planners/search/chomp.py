@@ -19,7 +19,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.motions.requests import MotionRequest
-from cobot.planners.spline import smooth_motion
+from cobot.planners.search.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.collision import Contact
 from cobot.robot.description import RobotDescription
@@ -80,7 +80,7 @@ def _starts(
     start = np.clip(request.start, robot.limits.min_position, robot.limits.max_position)
     for goal in goals[:STRAIGHT_STARTS]:
         yield "", np.array([start, goal])
-    from cobot.planners.sampling import find_path
+    from cobot.planners.search.sampling import find_path
 
     left_s = deadline_s - time.monotonic()
     try:

@@ -2,7 +2,7 @@
 
 First the joints go on from where they stand, each pose from the one before. Where that leads to a limit, a
 singularity or a collision, or takes much longer than the TCP would need, an S-R-S arm's arm angle is planned
-along the path (`cobot/planners/redundancy.py`).
+along the path (`cobot/planners/path/redundancy.py`).
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from cobot.errors import CobotError, InputError, PlanningError, UnreachableError
 from cobot.findings import Finding
 from cobot.motions.requests import MotionRequest
 from cobot.planners.checks import is_there
-from cobot.planners.continued import SAME_RAD, STEPS, continued, joints_at, moving
-from cobot.planners.joint_path import (
+from cobot.planners.path.continued import SAME_RAD, STEPS, continued, joints_at, moving
+from cobot.planners.path.joint_path import (
     through,
 )
-from cobot.planners.null_space import FEW, FINER, MANY, Particles
-from cobot.planners.path import Path
-from cobot.planners.redundancy import MESHES, Graph, Profile
-from cobot.planners.tcp_path import PLACES, TcpPath
-from cobot.planners.time_law import time_optimal
+from cobot.planners.path.null_space import FEW, FINER, MANY, Particles
+from cobot.planners.path.redundancy import MESHES, Graph, Profile
+from cobot.planners.path.tcp_path import PLACES, TcpPath
+from cobot.planners.timing.path import Path
+from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import MIN_GAP_M, Arm
 from cobot.trajectory import Trajectory

@@ -14,10 +14,10 @@ from itertools import pairwise
 import numpy as np
 
 from cobot.motions.requests import MotionRequest
-from cobot.planners.cartesian import STANDING_M, STANDING_RAD, follow
-from cobot.planners.ends import end_of
-from cobot.planners.path_goals import reachable
-from cobot.planners.tcp_path import PLACES, TcpPath, least_turn, turn_between
+from cobot.planners.path.cartesian import STANDING_M, STANDING_RAD, follow
+from cobot.planners.path.ends import end_of
+from cobot.planners.path.path_goals import reachable
+from cobot.planners.path.tcp_path import PLACES, TcpPath, least_turn, turn_between
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory

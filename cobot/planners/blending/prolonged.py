@@ -17,10 +17,10 @@ from itertools import pairwise
 
 from cobot.errors import PlanningError
 from cobot.motions.stretches import Corner, Leg, Stretch
-from cobot.planners.going_over import LimitedPath, Timing, gone_over
-from cobot.planners.joined import Part, check_radii, corners_of, part_of, with_stops
-from cobot.planners.path import Path
-from cobot.planners.time_law import with_room
+from cobot.planners.blending.going_over import LimitedPath, Timing, gone_over
+from cobot.planners.blending.joined import Part, check_radii, corners_of, part_of, with_stops
+from cobot.planners.timing.path import Path
+from cobot.planners.timing.time_law import with_room
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.trajectory_parts import rest_at

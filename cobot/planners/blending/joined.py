@@ -17,13 +17,13 @@ import numpy as np
 from cobot.errors import CobotError, InputError, LimitError, PlanningError
 from cobot.motions.requests import Blended, MotionRequest
 from cobot.motions.stretches import Corner, Leg
-from cobot.planners.cartesian import tcp_limits
+from cobot.planners.blending.leg_limits import largest, largest_rates, rates
 from cobot.planners.checks import validate
-from cobot.planners.coordinates import Zones
 from cobot.planners.held import ALLOWANCE, LOOK_S, MAX_LOOKS, Held
-from cobot.planners.leg_limits import largest, largest_rates, rates
-from cobot.planners.path import Path
-from cobot.planners.time_law import time_optimal
+from cobot.planners.path.cartesian import tcp_limits
+from cobot.planners.timing.coordinates import Zones
+from cobot.planners.timing.path import Path
+from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.trajectory_parts import cut

@@ -8,8 +8,8 @@ from dataclasses import fields, replace
 import numpy as np
 
 from cobot.motions.stretches import Leg
-from cobot.planners.coordinates import PARTS
-from cobot.planners.time_law import with_room
+from cobot.planners.timing.coordinates import PARTS
+from cobot.planners.timing.time_law import with_room
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, CartesianLimits, JointLimits
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cobot.planners.derivatives import coordinates_at, speeds_and_bends
-from cobot.planners.path import Path
+from cobot.planners.timing.path import Path
 from cobot.robot.model import RobotModel
 from cobot.types import Array, CartesianLimits, JointLimits
 

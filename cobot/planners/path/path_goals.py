@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cobot.errors import UnreachableError
 from cobot.motions.requests import MotionRequest
-from cobot.planners.tcp_path import untwisted
+from cobot.planners.path.tcp_path import untwisted
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.types import Pose

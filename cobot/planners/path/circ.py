@@ -7,10 +7,10 @@ import numpy as np
 from cobot.errors import PlanningError
 from cobot.findings import Finding
 from cobot.motions.requests import Arc, MotionRequest
-from cobot.planners.cartesian import follow
-from cobot.planners.ends import end_of, followed, full_turns
-from cobot.planners.path_goals import reachable
-from cobot.planners.tcp_path import PLACES, TcpPath, least_turn, turn_between, turned
+from cobot.planners.path.cartesian import follow
+from cobot.planners.path.ends import end_of, followed, full_turns
+from cobot.planners.path.path_goals import reachable
+from cobot.planners.path.tcp_path import PLACES, TcpPath, least_turn, turn_between, turned
 from cobot.robot.description import RobotDescription
 from cobot.robot.quaternion import SMALL_RAD
 from cobot.trajectory import Trajectory

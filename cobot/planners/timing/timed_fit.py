@@ -18,7 +18,7 @@ import numpy as np
 
 from cobot.planners.corridor import PARTS, asked_curve, deviation
 from cobot.planners.jerk_fit import fit
-from cobot.planners.uniform_spline import AT_REST, averaged, spline_motion, stretch_needed
+from cobot.planners.timing.uniform_spline import AT_REST, averaged, spline_motion, stretch_needed
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 

@@ -9,11 +9,11 @@ from math import comb
 import numpy as np
 
 from cobot.motions.stretches import Corner, Leg
-from cobot.planners.coordinates import Coordinates
+from cobot.planners.blending.joined import path_of
+from cobot.planners.blending.leg_limits import largest
 from cobot.planners.derivatives import chained
-from cobot.planners.joined import path_of
-from cobot.planners.leg_limits import largest
-from cobot.planners.path import Path
+from cobot.planners.timing.coordinates import Coordinates
+from cobot.planners.timing.path import Path
 from cobot.polynomials import greatest_rates
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import effort_samples

@@ -9,9 +9,9 @@ import numpy as np
 from cobot.errors import PlanningError
 from cobot.findings import Finding
 from cobot.motions.requests import Arc, MotionRequest
-from cobot.planners.cartesian import follow
-from cobot.planners.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
-from cobot.planners.tcp_path import TcpPath, angles_between
+from cobot.planners.path.cartesian import follow
+from cobot.planners.path.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
+from cobot.planners.path.tcp_path import TcpPath, angles_between
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import apart
 from cobot.trajectory import Trajectory

@@ -1,0 +1,1 @@
+"""Several motions as one that goes through their ends without a stop."""
