@@ -1,4 +1,4 @@
-"""HTTP requests to the service: what it answers as JSON, what goes wrong as the `CobotError` that it had."""
+"""HTTP requests to the service: decodes its JSON answers and raises its errors as `CobotError`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from cobot.client.tls import Verify, tls_context, token_from_environment
 from cobot.errors import BY_CODE, CobotError, ExecutionError, InputError, UnavailableError
 
 MOTION_TIMEOUT_S = 90.0
-"""A motion is waited for so long, s: longer than the service's own timeouts as shipped."""
+"""Timeout for the answer to a motion, in seconds. It is longer than the service's default timeouts."""
 Json = dict[str, Any]
 
 
 ERRORS = BY_CODE
-"""The class of errors that each code of the service stands for."""
+"""The error class for each code of the service."""
 
 
 def _answered(error: CobotError, answer: Json) -> CobotError:
@@ -28,7 +28,8 @@ def _answered(error: CobotError, answer: Json) -> CobotError:
 
 
 class Connection:
-    """HTTP to one robot's service, and its errors as ours; see `Client` for the arguments."""
+    """HTTP connection to one robot's service. It raises the service's errors as `CobotError`. See `Client`
+    for the arguments."""
 
     def __init__(
         self,
@@ -49,10 +50,10 @@ class Connection:
         token = token or token_from_environment()
         if token:
             headers["Authorization"] = f"Bearer {token}"
-        # What trusts the computer's certificates takes 10 ms to make.
+        # Creating a TLS context with the computer's certificates takes 10 ms.
         trusted = tls_context(verify) if url.startswith("https:") else False
         try:
-            # trust_env: a robot's motions do not go through the proxy that the environment has for the web.
+            # trust_env=False: motions must not go through the web proxy that the environment names.
             self._http = httpx.Client(
                 base_url=url,
                 timeout=timeout_s,
@@ -84,7 +85,7 @@ class Connection:
     def _json(self, method: str, path: str, **request: Any) -> Json:
         answer = self._request(method, path, **request)
         if not isinstance(answer, dict):
-            raise UnavailableError(f"{method} {self._url(path)}: no answer of cobot's")
+            raise UnavailableError(f"{method} {self._url(path)}: the answer is not one of cobot")
         return answer
 
     def _url(self, path: str) -> str:
@@ -94,7 +95,7 @@ class Connection:
         return base + path_at(base, path)
 
     def _fetch(self, path: str, file: Path) -> None:
-        """Write what is answered to a file, which is there when it is whole.
+        """Write the answer to a file. The file appears only when it is complete.
 
         Raises:
             InputError: the file cannot be written.
@@ -117,13 +118,14 @@ class Connection:
             response = self._http.request(method, url, **request)
         except httpx.HTTPError as exc:
             raise UnavailableError(f"{method} {url}: {str(exc) or type(exc).__name__}") from exc
-        except (TypeError, ValueError) as exc:  # JSON has no NaN, no infinity and no objects of ours
+        except (TypeError, ValueError) as exc:  # JSON has no NaN, no infinity and no Python objects
             raise InputError(f"{method} {path}: {exc}") from exc
         return self._decoded(method, url, response)
 
     @contextlib.contextmanager
     def _streamed(self, path: str, **request: Any) -> Iterator[httpx.Response]:
-        """An answer that is read as it comes; raises as `_request` does, and httpx's errors later."""
+        """An answer that is read while it arrives. Raises like `_request`; later reads may raise httpx's
+        errors."""
         url = self._url(path)
         with self._http.stream("GET", url, **request) as response:
             if not response.is_success:
@@ -139,6 +141,6 @@ class Connection:
             code, detail = str(answer["code"]), str(answer["detail"])
         except (ValueError, KeyError, TypeError) as exc:
             raise UnavailableError(
-                f"{method} {url}: status {response.status_code}, and no answer of cobot's"
+                f"{method} {url}: status {response.status_code}, the answer is not one of cobot"
             ) from exc
         raise _answered(ERRORS.get(code, CobotError)(detail), answer)

@@ -1,4 +1,4 @@
-"""Streaming to an arm: context managers that begin a session and bring the arm to rest at their end."""
+"""Streaming to an arm: context managers that begin a session, and stop the arm when they end."""
 
 from __future__ import annotations
 
@@ -17,16 +17,15 @@ from cobot.ipc.session_rules import check_chunk, check_setpoint
 from cobot.types import LoopMode, vector
 
 REST_S = 5.0
-"""An arm that was told to stop is waited for so long, s: it takes 2.5 s at the most."""
+"""Timeout for stopping the arm at the end of a session, in seconds. A stop takes at most 2.5 s."""
 POLL_S = 0.01
 State = TypeVar("State")
 
 
 class Control(ABC, Generic[State]):
-    """One session. Make it with a `Robot`; use it in a `with` block, or call `stop`.
+    """One session. Create it with a `Robot`. Use it in a `with` block, or call `stop`.
 
-    Whatever becomes of this process, rtloop brings the arm to rest: when targets stop coming, when the
-    process ends, however it ends.
+    rtloop stops the arm when targets stop coming, and when this process ends for any reason.
     """
 
     def __init__(self, transport: Transport, request: np.ndarray) -> None:
@@ -48,27 +47,27 @@ class Control(ABC, Generic[State]):
 
     @abstractmethod
     def get_state(self) -> State:
-        """The state as rtloop has measured it last, at most some milliseconds old.
+        """The state that rtloop measured last. It is at most some milliseconds old.
 
         Raises:
             UnavailableError: rtloop does not answer.
         """
 
     def is_running(self) -> bool:
-        """Whether targets are still followed."""
+        """Whether the arm still follows targets."""
         try:
             return not self._ended and int(self._transport.state()["session"]) == self._session
         except UnavailableError:
             return False
 
     def trigger_estop(self) -> None:
-        """Bring the arm to rest and latch; see `Robot.clear_fault`. Takes no lock, from any thread.
+        """Stop the arm and latch an e-stop; see `Robot.clear_fault`. Takes no lock. Callable from any thread.
 
         Raises:
-            MotionStopped: this control has been stopped: the arm is no longer its own to stop.
+            MotionStopped: this control has been stopped, so it may no longer stop the arm.
         """
         if self._ended:
-            raise MotionStopped("this control has been stopped; POST /stop stops what else moves the arm")
+            raise MotionStopped("this control has been stopped; POST /stop stops any other motion of the arm")
         self._transport.request_estop()
 
     def stop(self) -> None:
@@ -76,7 +75,7 @@ class Control(ABC, Generic[State]):
 
         Raises:
             UnavailableError: rtloop does not answer.
-            ExecutionError: the arm does not come to rest.
+            ExecutionError: the arm does not stop within the timeout.
         """
         with self._turn:
             if self._ended:
@@ -90,7 +89,8 @@ class Control(ABC, Generic[State]):
             self._transport.clock.sleep(POLL_S / 10)
 
     def _publish(self, counter: str, **fields: object) -> None:
-        """Have rtloop take these fields of the setpoint, the others as they are; or change nothing at all."""
+        """Send these fields of the setpoint to rtloop and leave the others unchanged. If rtloop refuses one,
+        nothing changes."""
         with self._turn:
             wanted = self._setpoint.copy()
             for name, value in fields.items():
@@ -102,7 +102,7 @@ class Control(ABC, Generic[State]):
             self._setpoint = wanted
 
     def _require_running(self, state: np.ndarray) -> None:
-        """Nobody shall go on sending targets that no arm follows.
+        """Raise if the session has ended, so that a client cannot send targets that no arm follows.
 
         Raises:
             MotionStopped: the session has ended, with the reason.
@@ -121,7 +121,7 @@ class Control(ABC, Generic[State]):
 
 
 class JointImpedanceControl(Control[JointState]):
-    """Streams joint positions, around which the joints give way like springs."""
+    """Streams joint positions. The joints give way around them like springs."""
 
     def get_state(self) -> JointState:
         return joint_state(self._transport.state())
@@ -132,17 +132,16 @@ class JointImpedanceControl(Control[JointState]):
         velocities: Sequence[float] = (),
         accelerations: Sequence[float] = (),
     ) -> None:
-        """Where the joints shall be, one command period from now.
+        """Set the joint target that is due one command period from now.
 
         Args:
             positions: rad.
-            velocities: at the target, rad/s; without them the interpolation makes its own.
-            accelerations: rad/s²; checked, and of no further use.
+            velocities: at the target, rad/s; without them the interpolation chooses its own.
+            accelerations: rad/s²; they are checked and then ignored.
 
-        Raises:
-            InputError: another number of joints, a value that is not finite, or, once, from the second target
-                on: the first target was too far from the arm to be followed.
-            MotionStopped: the session has ended, with the reason.
+        Raises: InputError: the number of joints is wrong, or a value is not finite. From the second target on
+        it is raised once if the first target was too far from the arm to be followed. MotionStopped: the
+        session has ended, with the reason.
         """
         target = vector(positions, self._dof, name="positions")
         rates = vector(velocities, self._dof, name="velocities") if len(velocities) else 0.0
@@ -151,7 +150,8 @@ class JointImpedanceControl(Control[JointState]):
         self._publish("number", joints=target, feed_forward=bool(len(velocities)), joint_velocity=rates)
 
     def set_chunk(self, times_s: Sequence[float], positions: Sequence[Sequence[float]]) -> None:
-        """Where the joints shall be at times to come: an action chunk. A newer one replaces what lies ahead.
+        """Set joint targets for future times: an action chunk. A newer chunk replaces what has not been
+        executed.
 
         Args:
             times_s: on the robot's clock, see `Robot.clock_s`, increasing.
@@ -177,13 +177,13 @@ class JointImpedanceControl(Control[JointState]):
 
 
 class JointTorqueControl(Control[JointState]):
-    """Streams joint torques, on top of what gravity and motion take."""
+    """Streams joint torques, which are added to the torques for gravity and motion."""
 
     def get_state(self) -> JointState:
         return joint_state(self._transport.state())
 
     def set_target_torques(self, torques: Sequence[float]) -> None:
-        """The torques from now on, N·m; those beyond the limits count as the limits.
+        """Set the joint torques from now on, N·m. Torques beyond the limits are clamped to them.
 
         Raises:
             InputError, MotionStopped: as `JointImpedanceControl.set_target_joints`.
@@ -192,7 +192,7 @@ class JointTorqueControl(Control[JointState]):
 
 
 class CartesianMotionForceControl(Control[CartesianState]):
-    """Streams poses and wrenches of the TCP, around which it gives way like a spring."""
+    """Streams poses and wrenches of the TCP. The TCP gives way around its pose like a spring."""
 
     def get_state(self) -> CartesianState:
         return cartesian_state(self._transport.state())
@@ -204,17 +204,15 @@ class CartesianMotionForceControl(Control[CartesianState]):
         velocity: Sequence[float] = (),
         acceleration: Sequence[float] = (),
     ) -> None:
-        """Where the TCP shall be, one command period from now; ignored while a `move_to_pose` is under way.
+        """Set the TCP target that is due one command period from now. It is ignored during a `move_to_pose`.
 
-        Args:
-            pose: x, y, z in m and w, x, y, z, in the base frame.
-            wrench: what the TCP shall exert along the axes with force control, in the force frame: N, N·m.
-            velocity: at the target: m/s, rad/s, in the base frame; without it the interpolation makes one.
-            acceleration: m/s², rad/s²; checked, and of no further use.
+        Args: pose: x, y, z in m and w, x, y, z, in the base frame. wrench: force and torque that the TCP
+        exerts along the force-controlled axes, in the force frame: N, N·m. velocity: at the target: m/s,
+        rad/s, in the base frame; without it the interpolation chooses one. acceleration: m/s², rad/s²; it is
+        checked and then ignored.
 
-        Raises:
-            InputError: another number of numbers, one that is none, or no quaternion.
-            MotionStopped: the session has ended, with the reason.
+        Raises: InputError: the number of values is wrong, a value is not a finite number, or the quaternion
+        is invalid. MotionStopped: the session has ended, with the reason.
         """
         force = vector(wrench, 6, name="wrench") if len(wrench) else 0.0
         twist = vector(velocity, 6, name="velocity") if len(velocity) else 0.0
@@ -224,12 +222,12 @@ class CartesianMotionForceControl(Control[CartesianState]):
         self._publish("number", pose=target, wrench=force, feed_forward=bool(len(velocity)), twist=twist)
 
     def move_to_pose(self, pose: Sequence[float], duration_sec: float = 3.0) -> None:
-        """Begin a minimum-jerk motion to a pose and return; one to the same pose that runs goes on.
+        """Begin a minimum-jerk motion to a pose and return. A running motion to the same pose continues.
 
-        Within the limits of velocity and acceleration: what is too short for them takes longer.
+        A duration that is too short for the limits of velocity and acceleration is lengthened.
 
         Raises:
-            InputError: no pose, or no duration from 0.001 to 600 s.
+            InputError: the pose is invalid, or the duration is not 0.001 to 600 s.
             MotionStopped: the session has ended, with the reason.
         """
         self._publish("move", move_pose=vector(pose, 7, name="pose"), move_duration_s=duration_sec)
@@ -237,13 +235,13 @@ class CartesianMotionForceControl(Control[CartesianState]):
     def move_to_pose_sync(
         self, pose: Sequence[float], duration_sec: float = 3.0, timeout_sec: float = 0.0
     ) -> bool:
-        """`move_to_pose`, and wait for its end.
+        """Call `move_to_pose` and wait until the motion ends.
 
         Args:
-            timeout_sec: 0 for none.
+            timeout_sec: 0 for no timeout.
 
         Returns:
-            Whether it has ended within the timeout.
+            Whether the motion has ended within the timeout.
         """
         self.move_to_pose(pose, duration_sec)
         deadline_s = self._transport.clock.now_s() + (timeout_sec or np.inf)
@@ -254,7 +252,7 @@ class CartesianMotionForceControl(Control[CartesianState]):
         return True
 
     def is_moving(self) -> bool:
-        """Whether a `move_to_pose` is under way.
+        """Whether a `move_to_pose` is running.
 
         Raises:
             MotionStopped: the session has ended, with the reason.
@@ -264,7 +262,7 @@ class CartesianMotionForceControl(Control[CartesianState]):
         return bool(state["move_running"]) or int(state["move_seen"]) != int(self._setpoint["move"])
 
     def cancel_move(self) -> None:
-        """End a `move_to_pose`: the arm comes to rest where it is, and waits for the next target."""
+        """End a `move_to_pose`: the arm stops and waits for the next target."""
         with self._turn:
             self._require_running(self._transport.state())
             self._setpoint["cancel"] = self._setpoint["move"]

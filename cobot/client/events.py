@@ -1,4 +1,4 @@
-"""What happens at the service, read as server-sent events; see docs/events.md."""
+"""Events of the service, read as server-sent events; see docs/events.md."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from cobot.client.connection import Connection, Json
 from cobot.errors import UnavailableError
 
 SILENT_S = 20.0
-"""The service says something every 5 s: who hears nothing for so long has lost the connection."""
+"""Time without data after which the connection counts as lost, in seconds. The service sends every 5 s."""
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 2.0
 UNTOLD = ("hello", "alive")
 
 
 def blocks(lines: Iterator[str]) -> Iterator[dict[str, str]]:
-    """The blocks of a text/event-stream: what fields they have, `data` in one piece."""
+    """The blocks of a text/event-stream: the fields of each block, with the lines of `data` joined."""
     fields: dict[str, str] = {}
     for line in lines:
         name, _, value = line.partition(":")
@@ -35,11 +35,11 @@ def blocks(lines: Iterator[str]) -> Iterator[dict[str, str]]:
 
 
 class EventReader:
-    """Reads one stream after the other, each from where the last one has ended.
+    """Reads one stream after another. Each one continues after the last event of the one before.
 
     Args:
-        stream: opens one, with these headers; raises the service's error where it refuses it.
-        patience_s: so long nobody may answer.
+        stream: opens a stream with these headers; raises the service's error if the service refuses it.
+        patience_s: how long the service may be unreachable.
     """
 
     def __init__(
@@ -56,11 +56,11 @@ class EventReader:
         self._heard_s: float | None = None
 
     def events(self) -> Iterator[Json]:
-        """Without an end.
+        """Yield events without an end.
 
         Raises:
-            UnavailableError: nobody answers, or nobody does any more for `patience_s`.
-            CobotError: what the service says to what was asked for.
+            UnavailableError: the service is unreachable at the start, or for longer than `patience_s`.
+            CobotError: the service refuses the request.
         """
         pause_s = FIRST_PAUSE_S
         while True:
@@ -86,12 +86,12 @@ class EventReader:
                 self._heard_s = self._now_s()
                 if "data" in fields and fields.get("event") not in UNTOLD:
                     yield json.loads(fields["data"])
-                # Only now: who stops in the middle of it has not had it.
+                # Store the id only now: a caller that leaves the loop at the event has not processed it.
                 self._last_id = fields.get("id", self._last_id)
 
 
 class EventConnection(Connection):
-    """A connection that can listen."""
+    """A connection that can receive events."""
 
     def events(
         self,
@@ -102,15 +102,15 @@ class EventConnection(Connection):
         after: str | None = None,
         patience_s: float = 60.0,
     ) -> Iterator[Json]:
-        """What happens, as it happens: dicts with `id`, `epoch`, `time`, `robot`, `type`, `data`. Without an
-        end; a connection that is lost is made again, and goes on after the last event.
+        """Yield events as they happen: dicts with `id`, `epoch`, `time`, `robot`, `type`, `data`. There is no
+        end. A lost connection is opened again and continues after the last event.
 
         Args:
-            types: of events; all without any. States come whatever the types are, if `state_hz` is given.
-            robot: the events of this robot alone; for a client of all of them.
-            state_hz: so often a second the newest state comes, 0.1 to 100.
-            after: "EPOCH-ID" of an event of before, "0" for all that are kept; else new ones.
-            patience_s: a connection that was lost is tried for so long; then it raises UnavailableError.
+            types: event types; all if none is given. With `state_hz`, states come whatever the types are.
+            robot: only the events of this robot; for a client of all robots.
+            state_hz: rate of states, 0.1 to 100 per second.
+            after: "EPOCH-ID" of an earlier event, "0" for all stored events; without it only new ones.
+            patience_s: how long a lost connection is retried before UnavailableError is raised.
         """
         asked: Json = {"robot": robot, "state_hz": state_hz, "after": after}
         if types:

@@ -1,4 +1,4 @@
-"""Motions that the service carries out while the program goes on."""
+"""Motions that the service executes while the program continues."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from cobot.errors import ExecutionError, MotionTimeout
 
 ENDS = ("finished", "failed", "cancelled", "interrupted")
 POLL_S = 5.0
-"""The service is asked to answer at the end of a job, and after so long in any case."""
+"""Longest wait of one request for the end of a job, in seconds. The service then answers in any case."""
 
 
 class JobHandle:
-    """A job, as `Client.move_joints(..., wait=False)` gives it.
+    """A job, as `Client.move_joints(..., wait=False)` returns it.
 
     Attributes:
         id: its number.
 
-    Every method raises as those of `Client` do: `NotFoundError` once the service has forgotten the job.
+    Every method raises what those of `Client` raise, and `NotFoundError` once the service has removed the
+    job.
     """
 
     def __init__(self, connection: Connection, job: str) -> None:
@@ -28,21 +29,21 @@ class JobHandle:
 
     @property
     def state(self) -> str:
-        """queued, planning, running, paused; finished, failed, cancelled, interrupted."""
+        """The state: queued, planning, running or paused; finished, failed, cancelled or interrupted."""
         return str(self.read()["state"])
 
     def read(self, wait_s: float = 0.0) -> Json:
-        """The job as it is now, or once it has ended, `wait_s` from now at the latest (60 at the most)."""
+        """The job now, or at its end, at the latest after `wait_s` (at most 60)."""
         return self._connection._json(
             "GET", f"/jobs/{self.id}", params={"wait_s": wait_s}, timeout=wait_s + 10.0
         )
 
     def wait(self, timeout_s: float = math.inf) -> Json:
-        """The job once the arm has arrived and settled.
+        """Wait until the arm has arrived and settled, and return the job.
 
         Raises:
-            MotionTimeout: it goes on after `timeout_s`.
-            CobotError: it has not arrived, of the class that its `code` names.
+            MotionTimeout: the job is still running after `timeout_s`.
+            CobotError: the job has failed; the class is that of its `code`.
         """
         until_s = SYSTEM.now_s() + timeout_s
         while (job := self.read(max(min(POLL_S, until_s - SYSTEM.now_s()), 0.0)))["state"] not in ENDS:
@@ -55,23 +56,23 @@ class JobHandle:
         return job
 
     def cancel(self) -> Json:
-        """End it: the arm comes to rest on its path."""
+        """End the job: the arm stops on its path."""
         return self._tell("cancel")
 
     def pause(self, at_waypoint: int | None = None) -> Json:
-        """Bring the arm to rest on its path; the job waits there.
+        """Pause the job: the arm stops on its path.
 
         Args:
-            at_waypoint: have a sequence wait there instead, once it has reached it; 0: at the next one.
+            at_waypoint: number of the waypoint at which a sequence pauses instead; 0 for the next one.
         """
         return self._tell("pause", **{} if at_waypoint is None else {"at_waypoint": at_waypoint})
 
     def step(self) -> Json:
-        """Go on with a sequence or program that is paused, to its next stop."""
+        """Let a paused sequence or program run to its next stop."""
         return self._tell("step")
 
     def resume(self, waypoint: int | None = None) -> Json:
-        """Go on; a sequence that waits at a waypoint from any other one, if it is given."""
+        """Resume the job. A sequence that is paused at a waypoint can resume from another one."""
         return self._tell("resume", **{} if waypoint is None else {"waypoint": waypoint})
 
     def _tell(self, what: str, **query: int) -> Json:
@@ -83,22 +84,22 @@ class JobHandle:
 
 
 class Jobs(Connection):
-    """What a client can ask of jobs."""
+    """The requests of a client about jobs."""
 
     def jobs(self, n: int = 50, *states: str) -> list[Json]:
-        """The newest jobs first, those that go on before those that have ended; only those in `states`."""
+        """The jobs, newest first, active ones before ended ones; if `states` is given, only those in them."""
         return list(self._json("GET", "/jobs", params={"n": n, "state": list(states)})["jobs"])
 
     def job(self, job: str) -> JobHandle:
-        """A job by its id."""
+        """The job with this id."""
         return JobHandle(self, job)
 
     def speed_override(self) -> float:
-        """How fast motions go, as a share of their planned speed."""
+        """Speed override: the fraction of the planned speed at which motions run."""
         return float(self._json("GET", "/robot/speed_override")["fraction"])
 
     def set_speed_override(self, fraction: float) -> float:
-        """Go faster or slower: the motion that runs, and all that follow. 0 has the arm wait on its path."""
+        """Set the speed override of the running motion and all later ones. At 0 the arm waits on its path."""
         body = {"fraction": fraction}
         return float(self._json("POST", "/robot/speed_override", json=body)["fraction"])
 

@@ -1,4 +1,4 @@
-"""What `Robot.execute_primitive` can do: motions of the service, by the names that controllers use."""
+"""The primitives of `Robot.execute_primitive`: motions of the service, named as on robot controllers."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class Primitive:
     """A motion of the service.
 
     Attributes:
-        method: of `Client`.
-        needed: the parameters that it must have.
-        fixed: fields of the motion that make it what it is.
-        default: fields that it has where they are not given.
+        method: name of the method of `Client`.
+        needed: required parameters.
+        fixed: fields of the motion that define the primitive.
+        default: values of fields that are not given.
     """
 
     method: str
@@ -57,14 +57,14 @@ PARAMETERS = {
     "move_pose": ("target", *_TCP, *_WAY),
     "move_arc": ("centre", "axis", "angle", *_TCP, "rise", "turn_tool"),
 }
-"""By the method of `Client`: what its primitives may have, beside what is fixed."""
+"""Parameters that primitives accept in addition to the fixed ones, by the method of `Client`."""
 
 
 def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
-    """The call that executes a primitive. The service looks at the values of the fields.
+    """The call that executes a primitive. The service checks the values of the fields.
 
     Raises:
-        InputError: no such primitive, or wrong parameters; with the valid ones.
+        InputError: unknown primitive or wrong parameters; the message lists the valid ones.
     """
     if name not in PRIMITIVES:
         raise InputError(f"there is no primitive {name!r}; valid are: {', '.join(PRIMITIVES)}")
@@ -76,7 +76,7 @@ def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
     for key, value in params.items():
         valid = [each for each in PARAMETERS[made.method] if each not in made.fixed]
         if key in made.fixed:
-            raise InputError(f"{name}: {key} is {made.fixed[key]!r} and cannot be another one")
+            raise InputError(f"{name}: {key} is {made.fixed[key]!r} and cannot be changed")
         if key not in valid:
             raise InputError(f"{name}: there is no parameter {key!r}; valid are: {', '.join(valid)}")
         body |= _fields(f"{name}: {key}", key, value, dof if made.method == "move_joints" else None)
@@ -85,10 +85,10 @@ def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
 
 
 def _fields(place: str, key: str, value: Any, dof: int | None) -> Json:
-    """What a parameter is in the body of the motion.
+    """Convert a parameter to its form in the body of the motion.
 
     Args:
-        dof: how many joints a target has; None where it is a pose.
+        dof: number of joints of a target; None if the target is a pose.
     """
     match key:
         case "target" if dof is not None:

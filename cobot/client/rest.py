@@ -3,8 +3,8 @@
     with Client("http://localhost:8007") as robot:
         robot.move_joints([0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0], speed=0.5)
 
-Answers are the service's JSON, decoded. What goes wrong is raised as the `CobotError` that the
-service had: an unreachable pose is an `UnreachableError` here too.
+Answers are the service's decoded JSON. Errors of the service are raised as the same `CobotError`: an
+unreachable pose is an `UnreachableError` here too.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ class Client(Moves, EventConnection):
 
     Args:
         url: of the service, for its default robot, or of one of its robots: http://HOST:PORT/robots/NAME.
-        robot: the name of another robot than the default one.
-        timeout_s: for everything that answers at once.
-        motion_timeout_s: for motions, which answer on arrival; above the service's own timeouts.
-        token: of `cobot token create`, for a service that asks for one; without it that in `COBOT_TOKEN`.
+        robot: name of the robot, if it is not the default one.
+        timeout_s: for all requests that are answered at once.
+        motion_timeout_s: for motions, which are answered on arrival; longer than the service's own timeouts.
+        token: made with `cobot token create`, for a service that requires one; default: `COBOT_TOKEN`.
         verify: which certificates to trust, see `cobot.client.tls.tls_context`.
-        motion_token: that of a sequence, for the sequence's own motions.
+        motion_token: token of a sequence, for the sequence's own motions.
 
     Raises (constructor):
-        InputError: that is no URL.
+        InputError: the URL is invalid.
 
     Every method raises:
-        UnavailableError: nobody answers at the URL, or the robot behind it does not.
-        CobotError: the service's error, of the class that its `code` names.
+        UnavailableError: the service or the robot behind it does not answer.
+        CobotError: the service's error; the class is that of its `code`.
     """
 
     def joint_states(self) -> Json:
@@ -63,14 +63,14 @@ class Client(Moves, EventConnection):
         return list(self._request("GET", "/robot/positions"))
 
     def teach_position(self, name: str, joints: Sequence[float] | None = None, description: str = "") -> Json:
-        """Give a place a name: joint angles, rad, or without them where the arm is; it is kept."""
+        """Save a named position: the joint angles, rad, or the present ones if none are given."""
         body: Json = {"name": name, "description": description}
         if joints is not None:
             body["joints"] = list(joints)
         return self._json("POST", "/robot/positions", json=body)
 
     def forget_position(self, name: str) -> None:
-        """Remove a position that was taught."""
+        """Remove a named position that was saved."""
         self._request("DELETE", f"/robot/positions/{name}")
 
     def plan(self, what: str, **request: Any) -> Json:
@@ -83,18 +83,18 @@ class Client(Moves, EventConnection):
         return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
 
     def rehearse(self, plan_id: str) -> Json:
-        """Run a plan on a simulated copy of the robot; nothing moves: `runs_through`, `problem`, `effort`."""
+        """Dry run of a plan on a simulated copy of the robot; nothing moves: `runs_through`, `problem`,
+        `effort`."""
         path = f"/robot/plans/{quote(plan_id, safe='')}/rehearse"
         return self._json("POST", path, timeout=self._motion_timeout_s)
 
     def tool(self) -> Json:
-        """What is on the flange: `version`, `name`, `mass`, `centre`, `inertia`, `position` and `quaternion`
-        of the TCP, `shapes`, `gravity`.
-        """
+        """The tool: `version`, `name`, `mass`, `centre`, `inertia`, `position` and `quaternion` of the TCP,
+        `shapes`, `gravity`."""
         return self._json("GET", "/robot/tool")
 
     def set_tool(self, **changes: Any) -> Json:
-        """Say what is on the flange, while the arm rests; what is not given stays.
+        """Set the tool while the arm rests. Fields that are not given stay unchanged.
 
         Args:
             changes: `clear`, `name`, `mass`, `centre`, `inertia`, `tcp`, `shapes`, `gravity`, as in POST
@@ -107,10 +107,10 @@ class Client(Moves, EventConnection):
         return list(self._json("GET", "/robot/io")["points"])
 
     def set_output(self, name: str, value: float) -> Json:
-        """Set an output of the device by its name; returns when the device reports that it is so.
+        """Set an output of the device by its name. Returns when the device reports the new value.
 
         Args:
-            value: true or false of a boolean one, else a number.
+            value: true or false for a boolean output, else a number.
         """
         return self._json("PUT", f"/robot/io/{quote(name, safe='')}", json={"value": value})
 
@@ -119,7 +119,7 @@ class Client(Moves, EventConnection):
         return self._json("GET", "/scene")
 
     def change_scene(self, **changes: Any) -> Json:
-        """Change the scene, all at once or not at all: `version`, `stopped`, `contacts`.
+        """Change the scene, completely or not at all: `version`, `stopped`, `contacts`.
 
         Args:
             changes: `clear`, `detach`, `frames`, `objects`, `attach` and `allowed`, as in POST /scene.
@@ -127,37 +127,36 @@ class Client(Moves, EventConnection):
         return self._json("POST", "/scene", json=changes)
 
     def put_object(self, name: str, shape: str, **solid: Any) -> Json:
-        """Add a solid to the scene, or replace it.
+        """Add an object to the scene, or replace it.
 
-        Args:
-            shape: "box", "sphere", "cylinder", "capsule", "mesh", "height_field" or "point_cloud".
-            solid: what the shape needs, as `size`, or `radius` and `length`, m, or the `file` of a mesh as
-                base64; `x`, `y`, `z`, `a`, `b`, `c` and `frame_id`; `mass`, kg.
+        Args: shape: "box", "sphere", "cylinder", "capsule", "mesh", "height_field" or "point_cloud". solid:
+        fields of the shape: `size`, or `radius` and `length`, m, or the `file` of a mesh as base64; `x`, `y`,
+        `z`, `a`, `b`, `c` and `frame_id`; `mass`, kg.
         """
         return self.change_scene(objects={name: {"shape": shape, **solid}})
 
     def remove_object(self, name: str) -> Json:
-        """Take a solid out of the scene."""
+        """Remove an object from the scene."""
         return self.change_scene(objects={name: None})
 
     def attach_object(self, name: str, touch: Sequence[str] = ()) -> Json:
-        """Have the hand hold it; it may touch the bodies and objects named in `touch`."""
+        """Attach an object to the hand. It may touch the bodies and objects named in `touch`."""
         return self.change_scene(attach={name: list(touch)})
 
     def detach_object(self, name: str) -> Json:
-        """Have the hand let go: it stands where it is."""
+        """Detach an object from the hand. It stays at its present pose."""
         return self.change_scene(detach=[name])
 
     def send_trajectory(self, points: Sequence[Mapping[str, Any]], **options: bool) -> Json:
-        """Run timed points; returns when the motion has begun. Options as in POST /trajectory/send."""
+        """Run timed points. Returns when the motion has begun. Options as in POST /trajectory/send."""
         body = {"points": [dict(point) for point in points], **options}
         return self._json("POST", "/trajectory/send", json=body, timeout=self._motion_timeout_s)
 
     def send_csv(self, path: str | Path, *, separator: str | None = None, **options: bool) -> Json:
-        """Run timed points from a CSV file; returns when the motion has begun.
+        """Run timed points from a CSV file. Returns when the motion has begun.
 
         Args:
-            separator: None for what the header has.
+            separator: None to detect it from the header.
         """
         with Path(path).open("rb") as file:
             return self._json(
@@ -169,28 +168,28 @@ class Client(Moves, EventConnection):
             )
 
     def trajectory_logs(self, n: int = 50) -> list[str]:
-        """What became of trajectories, the newest line last."""
+        """Results of trajectories, the newest line last."""
         return list(self._json("GET", "/trajectory/logs", params={"n": n})["lines"])
 
     def recordings(self) -> Json:
-        """The `recordings` that there are, the newest first, and how the `recorder` stands."""
+        """The stored `recordings`, newest first, and the state of the `recorder`."""
         return self._json("GET", "/recordings")
 
     def record(self, action: str = "dump", seconds: float | None = None) -> list[str]:
         """Write the last seconds to a file ("dump"), or "start" or "stop" a continuous recording.
 
         Returns:
-            The names of the files; of one that was started, what they will begin with.
+            The names of the files; for "start", the beginning of the names.
         """
         body = {"action": action, "seconds": seconds}
         return list(self._json("POST", "/recordings", json=body, timeout=self._motion_timeout_s)["names"])
 
     def fetch_recording(self, name: str, path: str | Path) -> None:
-        """Write a recording to a file here."""
+        """Download a recording to a local file."""
         self._fetch(f"/recordings/{quote(name, safe='')}", Path(path))
 
     def remove_recording(self, name: str) -> None:
-        """Remove a recording at the service for good."""
+        """Delete a recording at the service permanently."""
         self._json("DELETE", f"/recordings/{quote(name, safe='')}")
 
     def start_sequence(self, path: str | Path, **options: str | float) -> Json:
@@ -204,32 +203,36 @@ class Client(Moves, EventConnection):
             )
 
     def sequence_status(self) -> Json:
-        """How the newest sequence stands."""
+        """State of the newest sequence."""
         return self._json("GET", "/sequences/status")
 
     def sequence_logs(self, n: int = 50) -> list[str]:
-        """What the runner has printed, the newest line last."""
+        """Output of the runner, the newest line last."""
         return list(self._json("GET", "/sequences/logs", params={"n": n})["lines"])
 
     def call_service(self, robot: str, robot_class: str, method: str, arguments: Mapping[str, Any]) -> Json:
         """Call a vendor service of the robot by its name; `code` (0 is success), `message`, `result`."""
-        url = self._http.base_url.copy_with(path=f"/{robot}/{robot_class}/{method}")  # of the service itself
+        url = self._http.base_url.copy_with(
+            path=f"/{robot}/{robot_class}/{method}"
+        )  # URL of the service itself
         return self._json("POST", str(url), json=dict(arguments), timeout=self._motion_timeout_s)
 
     def who_controls(self) -> Json:
-        """Who moves the robot or alone may: `held`, `holder`, `address`, `how`, `what`, `since`, `until`."""
+        """Control and present motion: `held`, `holder`, `address`, `how`, `what`, `since`, `until`."""
         return self._json("GET", "/robot/control")
 
     @contextlib.contextmanager
     def control(self, *, timeout_s: float = 60.0, force: bool = False) -> Iterator[Json]:
-        """Nobody but this client moves the robot within the `with` block; gives what the service answered.
+        """Take control: within the `with` block only this client moves the robot. Yields the service's
+        answer.
 
         Args:
-            timeout_s: when nothing has moved for so long, the control is lost; each motion renews it.
-            force: take it over from whoever has it: what moves the arm ends.
+            timeout_s: time without a motion after which control is lost; each motion renews it.
+            force: take control from another client; its motion ends.
 
         Raises:
-            ConflictError: somebody else has it, with who; in the block: somebody has taken it over.
+            ConflictError: another client has control; the message names it. In the block: another client has
+                taken control.
         """
         body = {"timeout_s": timeout_s, "force": force}
         taken = self._json("POST", "/robot/control", json=body, timeout=15.0)
@@ -237,19 +240,19 @@ class Client(Moves, EventConnection):
         try:
             yield taken
         finally:
-            with contextlib.suppress(CobotError):  # it is lost already, or nobody answers
+            with contextlib.suppress(CobotError):  # control is already lost, or the service does not answer
                 self._json("DELETE", "/robot/control")
             del self._http.headers[CONTROL_TOKEN]
 
     def stop(self, *, category: int = 2) -> Json:
-        """End the sequence, the planning and the motion; the answer says whether the arm is at rest.
+        """End the sequence, the planning and the motion. The answer says whether the arm is at rest.
 
-        Without the name of a robot, those of all robots. It is asked again where no answer came, or that
-        the service is busy: in a crowd it closes connections before it knows what they want.
+        Without the name of a robot, all robots are stopped. The request is repeated if it gets no answer or a
+        "busy", because an overloaded service closes connections before it reads their requests.
 
         Args:
-            category: 2: at rest on the path, held by the drives; 1: as fast as the limits permit, then the
-                drives go off, until `reset`.
+            category: 2: stop on the path, the drives hold the arm; 1: stop as fast as the limits permit, then
+                switch the drives off until `reset`.
         """
         params = None if category == 2 else {"category": category}
         for _ in range(STOP_TRIES - 1):
@@ -258,16 +261,16 @@ class Client(Moves, EventConnection):
         return self._json("POST", "/stop", params=params, timeout=STOP_TIMEOUT_S)
 
     def acknowledge(self, *, payload_checked: bool = False) -> Json:
-        """Somebody has compared the arm with what the first contact with it has found; it goes at full speed.
+        """Confirm that the arm agrees with the findings of the first contact. Motions then run at full speed.
 
         Args:
-            payload_checked: the model's own tool and load are those of the arm, nothing has to be set.
+            payload_checked: the arm carries the tool and load of the model, so that none has to be set.
         """
         body = {"payload_checked": payload_checked}
         return self._json("POST", "/robot/acknowledge", json=body)
 
     def reset(self) -> Json:
-        """Leave an e-stop or a fault."""
+        """Clear an e-stop or a fault."""
         return self._json("POST", "/robot/reset")
 
     def health(self) -> Json:

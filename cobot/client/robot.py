@@ -1,6 +1,6 @@
-"""The real-time client: one arm, its state, and the sessions in which it is streamed to.
+"""The real-time client: one arm, its state, and its streaming sessions.
 
-A long module, because its one class is the vocabulary of its users.
+This module is long because its one class is the vocabulary of its users.
 """
 
 from __future__ import annotations
@@ -43,38 +43,38 @@ STREAMING = {
 }
 
 LATE_S = 0.5
-"""Over a network a state may be so much older than an answer of REST, which says that a motion has ended."""
+"""Largest age of a network state compared with a REST answer that reports the end of a motion, in seconds."""
 
 
 class Robot(SessionSettings):
-    """An arm that `cobot run` serves on this computer, or, by the URL of its service, on another one.
+    """An arm that `cobot run` serves on this computer, or on another one by the URL of its service.
 
         with Robot("iiwa") as robot:
             robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
             with robot.start_joint_impedance_control() as control:
                 control.set_target_joints(control.get_state().q)
 
-    Every method has a name in snake_case; those that a libpyflexiv script calls have that name too.
+    Every method has a name in snake_case. Methods that a libpyflexiv script calls have that name too.
 
     Args:
         serial_number: the robot's name (`robot.name` in its settings), or http://HOST:PORT, for one of
             several http://HOST:PORT/robots/NAME.
-        network_whitelist: accepted; the operating system chooses the way.
-        connect_retries: how often to try again when there is no such robot yet.
-        retry_interval_sec: between tries.
+        network_whitelist: accepted and ignored; the operating system chooses the network interface.
+        connect_retries: number of further attempts while the robot does not exist yet.
+        retry_interval_sec: pause between attempts.
         verbose: log the connection.
-        lite: accepted; there is nothing to leave out.
-        clock: that the robot goes by.
+        lite: accepted and ignored.
+        clock: the robot's clock.
         client: makes a client of its service from the URL; without it a `Client`.
-        token, verify: see `Client`; for its service, not for its shared memory.
+        token, verify: see `Client`; for the robot's service, not for its shared memory.
 
     Raises:
-        UnavailableError: there is no such robot, or its rtloop does not answer.
-        LayoutError: it is served by another version of cobot.
-        NotSupportedError: a name, where the service is not installed: only its URL leads to it from there.
+        UnavailableError: the robot does not exist, or its rtloop does not answer.
+        LayoutError: another version of cobot serves the robot.
+        NotSupportedError: a name was given where the service is not installed; use the URL there.
     """
 
-    # Many parameters, as they are its users' vocabulary: libpyflexiv's, and what goes beyond it by name.
+    # The many parameters are the vocabulary of libpyflexiv's users; additional ones are keyword-only.
     def __init__(
         self,
         serial_number: str,
@@ -112,16 +112,16 @@ class Robot(SessionSettings):
     # Lifecycle
 
     def enable(self) -> None:
-        """See that the arm may move: its drives are on from the start.
+        """Check that the arm may move. Its drives are on from the start.
 
         Raises:
-            NotReadyError: an e-stop or a fault is latched, with the reason and the way out.
+            NotReadyError: an e-stop or a fault is latched, with the reason and the remedy.
             UnavailableError: rtloop does not answer.
         """
         self._require_ready(self._state())
 
     def stop(self) -> None:
-        """End the session, the plan and any other motion of the arm, wait until it rests, and be IDLE.
+        """End the session, the plan and any other motion. Waits until the arm rests; the mode is then IDLE.
 
         Raises:
             UnavailableError: the robot does not answer.
@@ -135,7 +135,7 @@ class Robot(SessionSettings):
         self._chosen = Mode.IDLE
 
     def close(self) -> None:
-        """Stop what this object has begun and let go of the robot. May be called again."""
+        """Stop what this object has begun and disconnect from the robot. May be called again."""
         if self._closed:
             return
         try:
@@ -148,7 +148,7 @@ class Robot(SessionSettings):
             self._transport.close()
 
     def clear_fault(self, timeout: float = 5) -> bool:
-        """Leave an e-stop or a fault, once its cause is gone; whether the arm may move then.
+        """Clear an e-stop or a fault whose cause is gone. Returns whether the arm may move then.
 
         Raises:
             NotReadyError: the cause persists, with the reason.
@@ -172,17 +172,17 @@ class Robot(SessionSettings):
         return self.operational()
 
     def switch_mode(self, mode: Mode) -> None:
-        """Choose what the arm is used for.
+        """Select the mode of the arm.
 
         Raises:
-            InputError: no such mode, or one that cannot be chosen.
-            ConflictError: the arm moves, or is streamed to: stop it first.
+            InputError: unknown mode, or one that cannot be selected.
+            ConflictError: the arm moves or has a streaming session; stop it first.
             NotReadyError: see `enable`.
         """
         state = self._state()
         if mode not in SWITCHES[self.mode()]:
             valid = ", ".join(sorted(other.name for other in SWITCHES[self.mode()]))
-            raise InputError(f"mode {self.mode().name} does not go over to {mode!r}; valid are: {valid}")
+            raise InputError(f"mode {self.mode().name} cannot change to {mode!r}; valid are: {valid}")
         self._require_ready(state)
         deadline_s = self._clock.now_s() + LATE_S
         while int(state["mode"]) != LoopMode.HOLD and self._clock.now_s() < deadline_s:
@@ -208,7 +208,7 @@ class Robot(SessionSettings):
         return int(self._state()["mode"]) == LoopMode.FAULT
 
     def busy(self) -> bool:
-        """Whether a plan, a primitive or another planned motion is under way."""
+        """Whether a plan, a primitive or another planned motion is running."""
         return self._plan.running or int(self._state()["mode"]) == LoopMode.TRAJECTORY
 
     def stopped(self) -> bool:
@@ -220,36 +220,36 @@ class Robot(SessionSettings):
         return int(self._state()["mode"]) != LoopMode.ESTOP
 
     def reduced(self) -> bool:
-        """Whether the arm is slowed down by a safety input; this controller has none: False."""
+        """Whether a safety input reduces the speed of the arm. This controller has none: False."""
         return False
 
     def recovery(self) -> bool:
-        """Whether a joint stands beyond its limits, so that it can only be moved back."""
+        """Whether a joint is beyond its limits, so that it can only be moved back."""
         position, info = self._state()["position"], self._transport.info
         return bool(((position < info["min_position"]) | (position > info["max_position"])).any())
 
     def mode(self) -> Mode:
-        """What the arm is used for; UNKNOWN while rtloop does not answer."""
+        """The mode; UNKNOWN while rtloop does not answer."""
         state = self._quiet_state()
         if state is None:
             return Mode.UNKNOWN
         return STREAMING.get(LoopMode(int(state["mode"])), self._chosen)
 
     def interventions(self) -> dict[str, int]:
-        """How often rtloop has stepped in, by kind: `jump` counts the targets that it refused."""
+        """Number of interventions of rtloop, by kind: `jump` counts the targets that it refused."""
         counts = self._state()["interventions"].tolist()
         return {kind.name.lower(): count for kind, count in zip(Intervention, counts, strict=True)}
 
     def clock_s(self) -> float:
-        """The robot's clock, for `set_chunk`: s."""
+        """The time on the robot's clock, in seconds, for `set_chunk`."""
         return float(self._state()["robot_time_s"])
 
     def info(self) -> RobotInfo:
-        """What stays as it is."""
+        """Constant facts about the robot."""
         return self._info
 
     def states(self) -> RobotStates:
-        """All that is measured.
+        """All measured values.
 
         Raises:
             UnavailableError: rtloop does not answer.
@@ -257,7 +257,7 @@ class Robot(SessionSettings):
         return robot_states(self._state(), self._flange)
 
     def commanded_position(self) -> list[float]:
-        """Where rtloop commands the joints to be: rad."""
+        """The commanded joint positions, rad."""
         commanded: list[float] = self._state()["commanded_position"].tolist()
         return commanded
 
@@ -266,14 +266,12 @@ class Robot(SessionSettings):
     def execute_plan(self, name: str, **options: str | float) -> None:
         """Begin a plan and return when the arm moves.
 
-        Args:
-            name: "PLAN-Home" or "home" for a named position, or the path of a sequence file (*.json).
-            options: of the motion or the sequence, see docs/api.md: speed, ...; a sequence runs once if they
-                do not say how often.
+        Args: name: "PLAN-Home" or "home" for a named position, or the path of a sequence file (*.json).
+        options: of the motion or the sequence, see docs/api.md: speed, ...; a sequence runs once by default.
 
         Raises:
-            ConflictError: the mode is not NRT_PLAN_EXECUTION, or somebody else moves the arm.
-            CobotError: the plan cannot be carried out, or the one before has failed.
+            ConflictError: the mode is not NRT_PLAN_EXECUTION, or another client moves the arm.
+            CobotError: the plan cannot be executed, or the previous one has failed.
         """
         self._require_mode(Mode.NRT_PLAN_EXECUTION)
         if name.endswith(".json"):
@@ -297,7 +295,7 @@ class Robot(SessionSettings):
             params: its parameters, and the fields of its motion, as `speed`.
 
         Raises:
-            InputError: no such primitive, or wrong parameters; with the valid ones.
+            InputError: unknown primitive or wrong parameters; the message lists the valid ones.
             ConflictError, CobotError: as `execute_plan`, with NRT_PRIMITIVE_EXECUTION.
         """
         self._require_mode(Mode.NRT_PRIMITIVE_EXECUTION)
@@ -314,12 +312,12 @@ class Robot(SessionSettings):
         """Begin to stream joint positions.
 
         Args:
-            inner_control_hz: how often a new target is taken, 1 to 1000: the rate of who sends them.
-            interpolate_cmds: go to each target at constant velocity, within one period of that rate.
-            interpolation: another way to go: none, linear, quintic or ruckig.
+            inner_control_hz: rate at which rtloop takes a new target, 1 to 1000: the rate of the sender.
+            interpolate_cmds: move to each target at constant velocity, within one period of that rate.
+            interpolation: another interpolation: none, linear, quintic or ruckig.
 
         Raises:
-            ConflictError: the mode is not RT_ or NRT_JOINT_IMPEDANCE, or somebody else streams.
+            ConflictError: the mode is not RT_ or NRT_JOINT_IMPEDANCE, or another client has a session.
             ExecutionError: rtloop refuses, with its reason.
         """
         self._describe(Stream.JOINT_IMPEDANCE, inner_control_hz, interpolate_cmds, interpolation)
@@ -337,7 +335,7 @@ class Robot(SessionSettings):
         """Begin to stream poses and wrenches; see `start_joint_impedance_control`.
 
         Raises:
-            ConflictError: the mode is not RT_ or NRT_CARTESIAN_MOTION_FORCE, or somebody else streams.
+            ConflictError: the mode is not RT_ or NRT_CARTESIAN_MOTION_FORCE, or another client has a session.
             ExecutionError: rtloop refuses, with its reason.
         """
         self._describe(Stream.CARTESIAN, inner_control_hz, interpolate_cmds, interpolation)
@@ -350,7 +348,7 @@ class Robot(SessionSettings):
         """Begin to stream joint torques.
 
         Raises:
-            ConflictError: the mode is not RT_JOINT_TORQUE, or somebody else streams.
+            ConflictError: the mode is not RT_JOINT_TORQUE, or another client has a session.
             ExecutionError: rtloop refuses, with its reason.
         """
         self._describe(Stream.JOINT_TORQUE, 1000, False, None)
@@ -382,7 +380,8 @@ class Robot(SessionSettings):
         mode = LoopMode(int(state["mode"]))
         if mode in (LoopMode.ESTOP, LoopMode.FAULT):
             raise NotReadyError(
-                f"the robot is in mode {mode.name}: {text(state['reason'])}; see to it, then clear_fault()"
+                f"the robot is in mode {mode.name}: {text(state['reason'])}; remove the cause, then "
+                "call clear_fault()"
             )
 
     def _require_mode(self, *valid: Mode) -> None:
@@ -390,7 +389,7 @@ class Robot(SessionSettings):
         mode = self.mode()
         if mode not in valid:
             names = " or ".join(sorted(other.name for other in valid))
-            raise ConflictError(f"the mode is {mode.name}, this takes {names}: switch_mode first")
+            raise ConflictError(f"the mode is {mode.name}, this needs {names}: call switch_mode first")
 
     Enable, Stop, ClearFault, SwitchMode = enable, stop, clear_fault, switch_mode
     ExecutePlan, ExecutePrimitive = execute_plan, execute_primitive

@@ -1,4 +1,4 @@
-"""What a streaming session shall be like: fixed when it begins."""
+"""The settings of a streaming session. They are fixed when the session begins."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cobot.types import Array, vector
 
 
 class SessionSettings:
-    """The settings of a `Robot`'s sessions; a call counts for those that begin after it.
+    """The settings of a `Robot`'s sessions. A call affects only sessions that begin later.
 
     Args:
         info: record of `cobot.ipc.layout.info_dtype`.
@@ -33,37 +33,37 @@ class SessionSettings:
         self._request = nominal_session(info)
 
     def set_joint_impedance(self, K_q: Sequence[float], Z_q: Sequence[float] | None = None) -> None:
-        """Stiffness (N·m/rad, up to `info().K_q_nom`) and damping ratio (0.3 to 1) of the joints.
+        """Set stiffness (N·m/rad, up to `info().K_q_nom`) and damping ratio (0.3 to 1) of the joints.
 
         Raises:
-            InputError: wrong numbers, with what is allowed.
+            InputError: invalid numbers; the message gives the limits.
         """
         self._set_impedance("", K_q, Z_q, "K_q", "Z_q")
 
     def set_cartesian_impedance(self, K_x: Sequence[float], Z_x: Sequence[float] | None = None) -> None:
-        """Stiffness (N/m, N·m/rad, up to `info().K_x_nom`) and damping ratio (0.3 to 1) of the TCP.
+        """Set stiffness (N/m, N·m/rad, up to `info().K_x_nom`) and damping ratio (0.3 to 1) of the TCP.
 
         Raises:
-            InputError: wrong numbers, with what is allowed.
+            InputError: invalid numbers; the message gives the limits.
         """
         self._set_impedance("cartesian_", K_x, Z_x, "K_x", "Z_x")
 
     def set_max_contact_wrench(self, wrench: Sequence[float]) -> None:
-        """The external force and torque at the TCP beyond which a session ends: N, N·m, above 0."""
+        """Set the external force and torque at the TCP beyond which a session ends: N, N·m, above 0."""
         self._request["max_contact_wrench"] = _positive(wrench, 6, "wrench")
 
     def set_max_contact_torque(self, torques: Sequence[float]) -> None:
-        """The external joint torques beyond which a session ends: N·m, above 0."""
+        """Set the external joint torques beyond which a session ends: N·m, above 0."""
         self._request["max_contact_torque"] = _positive(torques, self._dof, "torques")
 
     def set_force_control_axis(
         self, axes: Sequence[bool], max_vel: Sequence[float] = (1.0, 1.0, 1.0)
     ) -> None:
-        """Along which axes of the force frame the wrench counts, not the pose.
+        """Select the axes of the force frame along which the wrench is controlled instead of the pose.
 
         Args:
             axes: x, y, z, rx, ry, rz.
-            max_vel: the fastest that force control moves along x, y, z: m/s.
+            max_vel: maximum speed of force control along x, y, z: m/s.
         """
         if len(axes) != 6 or not all(isinstance(axis, bool | np.bool_) for axis in axes):
             raise InputError(f"axes must be 6 times True or False, got {list(axes)}")
@@ -71,9 +71,9 @@ class SessionSettings:
         self._request["force_axes"] = axes
 
     def set_force_control_frame(self, coord: CoordType, T: Sequence[float] = NO_FRAME) -> None:
-        """The frame of the force axes: x, y, z in m, w, x, y, z, in the world or in the TCP's frame.
+        """Set the frame of the force axes: x, y, z in m, w, x, y, z, in the world or in the TCP's frame.
 
-        In the world its orientation counts: its axes go through the TCP.
+        In the world only its orientation is used: the axes go through the TCP.
         """
         frame = vector(T, 7, name="T")
         if abs(float(np.linalg.norm(frame[3:])) - 1.0) > 1e-3:
@@ -82,7 +82,7 @@ class SessionSettings:
         self._request["force_frame"] = frame
 
     def set_null_space_posture(self, ref_pos: Sequence[float]) -> None:
-        """The joint angles (rad) that the arm keeps near to as far as the TCP leaves it free."""
+        """Set the joint angles (rad) that the arm stays close to as far as the TCP leaves it free."""
         posture = vector(ref_pos, self._dof, name="ref_pos")
         low, high = self._limits_of["min_position"], self._limits_of["max_position"]
         if not ((posture >= low) & (posture <= high)).all():
@@ -97,7 +97,7 @@ class SessionSettings:
         name = interpolation or ("linear" if interpolate else "none")
         valid = [kind.name.lower() for kind in Interpolation]
         if name not in valid:
-            raise InputError(f"there is no interpolation {name!r}; valid are: {', '.join(valid)}")
+            raise InputError(f"unknown interpolation {name!r}; valid are: {', '.join(valid)}")
         self._request["stream"] = stream
         self._request["interpolation"] = Interpolation[name.upper()]
         self._request["decimation"] = decimation(rate_hz, float(self._limits_of["period_s"]))

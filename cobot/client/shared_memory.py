@@ -1,4 +1,4 @@
-"""How a `Robot` reaches its rtloop on the same computer: through shared memory, which is Linux's."""
+"""Connection of a `Robot` to the rtloop on the same computer, through Linux shared memory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cobot.ipc.stream_writer import StreamWriter
 from cobot.types import LoopMode
 
 STALE_S = 0.25
-"""A state that is older, s, is taken for none: rtloop publishes a thousand in a second."""
+"""Maximum age of a usable state, in seconds. rtloop publishes a thousand states per second."""
 ANSWER_S = 2.0
 POLL_S = 0.001
 
@@ -54,7 +54,7 @@ class SharedMemoryTransport:
         state = self.state()
         if state["session"]:
             raise ConflictError(
-                f"the arm is in mode {LoopMode(int(state['mode'])).name}: somebody streams already"
+                f"the arm is in mode {LoopMode(int(state['mode'])).name}: another client streams already"
             )
         number = self._writer.begin(request, int(state["stops_seen"]))
         try:
@@ -94,7 +94,7 @@ class SharedMemoryTransport:
         self._memory.close()
 
     def _read_info(self) -> np.ndarray:
-        """rtloop describes its robot before its first cycle."""
+        """Wait until rtloop has described its robot, which it does before its first cycle."""
         self.state()
         try:
             return self._memory.info.read().copy()
@@ -102,7 +102,7 @@ class SharedMemoryTransport:
             raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
 
     def _await_session(self, number: int) -> None:
-        """Wait for rtloop's answer, and for the first state in which the session is under way."""
+        """Wait for rtloop's answer, and for the first state in which the session is active."""
         deadline_s = self.clock.now_s() + ANSWER_S
         while (refusal := self._writer.answer(number)) is None:
             if self.clock.now_s() > deadline_s:

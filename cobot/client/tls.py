@@ -1,4 +1,4 @@
-"""Which certificates a client trusts, and connections that two threads share."""
+"""Trusted certificates of a client, and TLS connections that two threads share."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Result = TypeVar("Result")
 
 
 class SharedSocket(ssl.SSLSocket):
-    """One thread may read while another one writes, as the clients of `websockets` do.
+    """A TLS connection in which one thread may read while another writes, as the clients of `websockets` do.
 
-    OpenSSL forbids that for one connection, and before Python 3.13 nobody else prevents it: a request that is
-    written while a session ticket is read gets lost, about once in 300 connections. So the connection is
-    used by one at a time, and nobody waits while using it.
+    OpenSSL forbids that for one connection, and Python before 3.13 does not prevent it: a request that is
+    written while a session ticket is read gets lost, about once in 300 connections. So a lock lets one thread
+    use the connection at a time, and no thread waits for data while it holds the lock.
     """
 
     def __new__(cls, *args: Any, **named: Any) -> SharedSocket:
@@ -59,7 +59,7 @@ class SharedSocket(ssl.SSLSocket):
         return self._in_turn(lambda: plain(data, flags))
 
     def shutdown(self, how: int) -> None:
-        """Leaves what a reader is still using, who finds the end of the stream."""
+        """Shut down without freeing what a reader still uses. The reader finds the end of the stream."""
         super(ssl.SSLSocket, self).shutdown(how)
 
     def _in_turn(self, operation: Callable[[], Result]) -> Result:
@@ -81,20 +81,19 @@ class SharedSocket(ssl.SSLSocket):
 
 
 def token_from_environment() -> str | None:
-    """The access token that `COBOT_TOKEN` holds."""
+    """The access token in `COBOT_TOKEN`."""
     return os.environ.get(TOKEN_VARIABLE) or None
 
 
 def tls_context(verify: Verify) -> ssl.SSLContext:
-    """For a connection to a service.
+    """The TLS context for a connection to a service.
 
-    Args:
-        verify: True for what the computer trusts, or the file that `COBOT_CERTIFICATE` names. A file: the
-            service's own certificate (PEM, the first one in it), and no other, whatever host it was made out
-            to. False for any, which protects from those who listen but not from those who step between.
+    Args: verify: True for the certificates that the computer trusts, or the file that `COBOT_CERTIFICATE`
+    names. A file: only the service's own certificate (the first PEM block in it), for any host name. False
+    for any certificate, which protects from eavesdropping but not from an interceptor.
 
     Raises:
-        InputError: the file is none.
+        InputError: the file is not a certificate.
     """
     context = verify if isinstance(verify, ssl.SSLContext) else _context(verify)
     if context.sslsocket_class is ssl.SSLSocket:
@@ -114,7 +113,7 @@ def _context(verify: bool | str | Path) -> ssl.SSLContext:
         return context
     try:
         first, end, _ = Path(verify).read_text(encoding="ascii").partition(END)
-        # Only the first one: with the others of a chain, whatever their issuers have signed would do.
+        # Trust only the first certificate: with a whole chain, everything its issuers have signed would pass.
         context.load_verify_locations(cadata=first + end)
     except (OSError, ValueError) as exc:  # an SSLError is an OSError
         raise InputError(f"certificate {verify}: {exc}") from exc

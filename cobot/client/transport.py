@@ -1,4 +1,4 @@
-"""What a `Robot` asks of the way to its rtloop: `cobot.client.shared_memory`, or `cobot.client.websocket`."""
+"""Interface between a `Robot` and its rtloop: `cobot.client.shared_memory` or `cobot.client.websocket`."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cobot.errors import NotSupportedError
 
 
 class Transport(Protocol):
-    """The way to a robot. Methods of one session may be called from several threads.
+    """A connection to a robot. Methods of one session may be called from several threads.
 
     Attributes:
         robot: its name.
         url: of its service, "" if it has none.
         dof: number of joints.
-        clock: that its robot goes by.
+        clock: the robot's clock.
         info: record of `cobot.ipc.layout.info_dtype`.
     """
 
@@ -28,60 +28,59 @@ class Transport(Protocol):
     info: np.ndarray
 
     def state(self) -> np.ndarray:
-        """The newest state, a record of `cobot.ipc.state_fields.state_dtype`, which is the caller's to keep.
+        """The newest state, a record of `cobot.ipc.state_fields.state_dtype`. The caller may keep it.
 
         Raises:
-            UnavailableError: there is none that is fresh.
+            UnavailableError: there is no fresh state.
         """
         ...
 
     def open_session(self, request: np.ndarray) -> int:
         """Begin to stream.
 
-        Args:
-            request: record of `cobot.ipc.layout.session_dtype`; number, process and count of stops are filled
-                in.
+        Args: request: record of `cobot.ipc.layout.session_dtype`; the transport fills in the number, the
+        process and the count of stops.
 
         Returns:
             The session's number.
 
         Raises:
-            ConflictError: somebody else streams.
+            ConflictError: another client has a session.
             ExecutionError: rtloop refuses, with its reason.
-            UnavailableError: it does not answer.
+            UnavailableError: rtloop does not answer.
         """
         ...
 
     def send_setpoint(self, setpoint: np.ndarray) -> None:
-        """Give what is wanted now, a record of `cobot.ipc.layout.setpoint_dtype`.
+        """Send the present setpoint, a record of `cobot.ipc.layout.setpoint_dtype`.
 
         Raises:
-            InputError: once, the first target was too far from the arm to be followed.
+            InputError: raised once if the first target was too far from the arm to be followed.
         """
         ...
 
     def send_chunk(self, chunk: np.ndarray) -> None:
-        """Give timed targets, a record of `cobot.ipc.layout.chunk_dtype`."""
+        """Send timed targets, a record of `cobot.ipc.layout.chunk_dtype`."""
         ...
 
     def request_estop(self) -> None:
-        """Trigger an e-stop without waiting for anything. Only the client with the session may."""
+        """Trigger an e-stop without waiting. Only the client with the session may do so."""
         ...
 
     def end_session(self) -> None:
-        """Stop streaming; the arm comes to rest. Nothing happens if there is no session."""
+        """Stop streaming; the arm stops. Without a session nothing happens."""
         ...
 
     def close(self) -> None:
-        """End the session and let go of the robot."""
+        """End the session and disconnect from the robot."""
         ...
 
 
 def local_transport(robot: str, clock: Clock) -> Transport:
-    """To a robot that runs on this computer, by its name.
+    """A transport to a robot that runs on this computer, by its name.
 
     Raises:
-        NotSupportedError: this is the distribution cobot-client alone, which has no shared memory.
+        NotSupportedError: only the distribution cobot-client is installed, which has no shared memory.
     """
     try:
         from cobot.client.shared_memory import SharedMemoryTransport

@@ -1,4 +1,4 @@
-"""How a `Robot` reaches its rtloop from another computer: through the service's WebSocket."""
+"""Connection of a `Robot` to an rtloop on another computer, through the service's WebSocket."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from cobot.ipc.layout import info_dtype
 from cobot.ipc.state_fields import LAYOUT_VERSION
 
 STALE_S = 0.5
-"""A state that came longer ago is none: a robot on this computer would have to be faster."""
+"""Maximum age of a usable state, in seconds. It is larger than for a robot on this computer."""
 ANSWER_S = 6.0
-"""An answer is waited for so long, s: the service itself waits for rtloop before it answers."""
+"""Timeout for an answer, in seconds. The service itself waits for rtloop before it answers."""
 CONNECT_S = 5.0
 STATE_RATE_HZ = 500
 PING_S = 5.0
@@ -32,18 +32,18 @@ Result = TypeVar("Result")
 
 
 class WebSocketTransport:
-    """The `cobot.client.transport.Transport` over a network. A thread of its own keeps the newest state.
+    """The `cobot.client.transport.Transport` over a network. A separate thread receives the newest state.
 
-    Targets are not answered: an error in one is raised by the next call that sends one.
+    Targets are not answered. An error in one is raised by the next call that sends one.
 
     Args:
         url: of the robot's service: http://HOST:PORT, or http://HOST:PORT/robots/NAME for one of several.
         token, verify: see `cobot.client.Client`.
 
     Raises:
-        UnavailableError: nobody answers there, or rtloop does not.
-        InputError: that is no URL.
-        LayoutError: the service is of another version of cobot.
+        UnavailableError: the service or its rtloop does not answer.
+        InputError: the URL is invalid.
+        LayoutError: the service is another version of cobot.
     """
 
     def __init__(
@@ -80,9 +80,7 @@ class WebSocketTransport:
     def state(self) -> np.ndarray:
         age_s = self.clock.now_s() - self._newest_s
         if self._lost or age_s > STALE_S:
-            raise UnavailableError(
-                f"{self.url}: {self._lost or f'no state of rtloop has come for {age_s:.1f} s'}"
-            )
+            raise UnavailableError(f"{self.url}: {self._lost or f'no state of rtloop for {age_s:.1f} s'}")
         return record(self._newest, self.dof)
 
     def open_session(self, request: np.ndarray) -> int:
@@ -90,7 +88,7 @@ class WebSocketTransport:
         self._send(packed(Kind.SESSION, 0, request))
         number = self._wait(self._session_or_error, "answered")
         answered_s = self.clock.now_s()
-        # The service has seen the session in a state before it answered; the next one has it too.
+        # The service saw the session in a state before it answered, so the next state has it too.
         self._wait(lambda: self._newest_s > answered_s or None, "sent a state of the session")
         self._sequence = 0
         return number
@@ -163,7 +161,7 @@ class WebSocketTransport:
             raise error
 
     def _wait(self, condition: Callable[[], Result | None], what: str) -> Result:
-        """What the condition gives once it gives something."""
+        """Wait until the condition returns a value, and return it."""
         found: Result | None = None
 
         def met() -> bool:
@@ -174,7 +172,9 @@ class WebSocketTransport:
         with self._changed:
             self._changed.wait_for(met, ANSWER_S)
         if found is None:
-            raise UnavailableError(f"{self.url}: {self._lost or f'nobody has {what} for {ANSWER_S:g} s'}")
+            raise UnavailableError(
+                f"{self.url}: {self._lost or f'the service has not {what} for {ANSWER_S:g} s'}"
+            )
         return found
 
 
@@ -182,29 +182,31 @@ def open_socket(url: str, token: str | None, verify: Verify) -> ClientConnection
     """A connection to /robot/stream.
 
     Raises:
-        UnavailableError, InputError, or what the service says: nobody answers, no URL, not permitted.
+        UnavailableError: the service does not answer.
+        InputError: the URL is invalid.
+        CobotError: the service refuses, for example without permission.
     """
     check_url(url)
     trusted = tls_context(verify) if url.startswith("https:") else None
     try:
-        # proxy: a robot's motions do not go through the one that the environment has for the web.
+        # proxy=None: motions must not go through the web proxy that the environment names.
         return connect(
             "ws" + url.removeprefix("http") + path_at(url, PATH),
             ssl=trusted,
             additional_headers={"Authorization": f"Bearer {token}"} if token else None,
             proxy=None,
-            compression=None,  # it costs more time than floats of ours get shorter
+            compression=None,  # compression takes more time than these floats save
             open_timeout=CONNECT_S,
             close_timeout=1.0,
             ping_interval=PING_S,
             ping_timeout=PING_S,
-        ).__enter__()  # or websockets 17 takes it for an iterator; `close` is all that the exit does
+        ).__enter__()  # otherwise websockets 17 uses it as an iterator; the exit only calls `close`
     except InvalidStatus as exc:
         answer = exc.response
         try:
             raise ERRORS[(content := json.loads(answer.body))["code"]](content["detail"]) from exc
         except (ValueError, KeyError, TypeError):
-            raise UnavailableError(f"{url}: status {answer.status_code}, and no stream of cobot's") from exc
+            raise UnavailableError(f"{url}: status {answer.status_code}, not a stream of cobot") from exc
     except (WebSocketException, OSError) as exc:
         raise UnavailableError(f"{url}: {str(exc) or type(exc).__name__}") from exc
     except ValueError as exc:
@@ -212,7 +214,7 @@ def open_socket(url: str, token: str | None, verify: Verify) -> ClientConnection
 
 
 def _info(hello: dict[str, Any], dof: int) -> np.ndarray:
-    """`cobot.ipc.layout.info_dtype`, as it was before it became JSON."""
+    """Convert JSON back to a record of `cobot.ipc.layout.info_dtype`."""
     dtype = info_dtype(dof)
     info = np.zeros((), dtype)
     for name in dtype.names or ():

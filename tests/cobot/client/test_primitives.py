@@ -83,8 +83,8 @@ def test_paths_take_points_and_poses_as_lists_and_all_else_as_the_service_does()
     ("name", "params", "sentence"),
     [
         ("Fly", {}, f"there is no primitive 'Fly'; valid are: {', '.join(PRIMITIVES)}"),
-        ("Home", {"name": "away"}, "Home: name is 'home' and cannot be another one"),
-        ("MoveL", {"target": POSE, "planner": "ptp"}, "MoveL: planner is 'lin' and cannot be another one"),
+        ("Home", {"name": "away"}, "Home: name is 'home' and cannot be changed"),
+        ("MoveL", {"target": POSE, "planner": "ptp"}, "MoveL: planner is 'lin' and cannot be changed"),
         (
             "Home",
             {"wait": False},

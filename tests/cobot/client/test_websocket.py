@@ -205,7 +205,7 @@ def _is_stale(transport: WebSocketTransport) -> bool:
     try:
         transport.state()
     except UnavailableError as exc:
-        return "no state of rtloop has come for 0." in str(exc)
+        return "no state of rtloop for 0." in str(exc)
     return False
 
 
@@ -214,7 +214,7 @@ def test_who_does_not_answer_is_unavailable(
 ) -> None:
     monkeypatch.setattr(remote, "ANSWER_S", 0.1)
     fake.answer = None
-    with pytest.raises(UnavailableError, match=r"nobody has answered for 0\.1 s"):
+    with pytest.raises(UnavailableError, match=r"the service has not answered for 0\.1 s"):
         transport.open_session(WISH)
 
 
@@ -254,7 +254,7 @@ def test_a_refusal_of_the_service_is_its_error(fake: Fake, url: str) -> None:
     with pytest.raises(UnavailableError, match=r"^32 connections stream already$"):
         WebSocketTransport(url)
     fake.refusal = 404, b"{}"
-    with pytest.raises(UnavailableError, match="status 404, and no stream of cobot's"):
+    with pytest.raises(UnavailableError, match="status 404, not a stream of cobot"):
         WebSocketTransport(url)
 
 
