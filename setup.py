@@ -105,7 +105,8 @@ class Compile(build_ext):
     def finalize_options(self) -> None:
         super().finalize_options()
         self.parallel = self.parallel or PROCESSORS
-        self.wanted_in, self.build_lib, self.build_temp = self.build_lib, str(MADE), str(MADE / "objects")
+        self.wanted_in, self.build_lib = self.build_lib, str(MADE)
+        self.build_temp = str(MADE / "objects" / sys.implementation.cache_tag)  # of this Python alone
 
     def run(self) -> None:
         if self.inplace:

@@ -8,30 +8,13 @@ from enum import IntEnum, StrEnum
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from cobot.errors import InputError
 from cobot.motions.planners import PlannerName as PlannerName
-
-Array = npt.NDArray[np.float64]
-
-
-def vector(values: object, size: int | None = None, *, name: str = "vector") -> Array:
-    """A read-only float64 copy of `values`, shape (size,).
-
-    Raises:
-        InputError: not numeric, of another length, or not finite.
-    """
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as exc:
-        raise InputError(f"{name} must be a list of numbers") from exc
-    if array.ndim != 1 or (size is not None and array.shape[0] != size):
-        raise InputError(f"{name} must have {size} numbers, got shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} must be finite, got {array.tolist()}")
-    array.flags.writeable = False
-    return array
+from cobot.pose import Numbers7 as Numbers7
+from cobot.pose import Pose as Pose
+from cobot.vectors import Array as Array
+from cobot.vectors import vector as vector
 
 
 class LoopMode(IntEnum):
@@ -94,27 +77,6 @@ class Synchronization(StrEnum):
 
     TIME = "time"
     PHASE = "phase"
-
-
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """A frame given in another one.
-
-    Attributes:
-        position: shape (3,), metres.
-        quaternion: shape (4,), (w, x, y, z), normalised here.
-    """
-
-    position: Array
-    quaternion: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "position", vector(self.position, 3, name="position"))
-        quaternion = vector(self.quaternion, 4, name="quaternion")
-        norm = float(np.linalg.norm(quaternion))
-        if norm < 1e-9:
-            raise InputError("quaternion must not be zero")
-        object.__setattr__(self, "quaternion", vector(quaternion / norm, 4))
 
 
 @dataclass(frozen=True, slots=True)

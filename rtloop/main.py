@@ -173,6 +173,6 @@ def describe(memory: RobotMemory, robot: RobotDescription, backend: Backend) -> 
     if isinstance(backend, ImpedanceControlled):
         data["stiffness"] = backend.nominal_stiffness
         data["cartesian_stiffness"] = backend.nominal_cartesian_stiffness
-    data["flange"] = robot.model.flange_in_tcp()
+    data["flange"] = robot.model.flange_in_tcp().numbers
     data["tool_version"] = robot.model.tool.version
     memory.info.publish()

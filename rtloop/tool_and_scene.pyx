@@ -36,7 +36,7 @@ cdef class ToolAndScene:
         if isinstance(self._backend, CarriesTool):
             self._backend.set_tool(tool)
         self._model.carry(tool)
-        self._info.data["flange"] = self._model.flange_in_tcp()
+        self._info.data["flange"] = self._model.flange_in_tcp().numbers
         self._info.data["tool_version"] = tool.version
         self._info.publish()
 

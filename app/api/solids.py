@@ -12,7 +12,7 @@ import numpy as np
 from app.api.scene_schemas import PutObject
 from cobot.errors import InputError, LimitError
 from cobot.robot.frames import pose_from_abc
-from cobot.robot.scene import Numbers3, Numbers6, SceneObject, numbers
+from cobot.robot.scene import Numbers3, Numbers6, SceneObject
 from cobot.robot.solids import cloud, columns
 from cobot.types import Array
 
@@ -43,7 +43,7 @@ def solid_of(name: str, body: PutObject, touch: Sequence[str] = ()) -> SceneObje
     return SceneObject(
         shape=body.shape,
         size=size,
-        pose=numbers(pose_from_abc(body.x, body.y, body.z, body.a, body.b, body.c)),
+        pose=pose_from_abc(body.x, body.y, body.z, body.a, body.b, body.c).numbers,
         touch=tuple(touch),
         mass=body.mass,
         centre=None if body.centre is None else cast(Numbers3, tuple(body.centre)),

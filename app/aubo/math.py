@@ -9,7 +9,6 @@ import numpy as np
 
 from app.aubo.poses import as_list, numbers_of, pose_of
 from app.aubo.registry import service
-from app.services.motion.tool_and_limits import compose, inverted
 from cobot.errors import InputError, LimitError
 from cobot.robot import quaternion
 from cobot.robot.frames import angle_between
@@ -36,7 +35,7 @@ def pose_add(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
         [x, y, z, rx, ry, rz], m and rad.
     """
     first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
-    turn = compose(_turned(first), _turned(second))
+    turn = _turned(first) @ _turned(second)
     return numbers_of(Pose(first.position + second.position, turn.quaternion))
 
 
@@ -52,7 +51,7 @@ def pose_sub(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
         What poseAdd with p2 gives p1 for: [x, y, z, rx, ry, rz], m and rad.
     """
     first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
-    turn = compose(_turned(first), inverted(_turned(second)))
+    turn = _turned(first) @ _turned(second).inverse()
     return numbers_of(Pose(first.position - second.position, turn.quaternion))
 
 
@@ -67,7 +66,7 @@ def pose_trans(robot: Services, pose_from: list[float], pose_from_to: list[float
     Returns:
         [x, y, z, rx, ry, rz], m and rad.
     """
-    return numbers_of(compose(pose_of(pose_from, "pose_from"), pose_of(pose_from_to, "pose_from_to")))
+    return numbers_of(pose_of(pose_from, "pose_from") @ pose_of(pose_from_to, "pose_from_to"))
 
 
 @service("Math")
@@ -80,7 +79,7 @@ def pose_inverse(robot: Services, pose: list[float]) -> list[float]:
     Returns:
         [x, y, z, rx, ry, rz], m and rad.
     """
-    return numbers_of(inverted(pose_of(pose)))
+    return numbers_of(pose_of(pose).inverse())
 
 
 @service("Math")

@@ -6,8 +6,6 @@ angles (C, B, A).
 
 from __future__ import annotations
 
-import numpy as np
-
 from cobot.errors import InputError
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.types import Array, Pose
@@ -51,11 +49,6 @@ def numbers_of(pose: Pose) -> list[float]:
     """The six numbers of a pose; ry in [−π/2, π/2]."""
     rz, ry, rx = abc_from_quaternion(pose.quaternion).tolist()
     return [*pose.position.tolist(), rx, ry, rz]
-
-
-def pose_of_seven(values: Array) -> Pose:
-    """A pose from x, y, z and w, x, y, z, as states have it."""
-    return Pose(np.array(values[:3]), np.array(values[3:]))
 
 
 def as_list(values: Array) -> list[float]:

@@ -15,7 +15,6 @@ from app.aubo.poses import as_list, numbers_of, place_of
 from app.aubo.registry import Json, service
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import rotation_matrix
 from cobot.robot.inverse_kinematics import inverse, inverse_all
 from cobot.types import Array, Pose
 
@@ -151,7 +150,7 @@ def calibrate_tcp_position(robot: Services, poses: Json) -> Json:
     if not isinstance(poses, list) or len(poses) < FEWEST_POSES:
         raise InputError(f"poses must be a list of {FEWEST_POSES} poses or more")
     flanges = [_pose(values, f"poses[{index}]") for index, values in enumerate(poses)]
-    turns = np.array([rotation_matrix(flange.quaternion) for flange in flanges])
+    turns = np.array([flange.rotation for flange in flanges])
     places = np.array([flange.position for flange in flanges])
     # R tip + p is the same point for all: their differences from the mean are linear in the tip.
     spread = np.concatenate(turns - turns.mean(axis=0))

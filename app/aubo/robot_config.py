@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from app.aubo.poses import as_list, numbers_of, place_of, pose_of_seven
+from app.aubo.poses import as_list, numbers_of, place_of
 from app.aubo.registry import Json, service
 from cobot.errors import InputError, LimitError, NotSupportedError
-from cobot.robot.frames import rotation_matrix
-from cobot.robot.scene import Numbers6, numbers
-from cobot.robot.tool import Tool, chained, check_gravity, inverse
-from cobot.types import Array, CartesianLimits, JointLimits
+from cobot.robot.scene import Numbers6
+from cobot.robot.tool import Tool, check_gravity
+from cobot.types import Array, CartesianLimits, JointLimits, Pose
 from cobot.units import MAX_TIP_M
 
 if TYPE_CHECKING:
@@ -241,10 +240,7 @@ def get_tcp_offset(robot: Services) -> list[float]:
     Returns:
         [x, y, z, rx, ry, rz] in the frame of the TCP in the model's file, m and rad; all 0 when it is that.
     """
-    model = robot.robot.model
-    return numbers_of(
-        pose_of_seven(np.array(chained(inverse(model.file_tcp_in_flange), model.tcp_in_flange())))
-    )
+    return numbers_of(robot.robot.model.tcp_in_file_tcp())
 
 
 @service("RobotConfig")
@@ -258,7 +254,8 @@ async def set_tcp_offset(robot: Services, offset: list[float]) -> None:
     tip = place_of(offset, "offset", MAX_TIP_M)
     if np.linalg.norm(tip.position) > 2.0:
         raise LimitError(f"offset must be at most 2 m away, got {np.linalg.norm(tip.position):.3g} m")
-    tcp = chained(robot.robot.model.file_tcp_in_flange, numbers(tip)) if any(offset) else None
+    file_tcp = Pose.from_numbers(robot.robot.model.file_tcp_in_flange)
+    tcp = (file_tcp @ tip).numbers if any(offset) else None
     await robot.tool.change(lambda tool: replace(tool, tcp=tcp), "setTcpOffset")
 
 
@@ -324,7 +321,7 @@ async def set_payload(
         if len(values) != count:
             raise InputError(f"{name} must have {count} numbers, got {len(values)}")
     matrix = Tool(mass=m, inertia=cast(Numbers6, tuple(inertia))).inertia_matrix
-    turn = rotation_matrix(place_of([0.0, 0.0, 0.0, *aom], "aom").quaternion)
+    turn = place_of([0.0, 0.0, 0.0, *aom], "aom").rotation
     along = as_list((turn @ matrix @ turn.T)[np.triu_indices(3)]) if any(inertia) else None
     changes = {"mass": m, "centre": tuple(cog), "inertia": None if along is None else tuple(along)}
     await robot.tool.change(lambda tool: replace(tool, **cast(dict[str, Any], changes)), "setPayload")

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.aubo.poses import as_list, numbers_of, pose_of_seven
+from app.aubo.poses import as_list, numbers_of
 from app.aubo.registry import service
 from cobot.ipc.layout import Intervention
-from cobot.types import RESTING, LoopMode
+from cobot.types import RESTING, LoopMode, Pose
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -114,7 +114,7 @@ async def get_tcp_pose(robot: Services) -> list[float]:
     Returns:
         [x, y, z, rx, ry, rz] in the base frame, m and rad.
     """
-    return numbers_of(pose_of_seven((await record(robot))["tcp"]))
+    return numbers_of(Pose.from_numbers((await record(robot))["tcp"]))
 
 
 @service("RobotState")
@@ -135,7 +135,7 @@ async def get_tool_pose(robot: Services) -> list[float]:
     Returns:
         [x, y, z, rx, ry, rz] in the base frame, m and rad.
     """
-    return numbers_of(robot.settings.flange(pose_of_seven((await record(robot))["tcp"])))
+    return numbers_of(robot.settings.flange(Pose.from_numbers((await record(robot))["tcp"])))
 
 
 @service("RobotState")

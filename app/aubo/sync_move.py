@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from app.aubo.poses import numbers_of, place_of
 from app.aubo.registry import service
 from app.services.motion.frames import WORLD
-from app.services.motion.tool_and_limits import compose
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -223,7 +222,7 @@ def frame_convert_pose(robot: Services, from_frame: str, to_frame: str, pose: li
         the same.
     """
     there = robot.sync.frames.between(from_frame or WORLD, to_frame or WORLD)
-    return numbers_of(compose(there, place_of(pose)))
+    return numbers_of(there @ place_of(pose))
 
 
 @service(CLASS)

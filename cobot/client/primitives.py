@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cobot.client.connection import Json
-from cobot.client.orientations import kuka_angles, normalised
 from cobot.client.plans import Run
 from cobot.errors import InputError
+from cobot.orientations import kuka_angles, normalised
 from cobot.types import vector
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.client.orientations import inverse, normalised, product, rotated
 from cobot.ipc.layout import text
+from cobot.orientations import inverse, normalised, product, rotated
 
 Values = list[float]
 

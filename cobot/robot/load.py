@@ -11,9 +11,9 @@ import numpy as np
 
 from cobot.errors import InputError, LimitError
 from cobot.robot.rotations import matrix_of
-from cobot.robot.scene import COMPOUND, Numbers7, Scene, SceneObject, symmetric
-from cobot.robot.tool import Tool, chained, check_tool
-from cobot.types import Array, JointLimits
+from cobot.robot.scene import COMPOUND, Scene, SceneObject, symmetric
+from cobot.robot.tool import Tool, check_tool
+from cobot.types import Array, JointLimits, Numbers7, Pose
 
 if TYPE_CHECKING:
     from cobot.robot.model import RobotModel
@@ -25,8 +25,9 @@ def carrying(tool: Tool, scene: Scene, tcp_in_flange: Numbers7) -> Tool:
     Its version is the sum of the tool's and of `Scene.loads`: both only rise, so no two that follow each
     other have the same.
     """
+    tcp = Pose.from_numbers(tcp_in_flange)
     parts = [(tool.mass, np.array(tool.centre), tool.inertia_matrix)]
-    parts += [_in_flange(each, chained(tcp_in_flange, each.pose)) for each in scene.load.values()]
+    parts += [_in_flange(each, tcp @ Pose.from_numbers(each.pose)) for each in scene.load.values()]
     version = tool.version + scene.loads
     if len(parts) == 1:
         return replace(tool, version=version)
@@ -76,15 +77,15 @@ def moved(mass: float, arm: Array) -> Array:
     return mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
 
 
-def _in_flange(each: SceneObject, pose: Numbers7) -> tuple[float, Array, Array]:
+def _in_flange(each: SceneObject, pose: Pose) -> tuple[float, Array, Array]:
     """Mass, centre and inertia about it, along the flange's axes, of an object at a pose."""
-    turn = matrix_of(np.array(pose[3:]) / np.linalg.norm(pose[3:]))
+    turn = pose.rotation
     middle, inertia = homogeneous(each)
     if each.centre is not None:
         middle = np.array(each.centre)
     if each.inertia is not None:
         inertia = symmetric(each.inertia)
-    return each.mass, np.array(pose[:3]) + turn @ middle, turn @ inertia @ turn.T
+    return each.mass, pose.apply(middle), turn @ inertia @ turn.T
 
 
 def homogeneous(each: SceneObject) -> tuple[Array, Array]:

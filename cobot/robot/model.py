@@ -19,10 +19,10 @@ from cobot.robot.inverse_kinematics.geometry import recognised
 from cobot.robot.load import carrying
 from cobot.robot.payload import Carrier
 from cobot.robot.quaternion import from_matrix
-from cobot.robot.scene import Numbers7, Scene, compiled
-from cobot.robot.tool import BARE, Tool, chained, inverse
+from cobot.robot.scene import Scene, compiled
+from cobot.robot.tool import BARE, Tool
 from cobot.trajectory import Trajectory
-from cobot.types import Array, FreeAxis, JointLimits, Pose
+from cobot.types import Array, FreeAxis, JointLimits, Numbers7, Pose
 
 
 class RobotModel:
@@ -113,11 +113,16 @@ class RobotModel:
         """What the model's file calls itself."""
         return bytes(self.mj.names).split(b"\0", 1)[0].decode("utf-8", "replace")
 
-    def flange_in_tcp(self) -> Array:
-        """x, y, z (m) and w, x, y, z of the site `flange` in the TCP's frame; without one it is the TCP of
-        the model's file.
+    def flange_in_tcp(self) -> Pose:
+        """Return the pose of the site `flange` in the TCP's frame. Without that site, the TCP of the model's
+        file is the flange.
         """
-        return np.array(inverse(self.tcp_in_flange()))
+        return Pose.from_numbers(self.tcp_in_flange()).inverse()
+
+    def tcp_in_file_tcp(self, tool: Tool | None = None) -> Pose:
+        """Return the pose of the TCP with this tool, or the present one, in the TCP of the model's file."""
+        file_tcp = Pose.from_numbers(self.file_tcp_in_flange)
+        return file_tcp.inverse() @ Pose.from_numbers(self.tcp_in_flange(tool))
 
     def tcp_in_flange(self, tool: Tool | None = None) -> Numbers7:
         """Where the TCP is with this tool, or with the present one."""
@@ -190,14 +195,14 @@ class RobotModel:
         if self.spec is None:
             raise InputError("this model was not read from a file: it can have no objects around it")
         # Of the model's file, whose TCP stands for what is attached: its pose in the flange's frame.
-        flange = inverse(self.file_tcp_in_flange)
-        tip = chained(flange, self.tcp_in_flange(tool))
+        flange = Pose.from_numbers(self.file_tcp_in_flange).inverse()
+        tip = self.tcp_in_file_tcp(tool)
         objects = {
-            name: replace(each, pose=chained(tip, each.pose)) if each.attached else each
+            name: replace(each, pose=(tip @ Pose.from_numbers(each.pose)).numbers) if each.attached else each
             for name, each in scene.objects.items()
         }
         shapes = {
-            name: replace(each, pose=chained(flange, each.pose), attached=True)
+            name: replace(each, pose=(flange @ Pose.from_numbers(each.pose)).numbers, attached=True)
             for name, each in tool.shapes.items()
         }
         whole = replace(scene, objects=objects | shapes)

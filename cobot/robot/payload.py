@@ -13,9 +13,8 @@ import numpy as np
 from cobot.robot.load import moved
 from cobot.robot.quaternion import from_matrix
 from cobot.robot.rotations import matrix_of
-from cobot.robot.scene import Numbers7
 from cobot.robot.tool import Tool
-from cobot.types import Array
+from cobot.types import Array, Numbers7
 
 
 class Carrier:

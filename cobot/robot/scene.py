@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -17,11 +17,9 @@ from pydantic.dataclasses import dataclass as checked
 from cobot.errors import ConfigError, InputError, exhausted
 from cobot.robot.kept import keep, read_kept
 from cobot.strict import sentences
-from cobot.types import Array, Pose
+from cobot.types import Array, Numbers7
 
 Shape = Literal["box", "sphere", "cylinder", "capsule", "mesh", "height_field", "point_cloud"]
-Numbers7 = tuple[float, float, float, float, float, float, float]
-"""x, y, z (m) and w, x, y, z of a unit quaternion."""
 Numbers3 = tuple[float, float, float]
 Numbers6 = tuple[float, float, float, float, float, float]
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -147,11 +145,6 @@ def symmetric(six: Numbers6) -> Array:
     """A matrix, shape (3, 3), of xx, xy, xz, yy, yz, zz."""
     xx, xy, xz, yy, yz, zz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def numbers(pose: Pose) -> Numbers7:
-    """As they stand in the scene."""
-    return cast(Numbers7, tuple(np.concatenate([pose.position, pose.quaternion]).tolist()))
 
 
 def compiled(spec: mujoco.MjSpec, scene: Scene, base: str, tcp: str) -> mujoco.MjModel:

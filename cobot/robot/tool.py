@@ -15,11 +15,10 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from cobot.errors import ConfigError, InputError, LimitError
-from cobot.robot import quaternion
 from cobot.robot.kept import keep, read_kept
-from cobot.robot.scene import Numbers3, Numbers6, Numbers7, Scene, SceneObject, symmetric
+from cobot.robot.scene import Numbers3, Numbers6, Scene, SceneObject, symmetric
 from cobot.strict import sentences
-from cobot.types import Array
+from cobot.types import Array, Numbers7
 
 MAX_REACH_M = 2.0
 """Neither the centre of mass nor the TCP nor a shape is further from the flange."""
@@ -196,17 +195,3 @@ class ToolFile:
             UnavailableError: there is no room or no permission; the old one is there as it was.
         """
         keep(self.path, _FILE.dump_json(tool, indent=1), "the tool")
-
-
-def chained(first: Numbers7, second: Numbers7) -> Numbers7:
-    """The second pose, given in the frame of the first one, in the first one's own frame."""
-    x, y, z = quaternion.rotated(first[3:], second[:3])
-    turn = quaternion.normalised(quaternion.product(first[3:], second[3:]))
-    return (first[0] + x, first[1] + y, first[2] + z, *turn)
-
-
-def inverse(pose: Numbers7) -> Numbers7:
-    """The frame in which a pose is given, in the pose's own frame."""
-    back = quaternion.normalised(quaternion.conjugate(pose[3:]))
-    x, y, z = quaternion.rotated(back, pose[:3])
-    return (-x, -y, -z, *back)

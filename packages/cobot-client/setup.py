@@ -32,8 +32,11 @@ FILES = (
     "ipc/layout.py",
     "ipc/session_rules.py",
     "ipc/state_fields.py",
+    "orientations.py",
+    "pose.py",
     "py.typed",
     "types.py",
+    "vectors.py",
 )
 ONLY_WITH_THE_SERVICE = {"client/shared_memory.py"}
 

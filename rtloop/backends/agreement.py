@@ -27,7 +27,7 @@ def disagreement(model: RobotModel, joints: Array, flange: Pose) -> str:
         joints: as the device measures them, shape (dof,), rad.
         flange: where the device says that its flange is then, in its base frame.
     """
-    ours = _after(model.forward(joints), model.flange_in_tcp())
+    ours = model.forward(joints) @ model.flange_in_tcp()
     off_m = float(np.linalg.norm(flange.position - ours.position))
     off_rad = float(np.linalg.norm(quaternion.between(ours.quaternion.tolist(), flange.quaternion.tolist())))
     if off_m <= OFF_M and off_rad <= OFF_RAD:
@@ -58,14 +58,6 @@ def fastest(model: RobotModel) -> tuple[float, float]:
 def reduced_share(moves_m_s: float) -> float:
     """The share of the joints' speed at which a TCP that is so fast at full speed keeps the reduced one."""
     return min(1.0, REDUCED_SHARE * REDUCED_M_S / moves_m_s)
-
-
-def _after(first: Pose, then: Array) -> Pose:
-    turn = first.quaternion.tolist()
-    return Pose(
-        first.position + np.array(quaternion.rotated(turn, then[:3].tolist())),
-        np.array(quaternion.product(turn, then[3:].tolist())),
-    )
 
 
 def _said(pose: Pose) -> str:

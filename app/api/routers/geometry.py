@@ -13,8 +13,7 @@ from app.api.dependencies import Call
 from app.api.route import EndpointRouter
 from app.services.state.geometry import Body, Geometry, Joint, Shape, geometry_of, geometry_version
 from cobot.access.roles import Role
-from cobot.robot.scene import Numbers7
-from cobot.types import JointLimits
+from cobot.types import JointLimits, Numbers7
 
 PROCESS = secrets.token_hex(4)
 """After a restart everything may look different, whatever the versions are."""

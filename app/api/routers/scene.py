@@ -23,7 +23,7 @@ from app.services.motion.scene import Changed, SceneService
 from app.services.motion.scene_edits import Edit, clear, detach, remove_frame, remove_object
 from cobot.access.roles import Role
 from cobot.robot.frames import pose_from_abc
-from cobot.robot.scene import Numbers7, numbers
+from cobot.types import Numbers7
 
 router = EndpointRouter(tags=["scene"])
 
@@ -88,7 +88,7 @@ def _answer(changed: Changed) -> ChangedAnswer:
 
 
 def _pose(place: Place) -> Numbers7:
-    return numbers(pose_from_abc(place.x, place.y, place.z, place.a, place.b, place.c))
+    return pose_from_abc(place.x, place.y, place.z, place.a, place.b, place.c).numbers
 
 
 def _xyzw(pose: Numbers7) -> list[float]:

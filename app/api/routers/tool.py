@@ -19,8 +19,8 @@ from app.services.motion.tool import Edit
 from cobot.access.roles import Role
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.model import RobotModel
-from cobot.robot.scene import Numbers7, numbers
 from cobot.robot.tool import BARE, Tool
+from cobot.types import Numbers7
 
 router = EndpointRouter(tags=["robot"])
 
@@ -71,7 +71,7 @@ def _edit(body: ChangeTool) -> Edit:
 
 def _tip(tip: ToolTip) -> Numbers7:
     if tip.quaternion is None:
-        return numbers(pose_from_abc(tip.x, tip.y, tip.z, tip.a, tip.b, tip.c))
+        return pose_from_abc(tip.x, tip.y, tip.z, tip.a, tip.b, tip.c).numbers
     x, y, z, w = tip.quaternion
     return (tip.x, tip.y, tip.z, w, x, y, z)
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.services.motion.tool_and_limits import compose, inverted
 from cobot.errors import ConflictError, InputError, LimitError, NotFoundError
 from cobot.strict import shown
 from cobot.types import Pose
@@ -72,7 +71,7 @@ class Frames:
         elif name in self.way_up(reference):
             raise ConflictError(f"{shown(reference)} hangs on {shown(name)} and would move with it")
         else:
-            frame.pose = compose(self.between(reference, frame.parent), pose)
+            frame.pose = self.between(reference, frame.parent) @ pose
 
     def remove(self, name: str) -> None:
         """Take a frame away.
@@ -106,7 +105,7 @@ class Frames:
         Raises:
             NotFoundError: there is no such frame.
         """
-        return compose(inverted(self._in_world(reference)), self._in_world(name))
+        return self._in_world(reference).inverse() @ self._in_world(name)
 
     def way_up(self, name: str) -> list[str]:
         """The frame, its parent and so on, without the world."""
@@ -119,7 +118,7 @@ class Frames:
     def _in_world(self, name: str) -> Pose:
         place = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
         for each in self.way_up(name):
-            place = compose(self._frames[each].pose, place)
+            place = self._frames[each].pose @ place
         return place
 
     def _frame(self, name: str) -> Frame:

@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.services.motion.tool_and_limits import compose
 from cobot.config import PlanningSection
 from cobot.errors import InputError
 from cobot.motions.checks import check_for_robot
 from cobot.motions.requests import MotionRequest
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import pose_from_abc, rotation_matrix
+from cobot.robot.frames import pose_from_abc
 from cobot.robot.limits import check_positions
 from cobot.types import Array, JointLimits, NamedPosition, Pose
 
@@ -85,7 +84,7 @@ class Goals:
     def placed(self, pose: Pose, frame: str) -> Pose:
         """A pose of a frame in the base frame; raises as `frame` does."""
         place = self.frame(frame)
-        return pose if place is None else compose(place, pose)
+        return pose if place is None else place @ pose
 
     def frame(self, frame: str) -> Pose | None:
         """Where a frame is that does not move with the joints; None for the base frame itself.
@@ -120,13 +119,13 @@ class Goals:
 
 def placed(goal: MotionRequest, frame: Pose) -> MotionRequest:
     """A goal in the base frame, of one in a frame whose pose in the base frame is `frame`."""
-    via = None if goal.via is None else _point(frame, goal.via)
+    via = None if goal.via is None else frame.apply(goal.via)
     arc = goal.arc
     if arc is not None:
-        axis = None if arc.axis is None else rotation_matrix(frame.quaternion) @ arc.axis
-        arc = replace(arc, centre=_point(frame, arc.centre), axis=axis)
-    through = tuple(compose(frame, pose) for pose in goal.through)
-    target = compose(frame, goal.goal) if isinstance(goal.goal, Pose) else goal.goal
+        axis = None if arc.axis is None else frame.rotation @ arc.axis
+        arc = replace(arc, centre=frame.apply(arc.centre), axis=axis)
+    through = tuple(frame @ pose for pose in goal.through)
+    target = frame @ goal.goal if isinstance(goal.goal, Pose) else goal.goal
     return replace(goal, goal=target, via=via, arc=arc, through=through, in_tool=False)
 
 
@@ -141,8 +140,3 @@ def check_radii(goals: Sequence[MotionRequest], radii_m: Sequence[float]) -> Non
             f"radii: {len(goals)} motions need {len(goals) - 1}, one for each but the last; "
             f"got {len(radii_m)}"
         )
-
-
-def _point(frame: Pose, point: Array) -> Array:
-    """A point of a frame in the base frame."""
-    return np.asarray(frame.position + rotation_matrix(frame.quaternion) @ point)

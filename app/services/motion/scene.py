@@ -12,8 +12,7 @@ from app.services.clients import CLIENT
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals
 from app.services.motion.planning import PlanningService
-from app.services.motion.scene_edits import Edit, named, pose_of, require_room
-from app.services.motion.tool_and_limits import compose, inverted
+from app.services.motion.scene_edits import Edit, named, require_room
 from app.services.rights.ownership import Caller, Ownership
 from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
@@ -31,11 +30,11 @@ from cobot.errors import (
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
 from cobot.robot.load import carrying, check_load
-from cobot.robot.scene import Numbers7, Scene, SceneFile, SceneObject, numbers, symmetric
+from cobot.robot.scene import Scene, SceneFile, SceneObject, symmetric
 from cobot.robot.tool import check_inertia
 from cobot.strict import shown
 from cobot.trajectory_parts import cut
-from cobot.types import RESTING, STREAMING, Pose
+from cobot.types import RESTING, STREAMING, Numbers7, Pose
 
 MAX_OBJECTS = 200
 MAX_FRAMES = 1000
@@ -144,7 +143,7 @@ class SceneService:
             if item.attached:
                 raise ConflictError(f"the object {shown(name)} is attached already")
             self._require_known(scene, touch)
-            pose = numbers(compose(inverted(hand), pose_of(item.pose)))
+            pose = (hand.inverse() @ Pose.from_numbers(item.pose)).numbers
             held = replace(item, pose=pose, attached=True, touch=tuple(touch))
             return replace(scene, objects={**scene.objects, name: held})
 
@@ -259,8 +258,8 @@ class SceneService:
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
         """In the base frame, also of a frame that the same change has made."""
         if frame in scene.frames:
-            return numbers(compose(pose_of(scene.frames[frame]), pose_of(pose)))
-        return numbers(self._goals.placed(pose_of(pose), frame))
+            return (Pose.from_numbers(scene.frames[frame]) @ Pose.from_numbers(pose)).numbers
+        return self._goals.placed(Pose.from_numbers(pose), frame).numbers
 
     def _require_own_name(self, name: str) -> None:
         if name in self._robot.collision.tool.shapes:

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
-from app.services.motion.tool_and_limits import compose
 from cobot.errors import ConflictError, LimitError, NotFoundError
-from cobot.robot.scene import Numbers7, Scene, SceneObject, numbers
+from cobot.robot.scene import Scene, SceneObject
 from cobot.robot.solids import MAX_SOLIDS
 from cobot.strict import shown
 from cobot.types import Pose
@@ -52,7 +49,7 @@ def detach(name: str) -> Edit:
         item = named(scene, name)
         if not item.attached:
             raise ConflictError(f"the object {shown(name)} is not attached")
-        pose = numbers(compose(hand, pose_of(item.pose)))
+        pose = (hand @ Pose.from_numbers(item.pose)).numbers
         left = replace(item, pose=pose, attached=False, touch=())
         return replace(scene, objects={**scene.objects, name: left})
 
@@ -77,8 +74,3 @@ def named(scene: Scene, name: str) -> SceneObject:
         there = ", ".join(scene.objects) or "none"
         raise NotFoundError(f"there is no object {shown(name)}; there are: {there}")
     return scene.objects[name]
-
-
-def pose_of(seven: Numbers7) -> Pose:
-    values = np.array(seven)
-    return Pose(values[:3], values[3:])

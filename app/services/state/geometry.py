@@ -9,9 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cobot.robot.description import RobotDescription
-from cobot.robot.scene import Numbers7
-from cobot.robot.tool import chained, inverse
-from cobot.types import Array
+from cobot.types import Array, Numbers7, Pose
 
 SHAPES = {
     int(mujoco.mjtGeom.mjGEOM_PLANE): "plane",
@@ -113,11 +111,11 @@ def geometry_of(robot: RobotDescription) -> Geometry:
     """As the collision checks see it, with what is only drawn."""
     mj = robot.collision.mj
     site = mj.site(robot.model.mj.site(robot.model.tcp_site).name)
-    tip = chained(inverse(robot.model.file_tcp_in_flange), robot.model.tcp_in_flange())
+    tip = robot.model.tcp_in_file_tcp()
     return Geometry(
         bodies=[_body(robot, mj, index) for index in range(mj.nbody)],
         base=mj.body(robot.base_frame).id,
-        tcp=(int(mj.site_bodyid[site.id]), chained(_pose(site.pos, site.quat), tip)),
+        tcp=(int(mj.site_bodyid[site.id]), (Pose(site.pos, site.quat) @ tip).numbers),
         meshes=[_mesh(mj, index) for index in range(mj.nmesh)],
     )
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from app.aubo.poses import as_list, numbers_of, pose_of, pose_of_seven
+from app.aubo.poses import as_list, numbers_of, pose_of
 from cobot.errors import InputError
+from cobot.types import Pose
 
 SEED = 20261122
 
@@ -31,7 +32,7 @@ def test_where_the_angles_are_ambiguous_the_orientation_still_is_right(turn: flo
 
 
 def test_seven_numbers_are_a_states_pose_and_five_are_none() -> None:
-    pose = pose_of_seven(np.array([0.0, 1.0, 2.0, 0.1, 0.5, 0.5, 0.7]))
+    pose = Pose.from_numbers(np.array([0.0, 1.0, 2.0, 0.1, 0.5, 0.5, 0.7]))
     assert (pose.position.tolist(), pose.quaternion.tolist()) == ([0.0, 1.0, 2.0], [0.1, 0.5, 0.5, 0.7])
     assert [type(each) for each in as_list(np.arange(2.0))] == [float, float]
     with pytest.raises(InputError, match=r"via_pose must be \[x, y, z, rx, ry, rz\], got 5 numbers"):

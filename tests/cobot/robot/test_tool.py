@@ -17,7 +17,7 @@ import pinocchio
 import pytest
 from scipy.spatial.transform import Rotation
 from second_opinion import MJCF, Pinocchio, mjcf_root
-from tools import INERTIA, TCP, TOOL, TURN, loaded
+from tools import INERTIA, TCP, TOOL, loaded
 
 from cobot.errors import ConfigError, InputError, LimitError
 from cobot.robot.collision import CollisionChecker
@@ -26,7 +26,7 @@ from cobot.robot.feasibility import effort_samples
 from cobot.robot.inverse_kinematics import inverse as solve
 from cobot.robot.model import RobotModel
 from cobot.robot.scene import Scene, SceneObject
-from cobot.robot.tool import BARE, Tool, ToolFile, chained, check_tool, inverse
+from cobot.robot.tool import BARE, Tool, ToolFile, check_tool
 from cobot.trajectory import from_hermite
 from cobot.types import Array, Pose
 
@@ -119,15 +119,6 @@ def test_inverse_kinematics_is_that_of_the_new_tcp(model: RobotModel, robot: Rob
         assert found[1] == pytest.approx(turn, abs=1e-7)
 
 
-def test_poses_are_chained_and_inverted_as_scipy_does() -> None:
-    other = (0.1, 0.2, 0.3, *TURN.as_quat(scalar_first=True).tolist())
-    whole = chained(TCP, other)
-    first, second = (Rotation.from_quat(pose[3:], scalar_first=True) for pose in (TCP, other))
-    assert whole[:3] == pytest.approx(np.array(TCP[:3]) + first.apply(other[:3]))
-    assert (Rotation.from_quat(whole[3:], scalar_first=True).inv() * first * second).magnitude() < 1e-12
-    assert chained(TCP, inverse(TCP)) == pytest.approx((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), abs=1e-12)
-
-
 def test_the_efforts_of_a_motion_are_those_with_the_tool_of_now(model: RobotModel) -> None:
     # They are kept from one look to the next.
     rows = np.array([np.zeros(7), np.full(7, 0.4)])
@@ -144,9 +135,8 @@ def test_the_flange_stays_where_it_is(model: RobotModel, robot: RobotDescription
     model.carry(TOOL)
     for joints in random_joints(robot, 5):
         pose = model.forward(joints)
-        tcp = (*pose.position.tolist(), *pose.quaternion.tolist())
-        flange = chained(tcp, tuple(model.flange_in_tcp().tolist()))  # type: ignore[arg-type]
-        assert flange[:3] == pytest.approx(Pinocchio().forward(joints)[0], abs=TOLERANCE)
+        flange = pose @ model.flange_in_tcp()
+        assert flange.position == pytest.approx(Pinocchio().forward(joints)[0], abs=TOLERANCE)
 
 
 ROD = SceneObject("box", (0.02, 0.02, 0.6), (0.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""The client's own arithmetic of orientations. Oracle: the compiled one, and scipy's by way of `frames`."""
+"""Orientations in pure Python. Oracle: the compiled module, and scipy by way of `frames`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from cobot.client import orientations
+from cobot import orientations
 from cobot.robot import frames, quaternion
 
 RNG = np.random.default_rng(8007)
@@ -15,7 +15,7 @@ TURNS = [(q / np.linalg.norm(q)).tolist() for q in RNG.normal(size=(200, 4))]
 VECTORS = RNG.normal(size=(200, 3)).tolist()
 
 
-def test_it_is_that_of_the_compiled_module() -> None:
+def test_pure_python_and_the_compiled_module_agree() -> None:
     for first, second, vector in zip(TURNS, TURNS[::-1], VECTORS, strict=True):
         scaled = [3.0 * number for number in first]
         for mine, compiled in (
@@ -23,6 +23,7 @@ def test_it_is_that_of_the_compiled_module() -> None:
             (orientations.inverse(first), quaternion.conjugate(first)),
             (orientations.normalised(scaled), quaternion.normalised(scaled)),
             (orientations.rotated(first, vector), quaternion.rotated(first, vector)),
+            (sum(orientations.matrix(first), ()), quaternion.to_matrix(first)),
         ):
             np.testing.assert_allclose(mine, compiled, atol=1e-14)
 

@@ -1,6 +1,6 @@
-"""Orientations as quaternions (w, x, y, z), in Python alone: a client has neither compiled modules nor scipy.
+"""Orientations as quaternions (w, x, y, z), in pure Python: clients have neither compiled modules nor scipy.
 
-`cobot.robot.quaternion` and `cobot.robot.frames` say the same; a test holds them together.
+The compiled cycle uses `cobot.robot.quaternion`. A test compares both.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ GIMBAL_LOCK = 1e-7
 
 
 def product(a: Sequence[float], b: Sequence[float]) -> Quaternion:
-    """The rotation b, then a."""
+    """Multiply two quaternions: the rotation b, followed by a."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -27,30 +27,40 @@ def product(a: Sequence[float], b: Sequence[float]) -> Quaternion:
 
 
 def inverse(q: Sequence[float]) -> Quaternion:
-    """Of a unit quaternion."""
+    """Invert the rotation of a unit quaternion."""
     w, x, y, z = q
     return w, -x, -y, -z
 
 
 def normalised(q: Sequence[float]) -> Quaternion:
-    """The unit quaternion in the direction of one that is not zero."""
+    """Return the unit quaternion of the same rotation. The argument must not be zero."""
     w, x, y, z = q
     length = math.hypot(w, x, y, z)
     return w / length, x / length, y / length, z / length
 
 
 def rotated(q: Sequence[float], v: Sequence[float]) -> Vector:
-    """A vector, turned by a unit quaternion."""
+    """Rotate a vector by a unit quaternion."""
     _, x, y, z = product(product(q, (0.0, *v)), inverse(q))
     return x, y, z
 
 
+def matrix(q: Sequence[float]) -> tuple[Vector, Vector, Vector]:
+    """Return the rows of the rotation matrix of a unit quaternion."""
+    w, x, y, z = q
+    return (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+
+
 def kuka_angles(q: Sequence[float]) -> Vector:
-    """(A, B, C) of a unit quaternion, rad: R = Rz(A) Ry(B) Rx(C), B in [−π/2, π/2].
+    """Return (A, B, C) of a unit quaternion, rad: R = Rz(A) Ry(B) Rx(C), B in [−π/2, π/2].
 
     At B = ±π/2, where A and C are not unique, C is 0.
     """
-    (xx, yx, zx), (xy, yy, zy), (_, _, zz) = (rotated(q, axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    (xx, xy, _), (yx, yy, _), (zx, zy, zz) = matrix(q)
     cos_b = math.hypot(xx, yx)
     b = math.atan2(-zx, cos_b)
     if cos_b < GIMBAL_LOCK:

@@ -1,0 +1,73 @@
+"""Rigid transforms. The compiled cycle has its own arithmetic, in `cobot.robot.chain`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.orientations import inverse, matrix, product
+from cobot.vectors import Array, vector
+
+Numbers7 = tuple[float, float, float, float, float, float, float]
+"""Numbers of a pose: x, y, z (m) and w, x, y, z."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Pose of one frame in another, and the rigid transform from the first to the second.
+
+    With the pose a_in_b of frame A in frame B, `a_in_b @ c_in_a` is the pose of C in B, `a_in_b.inverse()` is
+    the pose of B in A, and `a_in_b.apply(point_in_a)` is the point in B.
+
+    Attributes:
+        position: shape (3,), m.
+        quaternion: shape (4,), (w, x, y, z), normalised at construction.
+
+    Raises:
+        InputError: a value is not finite, or the quaternion is zero.
+    """
+
+    position: Array
+    quaternion: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", vector(self.position, 3, name="position"))
+        quaternion = vector(self.quaternion, 4, name="quaternion")
+        norm = float(np.linalg.norm(quaternion))
+        if norm < 1e-9:
+            raise InputError("quaternion must not be zero")
+        object.__setattr__(self, "quaternion", vector(quaternion / norm, 4))
+
+    @classmethod
+    def from_numbers(cls, numbers: Sequence[float] | Array) -> Self:
+        """Make a pose of x, y, z (m) and w, x, y, z."""
+        return cls(np.array(numbers[:3]), np.array(numbers[3:]))
+
+    @property
+    def numbers(self) -> Numbers7:
+        """Position in m and quaternion as x, y, z and w, x, y, z."""
+        x, y, z = self.position.tolist()
+        return (x, y, z, *self.quaternion.tolist())
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation matrix, shape (3, 3). Its columns are the axes of the frame."""
+        return np.array(matrix(self.quaternion.tolist()))
+
+    def __matmul__(self, other: Pose) -> Pose:
+        turn = product(self.quaternion.tolist(), other.quaternion.tolist())
+        return Pose(self.apply(other.position), np.array(turn))
+
+    def inverse(self) -> Pose:
+        """Return the inverse transform: the pose of the outer frame in this one."""
+        back = inverse(self.quaternion.tolist())
+        return Pose(-self.position @ self.rotation, np.array(back))
+
+    def apply(self, points: Array) -> Array:
+        """Transform a point, shape (3,), or points, shape (n, 3), from this frame to the outer one."""
+        moved: Array = points @ self.rotation.T + self.position
+        return moved
