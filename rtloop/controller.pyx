@@ -15,6 +15,7 @@ from cobot.ipc.layout import Ack, Command, Intervention, MotionResult, text
 from cobot.types import RESTING, LoopMode
 from rtloop.mode_machine import OVERTAKEN
 from rtloop.planned.loading import RefusedError
+from rtloop.results import ACCEPTED, LATER, Rejected
 
 # To who wants to stream.
 UNACKNOWLEDGED = (
@@ -58,7 +59,6 @@ cdef class Controller(ModeMachine):
         """Somebody has compared what the first contact has found with the arm: full speed from now on."""
         self._device.acknowledge()
         self.follower.clock.c_scale(self._device.share)
-        return ""
 
     def heed_t1(self):
         """A session that was begun at full speed does not go on in T1, nor one that now goes too fast."""
@@ -136,67 +136,60 @@ cdef class Controller(ModeMachine):
         command = self.commands.next_command()
         if command is None:
             return
-        number, kind = int(command["id"]), int(command["kind"])
-        cdef unsigned long long asked = self.commands.stops
-        if kind == Command.RESET:
-            asked += self.commands.estops
-        if kind in (Command.START, Command.REPLACE, Command.RESET) and int(command["stops"]) != asked:
-            refusal = OVERTAKEN
-        elif kind == Command.START:
-            refusal = self._start(number, command)
-        elif kind == Command.REPLACE:
-            refusal = self._replace(number, command)
-        elif kind == Command.SET_RATE:
-            refusal = self._set_rate(float(command["value"]))
-        elif kind == Command.RESET:
-            refusal = self._begin_reset(measured, fresh, number)
-        elif kind == Command.TOOL:
-            refusal = self._take_tool(int(command["tool"]), int(command["scene"]))
-        elif kind == Command.ACKNOWLEDGE:
-            refusal = self.acknowledge()
-        elif kind == Command.SCENE:
-            refusal = self._take_scene(int(command["scene"]))
-        elif kind == Command.OUTPUT:
-            refusal = self._set_output()
+        kind = int(command["kind"])
+        if self._is_overtaken(kind, command):
+            result = Rejected(OVERTAKEN)
+        elif kind in HANDLERS:
+            result = HANDLERS[kind](self, command, measured, fresh)
         else:
-            refusal = f"there is no command {kind}"
-        if refusal is not None:
-            self.commands.answer(number, refusal)
+            result = Rejected(f"there is no command {kind}")
+        self.commands.answer(int(command["id"]), result)
 
-    def _set_output(self):
-        """Pass on what stands in the output's block, whatever the arm does."""
+    def _is_overtaken(self, kind, command):
+        """Whether a stop was requested after the client sent a command that moves the arm or resets it."""
+        cdef unsigned long long stops = self.commands.stops
+        if kind == Command.RESET:
+            stops += self.commands.estops
+        return kind in OVERTAKEN_BY_STOPS and int(command["stops"]) != stops
+
+    def _acknowledge(self, command, Measured measured, bint fresh):
+        self.acknowledge()
+        return ACCEPTED
+
+    def _set_output(self, command, Measured measured, bint fresh):
+        """Set the output that its block names, in any mode."""
         if not self._output.try_read():
-            return "the output could not be read"
+            return Rejected("the output could not be read")
         return self._device.set_output(text(self._output.data["name"]), float(self._output.data["value"]))
 
-    def _start(self, number, command):
-        """Begin to load; the acknowledgement follows when the motion is verified."""
+    def _start(self, command, Measured measured, bint fresh):
+        """Begin to load a motion. The result follows when the motion is verified."""
         if self.mode is not LoopMode.HOLD:
-            return f"the arm is in mode {self.mode.name}"
+            return Rejected(f"the arm is in mode {self.mode.name}")
         if self._guide == BRAKE or (self._guide == COAST and not self.settling.settled):
-            return "the arm is not at rest yet"
-        return self.handover.begin_start(number, command, self.safety.position)
+            return Rejected("the arm is not at rest yet")
+        return self.handover.begin_start(command, self.safety.position)
 
-    def _replace(self, number, command):
-        """Begin to load what the motion under way shall go on with; it goes on as it is meanwhile."""
+    def _replace(self, command, Measured measured, bint fresh):
+        """Begin to load the continuation of the present motion, which goes on meanwhile."""
         motion, offset_s = int(command["motion_id"]), float(command["value"])
         here_s = self.follower.clock.path_time_s
         if self.mode is not LoopMode.TRAJECTORY or self._guide != PATH:
-            return f"no motion is under way on its path, the arm is in mode {self.mode.name}"
+            return Rejected(f"no motion is under way on its path, the arm is in mode {self.mode.name}")
         if self.follower.by_itself:
-            return BY_ITSELF.format("led on to another motion")
+            return Rejected(BY_ITSELF.format("led on to another motion"))
         if motion != self.motion_id:
-            return f"motion {self.motion_id} is under way, not {motion}"
+            return Rejected(f"motion {self.motion_id} is under way, not {motion}")
         if not 0.0 <= offset_s <= here_s:
-            return f"it would begin at {offset_s} s of a motion that is at {here_s:.3f} s"
-        return self.handover.begin_replacement(number, command, self.safety.position, offset_s)
+            return Rejected(f"it would begin at {offset_s} s of a motion that is at {here_s:.3f} s")
+        return self.handover.begin_replacement(command, self.safety.position, offset_s)
 
     def _load(self):
         try:
             if not self.handover.step():
                 return
         except RefusedError as exc:
-            self._finish_loading(str(exc))
+            self._finish_loading(Rejected(str(exc)))
             return
         if self.handover.load == START:
             self._begin_motion()
@@ -207,9 +200,9 @@ cdef class Controller(ModeMachine):
         try:
             self.follower.watch.set(self.handover.fence())
         except ValueError as exc:
-            self._finish_loading(str(exc))
+            self._finish_loading(Rejected(str(exc)))
             return
-        self._finish_loading()
+        self._finish_loading(ACCEPTED)
         self.motion_id, self.slot = self.handover.motion_id, self.handover.slot
         self._motion_result = MotionResult.RUNNING
         self.c_let(PATH)
@@ -225,58 +218,74 @@ cdef class Controller(ModeMachine):
         if not refusal:
             self.slot = self.handover.slot
             self.follower.go_on_with(self.handover.swap(self.follower.path), self.handover.offset_s)
-        self._finish_loading(refusal)
+        self._finish_loading(Rejected(refusal) if refusal else ACCEPTED)
 
-    def _take_scene(self, version):
-        """Read anew what stands around the arm, as soon as it rests; a session waits for it."""
+    def _read_scene(self, command, Measured measured, bint fresh):
+        """Read the scene again as soon as the arm rests. A new session waits for it."""
         if self.c_streams() or self.streaming.session:
-            return f"somebody streams (mode {self.mode.name}): the scene changes before or after that"
-        self.tool_and_scene.hear_of(version)
-        return ""
+            return Rejected(
+                f"somebody streams (mode {self.mode.name}): the scene changes before or after that"
+            )
+        self.tool_and_scene.hear_of(int(command["scene"]))
+        return ACCEPTED
 
-    def _take_tool(self, version, scene_version):
+    def _change_tool(self, command, Measured measured, bint fresh):
         if self._mode not in RESTING or self.c_moving() or self.streaming.session:
-            return f"the tool changes only while the arm rests: it is in mode {self.mode.name}"
-        return self.tool_and_scene.take(version, scene_version)
+            return Rejected(f"the tool changes only while the arm rests: it is in mode {self.mode.name}")
+        return self.tool_and_scene.take(int(command["tool"]), int(command["scene"]))
 
-    def _set_rate(self, rate):
+    def _set_rate(self, command, Measured measured, bint fresh):
+        rate = float(command["value"])
         if self._mode != TRAJECTORY:
-            return f"no motion is running, the arm is in mode {self.mode.name}"
+            return Rejected(f"no motion is running, the arm is in mode {self.mode.name}")
         if self.follower.by_itself:
-            return BY_ITSELF.format("slowed down")
+            return Rejected(BY_ITSELF.format("slowed down"))
         if not 0.0 <= rate <= 1.0:
-            return f"the rate must be from 0 to 1, got {rate}"
+            return Rejected(f"the rate must be from 0 to 1, got {rate}")
         self.follower.clock.c_request(rate)
-        return ""
+        return ACCEPTED
 
-    def _begin_reset(self, Measured measured, bint fresh, number):
-        """Leave ESTOP or FAULT and hold the arm where it is now. The drives may take their time: nothing
-        moves. Where they take it in steps, the acknowledgement follows (None).
+    def _reset(self, command, Measured measured, bint fresh):
+        """Leave ESTOP or FAULT and hold the arm where it is now. This cycle may take long, because nothing
+        moves. With drives that are enabled in steps the result follows later.
         """
         if self.mode not in (LoopMode.ESTOP, LoopMode.FAULT):
-            return ""
+            return ACCEPTED
         rests = self.settling.settled or not (self.follower.by_itself and fresh)
         if self._guide in (PATH, BRAKE) or self.streaming.session or not rests:
-            return "the arm is not at rest yet"
+            return Rejected("the arm is not at rest yet")
         if self.stale:
-            return "the robot still reports the same values as when it moved"
-        if self.drives.begin_reset(number, self.commands.stops):
-            return None
-        refusal = self.drives.switch_on(measured)
-        if not refusal:
+            return Rejected("the robot still reports the same values as when it moved")
+        result = self.drives.begin_reset(int(command["id"]), self.commands.stops, measured)
+        if result == ACCEPTED:
             self._hold(measured)
-        return refusal
+        return result
 
     def _step_reset(self, Measured measured):
-        """A bit of a reset in steps; meanwhile the command is where the arm is."""
-        refusal = OVERTAKEN
+        """Do one step of a reset in steps. Meanwhile the command follows the measured position."""
+        result = Rejected(OVERTAKEN)
         if not self.drives.is_overtaken(self.commands.stops):
-            refusal = self.drives.step_reset(measured)
-        if refusal == "":
+            result = self.drives.step_reset(measured)
+        if result == ACCEPTED:
             self._hold(measured)
-        if refusal is not None:
-            self._finish_reset(refusal)
+        if result != LATER:
+            self._finish_reset(result)
 
     def _hold(self, Measured measured):
         self._enter(LoopMode.HOLD)
         self.start_at(measured.position)
+
+
+HANDLERS = {
+    Command.START: Controller._start,
+    Command.REPLACE: Controller._replace,
+    Command.SET_RATE: Controller._set_rate,
+    Command.RESET: Controller._reset,
+    Command.TOOL: Controller._change_tool,
+    Command.ACKNOWLEDGE: Controller._acknowledge,
+    Command.SCENE: Controller._read_scene,
+    Command.OUTPUT: Controller._set_output,
+}
+"""Method for each kind of command. It gets the command, the measured values, and whether they are new."""
+OVERTAKEN_BY_STOPS = frozenset({Command.START, Command.REPLACE, Command.RESET})
+"""Commands that are rejected if a stop was requested after they were sent."""

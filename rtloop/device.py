@@ -17,6 +17,7 @@ from cobot.robot.io_points import IoPoint, io_points, output_of, require_number
 from cobot.strict import shown
 from rtloop.backends import Backend, BackendError, HasIo, Reporting, capabilities_of
 from rtloop.backends.guarded import ForeignError
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 POLL_S = 0.2
 """So often a device is asked how it is, s."""
@@ -118,16 +119,16 @@ class DeviceWatch:
         self.t1_share = self._scaling if status.operation_mode == "T1" else None
         self._publish()
 
-    def set_output(self, name: str, value: float) -> str:
-        """Have the device set an output, by the service's word alone; why that cannot be, "" if it can."""
+    def set_output(self, name: str, value: float) -> Accepted | Rejected:
+        """Set an output of the device."""
         if self._io is None:
-            return "the device has no outputs"
+            return Rejected("the device has no outputs")
         try:
             require_number(output_of(self._points or (), name), value)
             self._io.set_output(name, value)
         except (CobotError, BackendError) as exc:
-            return str(exc)
-        return ""
+            return Rejected(str(exc))
+        return ACCEPTED
 
     def _report_io(self) -> None:
         if self._io is None:

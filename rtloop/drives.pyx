@@ -5,6 +5,7 @@ from rtloop.backends.compiled cimport Measured
 import numpy as np
 
 from rtloop.backends import BackendError, Stepwise
+from rtloop.results import ACCEPTED, LATER, Rejected
 
 
 cdef class Drives:
@@ -49,34 +50,43 @@ cdef class Drives:
         self._switched(OFF)
         return ""
 
-    def begin_reset(self, number, stops):
-        """Whether the reset that a command asks for goes on in steps; else `switch_on` does all of it.
+    def begin_reset(self, number, stops, Measured measured):
+        """Switch the drives on and read where the arm is, now or in steps.
 
         Args:
-            number: of the command.
-            stops: that had been requested when it was taken.
+            number: number of the command.
+            stops: number of stops that had been requested when the command was taken.
+            measured: receives the values that are read.
+
+        Returns:
+            `Later` for a device that is enabled in steps: `step_reset` does them.
         """
         if self._stepwise:
             self._number, self._stops, self._reset = number, stops, RECOVERING
-        return self._stepwise
+            return LATER
+        try:
+            self._backend.enable()
+        except BackendError as exc:
+            return Rejected(f"the robot cannot be enabled: {exc}")
+        return self._take_over(measured)
 
     def is_overtaken(self, unsigned long long stops):
         """Whether a stop was requested since it began."""
         return stops != self._stops
 
     def step_reset(self, Measured measured):
-        """A bit of it: the device recovers, then its drives are switched on, and meanwhile the cycle goes on
-        with its packets. None for another step, else as `switch_on`.
+        """Do one step of a reset: the device recovers, then its drives are switched on. Meanwhile the cycle
+        goes on answering its packets. `Later` if more steps follow.
         """
         try:
             if self._reset == RECOVERING:
                 if self._backend.recover_step():
                     self._reset = ENABLING
-                return None
+                return LATER
             if not self._backend.enable_step():
-                return None
+                return LATER
         except BackendError as exc:
-            return f"the robot cannot be enabled: {exc}"
+            return Rejected(f"the robot cannot be enabled: {exc}")
         return self._take_over(measured)
 
     def end_reset(self):
@@ -84,25 +94,17 @@ cdef class Drives:
         self._reset = NO_RESET
         return self._number
 
-    def switch_on(self, Measured measured):
-        """Switch them on, and find out where the arm is; "" or why it cannot be held."""
-        try:
-            self._backend.enable()
-        except BackendError as exc:
-            return f"the robot cannot be enabled: {exc}"
-        return self._take_over(measured)
-
     def _take_over(self, Measured measured):
         found = Measured(self._dof)
         self._switched(ON)
         try:
             self._backend.read(found)
         except BackendError as exc:
-            return f"the robot cannot be enabled: {exc}"
+            return Rejected(f"the robot cannot be enabled: {exc}")
         if not np.isfinite(found.values).all():
-            return "the robot reports a value that is not finite"
+            return Rejected("the robot reports a value that is not finite")
         np.copyto(measured.values, found.values)
-        return ""
+        return ACCEPTED
 
     def _switched(self, Power power):
         self._power = power

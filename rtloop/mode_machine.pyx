@@ -20,6 +20,7 @@ from cobot.errors import InputError
 from cobot.ipc.layout import Intervention, MotionResult, text
 from cobot.types import LoopMode
 from rtloop.modes import STREAMING, TRANSITIONS
+from rtloop.results import Rejected
 
 # To whose command a stop has overtaken.
 OVERTAKEN = "a stop was requested meanwhile"
@@ -128,7 +129,7 @@ cdef class ModeMachine:
     def stop(self, reason):
         """Come to rest: on the path, if the arm is on it and it leaves room to slow down."""
         if self.handover.load != NO_LOAD:
-            self._finish_loading(reason)
+            self._finish_loading(Rejected(reason))
         if self._mode == TRAJECTORY or self.c_streams():
             self._enter(LoopMode.STOPPING, reason)
             self._slow_down()
@@ -142,7 +143,7 @@ cdef class ModeMachine:
     def estop(self, reason):
         """Come to rest as after a stop, and stay there until reset."""
         if self.drives.c_resetting():
-            self._finish_reset(OVERTAKEN)
+            self._finish_reset(Rejected(OVERTAKEN))
         self._latch(LoopMode.ESTOP, reason)
 
     def fast_stop(self, reason):
@@ -223,7 +224,7 @@ cdef class ModeMachine:
         if self.mode is mode or not self._enter(mode, reason):
             return
         if self.handover.load != NO_LOAD:
-            self._finish_loading(reason)
+            self._finish_loading(Rejected(reason))
         if self.motion_result is MotionResult.RUNNING:
             self._motion_result = MotionResult.FAILED
         if self._guide == PATH or self.safety.pursuing or self.streaming.session:
@@ -253,11 +254,11 @@ cdef class ModeMachine:
         else:
             self.follower.slow_down()
 
-    def _finish_loading(self, refusal=""):
-        self.commands.answer(self.handover.end(), refusal)
+    def _finish_loading(self, result):
+        self.commands.answer(self.handover.end(), result)
 
-    def _finish_reset(self, refusal):
-        self.commands.answer(self.drives.end_reset(), refusal)
+    def _finish_reset(self, result):
+        self.commands.answer(self.drives.end_reset(), result)
 
     cdef void _heed_stream(self) except *:
         """What the client wants in this cycle."""

@@ -4,6 +4,7 @@ from cobot.errors import CobotError, InputError, LimitError
 from cobot.ipc.tool_record import tool_of
 from cobot.robot.tool import check_tool
 from rtloop.backends import BackendError, CarriesTool
+from rtloop.results import ACCEPTED, Rejected
 from rtloop.streaming.surroundings import Surroundings
 
 from rtloop.streaming.session cimport Session
@@ -41,21 +42,21 @@ cdef class ToolAndScene:
         self._info.publish()
 
     def take(self, version, scene_version):
-        """Carry what stands in the tool's block; "" or why not. The arm rests: the command stays what it is,
-        and the torques that hold it follow the weight within the same cycle.
+        """Carry the tool of the tool's block. The arm rests: the command stays the same, and the torques that
+        hold it follow the weight within the same cycle.
         """
         if not self._tool.try_read():
-            return "the tool could not be read"
+            return Rejected("the tool could not be read")
         try:
             tool = tool_of(self._tool.data)
             check_tool(tool, self._max_payload_kg, self._model.file_gravity)
             if tool.version != version:
-                return f"version {tool.version} of the tool stands there, not {version}"
+                return Rejected(f"version {tool.version} of the tool stands there, not {version}")
             self.carry(tool)
             self.hear_of(scene_version)  # Its shapes stand in its file.
         except (InputError, LimitError, ValueError, BackendError) as exc:
-            return str(exc)
-        return ""
+            return Rejected(str(exc))
+        return ACCEPTED
 
     def hear_of(self, version):
         """The files hold another scene, or other shapes of the tool; nothing is being read."""

@@ -7,6 +7,7 @@ from rtloop.inboxes.stream cimport Inbox
 
 from cobot.ipc.layout import RING, Ack
 from cobot.ipc.shm import encoded
+from rtloop.results import Accepted, Rejected
 
 UNREADABLE_CYCLES = 100
 """After so many tries a command is given up: its writer died while writing it."""
@@ -93,9 +94,12 @@ cdef class CommandInbox:
         ack.data["message"] = encoded(message)
         ack.c_publish()
 
-    def answer(self, number, refusal):
-        """Acknowledge a command: refused for a reason, or, with "", accepted."""
-        self.acknowledge(number, Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
+    def answer(self, number, result):
+        """Acknowledge a command with its result. `Later` is none yet."""
+        if isinstance(result, Rejected):
+            self.acknowledge(number, Ack.REJECTED, result.reason)
+        elif isinstance(result, Accepted):
+            self.acknowledge(number, Ack.ACCEPTED)
 
     cdef int c_poll_requests(self) noexcept nogil:
         cdef int asked = 0

@@ -3,6 +3,7 @@
 from rtloop.planned.path cimport Path
 
 from rtloop.planned.loading import load
+from rtloop.results import LATER, Rejected
 
 _WHOLE = object()
 # How far a motion may start from the commanded position: planning rounds, the safety layer smooths.
@@ -31,26 +32,28 @@ cdef class Handover:
         self._slots, self._model, self._loader = slots, model, None
         self.load = NO_LOAD
 
-    def begin_start(self, number, command, position):
-        """Load what begins at rest where the arm is commanded to be, (dof,), rad; None or why not."""
-        return self._begin(START, number, command, position, position, 0.0)
+    def begin_start(self, command, position):
+        """Begin to load a motion that starts at rest at the commanded position, (dof,), rad."""
+        return self._begin(START, command, position, position, 0.0)
 
-    def begin_replacement(self, number, command, position, offset_s):
-        """Load what shall be the motion under way from a path time on; None or why not."""
-        return self._begin(REPLACEMENT, number, command, position, None, offset_s)
+    def begin_replacement(self, command, position, offset_s):
+        """Begin to load the continuation of the present motion from a path time on."""
+        return self._begin(REPLACEMENT, command, position, None, offset_s)
 
-    def _begin(self, Load kind, number, command, position, start, offset_s):
+    def _begin(self, Load kind, command, position, start, offset_s):
         slot = int(command["slot"])
         if slot >= len(self._slots):
-            return f"there is no slot {slot}"
+            return Rejected(f"there is no slot {slot}")
         planned, carried = int(command["tool"]), self._model.tool.version
         if planned != carried:
-            return f"the motion was planned with version {planned} of the tool, the arm has version {carried}"
-        self.number, self.motion_id, self.slot = number, int(command["motion_id"]), slot
+            return Rejected(
+                f"the motion was planned with version {planned} of the tool, the arm has version {carried}"
+            )
+        self.number, self.motion_id, self.slot = int(command["id"]), int(command["motion_id"]), slot
         self.offset_s, self.load = offset_s, kind
         limits = self._model.limits.including(position)
         self._loader = load(self.path, self._slots[slot], self.motion_id, start, START_TOLERANCE_RAD, limits)
-        return None
+        return LATER
 
     def step(self):
         """A piece; whether it was the last one.
