@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from cobot.errors import InputError
-from cobot.orientations import inverse, matrix, product
+from cobot.orientations import inverse, matrix, product, rotated
 from cobot.vectors import Array, vector
 
 Numbers7 = tuple[float, float, float, float, float, float, float]
@@ -40,7 +40,9 @@ class Pose:
         norm = float(np.linalg.norm(quaternion))
         if norm < 1e-9:
             raise InputError("quaternion must not be zero")
-        object.__setattr__(self, "quaternion", vector(quaternion / norm, 4))
+        quaternion = quaternion / norm
+        quaternion.flags.writeable = False
+        object.__setattr__(self, "quaternion", quaternion)
 
     @classmethod
     def from_numbers(cls, numbers: Sequence[float] | Array) -> Self:
@@ -59,13 +61,14 @@ class Pose:
         return np.array(matrix(self.quaternion.tolist()))
 
     def __matmul__(self, other: Pose) -> Pose:
-        turn = product(self.quaternion.tolist(), other.quaternion.tolist())
-        return Pose(self.apply(other.position), np.array(turn))
+        turn = self.quaternion.tolist()
+        moved = rotated(turn, other.position.tolist())
+        return Pose(self.position + moved, np.array(product(turn, other.quaternion.tolist())))
 
     def inverse(self) -> Pose:
         """Return the inverse transform: the pose of the outer frame in this one."""
         back = inverse(self.quaternion.tolist())
-        return Pose(-self.position @ self.rotation, np.array(back))
+        return Pose(-np.array(rotated(back, self.position.tolist())), np.array(back))
 
     def apply(self, points: Array) -> Array:
         """Transform a point, shape (3,), or points, shape (n, 3), from this frame to the outer one."""
