@@ -32,6 +32,8 @@ FILES = (
     "ipc/layout.py",
     "ipc/session_rules.py",
     "ipc/state_fields.py",
+    "motions/__init__.py",
+    "motions/planners.py",
     "orientations.py",
     "pose.py",
     "py.typed",
