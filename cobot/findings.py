@@ -1,4 +1,5 @@
-"""Why there is no motion, as numbers, and what would make one: the facts of an error beside its sentence."""
+"""The facts behind a planning error: the reasons why planning failed, as numbers, and requests that would
+work."""
 
 from __future__ import annotations
 
@@ -13,15 +14,15 @@ Kind = Literal["slower", "faster", "planner", "branch", "start", "goal", "free_a
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one check has found.
+    """The finding of one check.
 
     Attributes:
-        check: which one.
-        quantity: what it looks at, as "position", "distance", "effort".
-        value, limit: of the quantity, in `unit`, which is SI; "" for a share.
-        share: where, as a share of the path (of its time, if it has been timed): 0 is the start, 1 the
-            goal; None if it is nowhere in particular.
-        of: the joint, or the two that come too near to each other.
+        check: the check that failed.
+        quantity: the checked quantity, for example "position", "distance" or "effort".
+        value, limit: value and limit of the quantity, in `unit`, which is SI; "" for a share.
+        share: location on the path, from 0 at the start to 1 at the goal. It is a share of the duration if
+            the path has a time parameterization. None if the finding has no location.
+        of: the joint, or the two bodies that come too close to each other.
     """
 
     check: Check
@@ -34,18 +35,18 @@ class Finding:
 
     @property
     def excess(self) -> float:
-        """By how much the value is beyond the limit, in `unit`."""
+        """Amount by which the value exceeds the limit, in `unit`."""
         return abs(self.value - self.limit)
 
 
 @dataclass(frozen=True, slots=True)
 class Remedy:
-    """A change of a request with which it has been planned.
+    """A change of a request with which planning succeeded.
 
     Attributes:
-        change: of the fields of `cobot.motions.requests.MotionRequest`.
-        says: the same for people.
-        duration_s: of the motion then.
+        change: changed fields of `cobot.motions.requests.MotionRequest`.
+        says: the change as a sentence for people.
+        duration_s: duration of the changed motion.
     """
 
     kind: Kind
@@ -56,11 +57,11 @@ class Remedy:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Changes of one kind with which there is no motion either.
+    """Changes of one kind with which planning failed as well.
 
     Attributes:
-        count: how many were tried.
-        says, why: of the first of them: the change, and what became of it.
+        count: number of changes that were tried.
+        says, why: the first of these changes and its result, as sentences for people.
     """
 
     kind: Kind
@@ -71,14 +72,14 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """What was tried when a motion could not be planned.
+    """The changes that were tried after planning a motion failed.
 
     Attributes:
-        works: at the most one of each kind.
-        tried: what did not work, one of each kind.
-        spent_s, budget_s: the time that trying took, and could take; nothing is begun after it.
-        start: the joints from where it was to go, rad.
-        motion: of a sequence, which one, from 1 on; None if there is but one.
+        works: changes that work, at most one of each kind.
+        tried: changes that do not work, one entry for each kind.
+        spent_s, budget_s: time taken by the trials, and time allowed. No trial starts after that.
+        start: joint positions at the start, rad.
+        motion: number of the motion in a sequence, from 1; None for a single motion.
     """
 
     works: tuple[Remedy, ...]

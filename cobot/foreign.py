@@ -1,6 +1,6 @@
-"""Text, iterators and numbers of devices, files and programs, made safe to keep, to print and to send.
+"""Makes text, iterators and numbers from devices, files and programs safe to store, print and send.
 
-Their `str()` may raise or return something else, their text may be a megabyte of escape sequences, an
+An object's `str()` may raise or return another type. A text may be a megabyte of escape sequences, an
 iterator may never end, and a number may have 300 digits.
 """
 
@@ -15,7 +15,7 @@ from cobot.logs.lines import MAX_MESSAGE, printable
 
 MAX_NAME = 80
 WIDE = 1e7
-"""A number from here on is written with an exponent: nobody counts its digits."""
+"""Smallest number that is written with an exponent, because its digits would be hard to count."""
 
 
 MAX_LINE = 10_000
@@ -28,16 +28,16 @@ def plain_text(value: object, max_characters: int = MAX_MESSAGE) -> str:
 
 
 def joined_text(value: object, max_characters: int = MAX_MESSAGE) -> str:
-    """The same, where line ends and other white space become single spaces."""
+    """The text of any object in one printable line, where white space and line ends become single spaces."""
     text, head = _text(value), 2 * max_characters
     return plain_text(" ".join(text[:head].split()) + text[head:], max_characters)
 
 
 def plain_lines(value: object, indent: str = "") -> str:
-    """The text of any object for people, in printable lines, so many at most.
+    """The text of any object for people, in at most `MAX_LINES` printable lines.
 
     Args:
-        indent: what each line but the first begins with.
+        indent: prefix of each line except the first.
     """
     text = _text(value)
     lines = text[: MAX_LINE * MAX_LINES].split("\n", MAX_LINES)
@@ -52,10 +52,10 @@ def plain_error(exc: BaseException, max_characters: int = MAX_MESSAGE) -> str:
 
 
 def bounded(items: Iterable[Any], most: int, what: str) -> tuple[Any, ...]:
-    """All of them.
+    """The items as a tuple.
 
     Raises:
-        InputError: there are more than this; no more are taken.
+        InputError: there are more than `most` items. The rest is not read.
     """
     found = tuple(itertools.islice(items, most + 1))
     if len(found) > most:
@@ -64,12 +64,12 @@ def bounded(items: Iterable[Any], most: int, what: str) -> tuple[Any, ...]:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """A number with so many decimals, or with an exponent where that would be wide."""
+    """A number with this number of decimals, or with an exponent if it is large."""
     return f"{value:z.{decimals}f}" if abs(value) < WIDE else f"{value:.6g}"
 
 
 def _text(value: object) -> str:
-    """What its `str()` gives, or that it gives none."""
+    """The result of `str()`, or a note that it failed."""
     try:
         text = value if isinstance(value, str) else str(value)
         # A subclass of str may have methods of its own.
@@ -79,5 +79,5 @@ def _text(value: object) -> str:
 
 
 def _type_name(value: object) -> str:
-    """The name of its class, which a metaclass cannot make up."""
+    """The name of a value's class, even if its metaclass reports another one."""
     return printable(type.__dict__["__name__"].__get__(type(value)), MAX_NAME)

@@ -1,4 +1,4 @@
-"""Which backend moves the robot, as it stands in the settings."""
+"""The backend that moves the robot, as the settings name it."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from cobot.strict import sentence, shown, unknown_key
 
 
 class BackendSection(Section):
-    """In YAML its name alone, or a mapping of `type` and the backend's own options.
+    """The backend of a robot. In YAML it is a name, or a mapping of `type` and the backend's own options.
 
     Attributes:
         type: a name, or package.module:Class.
-        options: of that backend; only it knows which there are.
-        folder: against which paths in the options are resolved; that of the settings' file unless it says so.
+        options: options that the backend itself defines.
+        folder: folder for relative paths in the options; by default that of the settings file.
     """
 
     type: Annotated[str, Field(min_length=1, max_length=200)]
@@ -28,10 +28,10 @@ class BackendSection(Section):
 
 
 def options_of(backend: BackendSection, kind: type[Model]) -> Model:
-    """The options as the backend's own model of them.
+    """The backend's options, as an instance of its own model.
 
     Raises:
-        ConfigError: an unknown key, with those that are valid, or a wrong value.
+        ConfigError: a key is unknown (the error lists the valid ones) or a value is wrong.
     """
     for key in backend.options:
         if key not in kind.model_fields:
@@ -43,7 +43,7 @@ def options_of(backend: BackendSection, kind: type[Model]) -> Model:
 
 
 def _a_backend(value: object, info: ValidationInfo) -> object:
-    """What stands in a file as the fields of a `BackendSection`."""
+    """The content of a file, as the fields of a `BackendSection`."""
     content = {"type": value} if isinstance(value, str) else value
     if not (isinstance(content, dict) and content.get("type")):
         raise ValueError(
@@ -58,7 +58,7 @@ def _a_backend(value: object, info: ValidationInfo) -> object:
 
 
 def _as_in_a_file(backend: BackendSection) -> object:
-    """Complete, for a file in another folder."""
+    """The complete section, with its folder, so that a file elsewhere can contain it."""
     if not backend.options:
         return backend.type
     return {"type": backend.type, "folder": str(backend.folder), **backend.options}

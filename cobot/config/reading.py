@@ -1,4 +1,4 @@
-"""From files to settings: what ships with cobot, and on top of it a file of one's own."""
+"""Reads settings from files: first the file shipped with cobot, then the user's file on top of it."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from cobot.yaml_file import read_mapping
 SETTINGS_FILE = "cobot-setting.yaml"
 DEFAULT_SETTINGS = f"pkg://config/{SETTINGS_FILE}"
 SECTIONS_OF_A_ROBOT = ("rt", "streaming", "planning")
-"""An entry in `robots` may change these sections as a whole."""
+"""Sections that an entry in `robots` may change, in addition to those of the robot itself."""
 
 
 def load_settings(path: Path | None = None) -> Settings:
-    """Read the settings; None reads those that ship with cobot.
+    """Read the settings; None reads the file shipped with cobot.
 
-    A file of your own needs only the keys that differ from the shipped ones. Its list `robots`, if it has
-    one, holds what each of several robots has otherwise than the rest of the file says.
+    The user's file needs only the keys that differ from the shipped ones. It may have a list `robots`, whose
+    entries hold the differences of each robot from the rest of the file.
 
     Raises:
-        ConfigError: naming the file, the key, the value and what is valid.
+        ConfigError: a file is invalid. The error names the file, the key, the value and the valid values.
     """
     shipped = resolve(DEFAULT_SETTINGS, Path())
     content = read_mapping(shipped)
@@ -41,7 +41,7 @@ def load_settings(path: Path | None = None) -> Settings:
 
 
 def _of_several(path: Path, content: dict[str, Any], entries: Any) -> Settings:
-    """The settings of a file with a list `robots`; `content` is the rest of it."""
+    """The settings of a file with a list `robots`; `content` is the rest of the file."""
     each = [
         parse(Settings, path, _merged(content, changes), place=f"robots[{index}]: ")
         for index, changes in enumerate(_changes_of_each(path, entries))
@@ -57,7 +57,7 @@ def _of_several(path: Path, content: dict[str, Any], entries: Any) -> Settings:
 
 
 def _changes_of_each(path: Path, entries: Any) -> Iterator[dict[str, Any]]:
-    """Of each entry in `robots`: what it changes in the settings as a whole."""
+    """The changes that each entry in `robots` makes to the settings."""
     if not isinstance(entries, list) or not entries:
         raise ConfigError(f"{path}: robots: must be a list of one robot or more, got {shown(entries)}")
     valid = [*RobotSection.model_fields, "joint_limits", *SECTIONS_OF_A_ROBOT]
@@ -77,25 +77,28 @@ def _changes_of_each(path: Path, entries: Any) -> Iterator[dict[str, Any]]:
 
 
 def _with_backend_at_robot(place: object, content: dict[str, Any]) -> dict[str, Any]:
-    """Older files have the backend in the section `rt`.
+    """Move a backend from the section `rt`, where older files have it, to the section `robot`.
 
     Raises:
-        ConfigError: it stands in both.
+        ConfigError: both sections have a backend.
     """
     rt, robot = content.get("rt"), content.get("robot", {})
     if not isinstance(rt, dict) or "backend" not in rt or not isinstance(robot, dict):
         return content
     if "backend" in robot:
         raise ConfigError(
-            f"{place}: rt.backend: {shown(rt['backend'])} stands beside robot.backend: "
-            f"{shown(robot['backend'])}, which is the newer name of the same: give one"
+            f"{place}: rt.backend is {shown(rt['backend'])} and robot.backend is "
+            f"{shown(robot['backend'])}: give only robot.backend, the newer name"
         )
     left = {key: value for key, value in rt.items() if key != "backend"}
     return {**content, "rt": left, "robot": {**robot, "backend": rt["backend"]}}
 
 
 def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """`changes` on top of `base`; a backend is replaced as a whole: its options are of its own type."""
+    """`base` with `changes` applied.
+
+    A backend is replaced as a whole, because its options belong to its type.
+    """
     merged = dict(base)
     for key, value in changes.items():
         both = key != "backend" and isinstance(value, dict) and isinstance(base.get(key), dict)

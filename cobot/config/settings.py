@@ -1,4 +1,4 @@
-"""All settings together, and the files that follow from them."""
+"""All settings of a robot, and the paths of files derived from them."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from cobot.errors import ConfigError
 
 
 class Settings(Section):
-    """`cobot-setting.yaml`, as it is for one robot.
+    """The content of `cobot-setting.yaml` for one robot.
 
     Attributes:
-        robots: of all robots, each as if it were the only one, where the file has a list `robots`; the first
-            is the default robot, whose settings the other attributes are.
+        robots: settings of each robot, if the file has a list `robots`. The first is the default robot, and
+            the other attributes are its settings.
     """
 
     robot: RobotSection
@@ -54,47 +54,47 @@ class Settings(Section):
 
     @property
     def jobs_file(self) -> Path:
-        """What became of motions; the service writes it."""
+        """File with the results of motions, which the service writes."""
         return (self.kept or self.logs) / f"{self.robot.name}.jobs.jsonl"
 
     @property
     def recording_folder(self) -> Path:
-        """Of this robot's recordings; the recorder makes it."""
+        """Folder of this robot's recordings, which the recorder creates."""
         return (self.recording.folder or self.logs / "mcap") / self.robot.name
 
     @property
     def scene_file(self) -> Path:
-        """What stands around the robot; the service writes it."""
+        """File with the objects around the robot, which the service writes."""
         return (self.kept or self.logs) / f"{self.robot.name}.scene.json"
 
     @property
     def positions_file(self) -> Path:
-        """Named positions that people have taught; the service writes it."""
+        """File with the named positions that people have taught, which the service writes."""
         return (self.kept or self.logs) / f"{self.robot.name}.positions.json"
 
     @property
     def tool_file(self) -> Path:
-        """What is on the robot's flange; the service writes it."""
+        """File with the tool on the robot's flange, which the service writes."""
         return (self.kept or self.logs) / f"{self.robot.name}.tool.json"
 
     def backend_options(self, kind: type[Model]) -> Model:
-        """What stands beside `type` in `robot.backend`, as that backend's own model of it.
+        """The options in `robot.backend`, as an instance of the backend's own model.
 
         Raises:
-            ConfigError: an unknown key, with those that are valid, or a wrong value.
+            ConfigError: a key is unknown (the error lists the valid ones) or a value is wrong.
         """
         return options_of(self.robot.backend, kind)
 
     @property
     def each(self) -> dict[str, Settings]:
-        """The settings of each robot by its name, those of the default robot first."""
+        """The settings of each robot by name, the default robot first."""
         return {settings.robot.name: settings for settings in self.robots or (self,)}
 
     def of(self, robot: str | None) -> Settings:
-        """Those of one robot, of the default one for None.
+        """The settings of one robot; None means the default robot.
 
         Raises:
-            ConfigError: there is no such robot; lists the valid names.
+            ConfigError: no robot has this name. The error lists the valid names.
         """
         if robot is None:
             return self

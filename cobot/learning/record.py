@@ -1,4 +1,4 @@
-"""Records an episode of an arm that somebody else moves: a hand on a gamepad, a policy, a program."""
+"""Records an episode while something else moves the arm: a person with a gamepad, a policy or a program."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cobot.learning.episodes import EpisodeWriter
 LONGEST_S = 3600.0
 
 
-# Many parameters: users' programs call it, with most of them by name or by default.
+# It has many parameters because it is a public function; callers give most by name or leave the default.
 def record(
     robot: Robot,
     joint_names: list[str],
@@ -30,16 +30,16 @@ def record(
     ended: Callable[[], bool] = lambda: False,
     clock: Clock = SYSTEM,
 ) -> int:
-    """Write what the arm does to a file, until the time is over or `ended` says so.
+    """Write the arm's states and commands to a file, until the time is over or `ended` returns True.
 
-    An action is what rtloop commanded the joints when the frame was made.
+    The action of a frame is the joint position that the real-time loop commanded at that moment.
 
     Returns:
         The number of frames.
 
     Raises:
-        InputError: the time or the rate is none.
-        UnavailableError: the robot does not answer; nothing is kept.
+        InputError: the duration or the rate is outside its limits.
+        UnavailableError: the robot does not answer. No file is kept.
     """
     if not 0.0 < seconds <= LONGEST_S or not 1.0 <= rate_hz <= 200.0:
         raise InputError(

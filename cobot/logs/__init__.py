@@ -1,5 +1,5 @@
-"""Logging that nobody waits for. Each process has a queue and a thread (`process`), the supervisor reads what
-they write and has a queue and a thread for each place where lines end (`supervision`)."""
+"""Logging that never blocks its caller. Each process has a queue and a thread (`process`). The supervisor
+reads the lines of all processes and has a queue and a thread for each destination (`supervision`)."""
 
 from cobot.logs.lines import bind, bound, log_context, printable
 from cobot.logs.process import dropped, start_logging

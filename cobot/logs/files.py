@@ -1,4 +1,4 @@
-"""A file that grows to a size and is then put aside, with a bounded number of older ones beside it."""
+"""A file that is rotated at a maximum size, with a bounded number of older files next to it."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 
 
 class RotatingFile:
-    """Appends whole pieces. Each failure is the caller's to know of; the next call tries anew.
+    """Appends whole pieces to a file. Each failure is reported to the caller, and the next call tries again.
 
-    Only the owner may read the files, also those that are there already, and the folder if it is made here.
+    Only the owner may read the files, including existing ones. A folder created here is private as well.
 
     Args:
-        count: of older files, NAME.1 the newest of them.
-        strict: whether a symbolic link or a device in its place is refused.
+        count: maximum number of older files; NAME.1 is the newest of them.
+        strict: whether a symbolic link or a device at the path is refused.
     """
 
     def __init__(self, path: Path, max_bytes: int, count: int, *, strict: bool = False) -> None:
@@ -28,10 +28,10 @@ class RotatingFile:
         self._torn = False
 
     def append(self, piece: bytes) -> None:
-        """Write it at the end.
+        """Write a piece at the end of the file.
 
         Raises:
-            OSError: not all of it could be written; what was, is ended as a line by the next piece.
+            OSError: the piece was written in part or not at all. The next piece then starts on a new line.
         """
         self.open()
         if os.fstat(self._descriptor).st_size + len(piece) > self._max_bytes:
@@ -44,10 +44,10 @@ class RotatingFile:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def sync(self) -> None:
-        """Have what was written survive a power cut.
+        """Flush the file to the disk, so that its content survives a power cut.
 
         Raises:
-            OSError: it does not.
+            OSError: the flush failed.
         """
         if self._descriptor >= 0:
             os.fdatasync(self._descriptor)
@@ -58,10 +58,10 @@ class RotatingFile:
             self._descriptor = -1
 
     def open(self) -> None:
-        """Have it there, though somebody may have moved or deleted it.
+        """Open the file if needed. A file that was moved or deleted meanwhile is created again.
 
         Raises:
-            OSError: it cannot be.
+            OSError: the file cannot be opened or created.
         """
         if self._descriptor >= 0:
             with contextlib.suppress(FileNotFoundError):
@@ -82,11 +82,11 @@ class RotatingFile:
 
     def _make_private(self) -> None:
         make_private(self._descriptor)
-        if self._strict and os.geteuid() == 0:  # a command of root may be the first to write a service's file
+        if self._strict and os.geteuid() == 0:  # a command run by root may create a file of the service
             folder = os.stat(self._path.parent)
             os.fchown(self._descriptor, folder.st_uid, folder.st_gid)
         for older in aside(self._path, self._count)[1:]:
-            with contextlib.suppress(OSError):  # it is not there, or another user's
+            with contextlib.suppress(OSError):  # the file does not exist or belongs to another user
                 descriptor = os.open(older, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
                 try:
                     make_private(descriptor)
@@ -105,7 +105,7 @@ class RotatingFile:
 
 
 def make_private(descriptor: int) -> None:
-    """Let only the owner read and write an open regular file; one of another user stays as it is."""
+    """Restrict an open regular file to its owner. A file of another user stays unchanged."""
     status = os.fstat(descriptor)
     mine = status.st_uid == os.geteuid() or os.geteuid() == 0
     if mine and stat.S_ISREG(status.st_mode) and stat.S_IMODE(status.st_mode) & 0o077:
@@ -113,5 +113,5 @@ def make_private(descriptor: int) -> None:
 
 
 def aside(path: Path, count: int) -> list[Path]:
-    """The file itself and the older ones, the newest first, whether they are there or not."""
+    """Paths of the file and of its older files, the newest first, whether or not they exist."""
     return [path, *(path.with_name(f"{path.name}.{number}") for number in range(1, count + 1))]

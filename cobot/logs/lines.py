@@ -1,4 +1,4 @@
-"""One line of a log: what is in it, how it is written, and that nothing in it can look like another line."""
+"""One line of a log: its content and its formats. No content can imitate another line."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ SHOWN_IDS = ("request", "motion", "session")
 IDS = (*SHOWN_IDS, "client")
 
 RECORD_SEPARATOR = b"\x1e"
-"""Begins each line that a process sends to the supervisor, as in RFC 7464. JSON has it nowhere else; what
-does not begin with it, or is no JSON, is taken for text that somebody has printed."""
+"""First byte of each line that a process sends to the supervisor, as in RFC 7464. JSON text never contains
+it. A line without it, or without valid JSON, is treated as printed text."""
 
 log_context: ContextVar[dict[str, str]] = ContextVar("log_context", default={})  # noqa: B039  never changed
-"""What the lines of this task are about: of `IDS` those that are known."""
+"""Ids that are added to each line of the present task, by their names in `IDS`."""
 
 
 def printable(text: str, max_characters: int = MAX_MESSAGE) -> str:
-    """The text in one line: whatever moves a cursor, ends a line, turns its direction or is invisible is
-    written as an escape, and what is longer is cut.
+    """The text in one line. Characters that move the cursor, end the line, change its direction or are
+    invisible become escapes, and a longer text is cut.
     """
     cut = text[: max_characters + 1]
     if not cut.isprintable():
@@ -40,10 +40,10 @@ def printable(text: str, max_characters: int = MAX_MESSAGE) -> str:
 
 
 def bind(**ids: object) -> None:
-    """Say what this task, and those that it starts from now on, are about.
+    """Add ids to the log lines of this task, and of the tasks that it starts later.
 
     Args:
-        ids: some of `IDS`; None for no longer.
+        ids: values by names in `IDS`; None removes an id.
     """
     about = log_context.get() | {name: printable(str(each), MAX_ID) for name, each in ids.items()}
     log_context.set({name: each for name, each in about.items() if ids.get(name, each) is not None})
@@ -51,7 +51,7 @@ def bind(**ids: object) -> None:
 
 @contextmanager
 def bound(**ids: object) -> Iterator[None]:
-    """The same, for as long as the context lasts."""
+    """Add ids to the log lines of this task until the context ends."""
     before = log_context.get()
     bind(**ids)
     try:
@@ -62,12 +62,12 @@ def bound(**ids: object) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line.
+    """A line of the log.
 
     Attributes:
-        process: who says it; "" for the supervisor.
-        ids: of what it is about, by their names in `IDS`.
-        traceback: its lines, each in `printable` form.
+        process: process that logged it; "" for the supervisor.
+        ids: ids of its context, by their names in `IDS`.
+        traceback: lines of the traceback, each in `printable` form.
     """
 
     time_s: float
@@ -80,10 +80,10 @@ class Line:
 
     @classmethod
     def of(cls, record: logging.LogRecord, process: str) -> Line:
-        """Of a record, in the context of the one who logs."""
+        """The line for a log record, with the ids of the present context."""
         try:
             message = record.getMessage()
-        except Exception as exc:  # noqa: BLE001  a mistake in a line of a log ends nothing
+        except Exception as exc:  # noqa: BLE001  a wrong log call must not end its caller
             message = f"{record.msg!r} with arguments that do not fit it: {exc}"
         ids = log_context.get()
         return cls(
@@ -98,10 +98,10 @@ class Line:
 
     @classmethod
     def parsed(cls, text: bytes, process: str) -> Line:
-        """What a process has written to its output: a line of its log, or anything."""
+        """The line for a piece of a process's output, which is a line of its log or any other text."""
         try:
             if text[:1] != RECORD_SEPARATOR:
-                raise ValueError("a line of somebody else's")
+                raise ValueError("not a line of a log")
             sent: dict[str, Any] = json.loads(text[1:])
             told = sent["process"]
             return cls(
@@ -118,7 +118,7 @@ class Line:
             return cls(datetime.now(UTC).timestamp(), "INFO", process, "output", message)
 
     def json(self) -> bytes:
-        """As one JSON object."""
+        """The line as one JSON object."""
         content: dict[str, object] = {
             "time": datetime.fromtimestamp(self.time_s, UTC).isoformat(timespec="milliseconds"),
             "level": self.level,
@@ -132,14 +132,14 @@ class Line:
         return json.dumps(content, ensure_ascii=False).encode() + b"\n"
 
     def wire(self) -> bytes:
-        """For the supervisor."""
+        """The line in the form that the supervisor reads."""
         return RECORD_SEPARATOR + self.json()
 
     def text(self, *, timed: bool = True) -> bytes:
-        """For people. Only what begins in the first column is a line: tracebacks are indented below theirs.
+        """The line as text for people. Only lines begin in the first column; tracebacks are indented.
 
         Args:
-            timed: with time and level; a terminal shows the supervisor's lines without.
+            timed: whether the text has a time and a level. On a terminal the supervisor's lines have neither.
         """
         about = " ".join(f"{name}={self.ids[name]}" for name in SHOWN_IDS if name in self.ids)
         said = f"{self.message} [{about}]" if about else self.message
@@ -152,7 +152,7 @@ class Line:
 
 
 def separated(text: bytes) -> list[bytes]:
-    """The pieces of a line into whose middle a process has written another."""
+    """The separate lines in a piece of output. A process may write one line into the middle of another."""
     first, *others = text.split(RECORD_SEPARATOR)
     return [*([first] if first.strip() else []), *(RECORD_SEPARATOR + other for other in others)]
 

@@ -1,7 +1,7 @@
-"""A queue with a thread behind it: who puts something in never waits, and what finds no room is counted.
+"""A queue with a writing thread. Putting an item in never blocks, and items that find no room are counted.
 
-The standard library's QueueHandler takes a lock that a garbage collection which logs would wait for in the
-very thread that has it; a SimpleQueue may be entered again.
+The standard library's QueueHandler is not used, because it takes a lock. If a garbage collection in the
+thread that holds the lock logs a line, that thread waits for itself. A SimpleQueue is reentrant.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from cobot.logs.repeats import Repeats
 
 CAPACITY = 2000
 LOOK_S = 1.0
-"""So often is looked whether repetitions have ended, and whether what failed can be written again."""
+"""Interval of checks whether repetitions have ended and whether writing works again, in seconds."""
 
 Item = TypeVar("Item")
 
 
 class _Sign(Enum):
-    LOOK = "see to what repeats itself"
-    END = "there will be nothing more"
+    LOOK = "check for ended repetitions"
+    END = "no more items follow"
 
 
 class Outlet(Generic[Item]):
     """Writes items in a thread of its own, however long that takes.
 
     Args:
-        write: gets one item; what it raises loses the item.
-        lost: the item that tells how many were lost, once there is room.
-        settle: called when all that was put in has been written.
-        repeats: holds back what repeats itself.
-        repeated: the item that tells how many like this one were held back.
+        write: writes one item. If it raises, the item is lost.
+        lost: makes the item that reports a number of lost items, once there is room.
+        settle: called when all items have been written.
+        repeats: suppresses repeated items.
+        repeated: makes the item that reports how many items like this one were suppressed.
 
     Attributes:
-        dropped: how many items have been lost so far.
-        error: errno of the newest attempt to write, 0 if it went well; without another item it is made anew
-            again and again.
+        dropped: number of items lost so far.
+        error: errno of the newest attempt to write, 0 after a success. A failed attempt is repeated
+            periodically, even if no further item arrives.
     """
 
     def __init__(
@@ -71,10 +71,10 @@ class Outlet(Generic[Item]):
         self._thread.start()
 
     def put(self, item: Item, kind: Hashable = None) -> None:
-        """Have it written, or hold it back as one of too many of its kind, or count it as lost.
+        """Queue an item for writing. It is suppressed if there are too many of its kind, or counted as lost.
 
         Args:
-            kind: None for what is never held back.
+            kind: key that equal items share; None for an item that is never suppressed.
         """
         if kind is not None and self._repeats is not None and not self._repeats.passes(kind, item):
             if not self._looks:
@@ -91,13 +91,13 @@ class Outlet(Generic[Item]):
                 self._queue.put(item)
 
     def wait(self, timeout_s: float) -> None:
-        """Until all that was put in has been written, or the time is up."""
+        """Wait until all items have been written or the timeout has passed."""
         deadline_s = time.monotonic() + timeout_s
         while self._waiting and time.monotonic() < deadline_s:
             time.sleep(0.002)
 
     def close(self, timeout_s: float) -> bool:
-        """Write what there is; whether that was possible within the time."""
+        """Write the remaining items. Returns whether they were written within the timeout."""
         self._ended = True
         self._queue.put(_Sign.END)
         self._thread.join(timeout_s)
@@ -126,7 +126,7 @@ class Outlet(Generic[Item]):
             return
         for last, count in self._repeats.summary(all_of_them=ending):
             self._try(self._repeated(last, count))
-        self._looks = False  # before the question: who holds something back after it finds this False
+        self._looks = False  # before the check: a later `put` that suppresses an item must find False
         if self._repeats.held_back:
             self._looks = True
 
@@ -135,13 +135,13 @@ class Outlet(Generic[Item]):
             self._tell_losses()
             self._write(item)
             self.error = 0
-        except Exception as exc:  # noqa: BLE001  whatever it is, it shall not end the thread
+        except Exception as exc:  # noqa: BLE001  no error may end the thread
             self.error = getattr(exc, "errno", None) or -1
             with self._lock:
                 self.dropped += 1
 
     def _try_again(self) -> None:
-        """Nobody has anything to write now; what was lost before is to be told in any case."""
+        """Report earlier losses while there is no new item to write."""
         try:
             self._tell_losses()
             self.error = 0
@@ -162,10 +162,11 @@ class Outlet(Generic[Item]):
 
 
 def write_all(descriptor: int, piece: bytes) -> None:
-    """Write it all to a descriptor, however long that takes: blocking or not, a pipe, a terminal or a file.
+    """Write a whole piece to a descriptor, however long that takes. The descriptor may be a pipe, a terminal
+    or a file, blocking or not.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the descriptor cannot be written.
     """
     rest = memoryview(piece)
     while rest:

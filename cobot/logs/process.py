@@ -1,4 +1,4 @@
-"""The log of a process: whatever it says, libraries, warnings and prints included, never makes it wait."""
+"""The log of a process. Log lines, warnings and printed text, also those of libraries, never block it."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
     from cobot.config import LoggingSection
 
 SUPERVISED = "COBOT_SUPERVISED"
-"""An environment variable: the supervisor reads the output, and gets `Line.wire`."""
+"""Environment variable that tells a process to write `Line.wire`, because the supervisor reads its output."""
 BURST = 50
 INTERVAL_S = 10.0
-"""So many lines from one place in the source, on account of one client, are written in an interval."""
+"""Interval in which one client may cause up to `BURST` lines from one place in the source, in seconds."""
 END_S = 1.0
-"""How long a process that ends tries to get rid of its last lines."""
+"""Timeout for writing the last lines of a process that ends, in seconds."""
 MAX_PRINTED = 4000
 
 log = logging.getLogger("cobot")
 
 
 class ProcessLog(logging.Handler):
-    """Hands lines to a thread that writes them to a descriptor."""
+    """Passes log lines to a thread that writes them to a descriptor."""
 
     def __init__(self, process: str, form: str, descriptor: int) -> None:
         """form: "text", "json" or "wire", of `Line`."""
@@ -43,7 +43,7 @@ class ProcessLog(logging.Handler):
         self._process = process
         self._outlet = Outlet[Line](
             lambda line: write_all(descriptor, getattr(line, form)()),
-            lambda count: self._own(f"{count} lines of this log were lost: nobody took them in time"),
+            lambda count: self._own(f"{count} lines of this log were lost: its reader is too slow"),
             repeats=Repeats(BURST, INTERVAL_S, time.monotonic),
             repeated=lambda line, count: replace(
                 line, message=f"{count} more lines like this were suppressed: {line.message}", traceback=[]
@@ -52,7 +52,7 @@ class ProcessLog(logging.Handler):
 
     @property
     def dropped(self) -> int:
-        """How many lines have been lost."""
+        """Number of lines lost so far."""
         return self._outlet.dropped
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -60,7 +60,7 @@ class ProcessLog(logging.Handler):
         self._outlet.put(line, (record.name, record.pathname, record.lineno, line.ids.get("client")))
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Nothing is printed: what prints ends up here again."""
+        """Print nothing, because printed text would come back here."""
 
     def close(self) -> None:
         self._outlet.close(END_S)
@@ -71,7 +71,7 @@ class ProcessLog(logging.Handler):
 
 
 class _Printed(io.TextIOBase):
-    """Makes log lines of what is printed. The process's own streams are not to be waited for by anybody."""
+    """Turns printed text into log lines, so that no print waits for the process's own streams."""
 
     def __init__(self, name: str, level: int, descriptor: int) -> None:
         self._log = logging.getLogger(name)
@@ -104,11 +104,11 @@ _installed: list[ProcessLog] = []
 
 
 def start_logging(process: str, settings: LoggingSection | None = None) -> None:
-    """Have all that this process logs or prints written by a thread. To be called early, once.
+    """Let a thread write all log lines and printed text of this process. Call it once, early.
 
     Args:
-        process: its name, for people.
-        settings: None where they are not known yet; a later call with them sets the level.
+        process: name of the process, for people.
+        settings: None while the settings are unknown. A later call with them sets the level.
     """
     root = logging.getLogger()
     root.setLevel(settings.level.upper() if settings else logging.INFO)
@@ -120,7 +120,7 @@ def start_logging(process: str, settings: LoggingSection | None = None) -> None:
     root.handlers[:] = [made]
     logging.captureWarnings(True)
     with contextlib.suppress(OSError, ValueError):
-        faulthandler.enable(2)  # writes past Python, and waits for nothing: see `Child.start`
+        faulthandler.enable(2)  # bypasses Python's streams and never blocks: see `Child.start`
     sys.stdout, sys.stderr = _Printed("stdout", logging.INFO, 1), _Printed("stderr", logging.WARNING, 2)
     sys.excepthook = _uncaught
     threading.excepthook = _uncaught_in_thread
@@ -128,7 +128,7 @@ def start_logging(process: str, settings: LoggingSection | None = None) -> None:
 
 
 def dropped() -> int:
-    """How many lines this process has lost."""
+    """Number of lines that this process has lost."""
     return sum(each.dropped for each in _installed)
 
 

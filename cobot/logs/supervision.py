@@ -1,5 +1,5 @@
-"""Where the lines of all processes end: in a file, and where `cobot run` was started. Neither waits for the
-other, and nobody for either."""
+"""The log of the supervisor. It writes the lines of all processes to a file and to the terminal of `cobot
+run`. Neither destination waits for the other, and no process waits for either."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ LOG_FILES = 3
 END_S = 1.0
 LINE_BYTES = 2**17
 LOSSES = struct.Struct("3q")
-"""Lines lost by the file and by the terminal, errno of the file: for the service's health."""
+"""Memory layout of the losses that the service reports in its health: number of lines lost by the file,
+number lost by the terminal, errno of the file."""
 
 
 class SupervisorLog(logging.Handler):
-    """Takes the lines of the children and its own."""
+    """Writes the lines of the child processes and of the supervisor itself."""
 
     def __init__(self, settings: LoggingSection, file: RotatingFile) -> None:
         super().__init__()
@@ -50,20 +51,20 @@ class SupervisorLog(logging.Handler):
 
     @property
     def losses(self) -> int:
-        """A descriptor, for the service."""
+        """Descriptor of the memory with the losses, which the service inherits."""
         return self._descriptor
 
     def emit(self, record: logging.LogRecord) -> None:
         self._put(Line.of(record, ""))
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Nobody could be told."""
+        """Do nothing, because there is no place left to report the error."""
 
     def follow(self, name: str, output: BinaryIO, heard: Callable[[str], None]) -> threading.Thread:
-        """Take the lines of a child until its output ends, in a thread: it shall not wait either.
+        """Read the lines of a child until its output ends. A thread does this, so that the child never waits.
 
         Args:
-            heard: told what each line says.
+            heard: called with the message of each line.
         """
 
         def read() -> None:
@@ -93,13 +94,14 @@ class SupervisorLog(logging.Handler):
 
 
 class Losses:
-    """What the supervisor could not write, read in another process."""
+    """Reads the supervisor's losses in another process."""
 
     def __init__(self, descriptor: int | None) -> None:
         self._memory = None if descriptor is None else mmap.mmap(descriptor, LOSSES.size, prot=mmap.PROT_READ)
 
     def read(self) -> tuple[int, int, int]:
-        """Lines lost by the file and by the terminal, errno of the file; zeros without a supervisor."""
+        """Lines lost by the file, lines lost by the terminal, and errno of the file; 0 without a
+        supervisor."""
         if self._memory is None:
             return 0, 0, 0
         file, terminal, error = LOSSES.unpack_from(self._memory)
@@ -108,10 +110,10 @@ class Losses:
 
 @contextmanager
 def supervising(settings: LoggingSection, path: Path) -> Iterator[SupervisorLog]:
-    """The supervisor's log, for as long as the context lasts.
+    """Install the supervisor's log until the context ends.
 
     Raises:
-        ConfigError: the file cannot be written.
+        ConfigError: the log file cannot be written.
     """
     file = RotatingFile(path, LOG_BYTES, LOG_FILES)
     try:
@@ -119,7 +121,7 @@ def supervising(settings: LoggingSection, path: Path) -> Iterator[SupervisorLog]
     except OSError as exc:
         raise ConfigError(f"logs: cannot write to {path.parent}: {exc.strerror}") from exc
     made = SupervisorLog(settings, file)
-    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # a terminal may else stop who writes in the background
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # else a terminal may stop a background process that writes
     log = logging.getLogger("cobot")
     log.setLevel(settings.level.upper())
     log.handlers[:] = [made]

@@ -1,6 +1,6 @@
-"""How the service asks the recorder: a Unix socket, a line of JSON each way.
+"""Requests of the service to the recorder, over a Unix socket with one line of JSON in each direction.
 
-The request names the `robot` and the `action`; the answer holds what came of it, or `error` and `code`.
+A request names the `robot` and the `action`. The answer holds the result, or `error` and `code`.
 """
 
 from __future__ import annotations
@@ -15,22 +15,26 @@ from cobot.launch.running_config import RunningConfig
 
 LINE_BYTES = 1 << 20
 SILENT_S = 3.0
-"""Nobody waits for a recorder that has shown no sign of life for so long."""
+"""Silence after which the recorder counts as unresponsive and no request waits for it, in seconds."""
 HANG_S = 6.0
-"""After so long `cobot run` ends it and starts another one, which finds all cycles in shared memory still."""
+"""Silence after which `cobot run` replaces the recorder, in seconds. Shared memory still holds all cycles
+then, so the new recorder misses none."""
 
 
 def socket_path(default_robot: str) -> Path:
-    """Where the recorder of a `cobot run` listens; that folder is its user's alone."""
+    """Path of the socket on which the recorder of a `cobot run` listens.
+
+    Its folder is private to the user.
+    """
     return RunningConfig.of(default_robot).folder / "recorder"
 
 
 async def ask(path: Path, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:
-    """The recorder's answer.
+    """Send a request to the recorder and return its answer.
 
     Raises:
-        UnavailableError: it does not run, or does not answer in time.
-        CobotError: what it could not do, of the class that its `code` names.
+        UnavailableError: the recorder does not run, or does not answer in time.
+        CobotError: the recorder reported an error; the class is the one that its `code` names.
     """
     try:
         async with asyncio.timeout(timeout_s):
@@ -51,5 +55,5 @@ async def ask(path: Path, request: dict[str, Any], timeout_s: float) -> dict[str
 
 
 def refusal(error: CobotError) -> dict[str, Any]:
-    """The answer that `ask` raises as this error."""
+    """The answer from which `ask` raises this error again."""
     return {"error": str(error), "code": error.code}

@@ -1,4 +1,4 @@
-"""What the runner tells the service before each motion, and what it is answered."""
+"""The runner's progress reports to the service before each motion, and the service's answers."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 
 class Progress:
-    """The pipes to the service that has started the runner; by hand there are none, and it just goes on.
+    """The pipes to the service that started the runner. A runner started by hand has none and never waits.
 
     Args:
         told: descriptor to which each step is reported as a line of JSON.
-        answers: descriptor from which the answers to questions come; None: nobody answers.
+        answers: descriptor from which answers are read; None if the runner must not wait for answers.
 
     Attributes:
-        behind: the waypoint that was reached last, 0 for none.
+        behind: waypoint that was reached last, 0 for none.
     """
 
     def __init__(self, told: int | None, answers: int | None) -> None:
@@ -35,15 +35,15 @@ class Progress:
         line = {**place, "behind": self.behind, "asking": asking}
         try:
             os.write(self._told, json.dumps(line).encode() + b"\n")
-        except BrokenPipeError:  # the service is gone, and the next request will say so
-            print("nobody reads the progress any more", file=sys.stderr)
+        except BrokenPipeError:  # the service has ended, and the next request will report that
+            print("the service no longer reads the progress", file=sys.stderr)
 
     def ask(self, place: dict[str, int]) -> int | None:
-        """Report a step, and wait until it may be taken; the waypoint to go to instead, if there is one."""
+        """Report a step and wait until it is permitted. Returns the waypoint to move to instead, if any."""
         self.tell(place, asking=self._answers is not None)
         if self._answers is None:
             return None
-        line = self._answers.readline()  # nothing, if the service is gone
+        line = self._answers.readline()  # empty if the service has ended
         answer: dict[str, Any] = json.loads(line) if line else {}
         waypoint: int | None = answer.get("waypoint")
         return waypoint

@@ -1,4 +1,4 @@
-"""Bounds the bytes that incomplete and out-of-order samples may occupy, whoever sends them."""
+"""Limits the bytes that incomplete and out-of-order samples occupy, over all senders."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from cobot.dds.rtps.types import Limits, Statistics
 
 
 class Holder:
-    """Somebody on whose behalf bytes are held."""
+    """A remote writer on whose behalf bytes are buffered."""
 
     __slots__ = ("held",)
 
@@ -14,14 +14,15 @@ class Holder:
         self.held = 0
 
     def discard(self) -> None:
-        """Drop all that is held; the accounts are `Inbound`'s."""
+        """Drop all buffered bytes. `Inbound` does the accounting."""
         raise NotImplementedError
 
 
 class Inbound:
-    """The accounts of one participant. When all is taken, who holds most loses what it holds.
+    """The buffer accounting of one participant. When the limit is reached, the largest holder loses its
+    bytes.
 
-    A reliable writer sends again what was dropped.
+    A reliable writer sends dropped samples again.
     """
 
     def __init__(self, limits: Limits, statistics: Statistics) -> None:
@@ -31,7 +32,7 @@ class Inbound:
         self._holders: set[Holder] = set()
 
     def take(self, holder: Holder, size: int) -> bool:
-        """Whether `size` more bytes may be held for it."""
+        """Reserve `size` more bytes for a holder. Returns whether that is permitted."""
         if holder.held + size > self.limits.buffered_per_writer:
             self.statistics.refused += 1
             return False

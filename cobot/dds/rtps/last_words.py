@@ -1,7 +1,7 @@
-"""What a participant leaves to its successor, should it be killed: who it was.
+"""A participant's identity, left to its successor in case the participant is killed.
 
-Others believe in a participant until its lease of many seconds is over: until then its services seem to be
-there, and never answer. So whoever is started after it takes leave for it, before anything else.
+Other participants keep a killed one until its lease ends, after many seconds. Until then its services appear
+to exist but never answer. Its successor therefore announces its departure before doing anything else.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ _LONGEST = 65536
 
 
 class LastWords:
-    """A record in a file that outlives the process; `descriptor` is of that file, open for both."""
+    """A record in a file that outlives the process; `descriptor` is that file, open for reading and
+    writing."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -28,17 +29,17 @@ class LastWords:
     def leave(
         self, participant: Guid, domain_id: int, interfaces: Sequence[str], hosts: Sequence[str]
     ) -> None:
-        """Note who this is, in place of the one before.
+        """Record this participant, replacing its predecessor's record.
 
-        interfaces: addresses of those on which it multicasts.
-        hosts: addresses of computers whose first participants are told one by one.
+        interfaces: addresses of the interfaces on which it multicasts.
+        hosts: addresses of computers whose first participants are notified by unicast.
         """
         note = [participant.hex(), domain_id, list(interfaces), list(hosts)]
         os.ftruncate(self._descriptor, 0)
         os.pwrite(self._descriptor, json.dumps(note).encode(), 0)
 
     def speak(self) -> None:
-        """Take leave for the one before, if there was one."""
+        """Announce the departure of the predecessor, if there was one."""
         note = os.pread(self._descriptor, _LONGEST, 0)
         if not note:
             return
@@ -48,7 +49,7 @@ class LastWords:
         group: Address = DISCOVERY_GROUP, ports.discovery
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             for interface in interfaces:
-                with suppress(OSError):  # it may be gone too
+                with suppress(OSError):  # the interface may no longer exist
                     sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface))
                     sender.sendto(datagram, group)
             for address in first_addresses(hosts, ports):

@@ -165,7 +165,7 @@ def test_the_robot_section_says_what_is_the_same_for_all(tmp_path: Path) -> None
         ("robots: [{name: a, rt: 5}]", "robots[0]: rt: "),
         (
             "robots: [{name: a, backend: x, rt: {backend: y}}]",
-            "robots[0]: rt.backend: 'y' stands beside robot.backend: 'x'",
+            "robots[0]: rt.backend is 'y' and robot.backend is 'x'",
         ),
         ("robots: [{name: a, joint_limits: 7}]", "robots[0]: web.joint_limits: must be a path, got 7"),
         ("robots: [{name: a, name: b}]", "'name' stands twice"),
