@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 @dataclass(eq=False)
 class Client:
-    """Who asks for something: one for each request, and for each WebSocket as long as it is open.
+    """The client that sends a request: one for each request, and one for each WebSocket while it is open.
 
     Attributes:
         name: of the access token, "anonymous" without one.
         address: where it comes from, without a port.
         leases: the tokens of leases that it shows.
         sequence: the token of the sequence for which it speaks, if any.
-        tell: called with a sentence when somebody takes over what it has; None for who cannot be told.
+        tell: called with a sentence when another client takes over; None if the client cannot be notified.
     """
 
     name: str
@@ -26,7 +26,7 @@ class Client:
     tell: Callable[[str], None] | None = None
 
     def same(self, other: Client) -> bool:
-        """Whether both are the same person's, as far as anybody can tell."""
+        """Whether both have the same name and address, and so probably belong to the same person."""
         return (self.name, self.address) == (other.name, other.address)
 
     def __str__(self) -> str:

@@ -146,7 +146,7 @@ class JobService:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(job.ended.wait(), ENDS_S)
         if job.ended.is_set():
-            await self._resume()  # Nobody could: it would hold whatever comes next.
+            await self._resume()  # No client could resume it, and the next job would be paused.
             raise ConflictError(f"job {job.id} has ended already: {job.state}")
 
     async def _resume(self) -> None:
@@ -173,7 +173,7 @@ class JobService:
 
         Raises:
             NotFoundError, ConflictError: there is no such job, it has ended already or is not paused, or
-                somebody else has the control; or it is no sequence that waits at a waypoint.
+                another client has control; or it is not a sequence that waits at a waypoint.
             InputError: there is no such waypoint.
             UnavailableError: see `SpeedOverride.resume`.
         """

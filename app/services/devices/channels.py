@@ -12,7 +12,7 @@ from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, 
 from cobot.strict import shown
 
 BUFFER_BYTES = 65_536
-"""So many bytes may come in before somebody reads; then the sender has to wait."""
+"""Maximum number of received bytes that wait to be read; then the sender has to wait."""
 MAX_OPEN = 32
 MAX_NAME = 200
 TIMEOUT_S = 2.0
@@ -38,7 +38,7 @@ class Channel:
 
     Args:
         name: for people.
-        reader: filled by whoever receives; its limit is `BUFFER_BYTES`.
+        reader: filled by the receiving task; its limit is `BUFFER_BYTES`.
         write: sends all of its bytes, or raises OSError.
         close: lets go of the device.
     """
@@ -75,7 +75,7 @@ class Channel:
         return await self._read(timeout_s, lambda: self._some(), "nothing came")
 
     async def read_exactly(self, count: int, timeout_s: float) -> bytes:
-        """So many bytes, from 1 to `BUFFER_BYTES`."""
+        """Read exactly `count` bytes, from 1 to `BUFFER_BYTES`."""
         if not 1 <= count <= BUFFER_BYTES:
             raise InputError(f"number must be from 1 to {BUFFER_BYTES}, got {count}")
         return await self._read(
@@ -166,7 +166,7 @@ class Channels:
             raise ConflictError(f"{MAX_OPEN} of the kind {self._kind} are open already")
 
     def add(self, name: str, channel: Channel) -> None:
-        """Keep it; somebody else may have been faster."""
+        """Keep the channel, unless another client has taken the name meanwhile."""
         try:
             self.require_place(name)
             program = CLIENT.get().sequence

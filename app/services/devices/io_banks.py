@@ -1,4 +1,4 @@
-"""Digital and analog inputs and outputs, simulated: a place for each, and what somebody has put there."""
+"""Simulated digital and analog inputs and outputs: one value for each, as last written by a client."""
 
 from __future__ import annotations
 

@@ -111,13 +111,13 @@ class Modbus:
             case Kind.REGISTER_OUTPUT:
                 largest = REGISTER
             case _:
-                raise InputError(f"{name} is a {signal.kind.name.lower()}, which nobody can set")
+                raise InputError(f"{name} is a {signal.kind.name.lower()}, which is read-only")
         if not 0 <= value <= largest:
             raise LimitError(f"{name} takes from 0 to {largest}, got {value}")
         await self._device(signal).write(signal, value)
 
     def set_frequency(self, name: str, frequency_hz: float) -> None:
-        """How often a signal is read; as often as the device answers, at the most.
+        """Set how often a signal is read. The device may answer less often.
 
         Raises:
             LimitError: out of bounds.

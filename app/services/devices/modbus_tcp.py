@@ -14,7 +14,7 @@ from cobot.errors import DeviceError
 
 TIMEOUT_S = 1.0
 MAX_LENGTH = 254
-"""Of a message, from its unit on: more is none."""
+"""Maximum length of a message in bytes, from its unit on. A longer message is invalid."""
 REFUSED = 0x80
 """Is added to the function of a request that the device refuses."""
 REFUSALS = {
@@ -47,7 +47,7 @@ _BYTES = {
     Function.READ_HOLDING_REGISTERS: 2,
     Function.READ_INPUT_REGISTERS: 2,
 }
-"""So many has a single value."""
+"""Number of bytes of a single value, by function."""
 _COIL_ON = 0xFF00
 
 

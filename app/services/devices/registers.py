@@ -20,7 +20,7 @@ MAX_VARIABLES = 10_000
 MAX_NAME = 200
 MAX_STRING = 65_536
 MAX_CHARACTERS = 4 * 2**20
-"""So many characters all variables that are strings may have together."""
+"""Maximum number of characters of all string variables together."""
 MAX_WATCHDOGS = 100
 WATCHDOG_S = (0.01, 3600.0)
 INT16 = 2**15 - 1
@@ -30,7 +30,7 @@ Value = bool | int | float | str
 
 
 class Registers:
-    """Typed banks of `COUNT` registers, which anybody may write.
+    """Typed banks of `COUNT` registers, which any client may write.
 
     By convention inputs are what devices tell the robot and outputs what it tells them.
     """
@@ -81,7 +81,7 @@ def _length(value: Value) -> int:
 
 @dataclass(slots=True)
 class Watchdog:
-    """A timer that somebody has to keep from running out, by writing the variable of its name.
+    """A timer that runs out unless a client writes the variable of its name in time.
 
     Attributes:
         action: what is done when it has run out.
@@ -142,7 +142,7 @@ class Variables:
         return value
 
     def kind(self, name: str) -> str:
-        """Of a variable; "" when there is none."""
+        """The type of a variable; "" if there is no such variable."""
         return self._values[name][0] if name in self._values else ""
 
     def names(self) -> list[str]:

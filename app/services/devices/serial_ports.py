@@ -16,9 +16,9 @@ from cobot.errors import DeviceError, DeviceTimeout, InputError
 DEVICES = Path("/dev")
 DRIVERS = Path("/proc/tty/drivers")
 MAJORS = frozenset({4, 136, 166, 188, 204})
-"""Of ttyS, pts, ttyACM, ttyUSB and ttyAMA, where the kernel does not list its drivers."""
+"""Major numbers of ttyS, pts, ttyACM, ttyUSB and ttyAMA, for kernels that do not list their drivers."""
 CONSOLES = 64
-"""So many minor numbers of major 4 are consoles; then come the serial ports."""
+"""Number of minor numbers of major 4 that are consoles. The serial ports follow them."""
 PARITIES = (serial.PARITY_NONE, serial.PARITY_ODD, serial.PARITY_EVEN)
 STOP_BITS = (1.0, 1.5, 2.0)
 OPEN_TIMEOUT_S = 5.0

@@ -19,7 +19,7 @@ class Sockets(Channels):
 
         Raises:
             InputError, ConflictError: a wrong port or name, or one that is taken.
-            DeviceError: nobody answers, with what the system says.
+            DeviceError: there is no answer, with the reason that the system gives.
         """
         if not 1 <= port <= 65535:
             raise InputError(f"port must be from 1 to 65535, got {port}")

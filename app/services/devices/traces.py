@@ -87,7 +87,7 @@ class Traces:
         """The newest messages, the oldest of them first.
 
         Args:
-            count: at the most.
+            count: the maximum number of lines.
             after: only those with a larger number.
         """
         found = [message for message in self._messages if message.number > after]

@@ -25,7 +25,7 @@ class _LogEvents(logging.Handler):
             self._loop.call_soon_threadsafe(self._publish, line)
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Nothing is said about it: that would be a line too."""
+        """Ignore the error: to log it would create another line."""
 
     def _publish(self, line: Line) -> None:
         self._events.publish(

@@ -1,5 +1,7 @@
-"""Who listens is woken a few at a time: with hundreds of listeners the event loop shall have short turns, in
-which a controller's targets and a stop come in.
+"""Wakes listeners a few at a time.
+
+With hundreds of listeners the event loop must still have short turns, so that a controller's targets and a
+stop come in between.
 """
 
 from __future__ import annotations
@@ -7,7 +9,7 @@ from __future__ import annotations
 import asyncio
 
 AT_ONCE = 4
-"""So many are told something in one iteration of the loop: a quarter of a millisecond."""
+"""Number of listeners that are woken in one iteration of the loop, which takes a quarter of a millisecond."""
 
 
 class Pacing:

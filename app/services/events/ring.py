@@ -1,7 +1,7 @@
 """What has happened, numbered: one ring for the whole service, in memory.
 
-Each event is rendered once, when it happens. Who listens has a place in the ring and nothing else: a slow one
-costs no memory and delays nobody. What the ring has forgotten before it was read is told as `lost`.
+Each event is rendered once, when it happens. A listener has a place in the ring and nothing else, so a slow
+listener costs no memory and delays no other. Events that leave the ring unread are reported as `lost`.
 
 Belongs to the event loop: nothing in here is for threads.
 """
@@ -28,33 +28,35 @@ TYPES = {
     "rtloop": "the real-time process was restarted, is silent, or is back",
     "mode": "the mode of a robot has changed",
     "fault": "the mode is FAULT: nothing moves until a reset",
-    "estop": "an e-stop was asked for, or is latched",
-    "stop": "somebody has stopped the arm",
-    "reset": "somebody has left an e-stop or a fault",
-    "intervention": "the safety layer has caught something",
+    "estop": "an e-stop was requested, or is latched",
+    "stop": "a client has stopped the arm",
+    "reset": "a client has reset an e-stop or a fault",
+    "intervention": "the safety layer has intervened",
     "lease": "the control was taken, or has ended",
     "motion": "a motion has begun or ended",
     "session": "a streaming session has begun or ended",
     "sequence": "a sequence or program has started, goes for its next waypoint, or has ended",
     "job": "a job has changed its state",
     "plan": "a plan was made, approved for an agent, or that was taken back",
-    "speed": "the speed override is another one",
+    "speed": "the speed override has changed",
     "scene": "the scene has changed",
     "tool": "the tool has changed",
     "positions": "the named positions have changed",
     "planning": "a planning process was replaced",
-    "refused": "what somebody has asked for is refused: it would have moved or changed something",
-    "log": "a line of the service's log of the level warning or above",
+    "refused": "the service has refused a request that would have moved or changed something",
+    "log": "a line of the service's log, of level warning or above",
 }
 """All types of events, and what each says."""
 CAPACITY = 2000
-"""So many events are kept, and no more than so many bytes of them:"""
+"""Maximum number of events that are kept."""
 CAPACITY_BYTES = 4 * 2**20
+"""Maximum size of all kept events, in bytes."""
 BURST, PER_S = 400, 40.0
-"""Of one type and robot so many events pass at once, and so many a second: who calls /stop in a loop shall
-not have others lose what matters to them. The next event that passes says how many were held back."""
+"""Rate limit for events of one type and robot: the burst, and the rate per second. A client that calls /stop
+in a loop must not push the events of others out of the ring. The next event that passes reports how many
+were held back."""
 LOG_BURST, LOG_PER_S = 20, 2.0
-"""The same of what a client that does something wrong has happen by that: lines of the log, refusals."""
+"""Rate limit for events caused by client errors: log lines and refusals."""
 SAID_OF_CLIENTS = ("log", "refused")
 PLACE = re.compile(r"(?:([0-9a-f]{8})-)?([0-9]{1,20})")
 
@@ -175,7 +177,7 @@ class Events:
         return [self._kept[index] for index in range(offset, min(offset + most, len(self._kept)))]
 
     def place(self, after: str | None) -> tuple[int, bool]:
-        """The number after which somebody wants to go on, and whether that was of an earlier start.
+        """The number after which a listener continues, and whether an earlier run of the service gave it.
 
         Args:
             after: "EPOCH-NUMBER" as events have it, or a number of this start; None for what happens from now

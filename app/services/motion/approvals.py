@@ -51,7 +51,7 @@ class Approvals:
         return plan
 
     def approved_by(self, plan_id: str) -> str | None:
-        """Who has approved a plan that has not run since; None: nobody."""
+        """The client that approved a plan that has not run since; None if it is not approved."""
         return self._by.get(plan_id)
 
     async def execute(self, plan_id: str, caller: Caller) -> Outcome:

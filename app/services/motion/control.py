@@ -18,9 +18,9 @@ class Control:
     """How it stands.
 
     Attributes:
-        held: whether somebody has the control.
-        holder, address: who, and from where; None if nobody has it, or a process that streams through shared
-            memory, of which only `what` is known.
+        held: whether a client has control.
+        holder, address: the client's name and address. None if no client has control, or if a process that
+            streams through shared memory has it: of that only `what` is known.
         how: "explicit" with a lease, "implicit" with something that moves the arm.
         what: that moves the arm now.
         since: when it began, if that is known.
@@ -44,8 +44,8 @@ class Taken:
 
     Attributes:
         token: of the lease.
-        former: who had the control until now; None if nobody had.
-        stopped: what of theirs was ended, for people.
+        former: the client that had control until now; None if control was free.
+        stopped: what that client was running and is now ended, for people.
     """
 
     token: str
@@ -62,7 +62,7 @@ class ControlService:
         self._stopping = stopping
 
     def state(self) -> Control:
-        """Who has the control now."""
+        """The current holder of control."""
         ownership = self._ownership
         lease, moving, what = ownership.lease.current, ownership.moving, ownership.owner
         client: Client | None = None
@@ -86,12 +86,12 @@ class ControlService:
         """Take the control, or renew it.
 
         Args:
-            timeout_s: the lease ends when nothing has moved for so long.
-            force: take it over: whatever moves the arm ends, and who has had it is told.
-            stop_s: how long the arm is waited for then.
+            timeout_s: the lease ends when nothing has moved for this time.
+            force: take control over. Whatever moves the arm is ended, and the former holder is notified.
+            stop_s: timeout for the arm to stop then.
 
         Raises:
-            ConflictError: somebody else has it, without `force`; with who.
+            ConflictError: another client has control, and `force` is not set. The error names the client.
         """
         ownership, client = self._ownership, CLIENT.get()
         lease = ownership.lease
@@ -101,7 +101,7 @@ class ControlService:
             self._require_nobody(client)
             return Taken(lease.take(client, timeout_s).token, None, [])
         former = self._former()
-        token = lease.take(client, timeout_s).token  # before the stop: nobody shall come between
+        token = lease.take(client, timeout_s).token  # before the stop, so that no other client comes between
         if not former and ownership.owner is None:
             return Taken(token, None, [])
         reason = f"{client} has taken over the control"
@@ -114,10 +114,10 @@ class ControlService:
         return Taken(token, names, stopped.stopped)
 
     def release(self) -> None:
-        """Give it back; nothing happens if nobody has it.
+        """Release control; nothing happens if it is free.
 
         Raises:
-            ConflictError: somebody else has it, or the client has lost it, with how.
+            ConflictError: another client has it, or this client has lost it, with the reason.
         """
         self._ownership.lease.release(CLIENT.get())
 
@@ -144,7 +144,7 @@ class ControlService:
             lease.require(Client(client.name, client.address))
 
     def _former(self) -> list[Client]:
-        """Who has the control, in whatever way; each once."""
+        """The clients that have control, by a lease or by a motion; each once."""
         lease, moving = self._ownership.lease.current, self._ownership.moving
         clients = [each.client for each in (lease, moving) if each is not None]
         return list({id(each): each for each in clients}.values())

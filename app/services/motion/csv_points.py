@@ -191,7 +191,7 @@ def _spaced_rows(file: BinaryIO) -> Generator[tuple[int, list[str]]]:
 def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
     """(line number, cells) of each row; the file is read as a stream."""
     text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
-    # Spaces before a quote belong to nobody, unless they are the separator.
+    # Spaces before a quote are not part of a value, unless they are the separator.
     reader = csv.reader(_lines(text), delimiter=separator, skipinitialspace=separator != " ", strict=True)
     try:
         while True:

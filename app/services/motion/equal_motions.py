@@ -97,13 +97,13 @@ class EqualMotions:
             task.cancel()
 
     async def _ways(self, targets: dict[str, Target], claims: dict[str, Claim]) -> dict[str, Trajectory]:
-        """Of the robots that are not there yet: planned at once, and stretched to the slowest one's."""
+        """Plan all robots that are not at their targets yet, and stretch each motion to the slowest one's."""
         planned = await asyncio.gather(
             *(self._plan(name, targets[name], claim) for name, claim in claims.items())
         )
         ways = {name: way for name, way in zip(targets, planned, strict=True) if way is not None}
         while paused := [claim for claim in claims.values() if claim.speed_override.paused]:
-            # Nobody goes ahead.
+            # No robot goes ahead of a paused one.
             await paused[0].run_interruptibly(paused[0].speed_override.opened.wait())
         fractions = {name: claims[name].speed_override.fraction for name in ways}
         takes_s = {name: way.duration_s / fractions[name] for name, way in ways.items()}

@@ -28,15 +28,15 @@ from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
 
 REST_TIMEOUT_S = 5.0
-"""How long a motion that was told to stop is waited for."""
+"""Timeout for a motion to stop, s."""
 STATE_TIMEOUT_S = 1.5
-"""How long a motion waits for a sign of rtloop before it gives up: less than the two seconds in which
-a client shall know."""
+"""Timeout for a sign of rtloop during a motion, s: less than the two seconds within which a client must be
+informed."""
 LATEST_ANSWER_S = ACKNOWLEDGE_S + STATE_TIMEOUT_S + REST_TIMEOUT_S + 1.0
 """How long after its timeout a motion may be answered: all its waits, and the way to the client."""
 WHERE = {
     MotionResult.STOPPED: "on its path",
-    MotionResult.STOPPED_ASIDE: "beside its path, which left no room to slow down within the limits,",
+    MotionResult.STOPPED_ASIDE: "off its path, which left no room to slow down within the limits,",
 }
 
 
@@ -58,7 +58,7 @@ class MotionService:
 
         Raises:
             UnavailableError: see `RobotLink.ready_state`.
-            ConflictError: the arm still moves for somebody who is gone.
+            ConflictError: the arm still executes a motion whose client is gone.
         """
         state = await self._link.ready_state(STATE_TIMEOUT_S)
         if state.mode is not LoopMode.HOLD:
@@ -83,7 +83,7 @@ class MotionService:
             await claim.run_interruptibly(claim.speed_override.opened.wait())
         await self.require_free_since(claim.since_s, trajectory)  # it may have been planned before
         claim.proceed()
-        tool = self._robot.model.carried.version  # it cannot change while somebody has a claim
+        tool = self._robot.model.carried.version  # it cannot change while there is a claim
         claim.motion_id = await self._link.commands.start(trajectory, claim.stops, tool, fence)
         claim.trajectory = trajectory
         logs.bind(motion=claim.motion_id)
@@ -112,7 +112,7 @@ class MotionService:
         claim.trajectory = trajectory
         if claim.job is not None:
             claim.job.prolonged(trajectory)
-        if checked_s <= self.scene_changed_s:  # who has changed it may have looked at the one before
+        if checked_s <= self.scene_changed_s:  # the scene may have been checked against the trajectory before
             try:
                 await self._require_free(trajectory)
             except CollisionError as exc:
@@ -155,7 +155,7 @@ class MotionService:
             try:
                 state = await self._link.fresh_state(STATE_TIMEOUT_S)
             except UnavailableError:
-                self._link.request_stop()  # if rtloop goes on after all, then not with a motion of nobody's
+                self._link.request_stop()  # rtloop must not continue a motion that no client owns
                 raise
             if state.motion_id != claim.motion_id:
                 # Of the cycle before the acknowledgement; or rtloop has died before it could publish one.

@@ -26,7 +26,7 @@ class Goals:
     """The goals of one robot: named positions and frames, and the requests to planners that follow.
 
     Attributes:
-        taught: named positions beside those of the SRDF, by name.
+        taught: named positions in addition to those of the SRDF, by name.
     """
 
     def __init__(self, robot: RobotDescription, settings: PlanningSection) -> None:

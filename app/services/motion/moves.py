@@ -122,7 +122,7 @@ class MoveService:
                 motions.append(motion)
                 radii.append(radius)
                 start = motion.end
-            elif radii:  # It ends where the one before does: who wants to be there, stops.
+            elif radii:  # It ends where the move before ends, so only its radius counts.
                 radii[-1] = min(radii[-1], radius)
         if not motions:
             return None
@@ -193,7 +193,7 @@ class MoveService:
         watch: contextlib.ExitStack,
         fence: Fence | None = None,
     ) -> None:
-        """Start a motion and see it to its end; where nobody waits for that, nobody watches over its time."""
+        """Start a motion and follow it to its end. Without a waiting client its end has no timeout."""
         await self._motion.start(claim, trajectory, fence)
         if not caller.waits:
             watch.close()

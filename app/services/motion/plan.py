@@ -12,9 +12,10 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
 
 START_TOLERANCE_RAD = 1e-6
-"""How far a joint may be from where a plan begins: a plan is run as it is, what is off would be a jump."""
+"""Maximum distance of a joint from the start of a plan. A plan is run unchanged, so an offset is a jump."""
 QUEUED_TOLERANCE_RAD = 1e-9
-"""The same in the queue, where it follows another motion without a rest: more than arithmetic leaves."""
+"""Start tolerance in the queue, where a plan follows another motion without a rest. It allows for rounding
+only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +27,10 @@ class Plan:
         limits: of the joints, as they were when it was made.
         made_s: when that was, on the service's clock.
         scene: the version of the scene that it was made for.
-        tool: that of the tool.
-        planners: that it was asked of.
-        by: who has asked.
-        motions: how many it was made of.
+        tool: the version of the tool that it was made for.
+        planners: the planners that were requested.
+        by: the client that requested it.
+        motions: the number of motions that it consists of.
     """
 
     plan_id: str

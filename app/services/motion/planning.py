@@ -21,7 +21,7 @@ from cobot.trajectory import Trajectory
 
 POLL_S = 0.02
 ATTEMPTS = 2
-"""A task that has lost its worker is given to so many at the most: it may be what ends them."""
+"""Maximum number of workers that get the same task. The task itself may be what ends them."""
 
 Result = TypeVar("Result")
 
@@ -34,7 +34,7 @@ class PlanningStatus:
 
     Attributes:
         state: "ready", "starting" while there is no worker yet, or "failed" while none can be started.
-        workers: how many there shall be.
+        workers: the configured number of workers.
         usable, busy: how many can be given a task or have one, and how many have one.
         replaced: how many have ended, or stood still, by no act of the service.
         problem: why no worker can be started; "" otherwise.

@@ -1,8 +1,8 @@
 """Keeps planning processes alive, and gives each one task at a time.
 
-Each has a socket of its own and shares no lock with the others, so that one can be killed at any moment: by
-a stop, by a timeout, or by whoever. One that has ended, or is stopped, is replaced; the task that it had is
-lost with it, and its caller told. Time is the event loop's, which no change of the clock on the wall touches.
+Each has its own socket and shares no lock with the others, so it can be killed at any moment: by a stop, by
+a timeout, or from outside. A process that has ended, or is suspended, is replaced. Its task is lost, and the
+caller gets an error. Time is the event loop's, which does not depend on the system's clock.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class WorkerLost(Exception):
 
 
 class _NotBegun(Exception):
-    """The same of one that had not begun."""
+    """The worker was lost before it began the task."""
 
 
 @dataclass(eq=False)
@@ -68,20 +68,20 @@ class _Worker:
         self.process.kill()
 
     def stands_still(self) -> bool:
-        """Whether somebody has stopped it, and had at the last look already."""
+        """Whether the process is suspended, and was at the last check too."""
         before, self.paused = self.paused, is_stopped(self.process.pid)
         return before and self.paused
 
 
 class PlanningPool:
-    """So many workers, started with the first task.
+    """A fixed number of workers, started with the first task.
 
     Args:
-        arguments: of a worker's command line.
+        arguments: the arguments of a worker's command line.
         blanks: processes that are there already, to become the first workers; each is taken from the list.
 
     Attributes:
-        replaced: how many workers have ended, or were stopped, by no act of ours.
+        replaced: the number of workers that have ended or were suspended without the pool's doing.
         problem: why the last start of a worker failed; "" if it did not.
     """
 

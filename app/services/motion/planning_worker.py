@@ -43,7 +43,7 @@ def main() -> int:
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the socket")
     arguments = parser.parse_args()
     gc.disable()  # until all is there that stays
-    # What nearly every task needs, for a worker that says it is ready shall be so.
+    # Nearly every task needs this, and a worker that reports ready must be ready.
     from app.services.motion import planning_tasks  # noqa: F401
     from cobot.config import load_settings
     from cobot.errors import CobotError
@@ -100,9 +100,8 @@ def _received(channel: BinaryIO) -> bytes | None:
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGKILL)
-    atexit.unregister(
-        gc.freeze
-    )  # of who has forked it: OMPL takes what is not collected at the end for leaks
+    # The parent process has registered it. OMPL reports what is not collected at the end as leaks.
+    atexit.unregister(gc.freeze)
     be(Niceness.ORDINARY)  # not as prompt as the service that starts it, and not yet in the background
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(in_words(main))

@@ -57,7 +57,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 ANSWER_S = 1.0
-"""Of an endpoint's time, what explaining leaves for what it has begun and for the answer."""
+"""Part of an endpoint's timeout that explaining a plan leaves for unfinished work and for the answer, s."""
 SHORTEST_S = 0.01
 DRAW_S = 10.0
 """A picture takes a fiftieth of that; so long it waits for others, and for a process."""
@@ -67,7 +67,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class PlanOptions:
-    """What a plan is asked for beside its motion.
+    """The options of a plan, in addition to its motion.
 
     Attributes:
         start: joint angles, rad; None for where the arm is, which has to be at rest.
@@ -251,8 +251,8 @@ class PlanService:
 
         Raises:
             NotFoundError: there is no such plan, or no more.
-            ConflictError: the arm or a limit is not where it was; with what, by how much and what is allowed.
-            ConflictError, UnavailableError: somebody else moves the arm, or it is not ready.
+            ConflictError: the arm or a limit has changed; with what, by how much and what is allowed.
+            ConflictError, UnavailableError: another client moves the arm, or it is not ready.
         """
         plan = self.get(plan_id)
 

@@ -104,8 +104,9 @@ class PositionService:
         self._goals.taught = taught
 
     def _read(self) -> dict[str, NamedPosition]:
-        """What is kept. A file that is spoilt is set aside, and what is good in it is kept anew: the arm can
-        be moved without it, so it is no reason not to start.
+        """Read the file. A damaged file is set aside, and its valid positions are written to a new file.
+
+        The arm can be moved without it, so the service starts nevertheless.
         """
         try:
             found = _FILE.validate_json(read_kept(self._file))

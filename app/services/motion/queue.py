@@ -42,7 +42,7 @@ SHORT_S = 1.0
 SHOWN_S = 0.2
 """An accepted move is shown as under way for so long at least: clients poll, and some moves are none."""
 CAPACITY = 500
-"""So many motions wait at the most."""
+"""Maximum number of motions that wait."""
 LARGEST_NUMBER = 2**31 - 1
 NAME = "the motion queue"
 
@@ -118,8 +118,8 @@ class MotionQueue:
             The move's number.
 
         Raises:
-            InputError, PlanningError: it is no possible motion. The moves before it go on.
-            ConflictError: somebody else owns the motion, or may alone; or the queue is full.
+            InputError, PlanningError: the motion is impossible. The moves before it continue.
+            ConflictError: another client moves the arm or has control; or the queue is full.
             MotionStopped: a stop was requested meanwhile.
             UnavailableError: see `MotionService.ready`.
         """
@@ -204,7 +204,7 @@ class MotionQueue:
             while True:
                 while await self._next(claim):
                     await self._execute(claim)
-                async with self._turn:  # somebody may have been about to add one
+                async with self._turn:  # a client may have been about to add one
                     if not self._line:
                         error = None
                         return
@@ -223,7 +223,7 @@ class MotionQueue:
                 self._empty(claim, error)
             self._claim = None
             belongings.close()
-            self._running.finish()  # last: who has waited for it may move the arm then
+            self._running.finish()  # last: a waiting client may move the arm from here on
 
     def _empty(self, claim: Claim, error: BaseException) -> None:
         """Nothing of the queue moves any more."""

@@ -146,7 +146,7 @@ class QueueMotion:
         return True
 
     async def _follow(self, claim: Claim, line: QueueLine) -> None:
-        """Until the motion has arrived; what waits meanwhile prolongs it. `finish` says so to its jobs.
+        """Follow the motion to its end; waiting moves prolong it. `finish` reports the end to its jobs.
 
         Raises:
             CobotError: see `MotionService.arrival`.
@@ -205,7 +205,7 @@ class QueueMotion:
         self._dropped.append((move, error))
         self._link.request_stop()
         if self._phase is _Phase.UNDER_WAY:
-            claim.stops += 1  # of this motion alone: one that anybody else asks for is one more
+            claim.stops += 1  # for this motion alone; a stop from elsewhere counts in addition
         # Until then rtloop refuses the motion because of the stop, which `_start` counts.
         if self._planning is not None:
             self._planning.cancel()

@@ -148,7 +148,7 @@ def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], lis
 
 
 def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
-    """The first moves, of so many legs together at the most; one of more legs alone."""
+    """The first moves, with at most `most` legs together; a move with more legs is alone."""
     found: list[QueuedMove] = []
     for move in waiting:
         most -= max(len(move.legs), 1)
@@ -189,7 +189,7 @@ class MovePlanner:
                 legs.append(found)
                 radii.append(radius_m)
                 start = found.motion.end
-            elif radii:  # it ends where the one before does: who wants to be there, stops
+            elif radii:  # it ends where the move before ends, so only its radius counts
                 radii[-1] = min(radii[-1], radius_m)
         return QueuedMove(number, request, tuple(legs), tuple(radii), self._clock.now_s())
 

@@ -162,8 +162,8 @@ class SceneService:
             InputError: a name is the robot's, there is no such frame, or MuJoCo refuses it.
             LimitError: there are too many, or the arm may or can not hold what it would carry.
             NotFoundError: there is no such object, frame or body.
-            ConflictError: somebody else has the control; or something is attached already, or not; or the arm
-                moves; or somebody streams.
+            ConflictError: another client has control; or something is attached already, or not; or the arm
+                moves; or a streaming session is active.
             UnavailableError: the file cannot be written, or the robot does not answer.
         """
         async with self.turn:
@@ -175,7 +175,8 @@ class SceneService:
                 )
             if state.mode in STREAMING:
                 raise ConflictError(
-                    f"somebody streams (mode {state.mode.name}): the scene changes before or after that"
+                    f"a streaming session is active (mode {state.mode.name}): "
+                    "change the scene before or after it"
                 )
             hand = self._robot.model.forward(state.commanded_position)
             scene = self.scene

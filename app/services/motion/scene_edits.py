@@ -12,7 +12,7 @@ from cobot.strict import shown
 from cobot.types import Pose
 
 Edit = Callable[[Scene, Pose], Scene]
-"""From a scene and where the TCP is to the scene that shall take its place."""
+"""A function that takes a scene and the pose of the TCP, and returns the edited scene."""
 
 
 def clear(scene: Scene, hand: Pose) -> Scene:

@@ -26,7 +26,7 @@ from cobot.types import RESTING, Array
 MAX_SHAPES = 50
 STATE_TIMEOUT_S = 1.5
 LOOK_S = 0.5
-"""So often it is seen whether rtloop carries the same."""
+"""Interval between checks whether rtloop carries the same tool, s."""
 
 Edit = Callable[[Tool], Tool]
 
@@ -98,9 +98,9 @@ class ToolService:
             name: of the request, for people.
 
         Raises:
-            InputError, LimitError: there can be no such tool, or the arm could not hold it where it is.
-            ConflictError: the arm moves, somebody else owns the motion, something is attached to the TCP, or
-                rtloop refuses it; all is as it was.
+            InputError, LimitError: the tool is impossible, or the arm could not hold it in its present pose.
+            ConflictError: the arm moves, another client moves it, something is attached to the TCP, or
+                rtloop refuses the tool. The tool stays as it was.
             UnavailableError: rtloop does not answer, or the file cannot be written; likewise.
         """
         if edit(self.tool) == self.tool:
@@ -139,7 +139,8 @@ class ToolService:
         held = [name for name, each in self._scene.scene.objects.items() if each.attached]
         if held and model.tcp_in_flange(tool) != model.tcp_in_flange():
             raise ConflictError(
-                f"tcp: {', '.join(held)} would move with it, for it is attached to the TCP; detach it first"
+                f"tcp: {', '.join(held)} would move with it, because it is attached to the TCP; "
+                "detach it first"
             )
         check_load(model, self._robot.limits, tool, self._scene.scene, joints, self._max_payload_kg)
 

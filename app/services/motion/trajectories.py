@@ -89,9 +89,9 @@ class TrajectoryService:
         """Interpolate, check, hand over; returns when rtloop has accepted, the motion then goes on alone.
 
         Args:
-            read: gives the points, or raises an InputError; it calls what it is given with the first of them
-                before it reads the others. Called in a thread, and only when the arm is free: who only wants
-                to know that it is not shall not cost the owner's service its time.
+            read: returns the points, or raises an InputError. It calls its argument with the first point
+                before it reads the others. It is called in a thread, and only when the arm is free: a request
+                that will be refused must not cost the service time.
 
         Raises:
             InputError, PlanningError: the points make no motion, with the reason. Nothing has moved.

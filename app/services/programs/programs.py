@@ -92,7 +92,7 @@ class ProgramService:
             stops: `Ownership.stops` when the call came in.
 
         Raises:
-            ConflictError: none is loaded, one runs, or somebody else owns the motion.
+            ConflictError: no program is loaded, one runs, or another client moves the arm.
             MotionStopped, UnavailableError: see `SequenceService.start`.
         """
         if not self.loaded:
@@ -121,7 +121,7 @@ class ProgramService:
         """Go on.
 
         Raises:
-            ConflictError: nothing is paused, or somebody else has the control.
+            ConflictError: nothing is paused, or another client has control.
             UnavailableError: see `SpeedOverride.resume`.
         """
         self._require_running()

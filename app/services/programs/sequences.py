@@ -39,7 +39,8 @@ from cobot.logs import printable
 
 LINE_BYTES = 65536
 LINE_CHARACTERS = 2000
-"""Of a line so many are kept: thousands of lines are, and everybody may read hundreds of them at once."""
+"""Maximum number of characters that are kept of a line. Thousands of lines are kept, and each client may read
+hundreds of them at once."""
 PROGRESS = ("iteration", "waypoint", "n_waypoints")
 ERRORS: dict[int, type[CobotError]] = {2: InputError, 4: UnavailableError}
 """What the runner's return codes mean; all others are motions that have failed."""
@@ -127,7 +128,7 @@ class SequenceService:
             stops: `Ownership.stops` when the request came in.
 
         Raises:
-            ConflictError: a sequence runs, or somebody else owns the motion.
+            ConflictError: a sequence runs, or another client moves the arm.
             MotionStopped: a stop was requested meanwhile.
             InputError: the recording would leave the recordings folder.
             UnavailableError: the process cannot be started.
@@ -184,7 +185,7 @@ class SequenceService:
         """End the runner, by force if it does not listen; returns what was ended, or None.
 
         Args:
-            reason: what is said of it.
+            reason: the reason that is reported.
         """
         if self._starting:  # `start` sees the count of stops, and ends what it has begun
             return "the start of a sequence"
@@ -327,7 +328,7 @@ class SequenceService:
 
     @property
     def steps(self) -> Steps:
-        """What the runner is told at its waypoints.
+        """The instructions for the runner at its waypoints.
 
         Raises:
             ConflictError: none runs.

@@ -17,7 +17,7 @@ NEXT = 0
 
 
 class Steps:
-    """What one runner is told.
+    """The instructions for one runner.
 
     Args:
         descriptor: of the pipe that it reads; it is closed by `close`.

@@ -151,7 +151,7 @@ class HealthService:
         return starting
 
     def _session(self, state: RobotState) -> dict[str, object] | None:
-        """The streaming session, whoever has opened it."""
+        """The streaming session, opened by this service or by another process."""
         if state.session == 0:
             return None
         ours = self._streams.session

@@ -1,4 +1,4 @@
-"""Somebody who listens: its place in the ring, what it wants, and the newest state at its own rate."""
+"""A listener: its place in the ring, what it has subscribed to, and the newest state at its own rate."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from app.services.events.ring import Event, Events
 from app.services.reports.states import StateTexts
 
 KEEP_ALIVE_S = 5.0
-"""When nothing has happened for so long, that is said: who hears nothing has lost the connection."""
+"""Interval of keep-alive messages without events, s. A listener that misses them has lost the connection."""
 BATCH = 64
-"""So many events are sent in one go; then others have their turn."""
+"""Maximum number of events that are sent at once; then other listeners have their turn."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What somebody wants to hear.
+    """The subscription of a listener.
 
     Attributes:
         types: of events; None for all.
@@ -34,11 +34,11 @@ class Wanted:
 
 
 class Listener:
-    """One client. What it is told is taken from the ring when it can be sent; nothing waits for it.
+    """One client. Its events are taken from the ring when they can be sent; nothing waits for it.
 
     Args:
         after: see `Events.place`.
-        states: of which robots the state shall come, at `state_hz`; the newest, whatever was missed.
+        states: the robots whose state is sent, at `state_hz`. It is always the newest state.
 
     Attributes:
         epoch: of the events that it hears.

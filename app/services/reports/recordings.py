@@ -21,7 +21,7 @@ from cobot.recording.store import Recording, RecordingStore
 START_S = 30.0
 """The first recorder of a `cobot run` may be silent for so long: it has yet to begin."""
 LOOK_S = 0.2
-"""So often it is looked whether the recorder lives that is waited for."""
+"""Interval between checks whether the recorder still lives, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class RecordingService:
 
     @property
     def max_bytes(self) -> int:
-        """Of all recordings together."""
+        """The maximum size of all recordings together, in bytes."""
         return self._store.max_bytes
 
     def all(self) -> list[Recording]:
@@ -73,11 +73,11 @@ class RecordingService:
         return self._store.all()
 
     def path(self, name: str) -> Path:
-        """Of a finished recording.
+        """The path of a finished recording.
 
         Raises:
-            InputError: no possible name.
-            NotFoundError: there is none of that name.
+            InputError: the name is invalid.
+            NotFoundError: there is no recording of that name.
         """
         return self._store.path(name)
 
@@ -99,7 +99,7 @@ class RecordingService:
         with contextlib.suppress(TornReadError):
             if (record := self._record()) is not None:
                 heard_ns = int(record["monotonic_ns"])
-        until_ns = (heard_ns or time.monotonic_ns()) + round(SILENT_S * 1e9)  # then nobody waits any more
+        until_ns = (heard_ns or time.monotonic_ns()) + round(SILENT_S * 1e9)  # then the wait ends
         request: dict[str, Any] = {"robot": self._robot, "action": action, "seconds": seconds}
         asking = asyncio.create_task(ask(self._socket, {**request, "until_ns": until_ns}, timeout_s))
         try:

@@ -1,7 +1,7 @@
 """What changes in rtloop's state, told as events: seen by one task for each robot.
 
-It looks often while somebody listens or the arm moves, else as seldom as it costs next to nothing; what is
-counted in the state (interventions, motions) is missed in neither case.
+It reads the state often while there is a listener or the arm moves, and otherwise so rarely that it costs
+next to nothing. The state counts interventions and motions, so none of them is missed in either case.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cobot.types import RESTING, LoopMode
 
 PERIOD_S, IDLE_PERIOD_S = 0.01, 0.05
 EPISODE_S = 1.0
-"""Of one kind of intervention there is an event at once, and then one in so much time."""
+"""Minimum time between two events of the same kind of intervention, s. The first is reported at once."""
 
 
 class StateWatch:

@@ -81,8 +81,8 @@ class JobRecord:
         parent: the job of the sequence that it belongs to.
         motion_id: of its newest motion, once there is one.
         progress: share of that motion's path time, 0 to 1; of a sequence, of its waypoints.
-        planned_duration_s: of the motion, at the speed that it was planned with.
-        remaining_s: at the present speed override; None while nobody can say.
+        planned_duration_s: the duration of the motion, at the speed that it was planned with.
+        remaining_s: the remaining time at the present speed override; None while it is unknown.
         note: see `Trajectory`.
         started_at: when its first motion began.
     """
@@ -156,7 +156,7 @@ class Job:
 
     @property
     def motion_id(self) -> int | None:
-        """Of its newest motion."""
+        """The id of its newest motion."""
         return self._motion_id
 
     def begin(self, override: SpeedOverride) -> None:
@@ -192,7 +192,7 @@ class Job:
         self.started(motion_id)
 
     def left(self, left_s: float) -> None:
-        """Of its part of a motion so much is left."""
+        """Set the remaining time of its part of a motion."""
         if self._part_s is not None:
             self._path_time_s = max(self._part_s - left_s, self._path_time_s)
 
@@ -223,7 +223,7 @@ class Job:
         return self._error is not None
 
     def record(self) -> JobRecord:
-        """As it is now."""
+        """The job's current state, as a record."""
         return self.end_record or self._recorded(self.state)
 
     def _recorded(self, state: JobState) -> JobRecord:

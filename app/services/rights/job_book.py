@@ -29,7 +29,7 @@ from cobot.logs.outlet import Outlet
 from cobot.strict import shown
 
 KEPT = 1000
-"""So many jobs that have ended are remembered."""
+"""Maximum number of ended jobs that are remembered."""
 MAX_BYTES = 4_000_000
 OLDER_FILES = 1
 AGAIN_AFTER = 500
@@ -81,7 +81,7 @@ class JobBook:
         self._outlet: Outlet[_Piece] | None = None
         if file is not None:
             self._file = RotatingFile(file, MAX_BYTES, OLDER_FILES, strict=True)
-            # What the disk has not taken is in memory: once there is room, all of that is written anew.
+            # Unwritten records stay in memory. Once the disk has room, the whole book is written again.
             self._outlet = Outlet(self._append, self._everything, settle=self._file.sync)
             self._read(file)
 
@@ -159,8 +159,10 @@ class JobBook:
         self._told = bool(self.problem)
 
     def _append(self, piece: _Piece) -> None:
-        """Called by the thread that writes. What waited while all was written anew is older than that, and
-        would say of a job that has ended that it goes on."""
+        """Append a piece. The writing thread calls it.
+
+        A piece that waited while the whole book was rewritten is outdated: it may list ended jobs as active.
+        """
         assert self._file is not None
         if piece.number > self._whole or piece.whole:
             for line in piece.lines.splitlines(keepends=True):  # all of them may be more than a file takes
@@ -185,7 +187,7 @@ class JobBook:
         for path in reversed(aside(file, OLDER_FILES)):
             with contextlib.suppress(OSError), path.open("rb") as lines:
                 for line in lines:
-                    with contextlib.suppress(ValidationError):  # torn, or somebody else's
+                    with contextlib.suppress(ValidationError):  # torn, or not of this format
                         record = _RECORD.validate_json(line)
                         found[record.id] = record
                         found.move_to_end(record.id)
@@ -198,7 +200,7 @@ class JobBook:
 
 
 def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobRecord:
-    """A job whose end nobody has written.
+    """The record of a job whose end was not written.
 
     Args:
         alive: when the service last wrote of any job.

@@ -1,8 +1,8 @@
-"""The control lease: who alone may move a robot, between motions too.
+"""The control lease: the exclusive right to move a robot, between motions too.
 
-A motion, a session or a sequence has the robot while it lasts: that is `Ownership`'s. Who wants nobody else
-to move it before, between or after takes a lease. It ends when it is released, when its client disconnects,
-when it was not used for its time, or when somebody takes it over. Stopping never asks for it.
+A motion, a session or a sequence has the robot while it lasts: see `Ownership`. To keep others from moving
+the robot before, between or after them, a client takes a lease. The lease ends when it is released, when its
+client disconnects, when it expires unused, or when another client takes it over. A stop never needs it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TIMEOUTS_S = (1.0, 3600.0)
 """The shortest and the longest time that a lease may go unused, s."""
 TIMEOUT_S = 60.0
 KEPT_ENDS = 100
-"""So many ended leases are remembered, to tell those who still use them."""
+"""Number of ended leases that are remembered, so that clients that still use them get the reason."""
 
 
 @dataclass(slots=True)
@@ -27,7 +27,7 @@ class Lease:
     """One client's control, from when it was taken.
 
     Attributes:
-        token: whoever shows it is its holder; so is the WebSocket that has taken it.
+        token: a client that sends it is the holder; so is the WebSocket that has taken the lease.
         since_s, until_s: on the service's clock; `until_s` moves on while it is used.
         timeout_s: how long it lasts unused.
     """
@@ -40,7 +40,7 @@ class Lease:
 
 
 class ControlLease:
-    """The lease of one robot. An expired one ends when somebody next looks.
+    """The lease of one robot. An expired lease ends when it is next read.
 
     Args:
         moving: whether a motion or a sequence is under way, during which none expires.
@@ -68,7 +68,7 @@ class ControlLease:
         """The lease that is held, or None."""
         lease = self._lease
         if lease is not None and not self._moving() and self._clock.now_s() >= lease.until_s:
-            how = f"has expired: nothing has moved for {lease.timeout_s:g} s; take control anew"
+            how = f"has expired: nothing has moved for {lease.timeout_s:g} s; take control again"
             self._end("expired", how)
         return self._lease
 
@@ -90,10 +90,11 @@ class ControlLease:
                 raise ConflictError(self._ends[token])
 
     def require(self, client: Client) -> None:
-        """See that nobody else has the lease.
+        """Check that no other client has the lease.
 
         Raises:
-            ConflictError: somebody has, with who; or this client's own has ended, with how.
+            ConflictError: another client has it (named in the error); or this client's own has ended, with
+                the reason.
         """
         self.require_not_lost(client)
         lease = self.current
@@ -105,7 +106,7 @@ class ControlLease:
             )
 
     def take(self, client: Client, timeout_s: float) -> Lease:
-        """Give the lease to a client, whoever has it; one that this client has already is renewed."""
+        """Give the lease to a client, even if another has it. The client's own lease is renewed."""
         now_s = self._clock.now_s()
         if self._lease is not None and self.holds(client):
             self._lease.timeout_s, self._lease.until_s = timeout_s, now_s + timeout_s

@@ -1,6 +1,6 @@
-"""Who may move the arm: one at a time.
+"""The right to move the arm, which one caller has at a time.
 
-Long, because a claim and who may make one are one rule.
+This module is long because a claim and the right to make one are one rule.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ BY_COMMAND = "stopped by cobot stop"
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """Who asks for a motion.
+    """The caller that requests a motion.
 
     Attributes:
-        name: what others are told about the owner.
-        token: of the sequence on whose behalf the arm shall move, if any.
-        stops: `Ownership.stops` when the request came in: a later stop is for its motion too.
+        name: the name that other clients see.
+        token: the token of the sequence on whose behalf the arm moves, if any.
+        stops: `Ownership.stops` when the request came in. A later stop applies to this motion too.
         timeout_s: after which the motion is to end.
         gone: set when the client goes away: the arm then stops.
-        job: that the motion is; None for what owns the arm and is no motion.
-        waits: whether somebody waits for its end: else `timeout_s` is for its beginning alone.
+        job: the job of the motion; None if the caller owns the arm without a motion.
+        waits: whether a client waits for the end. If not, `timeout_s` applies to the beginning alone.
     """
 
     name: str
@@ -110,7 +110,7 @@ class Claim:
     def proceed(self) -> None:
         """Raise what has interrupted it, if something has.
 
-        Its time may be up although nobody has had the time to notice: this process may have been stopped.
+        The timeout may have passed unnoticed, because this process may have been suspended.
         """
         if self.left_s() <= 0.0:
             self.run_out()
@@ -232,7 +232,7 @@ class Ownership:
             name: for people.
 
         Raises:
-            ConflictError: somebody else owns it, or may alone.
+            ConflictError: another client moves the arm or has control.
             UnavailableError: see `Heartbeat.require_awake`.
         """
         client = CLIENT.get()
@@ -265,7 +265,7 @@ class Ownership:
         """See that a request with this token may move the arm.
 
         Raises:
-            ConflictError: somebody else owns it, or may alone.
+            ConflictError: another client moves the arm or has control.
         """
         client = CLIENT.get()
         self.lease.require_not_lost(client)
@@ -280,10 +280,10 @@ class Ownership:
             self.lease.require(client)
 
     def require_control(self) -> None:
-        """See that nobody else has the lease, as a sequence that runs has not.
+        """Check that no other client has the lease, on behalf of a running sequence.
 
         Raises:
-            ConflictError: somebody has.
+            ConflictError: another client has it.
         """
         client = CLIENT.get()
         if self._sequence is None or self._sequence.token != client.sequence:
@@ -293,7 +293,7 @@ class Ownership:
         """Go faster or slower along the path: the motion that runs, and all that follow.
 
         Raises:
-            ConflictError: somebody else moves the arm, or may alone; or it follows a stream.
+            ConflictError: another client moves the arm or has control; or the arm follows a stream.
             LimitError, UnavailableError: see `SpeedOverride.set_fraction`.
         """
         self.require_control()
@@ -311,7 +311,7 @@ class Ownership:
         self.speed_override.restore(self._fraction)
 
     def end(self, job: Job, error: BaseException | None = None, *, stopped: bool = False) -> None:
-        """A job has ended, and why it has not arrived; `stopped`: by somebody's will."""
+        """End a job. `error` is why it failed; `stopped` is set if it was stopped on request."""
         if error is not None:
             job.fail(error)
         if not job.failed:
@@ -322,7 +322,11 @@ class Ownership:
             job.end(JobState.CANCELLED if stopped else JobState.FAILED)
 
     def _tell_lease(self, what: str, lease: Lease) -> None:
-        """By whom: who has taken it; whoever asks when it ends is not always the one who has ended it."""
+        """Report a change of the lease, and the client that caused it.
+
+        For a lease that was taken this is its client. A lease that ends may end during another client's
+        request.
+        """
         client, by = lease.client, CLIENT.get()
         more = {"by": str(by)} if what == "taken over" else {}
         self._link.events.publish(
@@ -339,7 +343,7 @@ class Ownership:
         """Own the motion for as long as the context lasts; one that a stop has overtaken is interrupted.
 
         Raises:
-            ConflictError: somebody else owns it.
+            ConflictError: another client moves the arm.
             UnavailableError: see `Heartbeat.require_awake`.
         """
         self.require_free(caller.token)
@@ -384,7 +388,7 @@ class Ownership:
             self.interrupt(cause)
 
     def interrupt(self, cause: ExecutionError) -> Claim | None:
-        """The same for what goes on now: what was asked for and waits to be read is not meant."""
+        """Interrupt the present claim. Requests that still wait to be read are not affected."""
         self.speed_override.reset()
         if self._claim is not None:
             self._claim.interrupt(cause)

@@ -21,7 +21,7 @@ REST_TIMEOUT_S = 3.0
 MAX_PAUSE_S = 3600.0
 """The timeout of a motion does not go on during its pauses, up to this in all, s."""
 FRACTIONS = (0.01, 1.0)
-"""The smallest and the largest fraction of full speed that may be set, beside 0."""
+"""The smallest and the largest fraction of full speed that may be set, in addition to 0."""
 
 
 class SpeedOverride:
@@ -55,7 +55,7 @@ class SpeedOverride:
 
     @property
     def fraction(self) -> float:
-        """Of full speed."""
+        """The speed override as a fraction of full speed."""
         return self._fraction
 
     @property

@@ -18,16 +18,16 @@ from cobot.types import RESTING, LoopMode
 END_TIMEOUT_S = 2.0
 """How long a motion is waited for that has come to rest and has only to notice."""
 MOTION_STOP_S = 5.0
-"""So long the end of a motion is waited for that is stopped alone, s: it takes 2.5 s at the most."""
+"""Timeout for stopping a single motion, s. Stopping takes at most 2.5 s."""
 LATCHED = (LoopMode.ESTOP, LoopMode.FAULT)
 DRIVES_S = 3.0
-"""So long the drives are waited for once the arm is at rest: rtloop gives it 2 s to settle."""
+"""Timeout for the drives once the arm is at rest, s. rtloop allows 2 s for the arm to settle."""
 HELD, FAST = 2, 1
 """Stop categories of IEC 60204-1, as `POST /stop` takes them."""
 StopPrograms = Callable[[str], Awaitable[str | None]]
 """Ends the sequence or program that runs, for a reason; what was ended, for people, or None."""
 UNMEASURED_S = 0.25
-"""Without a measurement for so long, nobody can say that the arm is at rest."""
+"""Maximum age of a measurement, s. With an older one it is unknown whether the arm is at rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Stopped:
         stopped: what was ended, for people.
         position: measured, rad; None when rtloop does not answer.
         category: of IEC 60204-1, as it was carried out: 2 the drives hold the arm, 1 they are off.
-        confirmed: whether the device itself says so; if not, cobot has seen the arm at rest.
+        confirmed: whether the device itself reports it; if not, cobot has seen the arm at rest.
     """
 
     success: bool
@@ -79,7 +79,7 @@ class StopService:
         self._following: set[asyncio.Task[Stopped]] = set()
 
     def follow(self) -> None:
-        """Somebody has stopped the arm without this service: end here what would move it again."""
+        """End whatever would move the arm again, because it was stopped without this service."""
         task = asyncio.create_task(self.stop(MIN_STOP_S, BY_COMMAND))
         self._following.add(task)
         task.add_done_callback(self._following.discard)
@@ -88,7 +88,7 @@ class StopService:
         """End the sequence, the planning and the motion. Never fails: says what it could not confirm.
 
         Args:
-            reason: what the motion's owner is told.
+            reason: the reason that is reported to the motion's owner.
             category: `HELD` or `FAST`.
         """
         begun_s = self._link.clock.now_s()
@@ -103,7 +103,7 @@ class StopService:
         )
         stopped = [item for item in (sequence, motion or orphan) if item]
         at_rest = state is not None and _idle(state) and state.settled
-        if at_rest and claim is not None:  # who has stopped the arm may want to move it next
+        if at_rest and claim is not None:  # the client that stopped the arm may move it next
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
         carried_out, confirmed = await self._confirm_category(category, begun_s + timeout_s - 0.5, problems)
@@ -122,7 +122,7 @@ class StopService:
         )
 
     async def _confirm_category(self, category: int, until_s: float, problems: list[str]) -> tuple[int, bool]:
-        """Which category it has become, once the drives are off if so; whether the device says so."""
+        """Wait for the drives to be off; return the category carried out and whether the device reports it."""
         until_s = min(until_s, self._link.clock.now_s() + DRIVES_S)
         while True:
             named = self._link.device()
@@ -154,7 +154,7 @@ class StopService:
         Nothing else ends: a sequence goes on with a motion that was stopped.
 
         Args:
-            reason: what its owner is told.
+            reason: the reason that is reported to its owner.
 
         Raises:
             ExecutionError: the arm is not known to be at rest, with why.

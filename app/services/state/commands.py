@@ -20,7 +20,7 @@ ACKNOWLEDGE_S = 3.0
 """rtloop verifies the largest trajectory in about a second."""
 POLL_S = 0.001
 IN_THREAD_SEGMENTS = 2000
-"""A longer trajectory is copied in a thread, so that nobody else waits."""
+"""Maximum number of segments that are copied in the event loop. A thread copies a longer trajectory."""
 
 
 class Commands:
@@ -156,7 +156,7 @@ class Commands:
         """Have rtloop read the scene's file, before the next stream begins.
 
         Raises:
-            ExecutionError: rtloop refuses it, with its reason: somebody streams.
+            ExecutionError: rtloop refuses it, with its reason: a streaming session is active.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
@@ -175,7 +175,7 @@ class Commands:
             raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             self._link.request_stop()
-        asked = self._link.stops + self._link.estops  # whoever stops the arm while this waits is right
+        asked = self._link.stops + self._link.estops  # a stop takes precedence while this waits
         async with self._turn:
             try:
                 await self._send(Command.RESET, stops=asked, timeout_s=timeout_s)
@@ -183,7 +183,7 @@ class Commands:
                 raise NotReadyError(str(exc)) from exc
 
     async def acknowledge(self) -> None:
-        """Have rtloop know that somebody has compared what the first contact has found with the arm.
+        """Confirm to rtloop that a person has compared the findings of the first contact with the arm.
 
         Raises:
             UnavailableError: rtloop does not answer.

@@ -1,4 +1,4 @@
-"""The first contact with hardware: slow until somebody has compared it with what rtloop has found."""
+"""The first contact with hardware: the arm is slow until a person has checked what rtloop has found."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ async def acknowledge_contact(link: RobotLink, *, payload_checked: bool) -> str:
     """Acknowledge it; what it has found, "" if there is nothing to acknowledge.
 
     Args:
-        payload_checked: whether somebody has said that the model's own tool and load are those of the arm.
+        payload_checked: whether the client confirms that the model's own tool and load are those of the arm.
 
     Raises:
-        InputError: nobody has said what the arm carries.
+        InputError: the tool and load of the arm are not confirmed.
         UnavailableError: rtloop does not answer.
     """
     named = link.device()
@@ -24,8 +24,8 @@ async def acknowledge_contact(link: RobotLink, *, payload_checked: bool) -> str:
         return ""
     if not payload_checked and not link.tool_version:
         raise InputError(
-            "payload_checked: nobody has said what the arm carries: set tool and load by POST /robot/tool, "
-            "or say true if the arm carries nothing that its model does not have"
+            "payload_checked: the arm's tool and load are not confirmed: set them by POST /robot/tool, "
+            "or send true if the arm carries nothing that its model does not have"
         )
     await link.commands.acknowledge()
     return found

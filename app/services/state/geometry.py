@@ -22,7 +22,7 @@ SHAPES = {
 }
 SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 NO_COLOUR = [0.5, 0.5, 0.5, 1.0]
-"""What MuJoCo gives to who has none: a material counts then."""
+"""Default colour of MuJoCo. A geometry that has it uses the colour of its material."""
 Version = tuple[int, int, bytes]
 Mesh = tuple[Array, npt.NDArray[np.int32]]
 
@@ -86,12 +86,12 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """Of one robot.
+    """The geometry of one robot.
 
     Attributes:
-        base: index of the body whose frame all poses of the API are in.
-        tcp: index of the body that carries it, and its pose in that one's frame.
-        meshes: vertices, shape (n, 3), m, and triangles, shape (k, 3), of each.
+        base: index of the body in whose frame all poses of the API are.
+        tcp: index of the body that carries the TCP, and the pose of the TCP in that body's frame.
+        meshes: vertices, shape (n, 3), m, and triangles, shape (k, 3), of each mesh.
     """
 
     bodies: list[Body]
@@ -108,7 +108,7 @@ def geometry_version(robot: RobotDescription) -> Version:
 
 
 def geometry_of(robot: RobotDescription) -> Geometry:
-    """As the collision checks see it, with what is only drawn."""
+    """The robot's geometry as the collision checks use it, plus the visual geometry."""
     mj = robot.collision.mj
     site = mj.site(robot.model.mj.site(robot.model.tcp_site).name)
     tip = robot.model.tcp_in_file_tcp()
@@ -163,7 +163,7 @@ def _shape(mj: mujoco.MjModel, geom: int) -> Shape:
 
 
 def _size(kind: str, size: list[float]) -> list[float]:
-    """Of MuJoCo's, which has halves."""
+    """The full size from MuJoCo's, which gives half sizes."""
     if kind == "mesh":
         return []
     if kind in ("sphere", "ellipsoid"):

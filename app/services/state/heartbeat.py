@@ -25,7 +25,7 @@ class Heartbeat:
     """Comes from the event loop itself: a stuck one is a dead one.
 
     Attributes:
-        on_outside_stop: called when somebody has stopped the arm through shared memory, as `cobot stop` does.
+        on_outside_stop: called when the arm was stopped through shared memory, as `cobot stop` does.
     """
 
     def __init__(self, memory: RobotMemory, clock: Clock, label: str) -> None:

@@ -27,7 +27,7 @@ from cobot.types import LoopMode
 
 POLL_S = 0.002
 STATE_TRIES = 3
-"""So often a state is read that rtloop may be writing just now."""
+"""Number of attempts to read a state, because rtloop may be writing it."""
 
 
 class RobotLink:
@@ -35,9 +35,9 @@ class RobotLink:
 
     Attributes:
         clock: of the service; its moments and those in shared memory can be compared.
-        label: what log lines about this robot begin with; "" if it is the only one.
-        events: where what happens to this robot is told.
-        motions: what is told of its motions.
+        label: prefix of log lines about this robot; "" if it is the only one.
+        events: receives the events of this robot.
+        motions: reports the beginning and the end of its motions.
         heartbeat: the service's signs of life.
         commands: what else is asked of rtloop; only one service may.
 
@@ -85,7 +85,7 @@ class RobotLink:
         if not memory.head.try_read() and seen is not None:
             memory.head.data["id"] = seen["command_seen"]
         if seen is not None and seen["motion_result"] == MotionResult.RUNNING:
-            self.request_stop()  # Its service has gone, and nobody waits for its end.
+            self.request_stop()  # Its service is gone, and no client waits for its end.
 
     def state(self) -> RobotState:
         """The newest state, however old.
@@ -257,12 +257,12 @@ class RobotLink:
 
     @property
     def tool_version(self) -> int | None:
-        """Of the tool that rtloop carries; None if that cannot be read."""
+        """The version of the tool that rtloop carries; None if it cannot be read."""
         return self._version("tool_version")
 
     @property
     def scene_version(self) -> int | None:
-        """Of the scene that rtloop was told of last; None if that cannot be read."""
+        """The version of the scene that rtloop received last; None if it cannot be read."""
         return self._version("scene_version")
 
     def _version(self, name: str) -> int | None:

@@ -1,4 +1,4 @@
-"""What is told of motions: that one has begun, and how it has ended."""
+"""Events of motions: the beginning of each, and how it has ended."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class MotionEvents:
     """Tells each beginning and each end once.
 
     Attributes:
-        ended: how many motions have ended in which way. None is missed: a motion begins only after somebody
-            has seen how the one before it ended.
+        ended: the number of motions by the way they ended. None is missed: a motion begins only after the
+            service has seen how the motion before it ended.
         last_ended: the number of the motion whose end is known already.
     """
 
@@ -53,7 +53,7 @@ class MotionEvents:
             return
         self.last_ended = state.motion_id
         self.ended[state.motion_result] += 1
-        if state.motion_id == self._beginning.get("motion"):  # it was short: nobody has noticed its beginning
+        if state.motion_id == self._beginning.get("motion"):  # it was short, and its beginning went unnoticed
             self.begun()
         result = state.motion_result
         self._events.publish(

@@ -1,7 +1,7 @@
-"""What the service knows of a robot at one moment: everything of it, so that nobody looks behind it.
+"""All that the service knows of a robot at one moment, so that no other module reads the record itself.
 
-States are polled, and who polls wants little of them: the record is copied whole, and only what is asked for
-is converted.
+States are polled, and most clients need few fields. So the record is copied whole, and a field is converted
+only when it is read.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Force control: what it shall be like, and a session of its own for when nobody else streams."""
+"""Force control: its settings, and a session of its own for when no other session is active."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True, slots=True)
 class ForceSettings:
-    """What force control shall be like. Six values each: x, y, z in m and N, then about x, y, z in rad, N·m.
+    """The settings of force control. Six values each: x, y, z in m and N, then about x, y, z in rad, N·m.
 
     Attributes:
         enabled: whether it is wanted.
         axes: along which the force counts, not the position, in the force frame.
-        wrench: what the TCP shall exert on its surroundings, in the force frame.
-        max_velocity: the fastest that force control moves.
+        wrench: the wrench that the TCP exerts on its surroundings, in the force frame.
+        max_velocity: the maximum velocity of force control.
         stiffness: of the TCP; None for the robot's nominal one.
         damping_ratio: of the TCP, from 0.3 to 1.
         in_tcp: the force frame is given in the TCP's frame, not in the base frame.
@@ -77,8 +77,8 @@ class ForceSettings:
 class ForceService:
     """Keeps the settings; while enabled it holds the TCP's pose and exerts the wrench along the force axes.
 
-    Somebody else's Cartesian session may take that over: `lend` ends this one, and the other is described by
-    `settings`, whose `wrench` may change at any time.
+    Another client's Cartesian session may take force control over: `lend` ends this session, and the other
+    one uses `settings`, whose `wrench` may change at any time.
 
     Attributes:
         settings: as they stand.
@@ -111,8 +111,8 @@ class ForceService:
         """Begin.
 
         Raises:
-            InputError: the settings make no session, with why.
-            ConflictError: somebody else moves the arm, a servo session too: it has begun without force axes.
+            InputError: the settings are invalid, with the reason.
+            ConflictError: another client moves the arm, or a servo session has begun without force axes.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         async with self._changing:
@@ -134,7 +134,7 @@ class ForceService:
             await self._end("force control was disabled")
 
     async def lend(self) -> None:
-        """Let somebody else's session have the arm, which then serves `settings`."""
+        """Lend the arm to another client's session, which then serves `settings`."""
         async with self._changing:
             await self._end("another session goes on")
 

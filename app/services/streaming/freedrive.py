@@ -3,10 +3,10 @@
 A streaming session with soft springs, so that the arm gives way at once; here, its targets follow the hand:
 what the surroundings exert on a joint, beyond a threshold, becomes that joint's velocity, as with a damper
 (admittance control). The velocity is made smaller the nearer the arm, as measured, is to a joint's limit or
-to an obstacle, as of a jog (`jog_limits`); who pushes a joint beyond that is pushed back.
+to an obstacle, as in a jog (`jog_limits`); a joint that is pushed further resists.
 
-It ends when it is switched off, by a stop, and when nobody has renewed it for its time: whoever has it has to
-be there. What has ended is not taken up again by a renewal.
+It ends when it is switched off, by a stop, and when it is not renewed in time: the client that has it must
+stay connected. A renewal does not restart freedrive that has ended.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ SMOOTHING_S = 0.1
 TOUCH_SHARE = 0.005
 """What is exerted on a joint counts beyond this share of its effort limit: no estimate is exact."""
 PUSHED_SHARE = 0.02
-"""More than this share, while nobody has taken hold of the arm yet, and it would go off by itself."""
+"""Maximum share of the effort limit before a hand takes hold of the arm. Above it, the arm would drift."""
 ROOM_RAD = 0.05
 """From a joint's limit, rad or m, this much stays free: soft springs yield to a hand that does not stop."""
 MAX_LEAD_RAD = 0.05
@@ -144,13 +144,13 @@ class FreedriveService:
         """Switch it on.
 
         Args:
-            name: of who asks, for people.
-            timeout_s: after which it ends unless `renew` is called.
+            name: the name of the client, for people.
+            timeout_s: the time after which it ends unless `renew` is called.
             answer_s: for rtloop's answer.
 
         Raises:
-            NotSupportedError: the backend cannot, by its name.
-            ConflictError: somebody else moves the arm, or may alone; or something pushes it already.
+            NotSupportedError: the backend has no freedrive. The error names the backend.
+            ConflictError: another client moves the arm or has control; or something pushes it already.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         self._require_able()
@@ -176,14 +176,14 @@ class FreedriveService:
             session: its number.
 
         Raises:
-            ConflictError: it has ended, with why; it is not this one that is on, or somebody else's; or
-                somebody else may move the arm alone.
+            ConflictError: it has ended, with the reason; another freedrive or another client's is on; or
+                another client has control.
         """
         if session != self._number:
             raise ConflictError(f"there is no freedrive session {session}: begin one without `session`")
         if self.state.session is None:
             raise ConflictError(f"freedrive has ended: {self.state.ended}")
-        if not CLIENT.get().same(self._client):  # whoever guides the arm has to be there
+        if not CLIENT.get().same(self._client):  # the client that guides the arm has to be connected
             raise ConflictError(f"freedrive was begun by {self._client}, who alone may renew it")
         self._streams.require_control()
         self._hold(timeout_s)
@@ -213,7 +213,7 @@ class FreedriveService:
             raise NotSupportedError(refusal)
 
     def _require_untouched(self) -> None:
-        """Whatever the arm feels before anybody has taken hold of it would move it."""
+        """Check that nothing pushes the arm yet: any effort that it measures now would move it."""
         external, limits = self._link.state().record["external_effort"], self._robot.limits
         shares = np.abs(external) / limits.max_effort
         joint = int(shares.argmax())

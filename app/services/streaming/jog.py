@@ -1,4 +1,4 @@
-"""Jogging: the arm moves as long as somebody says so, several times a second, and no further than is safe.
+"""Jogging: the arm moves while the client repeats its request several times a second, as far as is safe.
 
 Each frame asks for velocities, of the joints or of the TCP. They become joint targets of a streaming session,
 so that all that keeps a stream within limits keeps a jog too. Before that, here, the velocity is made smaller
@@ -6,8 +6,8 @@ the nearer a joint is to its limit, or the arm to something: with what is left o
 that neither is reached. All joints are slowed down alike, which keeps the direction.
 
 The session ends, and the arm with it, when it is let go, when the client is silent for `SILENCE_S`, and when
-the session is ended by others. Whoever has not let go himself has to let go before he can begin again: a
-button that is still held must not restart what a stop has ended.
+the session is ended by others. In the last case the client has to let go before it can begin again: a button
+that is still held must not restart what a stop has ended.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MAX_STEP_S = 0.05
 SMOOTHING_S = 0.15
 """Time constant with which the velocity follows what is asked for."""
 MAX_LEAD_RAD = 0.1
-"""So far the targets may be ahead of the arm, rad or m; then they wait for it."""
+"""Maximum lead of the targets over the arm, rad or m; then the targets wait for the arm."""
 LET_GO = "the client has let go"
 SILENT = f"no jog frame for {SILENCE_S:g} s: let go, then press again"
 
@@ -46,8 +46,8 @@ class JogCommand:
     """What is asked for: velocities of the joints, or of the TCP.
 
     Attributes:
-        joints: shape (dof,), rad/s or m/s; None: it is the TCP that shall move.
-        twist: shape (6,), m/s and rad/s; used if there are no joints.
+        joints: velocities of the joints, shape (dof,), rad/s or m/s; None: `twist` moves the TCP.
+        twist: velocity of the TCP, shape (6,), m/s and rad/s; used if there are no joints.
         in_tool: the twist's axes are the TCP's, not those of the base frame.
     """
 
@@ -158,9 +158,7 @@ class Jog:
         except CobotError as exc:
             session.end(str(exc))
         finally:
-            session.end(
-                "the jog has failed"
-            )  # it is over already, unless something nobody thought of was raised
+            session.end("the jog has failed")  # no effect unless an unexpected exception was raised
         reason = await asyncio.shield(session.ended)
         self._task = self._session = None
         if not self._let_go:

@@ -11,11 +11,11 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array, vector
 
 TCP_M_S = 0.25
-"""The fastest that the TCP may be while somebody jogs: reduced speed of ISO 10218-1."""
+"""Maximum speed of the TCP during a jog: reduced speed of ISO 10218-1."""
 JOINT_SHARE = 0.5
-"""And a joint, of its own limit."""
+"""Maximum speed of a joint during a jog, as a share of its own limit."""
 RATE_PER_S = 3.0
-"""A velocity towards a limit is at the most so many times the way that is left: an exponential approach, the
+"""Maximum velocity towards a limit, as a multiple of the distance that is left: an exponential approach, the
 velocity damper of Faverjon & Tournassoud, ICRA 1987."""
 JOINT_ROOM = 0.01
 """From a joint's limit, rad or m, this much stays free, so that a planned motion may begin there."""
@@ -49,7 +49,7 @@ class Wanted:
 
 
 class JogLimits:
-    """Of one robot. Works in the model's scratch memory, as all of the service's own kinematics."""
+    """Limits of a jog of one robot. They use the model's scratch memory, like the service's kinematics."""
 
     def __init__(self, robot: RobotDescription) -> None:
         self._robot = robot

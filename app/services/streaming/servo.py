@@ -1,7 +1,7 @@
 """Servo sessions: points that clients send one by one, followed in one of seven modes.
 
-`cobot.servo.protocol` has the protocol's rules, rtloop the modes. What lies between is here, and beside it
-the life of a session (`servo_sessions`), its points (`servo_points`) and its wrench (`servo_wrench`).
+`cobot.servo.protocol` has the protocol's rules, rtloop has the modes, and this module connects them. The life
+of a session is in `servo_sessions`, its points are in `servo_points`, its wrench is in `servo_wrench`.
 """
 
 from __future__ import annotations
@@ -122,14 +122,14 @@ class ServoService:
             watchdog_s: without a point for so long, the session ends; 0 for 0.5 s.
             send_period_s: how often points come; 0 for the control period.
             stops: `RobotLink.stops` when the session was asked for, if that was not now.
-            owner: who alone sends its points; "" for anybody.
+            owner: the only client that may send its points; "" for any client.
 
         Returns:
             what `holds` asks for.
 
         Raises:
-            InputError: no such mode, or a time out of range.
-            ConflictError: somebody else moves the arm, or a stop has overtaken it.
+            InputError: the mode does not exist, or a time is out of range.
+            ConflictError: another client moves the arm, or a stop has overtaken the request.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         try:
@@ -164,8 +164,8 @@ class ServoService:
             owner: see `begin`.
 
         Raises:
-            ConflictError: there is no session, the buffer is full, or somebody else has the control.
-            LimitError, UnreachableError, InputError: it cannot be a target, and why.
+            ConflictError: there is no session, the buffer is full, or another client has control.
+            LimitError, UnreachableError, InputError: the target is impossible, with the reason.
         """
         self._streams.require_control()
         try:

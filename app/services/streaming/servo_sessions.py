@@ -76,7 +76,7 @@ class ServoSessions:
 
         Args:
             stops: `RobotLink.stops` when it was asked for; None for now.
-            owner: who alone sends its points; "" for anybody.
+            owner: the only client that may send its points; "" for any client.
         """
         before, session = self._task, self._session
         ends = request.mode is ServoMode.NONE
@@ -149,7 +149,7 @@ class ServoSessions:
         self._points.begin(session)
 
     async def _begin(self, request: SetMode, stops: int) -> Session:
-        """Ask rtloop, which refuses what a stop has overtaken; who is about to let go is waited for."""
+        """Ask rtloop, which refuses a request overtaken by a stop. Wait for an owner that is releasing."""
         deadline_s = self._link.clock.now_s() + PATIENCE_S
         if request.mode in FORCE_MODES:
             await self._force.lend()
@@ -169,7 +169,7 @@ class ServoSessions:
             raise
 
     def _fail(self, reason: str) -> None:
-        """The session could not begin: what has waited for it is refused."""
+        """Refuse the points that wait for the session, because it could not begin."""
         self.reason = reason
         self._rules.end()
         lost = self._points.drop()
@@ -184,7 +184,7 @@ class ServoSessions:
             self._rules.end()
             self.reason = reason
         log.info("%sservo mode %d has ended: %s", self._link.label, mode, reason)
-        if not self._rules.active:  # nobody has asked for another session
+        if not self._rules.active:  # no client has requested another session
             with contextlib.suppress(CobotError):
                 await self._force.take_back()
 

@@ -13,7 +13,7 @@ from cobot.ipc.layout import Stream, setpoint_dtype
 
 
 class ServoWrench:
-    """Passes force control's wrench on to the session, as often as somebody changes it."""
+    """Passes force control's wrench on to the session whenever it changes."""
 
     def __init__(self, force: ForceService, dof: int) -> None:
         self._force = force

@@ -114,7 +114,7 @@ class Session:
             self._writer.end()
 
     def finish(self, reason: str) -> None:
-        """The same for a servo session, after the points that wait already, or at the most a second."""
+        """End a servo session after the points that already wait, or after at most a second."""
         if not self.ended.done():
             self.over = self.over or reason
             self._writer.finish()
@@ -201,8 +201,8 @@ class StreamService:
             stops: `RobotLink.stops` when the session was asked for, if that was not now.
 
         Raises:
-            InputError: it makes no sense.
-            ConflictError: somebody else owns the motion, or streams; with who.
+            InputError: the request is invalid.
+            ConflictError: another client moves the arm or streams. The error names it.
             NotReadyError: ESTOP or FAULT.
             ExecutionError: rtloop refuses, with its reason.
             UnavailableError: it does not answer.
@@ -285,7 +285,7 @@ class StreamService:
             try:
                 state = await self._link.fresh_state(STATE_TIMEOUT_S)
             except CobotError as exc:
-                session.end()  # if rtloop goes on after all, then not for nobody
+                session.end()  # rtloop must not continue a session that no client owns
                 return str(exc)
             session.look_at(state.record)
             cause = str(claim.interruption or BY_STOP)

@@ -119,7 +119,7 @@ def test_to_acknowledge_needs_a_word_about_the_payload(service: VirtualService) 
     assert (device["unacknowledged"], device["speed_share"]) == (FOUND, pytest.approx(0.1))
     refused = service.post("/robot/acknowledge", {})
     assert refused.status_code == 422
-    assert "nobody has said what the arm carries" in refused.json()["detail"]
+    assert "tool and load are not confirmed" in refused.json()["detail"]
     assert service.post("/robot/acknowledge", {"payload_checked": 7}).status_code == 422
     done = service.post("/robot/acknowledge", {"payload_checked": True}).json()
     assert done == {"success": True, "message": "acknowledged: the robot goes at full speed", "found": FOUND}

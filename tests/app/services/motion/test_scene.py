@@ -337,7 +337,7 @@ def test_it_does_not_change_while_somebody_streams(robot):
     robot.sleep(0.05)
     refused = put(robot, "ball", AHEAD)
     assert refused.status_code == 409
-    assert "somebody streams (mode JOINT_IMPEDANCE)" in refused.json()["detail"]
+    assert "a streaming session is active (mode JOINT_IMPEDANCE)" in refused.json()["detail"]
     assert file_of(robot).read() == before
     robot.rig.memory.session.data["open"] = 0
     robot.rig.memory.session.publish()
