@@ -1,9 +1,9 @@
 """The action /{robot}/follow_joint_trajectory (control_msgs/action/FollowJointTrajectory).
 
 A goal becomes one planned motion, checked as a whole before it starts and then rtloop's alone; or, with an
-`fjt_mode` from 1 to 7, a servo session that is fed from the same polynomials. Goals that cannot be worked on
-are accepted and aborted with a code and a sentence, because a refusal has no room for either; what is refused
-is what has nothing to do with the goal: the action is switched off, somebody else moves the arm, an e-stop.
+`fjt_mode` from 1 to 7, a servo session that is fed from the same polynomials. Invalid goals are
+accepted and then aborted with a code and a sentence, because a rejection has no room for either. A goal is
+rejected only for reasons outside it: the action is switched off, another client moves the arm, or an e-stop.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class FollowJointTrajectory:
 
     @property
     def settings(self) -> FjtSettings:
-        """As they are now."""
+        """The current settings."""
         file, said = self._configured, self._servo.rules.fjt
         return FjtSettings(
             file.enable_fjt_action if said.enable is None else said.enable,

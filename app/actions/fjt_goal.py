@@ -54,7 +54,7 @@ class GoalViolated(ExecutionError):
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far each joint may be off, shape (dof,) each, rad and rad/s; infinite where nothing is said."""
+    """Allowed error of each joint, shape (dof,) each, rad and rad/s; infinite where the goal gives none."""
 
     position: Array
     velocity: Array
@@ -91,9 +91,9 @@ class FjtGoal:
     late_s: float
 
     def corridor_rad(self, smoothing_rad: float) -> Array:
-        """How far each joint's motion may be beside the points, shape (dof,), rad: within the tolerances.
+        """Allowed deviation of each joint's motion from the points, shape (dof,), rad: within the tolerances.
 
-        Half of a tolerance is left to the arm, which is beside its motion too.
+        Half of a tolerance is left to the arm, which deviates from its motion too.
         """
         return np.minimum(smoothing_rad, 0.5 * np.minimum(self.path.position, self.end.position))
 
@@ -182,7 +182,7 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
     velocities = _rows(messages, "velocities", order)
     accelerations = _rows(messages, "accelerations", order)
     if accelerations is not None and velocities is None:
-        raise GoalError("points[0]: accelerations need velocities beside them")
+        raise GoalError("points[0]: accelerations need velocities too")
     if velocities is not None and accelerations is None:
         accelerations = hermite_accelerations(times, positions, velocities)
     if accelerations is not None:  # at rest; MoveIt states what its motions begin and end with

@@ -1,4 +1,4 @@
-"""What an executed FollowJointTrajectory goal is compared with, and what its client is told."""
+"""Progress of a FollowJointTrajectory goal: the comparison with its tolerances, and the client's feedback."""
 
 from __future__ import annotations
 
@@ -57,6 +57,6 @@ class Progress:
 
 
 def on_path(trajectory: Trajectory, time_s: float, rate: float, state: RobotState, stamp_ns: int) -> Progress:
-    """At a time of the trajectory, of which `rate` goes by per second of the clock."""
+    """Progress at a time of the trajectory, which advances by `rate` per second of the clock."""
     desired = [trajectory.sample([time_s], order)[0] * rate**order for order in range(3)]
     return Progress(stamp_ns, time_s, (desired[0], desired[1], desired[2]), (state.position, state.velocity))

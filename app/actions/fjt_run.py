@@ -54,7 +54,7 @@ class Run:
 
     Attributes:
         cause: why it has to end early, if it has to.
-        ended: set when the arm rests, or moves for somebody else.
+        ended: set when the arm rests, or moves for another client.
     """
 
     def __init__(self) -> None:

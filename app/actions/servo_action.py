@@ -1,4 +1,4 @@
-"""The action /{robot}/servo_mode: a servo session with somebody who looks after it.
+"""The action /{robot}/servo_mode: a servo session that a client supervises.
 
 The points come through /{robot}/joint_cmd or the servo services all the same. The goal is refused when the
 session cannot begin; feedback comes as long as it lasts. A cancel ends it, and so do a servo_control stop,
@@ -95,7 +95,7 @@ class ServoModeAction:
         return self._result(handle, cancelled=cancelled, replaced=servo.session != number)
 
     def _result(self, handle: GoalHandle, *, cancelled: bool, replaced: bool) -> dict[str, Any]:
-        """`replaced`: by who has asked for another session, or for none."""
+        """The result. `replaced` is set if a client has requested another session, or none."""
         values = self._servo.feedback()
         as_asked = cancelled or replaced
         if cancelled:

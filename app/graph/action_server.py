@@ -1,4 +1,4 @@
-"""What every action server does, whoever asks: accept, run, feedback, cancel, and results that are kept.
+"""The common part of all action servers: accept, run, feedback, cancel, and results that are kept.
 
 An action `/a` of type T shows itself the way ROS 2 takes actions apart: the services `/a/_action/send_goal`
 (T_SendGoal), `/a/_action/get_result` (T_GetResult), `/a/_action/cancel_goal` (action_msgs/srv/CancelGoal) and
@@ -134,7 +134,7 @@ class ActionServer:
         return goal
 
     def cancel(self, goal_id: uuid.UUID) -> CancelCode:
-        """Have a goal given up; it ends when the action says so."""
+        """Cancel a goal. It ends when the action ends it."""
         goal = self._goals.get(goal_id)
         if goal is None:
             return CancelCode.UNKNOWN_GOAL_ID
@@ -148,7 +148,7 @@ class ActionServer:
         return CancelCode.NONE
 
     def abandon(self, asker: object) -> None:
-        """Have all goals given up that somebody has asked for who is gone: nobody else can end them."""
+        """Cancel all goals of a client that is gone, because no other client can end them."""
         for goal in list(self._goals.values()):
             if goal.asker is asker and goal.running:
                 self.cancel(goal.id)
@@ -222,12 +222,12 @@ class ActionServer:
         if goal.accepted.done():
             return False
         goal.accepted.set_exception(reason)
-        goal.accepted.exception()  # seen, should nobody wait for it any more
+        goal.accepted.exception()  # retrieved, in case no client waits for it any more
         del self._goals[goal.id]
         return True
 
     def _forget(self) -> None:
-        """Drop results that nobody has asked for in time, the oldest first."""
+        """Drop results that no client has requested in time, the oldest first."""
         ended = [goal for goal in self._goals.values() if not goal.running]
         oldest_s = self._graph.clock.now_s() - KEPT_S
         for index, goal in enumerate(ended):

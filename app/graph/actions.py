@@ -18,7 +18,7 @@ class Rejected(InputError):
 
 
 class GoalStatus(IntEnum):
-    """As in action_msgs/msg/GoalStatus."""
+    """The values of action_msgs/msg/GoalStatus."""
 
     UNKNOWN = 0
     ACCEPTED = 1
@@ -30,7 +30,7 @@ class GoalStatus(IntEnum):
 
 
 class CancelCode(IntEnum):
-    """As in action_msgs/srv/CancelGoal."""
+    """The values of action_msgs/srv/CancelGoal."""
 
     NONE = 0
     REJECTED = 1
@@ -69,8 +69,8 @@ class GoalHandle:
 
     Attributes:
         goal_id: 32 hexadecimal digits.
-        cancel_requested: set when the goal shall be given up.
-        status: what became of it.
+        cancel_requested: set when the goal is to be cancelled.
+        status: the status of the goal.
     """
 
     def __init__(self, goal: Goal, server: ActionServer) -> None:
@@ -85,5 +85,5 @@ class GoalHandle:
         self._server.accepted(self._goal)
 
     def feedback(self, values: Message) -> None:
-        """Tell who wants to know how it goes; before `accept` nobody does."""
+        """Send feedback to the listeners; before `accept` there are none."""
         self._server.feedback(self._goal, values)

@@ -1,9 +1,9 @@
 """The graph: topics, services and actions inside the web service, for every transport the same.
 
-Everything runs on the one event loop. What there is on it that another network may want to mirror is told on
-the topic /cobot/graph, as a JSON object in a std_msgs/msg/String: `topics` with name, type, publishers,
+Everything runs on the one event loop. The topic /cobot/graph describes the graph, for networks that mirror
+it, as a JSON object in a std_msgs/msg/String: `topics` with name, type, publishers,
 subscribers and latched, `services` and `actions` with name and type, and `definitions`, the texts of their
-types. Whoever subscribes to it gets the present one, and a new one with each change.
+types. A subscriber gets the present description, and a new one with each change.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from cobot.strict import shown
 
 GRAPH_TOPIC = "/cobot/graph"
 GRAPH_DELAY_S = 0.02
-"""Changes within this time are told together, s."""
+"""Changes within this time are published together, s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,7 +24,7 @@ class Topics:
     """All topics, by name.
 
     A topic has the type with which it is advertised, until its last advertiser ends. Neither a subscription
-    nor a gateway, which only mirrors what others have subscribed, fixes it for anybody else.
+    nor a gateway, which only mirrors what others have subscribed, fixes it for others.
 
     Attributes:
         messages: the types.

@@ -18,25 +18,26 @@ from app.listeners.refusals import RECEIVE_BYTES, turn_away
 from cobot.config import ConnectionLimits
 
 BACKLOG = 1024
-"""So many connections may wait to be accepted."""
+"""Maximum number of connections that wait to be accepted."""
 AT_ONCE = 32
-"""So many are accepted in one iteration of the event loop, or this share of the places of an address:"""
+"""Maximum number of connections that are accepted in one iteration of the event loop."""
 SHARE = 1 / 8
+"""Maximum share of the places of an address that are accepted in one iteration."""
 HANDSHAKES_AT_ONCE = 4
-"""With TLS so many: each costs a signature, and a millisecond in all."""
+"""Maximum number accepted in one iteration with TLS. Each costs a signature and about a millisecond."""
 GRACE_S = 0.02
-"""When it is crowded, so many are accepted that a newcomer has this time to say what it wants; the others
-wait in the kernel's queue."""
+"""Time that a newcomer has for its request when places are scarce, s. The accept rate follows from it; other
+connections wait in the kernel's queue."""
 SPARE_DESCRIPTORS = 64
-"""For files, planning workers and sequences that are opened later."""
+"""Descriptors that stay free for files, planning workers and sequences that are opened later."""
 MIN_PLACES = 8
 EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 PAUSE_S = 0.05
 """When the system has no room for another connection, it is asked again after this time."""
 LOOK_S, LOOK_AGAIN_S = 0.5, 0.02
-"""So often deadlines are looked at, and after having found too many for once."""
+"""Interval between checks of deadlines, and the interval after a check that found too many at once, s."""
 UNREAD_S = 10.0
-"""A connection whose client reads nothing for so long is closed."""
+"""Time after which a connection whose client reads nothing is closed, s."""
 TCP_CLOSE, TCP_CLOSE_WAIT = 7, 8
 """States of a connection as Linux numbers them, in the first byte of its TCP_INFO."""
 
@@ -44,7 +45,7 @@ log = logging.getLogger("cobot.service")
 
 
 def crowd_for(limits: ConnectionLimits) -> Crowd:
-    """As many places as the settings want, or as the system grants descriptors, which it is asked for."""
+    """A crowd with as many places as are configured, or as the system grants descriptors on request."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != hard:
         with contextlib.suppress(OSError, ValueError):
@@ -176,11 +177,11 @@ class Acceptor:
         return admitted
 
     def _pause(self, duration_s: float) -> None:
-        """Accept nothing for a moment: the socket would go on to say that somebody waits."""
+        """Accept nothing for a moment, because the socket would stay readable while a client waits."""
         self._loop.remove_reader(self._listener)
         self._pausing = self._loop.call_later(duration_s, self._loop.add_reader, self._listener, self._accept)
 
 
 def has_gone(connection: socket.socket) -> bool:
-    """Whether the client has closed it again: then a handshake would be work for nobody."""
+    """Whether the client has already closed the connection, so that a handshake would be useless."""
     return connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0] in (TCP_CLOSE, TCP_CLOSE_WAIT)

@@ -1,13 +1,12 @@
-"""Who is connected, and who has to go so that a stop can still come in.
+"""The open connections, and which of them is evicted so that a stop can still come in.
 
-There is room for so many connections, and for so many of one address. Who comes when it is full gets the
-place of a connection with which little is lost: one that has not said what it wants yet, one between two
-requests, one whose body is still on its way; the oldest of the address that has most of them. Who has just
-come has some time to speak before it is that one, else each newcomer of a flood would cost a stop its place;
-a stop or /health that waits for its turn is that one only where there are no others, for some time, unless
-half of an address do that.
-If all are being served, the newcomer gets a place of the reserve, on which only a stop and /health are
-answered.
+The number of connections is limited, in all and for each address. When there is no room, a newcomer replaces
+a connection that loses little: one that has not sent a request yet, one between two requests, or one whose
+body is still on its way. It is the oldest such connection of the address that has most of them. A new
+connection has some time to send its request before it can be evicted; otherwise each newcomer of a flood
+would cost a stop its place. A connection that waits for /stop or /health is evicted last, for some time,
+unless half of an address's connections wait so.
+If all connections are being served, the newcomer gets a reserve place, which answers only /stop and /health.
 """
 
 from __future__ import annotations
@@ -31,12 +30,12 @@ class Doing(Enum):
 
 CLOSABLE = (Doing.ASKING, Doing.IDLE, Doing.SENDING, Doing.WAITING)
 SETTLED_S = 0.25
-"""So long a connection may take to say what it wants before it goes before those that have said it."""
+"""Time for a new connection to send its request, s. Then it is evicted before those that have sent one."""
 TURN_S = 2.0
-"""So long a stop or /health may wait for its turn before it goes before those that have just come."""
+"""Time for which /stop or /health may wait for its turn, s. Then it is evicted before new connections."""
 
 EXPIRING = 4
-"""So many connections are ended at once whose time is up."""
+"""Maximum number of expired connections that are closed at once."""
 
 
 @dataclass(slots=True, eq=False)
@@ -72,7 +71,7 @@ class _Address:
         return sum(map(len, self.visits.values()))
 
     def dispensable(self, now_s: float) -> Visit | None:
-        """Who has to go; one that has just come, or waits for its turn, only where there are no others."""
+        """The connection to evict; a new or waiting one only if there is no other."""
         oldest = [next(iter(self.visits[doing])) for doing in CLOSABLE if self.visits[doing]]
         settled = (visit for visit in oldest if now_s - visit.since_s >= _settled_s(visit))
         few = len(self.visits[Doing.WAITING]) <= self.count / 2
@@ -159,7 +158,7 @@ class Crowd:
         return len(overdue) > EXPIRING
 
     def make_room(self, now_s: float) -> bool:
-        """Close somebody; whether there was anybody to close."""
+        """Evict a connection, and return whether there was one to evict."""
         addresses = sorted(self._addresses.values(), key=lambda each: -each.count)
         return any(self._close_one(address, now_s) for address in addresses)
 

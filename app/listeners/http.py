@@ -32,7 +32,7 @@ from cobot.config import ConnectionLimits
 from cobot.errors import BusyError, NotSupportedError
 
 SLICE_BYTES = 4096
-"""Of these the parser makes a thousand pieces at the most, in about a millisecond."""
+"""Maximum number of bytes that the parser gets at once: at most a thousand pieces, about a millisecond."""
 ROBOT = rb"(?:/robots/[A-Za-z0-9_-]+)?"
 STOP = re.compile(rb"POST " + ROBOT + rb"/stop[ ?]")
 """Takes no turn."""
@@ -97,11 +97,11 @@ class Flow(FlowControl):
 
 
 def _nothing() -> None:
-    """For who is gone."""
+    """Do nothing: the callback of a client that is gone."""
 
 
 class _Refused(Exception):
-    """The parser shall not go on: the answer has been given."""
+    """The parser must not continue, because the response has been sent."""
 
 
 class HttpProtocol(HttpToolsProtocol):
@@ -162,9 +162,9 @@ class HttpProtocol(HttpToolsProtocol):
             self._feed(data)
 
     def _has_place(self, data: bytes) -> bool:
-        """Whether a request may stay: on a place of the reserve most may not: no turn is needed to see that.
+        """Whether a request may stay. On a reserve place most may not, which is visible without a turn.
 
-        A stop or /health whose turn has not come keeps its place for longer than who has not said anything.
+        A waiting /stop or /health keeps its place for longer than a connection without a request.
         """
         if STOP.match(data) or HEALTH.match(data):
             self._crowd.go_on(self._visit, Doing.WAITING, self.loop.time() + self._limits.header_timeout_s)
@@ -179,7 +179,7 @@ class HttpProtocol(HttpToolsProtocol):
         )
 
     def _make_room(self) -> None:
-        """For a newcomer. Who may have asked for something is told; who reads nothing is not waited for."""
+        """Make room for a newcomer. Inform the client if it may have sent a request and reads."""
         if self.transport.get_write_buffer_size():
             self.transport.abort()
         else:
@@ -268,9 +268,9 @@ class HttpProtocol(HttpToolsProtocol):
         self._note()
 
     def _require_chunked(self) -> None:
-        """Of Transfer-Encoding only `chunked` is known; what else it says would be taken for the content.
+        """Require `chunked`, the only Transfer-Encoding known. Any other would be read as the content.
 
-        RFC 9112, 6.1. The parser itself refuses it beside Content-Length, and `chunked` before others.
+        RFC 9112, 6.1. The parser itself refuses it together with Content-Length, and `chunked` before others.
         """
         codings = [value.strip().lower() for name, value in self.headers if name == b"transfer-encoding"]
         if codings and (codings != [b"chunked"] or self.parser.get_http_version() != "1.1"):
@@ -294,9 +294,9 @@ class HttpProtocol(HttpToolsProtocol):
             raise _Refused
 
     def _take_host(self) -> None:
-        """Of a target with scheme and host, as proxies get it: that host counts, whatever `Host` says.
+        """Take the host from a target with scheme and host, as proxies get it. It overrides `Host`.
 
-        RFC 9112, 3.2.2. A `Host` that is missing or stands twice stays so, and is refused.
+        RFC 9112, 3.2.2. A `Host` that is missing or duplicated stays so, and is refused.
         """
         absolute = ABSOLUTE.fullmatch(self.url)
         if absolute is not None:
@@ -306,7 +306,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def on_body(self, body: bytes) -> None:
         super().on_body(body)
-        if self.flow.read_paused:  # it is large: the application shall take it in
+        if self.flow.read_paused:  # it is large: the application has to read it
             self._begin()
         self._silent = 0
         self._body_bytes += len(body)

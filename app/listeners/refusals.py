@@ -1,4 +1,4 @@
-"""What a connection is told before it is closed, so that its client can read it."""
+"""Responses that are sent before a connection is closed, in a way that the client can read them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ CROWDED = refusal(503, "too many connections are open, and this had to make room
 
 
 def turn_away(connection: socket.socket) -> None:
-    """Answer a connection that is nobody's yet, and read what has come: if something is unread when it is
-    closed, the kernel tells the client of a reset in place of what was answered.
+    """Answer a connection that has no protocol yet, and read what it has sent.
+
+    If data is unread when the connection is closed, the kernel sends a reset and the client loses the answer.
     """
     with contextlib.suppress(OSError):  # nothing has come, or it has gone
         connection.send(CROWDED, socket.MSG_DONTWAIT)

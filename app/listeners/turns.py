@@ -1,9 +1,9 @@
-"""Who is served next in the event loop, so that no crowd keeps a stop waiting.
+"""The order in which the event loop serves connections, so that no crowd keeps a stop waiting.
 
 All connections share one thread. Without an order, each iteration of its loop serves all that have sent
 something: with 500 of them it takes a fifth of a second, and a stop needs several iterations. So work is done
-in small pieces, as many an iteration as fit into some milliseconds, and whoever wants more waits for the next
-one, first come first served. A stop takes no turn.
+in small pieces, as many in an iteration as fit into some milliseconds. A connection with more work waits for
+the next iteration, first come first served. A stop takes no turn.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable
 
 MAX_TURNS = 16
-"""So many pieces of work are begun in one iteration, as long as iterations are short."""
+"""Maximum number of pieces of work that are begun in one iteration, while iterations are short."""
 LONG_S = 0.003
 """After an iteration that took longer, fewer are begun in the next one, down to a single one."""
 

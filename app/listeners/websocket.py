@@ -18,7 +18,7 @@ from app.rosbridge import router as rosbridge
 
 UNSENT_BYTES = 4096
 SLICE_BYTES = 1024
-"""Of these the parser makes some 170 frames at the most, in about two milliseconds."""
+"""Maximum number of bytes that the parser gets at once: at most some 170 frames, about two milliseconds."""
 MAX_FRAGMENTS = 1024
 """A message may come in so many frames."""
 TOO_BIG = 1009
@@ -33,7 +33,7 @@ def keep_nothing_unsent(transport: Transport) -> None:
 
 
 class StreamProtocol(WebSocketsSansIOProtocol):
-    """A connection that was HTTP before. What is sent shall be new, what comes waits for its turn."""
+    """A connection that was HTTP before. It sends only the newest data; what it receives waits for a turn."""
 
     def __init__(self, *, crowd: Crowd, turns: Turns, visit: Visit, **uvicorn: Any) -> None:
         super().__init__(**uvicorn)
@@ -87,7 +87,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
             if self.close_sent:
                 raise ClientDisconnected from None
             raise
-        if message["type"] == "websocket.accept" and not self.handshake_complete:  # there is nobody any more
+        if message["type"] == "websocket.accept" and not self.handshake_complete:  # the client is gone
             raise ClientDisconnected
         if self.initial_response is not None and self.close_sent:
             self.handshake_complete = True  # a refusal is an answer, too

@@ -17,13 +17,13 @@ from starlette.types import Message, Receive, Scope
 from app.api.clients import client_of
 
 GONE = "cobot.gone"
-"""Of a request's scope: set when its client has gone."""
+"""Key of a request's scope: an event that is set when the client is gone."""
 CANCELLED = "notifications/cancelled"
 Key = tuple[str, str, str]
 
 
 class Departures:
-    """Of the clients of one service."""
+    """The clients of one service that leave before their request is answered."""
 
     def __init__(self) -> None:
         self._under_way: dict[Key, set[asyncio.Event]] = {}
@@ -73,6 +73,6 @@ async def _watch(receive: Receive, gone: asyncio.Event) -> None:
 
 
 def _key(scope: Scope, request_id: Any) -> Key:
-    """Requests have no session: one is known by who asks, from which computer, and its number."""
+    """The key of a request: its client, the client's computer and its number, because there is no session."""
     client = client_of(scope)
     return client.name, client.address, str(request_id)

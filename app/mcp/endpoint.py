@@ -1,7 +1,7 @@
 """Where agents reach the service: POST /mcp/mcp.
 
-The library behind it takes a second of computing time to import, which whoever has no agents shall not pay:
-it is imported, in a thread, when the first one asks.
+The library behind it takes a second of computing time to import. So it is imported in a thread when the first
+agent connects, and services without agents do not pay for it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 
 MAX_BODY_BYTES = 32_768
-"""Of a request: all arguments of a tool have some hundred, and what the library makes of more, in the event
-loop, takes as many microseconds."""
+"""Maximum size of a request. The arguments of a tool take some hundred bytes, and the library needs about a
+microsecond of the event loop for each byte."""
 STOPPED = "cobot.stopped"
 """What came of a stop that a request has asked for: status and document."""
 REST_S = 0.02

@@ -1,7 +1,7 @@
-"""The REST API as who has sent another request would ask it: in this process, on behalf of that one.
+"""The REST API, called inside this process on behalf of the client of another request.
 
-Who asks, where from and with which token is what that request says: so roles, control, limits and the audit
-are those of the REST API.
+The client, its address and its token are those of that request. So roles, control, limits and the audit are
+those of the REST API.
 """
 
 from __future__ import annotations

@@ -158,7 +158,7 @@ def _audited(what: str, **details: object) -> Iterator[None]:
 def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
     """What answers requests for `MCP`, each by itself: there are no sessions to be lost or stolen.
 
-    Who may ask from where is settled before (`app.api.access`), so the library's own check of hosts is off.
+    `app.api.access` has checked hosts and clients before, so the library's own check of hosts is off.
     """
     server = AgentServer()
     _offer_resources(server, app)
@@ -213,7 +213,7 @@ def _offer_prompts(server: MCPServer) -> None:
         return (
             f"Bring the arm to: {goal}. Read cobot://manual. Plan it, look at the preview, say in two "
             "sentences what the arm will do, how long it takes and how near it comes to anything, then "
-            "execute the plan. If it is refused because nobody has approved it, "
+            "execute the plan. If it is refused because it is not approved, "
             "tell me the plan_id and wait for me."
         )
 

@@ -79,7 +79,7 @@ def decided(answer: tuple[int, Any]) -> Any:
 
 
 async def get_state(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
-    """Joint angles (rad), TCP pose (m, quaternion, in the base frame), mode, who has the control, health."""
+    """Joint angles (rad), TCP pose (m, quaternion, in the base frame), mode, holder of control, health."""
     rest = _Rest(ctx, robot)
     return {
         "joints": await rest.get("/robot/joint_states"),
@@ -170,7 +170,7 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     job = rest.services.ownership.new_job(JobKind.EXECUTE, f"MCP execute {plan_id}")
     try:
         caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
-        # Were it cancelled in here, nobody would bring the arm to rest.
+        # A cancellation in here would leave the arm moving.
         running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
         try:
             outcome = await asyncio.shield(running)
@@ -202,14 +202,14 @@ async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
 
 
 async def stop(ctx: Ctx, robot: Robot = "") -> Any:
-    """Bring the arm to rest at once, whoever moves it. Always permitted."""
+    """Bring the arm to rest at once, no matter which client moves it. Always permitted."""
     rest = _Rest(ctx, robot)
     done = rest.scope.get(STOPPED)  # when the request came in
     return await rest.post("/stop") if done is None else decided(done)
 
 
 async def list_plans(ctx: Ctx, robot: Robot = "") -> Any:
-    """The plans that are kept, and who has approved them."""
+    """The plans that are kept, and the client that has approved each."""
     return {"plans": await _Rest(ctx, robot).get("/robot/plans")}
 
 

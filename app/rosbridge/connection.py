@@ -95,7 +95,7 @@ class Connection:
             return content  # a mistake, which `take` will find as well; or the graph has changed meanwhile
 
     def take(self, content: Any, size: int = 0) -> str | None:
-        """A decoded message, or what `prepared` made of it. What is wrong with it is told to the client.
+        """Take a decoded message, or the result of `prepared`. Errors in it are reported to the client.
 
         Args:
             size: its characters.
@@ -204,7 +204,9 @@ class Connection:
         if key not in self._publishers:
             types = [asked.type] if asked.type else self._graph.types_of(asked.topic)
             if not types:
-                raise InputError(f"nobody has advertised {shown(asked.topic)}, so its type is not known")
+                raise InputError(
+                    f"{shown(asked.topic)} is not advertised, so its type is unknown: give the type"
+                )
             if len(types) > 1:
                 raise InputError(
                     f"{shown(asked.topic)} is subscribed as {' and as '.join(types)}: advertise it with the "
@@ -263,7 +265,7 @@ class Connection:
                 self._latched.pop(asked.topic, None)
 
     def _key(self, topic: str, type_: str | None) -> tuple[str, str | None]:
-        """Of a publisher: a gateway may have one for each type."""
+        """The key of a publisher: a gateway may have one for each type."""
         return topic, type_ if self in self._graph.gateways else None
 
     def _begin(self, work: Coroutine[Any, Any, None], compression: str | None) -> None:
@@ -343,7 +345,7 @@ class Connection:
         self._graph.cancel(*known)
 
     def _type_of(self, asked: op.Operation) -> str | None:
-        """Of what an operation brings along; None if it needs none."""
+        """The type of the message in an operation; None if it needs none."""
         graph = self._graph
         match asked:
             case op.Publish():

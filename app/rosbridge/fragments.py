@@ -10,9 +10,9 @@ from app.rosbridge.operations import Fragment, Id
 from cobot.errors import InputError
 
 MAX_INCOMPLETE = 8
-"""So many messages of one client may be incomplete; with another one the oldest is forgotten."""
+"""Maximum number of incomplete messages of one client. Another one replaces the oldest."""
 PIECE = 100
-"""Each piece counts for so many characters beside its own: an empty one takes memory too."""
+"""Characters that each piece counts in addition to its own, because an empty piece takes memory too."""
 
 
 @dataclass(slots=True)

@@ -24,7 +24,7 @@ MAX_OPTIONAL = 256
 MAX_PER_TOPIC = 100
 """A client may subscribe or advertise one topic so many times, told apart by their ids."""
 DEFAULT_QUEUE = 100
-"""So many messages of a topic wait when the client says nothing or 0."""
+"""Number of messages of a topic that wait if the client gives no number or 0."""
 
 
 def dumps(content: Message) -> str:
@@ -65,7 +65,7 @@ class Feed:
         self._settle()
 
     def remove(self, request_id: Id) -> bool:
-        """Whether nobody wants it any more; None removes all requests."""
+        """Remove a request, and return whether none is left; None removes all requests."""
         if request_id is None:
             self._requests.clear()
         else:
@@ -100,7 +100,7 @@ class Feed:
 
     @property
     def type(self) -> str | None:
-        """Of its messages; None: of whatever is published."""
+        """The type of its messages; None: any type that is published."""
         return self._subscription.type
 
     def _due(self) -> None:
@@ -195,7 +195,7 @@ class Outbox:
             del self.feeds[topic]
 
     def close(self) -> None:
-        """Nobody is there any more."""
+        """Close the outbox, because the client is gone."""
         self._closed = True
         self._answers.clear()
         for feed in self.feeds.values():

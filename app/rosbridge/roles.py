@@ -6,7 +6,7 @@ from app.rosbridge import operations as op
 from cobot.access.roles import Role
 
 ROLES: dict[type[op.Operation], Role] = {
-    # What concerns nobody but the client itself, and what it gets to see.
+    # What affects only the client itself, and what it receives.
     op.Subscribe: Role.OBSERVER,
     op.Unsubscribe: Role.OBSERVER,
     op.Fragment: Role.OBSERVER,

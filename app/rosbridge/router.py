@@ -74,7 +74,7 @@ async def _serve(socket: WebSocket, graph: Graph, large: asyncio.Lock) -> None:
 
 async def _receive(socket: WebSocket, connection: Connection, large: asyncio.Lock) -> None:
     while await _receive_one(socket, connection, large):
-        await asyncio.sleep(0)  # who floods this connection shall not keep the others waiting
+        await asyncio.sleep(0)  # a client that floods this connection must not delay the others
 
 
 async def _receive_one(socket: WebSocket, connection: Connection, large: asyncio.Lock) -> bool:

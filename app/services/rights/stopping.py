@@ -122,7 +122,7 @@ class StopService:
         )
 
     async def _confirm_category(self, category: int, until_s: float, problems: list[str]) -> tuple[int, bool]:
-        """Wait for the drives to be off; return the category carried out and whether the device reports it."""
+        """Wait for the drives to be off; return the category and whether the device reports it."""
         until_s = min(until_s, self._link.clock.now_s() + DRIVES_S)
         while True:
             named = self._link.device()
