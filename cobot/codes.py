@@ -1,9 +1,9 @@
-"""The one table of codes: vendor services answer with them, and refusals carry them over every transport.
+"""The table of result codes. Vendor services answer with them, and refusals carry them over every transport.
 
-0 is success, all others are above 0. Transports with words instead of numbers have the names in small
-letters, which are the codes of `cobot.errors`.
+0 is success; all other codes are positive. Transports that use words instead of numbers have the names in
+lower case, which are the codes of `cobot.errors`.
 
-`docs/services.md` shows it; a test sees to it that both say the same and that no error is left out.
+`docs/services.md` shows the table. A test checks that both agree and that every error has a code.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from cobot.errors import CobotError
 
 
 class Code(IntEnum):
-    """What became of a call."""
+    """The result of a call."""
 
     OK = 0
     ERROR = 1
@@ -60,9 +60,9 @@ MEANINGS: dict[Code, str] = {
     Code.COLLISION: "the motion would touch the robot itself or its surroundings",
     Code.PLANNING_TIMEOUT: "the planner did not finish in its time",
     Code.EXECUTION: "something was started and did not end well",
-    Code.STOPPED: "somebody or something stopped it",
+    Code.STOPPED: "a client, a person or a safety function stopped the motion",
     Code.MOTION_TIMEOUT: "it did not arrive in its time",
-    Code.CONFLICT: "somebody else owns the motion, or the present state does not permit this call",
+    Code.CONFLICT: "another client has control, or the present state does not permit this call",
     Code.UNAVAILABLE: "a process, a file in shared memory or a device does not answer",
     Code.NOT_READY: "the robot answers but is in a mode that permits no motion",
     Code.SHARED_MEMORY: "shared memory is not what this program expects",
@@ -76,7 +76,7 @@ MEANINGS: dict[Code, str] = {
     Code.MEDIA_TYPE: "the request is of another type than the service takes",
     Code.HEADER: "a header of the request is missing",
     Code.UNAUTHENTICATED: "the call needs an access token, and no valid one was shown",
-    Code.FORBIDDEN: "the role of who calls does not permit it, or it comes from a page of somebody else's",
+    Code.FORBIDDEN: "the client's role does not permit the call, or a web page of another origin sent it",
     Code.MISDIRECTED: "the service was called by the name of another host",
 }
 
@@ -113,7 +113,7 @@ OF_ERROR: dict[type[CobotError], Code] = {
 
 
 ERROR_OF: dict[int, type[CobotError]] = {int(code): kind for kind, code in OF_ERROR.items()}
-"""The class of errors that each code stands for."""
+"""The error class of each code."""
 
 
 def code_of(error: CobotError) -> Code:

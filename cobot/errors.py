@@ -1,33 +1,33 @@
-"""Everything that can go wrong, as one tree.
+"""All errors, as one tree.
 
 CobotError
 ├── ConfigError          a file of the configuration is missing, unreadable or contradicts itself
 ├── InputError           a request cannot be honoured as it is written; nothing has moved
 │   ├── LimitError       a value lies beyond a limit of joint_limits.yaml
-│   ├── NotFoundError    what it names does not exist
+│   ├── NotFoundError    a named thing does not exist
 │   └── HeaderError      a header of the request is missing
 ├── PlanningError        no motion could be planned; nothing has moved
 │   ├── UnreachableError     no joint position puts the TCP there
 │   ├── CollisionError       the motion would touch the robot itself or its surroundings
 │   └── PlanningTimeout      the planner did not finish in its time
-├── ExecutionError       a motion was started and did not arrive
-│   ├── MotionStopped        somebody or something stopped it
+├── ExecutionError       a motion was started and not completed
+│   ├── MotionStopped        a client, a person or a safety function stopped it
 │   └── MotionTimeout        it did not arrive and settle within its time
-├── ConflictError        something else owns the motion
+├── ConflictError        another client has control, or the present state does not permit the call
 ├── NotSupportedError    this product cannot honour the call
 ├── DeviceError          a device, a port or a peer refused or broke off
 │   └── DeviceTimeout        it did not answer in the time given
-├── PayloadError         a body is larger than the service takes
-├── MediaTypeError       a body is of another type than the endpoint takes
-├── AuthenticationError  who asks has not shown who it is, and has to
-├── PermissionDenied     who asks may not do this
+├── PayloadError         a body is larger than the service accepts
+├── MediaTypeError       a body has a type that the endpoint does not accept
+├── AuthenticationError  the client has not authenticated, and the call requires it
+├── PermissionDenied     the client's role does not permit the call
 │   └── MisdirectedError     the request was meant for another host than this one
 ├── UnavailableError     a process, a file in shared memory or a device does not answer
 │   ├── BusyError            too many connections are open for this one to be served
 │   └── NotReadyError        the robot answers but is in a mode that permits no motion
 └── SharedMemoryError    shared memory is not what this program expects
-    ├── LayoutError          another layout version, another robot, or not ours at all
-    └── TornReadError        no consistent copy could be read in the bounded number of tries
+    ├── LayoutError          another layout version, another robot, or no memory of cobot
+    └── TornReadError        no consistent copy was read within the maximum number of tries
 
 `app.api.errors` holds the one mapping of these classes to HTTP statuses.
 """
@@ -42,12 +42,12 @@ from cobot.findings import Explanation, Finding
 
 
 class CobotError(Exception):
-    """Base of all errors; `code` is stable and safe to compare, the message is for people.
+    """Base of all errors. `code` is stable and safe to compare; the message is for people.
 
     Attributes:
-        findings: the facts of the message, of errors about a motion; the decisive one first.
-        explanation: what would make it work, if that was tried.
-        explain: both as the REST API answers them (docs/api.md), where a client raises what it was answered.
+        findings: the facts behind an error about a motion, the decisive one first.
+        explanation: changes that would make the motion work, if any were tried.
+        explain: both in the form of the REST API (docs/api.md), if a client raises an error that it received.
     """
 
     code: ClassVar[str] = "error"
@@ -60,7 +60,7 @@ class CobotError(Exception):
         self.findings = tuple(findings)
 
     def said(self, message: str) -> Self:
-        """The same with another message."""
+        """A copy of the error with another message."""
         error = type(self)(message, findings=self.findings)
         error.explanation = self.explanation
         return error
@@ -103,7 +103,7 @@ class PlanningTimeout(PlanningError):
 
     @classmethod
     def after(cls, timeout_s: float, message: str) -> Self:
-        """No plan within so long."""
+        """The error for a planner that found no plan within its timeout."""
         return cls(message, findings=[Finding("time", "planning time", timeout_s, timeout_s, "s")])
 
 
@@ -186,7 +186,7 @@ def _family(kind: type[CobotError]) -> Iterator[type[CobotError]]:
 
 
 BY_CODE: Mapping[str, type[CobotError]] = {kind.code: kind for kind in _family(CobotError)}
-"""The class of errors that each code stands for; what other modules derive has no code of its own."""
+"""The error class of each code. Classes that other modules derive have no code of their own."""
 
 
 EXHAUSTED = {
@@ -198,7 +198,7 @@ EXHAUSTED = {
     errno.ENOMEM: "the service has no memory left: raise the limit of memory (ulimit -v), or free some",
     errno.EAGAIN: "no further process or thread can be started: raise the limits (ulimit -u, ulimit -v)",
 }
-"""What an operating system may refuse at any time, and what to do about it."""
+"""Messages for resources that the operating system may refuse at any time, with the remedy."""
 
 
 _IN_WORDS = {
@@ -208,11 +208,11 @@ _IN_WORDS = {
     "Too many open files": errno.EMFILE,
     "can't start new thread": errno.EAGAIN,
 }
-"""What Python, the loader of libraries and MuJoCo say without a number."""
+"""Parts of messages that Python, the library loader and MuJoCo raise without an errno."""
 
 
 def exhausted(error: BaseException | None) -> UnavailableError | None:
-    """What an error means for people if something of this computer is used up; None if it is another one."""
+    """The error for people if a resource of the computer is exhausted; None for any other error."""
     number = errno.ENOMEM if isinstance(error, MemoryError) else getattr(error, "errno", None)
     if isinstance(error, ImportError | RuntimeError | ValueError):
         number = next((number for words, number in _IN_WORDS.items() if words in str(error)), None)

@@ -1,4 +1,4 @@
-"""The nouns that every package shares: plain frozen data, SI units, quaternions (w, x, y, z)."""
+"""Data types that all packages share: frozen dataclasses in SI units, with quaternions (w, x, y, z)."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from cobot.vectors import vector as vector
 
 
 class LoopMode(IntEnum):
-    """What rtloop does in its cycle. Values are part of the shared-memory layout.
+    """Mode of the real-time loop. The values are part of the shared-memory layout.
 
-    HOLD keeps the last commanded position; only here may a motion or a streaming session begin.
-    TRAJECTORY follows a planned motion; STOPPING brings the arm to rest, on its path if it is on one.
-    JOINT_IMPEDANCE, CARTESIAN and JOINT_TORQUE follow what a client streams.
-    ESTOP is latched by command or by a broken invariant, FAULT by the backend or the tracking;
-    both come to rest, hold, and permit nothing until RESET.
+    HOLD keeps the last commanded position. Motions and streaming sessions can start only in this mode.
+    TRAJECTORY executes a planned motion. STOPPING stops the arm, on its path if it has one.
+    JOINT_IMPEDANCE, CARTESIAN and JOINT_TORQUE follow the targets that a client streams.
+    ESTOP is latched by a command or a violated invariant, FAULT by the backend or a tracking error. Both stop
+    the arm, hold it, and permit no motion until RESET.
     """
 
     HOLD = 0
@@ -38,10 +38,10 @@ class LoopMode(IntEnum):
 
 
 RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
-"""In these modes nothing moves the arm, but for the end of a motion."""
+"""Modes in which nothing moves the arm, except that a motion may still be ending."""
 
 STREAMING = frozenset({LoopMode.JOINT_IMPEDANCE, LoopMode.CARTESIAN, LoopMode.JOINT_TORQUE})
-"""In these modes a client streams."""
+"""Modes in which a client streams targets."""
 
 
 Algorithm = Literal[
@@ -59,7 +59,7 @@ Algorithm = Literal[
     "BKPIECE1",
     "LBKPIECE1",
 ]
-"""What planner ompl can search with, by OMPL's names."""
+"""Search algorithms of the planner `ompl`, by OMPL's names."""
 RRT_CONNECT: Algorithm = "RRTConnect"
 
 
@@ -69,10 +69,11 @@ FREE_AXES: tuple[FreeAxis, ...] = ("rx", "ry", "rz")
 
 
 class Synchronization(StrEnum):
-    """How the joints of a ptp motion keep together.
+    """Synchronization of the joints in a ptp motion.
 
-    TIME: they start and end together, each as it likes in between: the shortest time, and in general not
-    straight in joint space. PHASE: they keep in proportion all the way, which is straight in joint space.
+    TIME: all joints start and end together but are independent in between. The motion takes the shortest time
+    and is usually not straight in joint space. PHASE: all joints move in proportion, which is straight in
+    joint space.
     """
 
     TIME = "time"
@@ -81,12 +82,14 @@ class Synchronization(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """The limits of all joints, each shape (dof,): rad, rad/s, rad/s², rad/s³, N·m; of a slide (prismatic
-    joint) m, m/s, m/s², m/s³, N.
+    """The limits of all joints, each of shape (dof,).
+
+    Units are rad, rad/s, rad/s², rad/s³ and N·m. For a slide (prismatic joint) they are m, m/s, m/s², m/s³,
+    N.
 
     Attributes:
-        slides: of each joint whether it is one; empty for none.
-        QUANTITIES: the fields that are arrays.
+        slides: whether each joint is a slide; empty if no joint is.
+        QUANTITIES: names of the fields that are arrays.
     """
 
     QUANTITIES: ClassVar[tuple[str, ...]] = (
@@ -112,7 +115,7 @@ class JointLimits:
         return len(self.names)
 
     def unit(self, joint: int, derivative: int = 0) -> str:
-        """Of a joint's position, or of its velocity (1), acceleration (2) or jerk (3)."""
+        """The unit of a joint's position, velocity (1), acceleration (2) or jerk (3)."""
         length = "m" if self.slides and self.slides[joint] else "rad"
         return length + ("", "/s", "/s²", "/s³")[derivative]
 
@@ -121,11 +124,14 @@ class JointLimits:
 
     @property
     def units(self) -> str:
-        """Of the positions of all joints together."""
+        """The unit of the positions of all joints together."""
         return "rad, of slides m" if any(self.slides) else "rad"
 
     def take_over(self, other: JointLimits) -> None:
-        """Become these limits, of the same joints: whoever holds this object goes by them at once."""
+        """Copy the limits of another object for the same joints.
+
+        All users of this object see them at once.
+        """
         for quantity in self.QUANTITIES:
             mine = getattr(self, quantity)
             mine.flags.writeable = True
@@ -133,21 +139,21 @@ class JointLimits:
             mine.flags.writeable = False
 
     def including(self, position: Array) -> JointLimits:
-        """The same, but no tighter than this position: an arm that was pushed beyond may go back."""
+        """The limits, widened to include this position, so that an arm that was pushed out can move back."""
         if ((self.min_position <= position) & (position <= self.max_position)).all():
             return self
         low, high = np.minimum(self.min_position, position), np.maximum(self.max_position, position)
         return replace(self, min_position=low, max_position=high)
 
     def scaled(self, velocity: float, acceleration: float, jerk: float) -> JointLimits:
-        """The same positions and efforts with the rates multiplied by the given fractions."""
+        """The limits with velocity, acceleration and jerk multiplied by the given fractions."""
         return self.with_rates(
             self.max_velocity * velocity, self.max_acceleration * acceleration, self.max_jerk * jerk
         )
 
     def with_rates(self, velocity: Array, acceleration: Array, jerk: Array) -> JointLimits:
-        """The same with other rates, which are such arrays already and not looked at: every plan does this
-        some times."""
+        """The limits with other velocities, accelerations and jerks. These must be valid arrays and are not
+        checked, because each plan calls this several times."""
         other = object.__new__(JointLimits)
         object.__setattr__(other, "names", self.names)
         object.__setattr__(other, "slides", self.slides)
@@ -161,7 +167,7 @@ class JointLimits:
 
 @dataclass(frozen=True, slots=True)
 class CartesianLimits:
-    """The limits of the TCP along a path: m/s, m/s², m/s³ and rad/s, rad/s², rad/s³."""
+    """The limits of the TCP along a path, in m/s, m/s², m/s³ and rad/s, rad/s², rad/s³."""
 
     max_linear_velocity: float
     max_linear_acceleration: float
@@ -183,7 +189,7 @@ class CartesianLimits:
 
 @dataclass(frozen=True, slots=True)
 class NamedPosition:
-    """A `group_state` of the SRDF: joint angles in rad, in the order of the joint limits."""
+    """A `group_state` of the SRDF, with joint angles in rad in the order of the joint limits."""
 
     name: str
     group: str
@@ -192,22 +198,22 @@ class NamedPosition:
 
 
 PLANNED_JERK = 0.8
-"""The share of the jerk limits that planned motions use at the most: a stop on the path has to add jerk of
-its own, and can begin at once only if the motion has left some."""
+"""Maximum share of the jerk limits in planned motions. A stop on the path adds jerk of its own, and can start
+at once only if the motion leaves a margin."""
 PLANNED_ACCELERATION = 0.95
-"""The share of the acceleration limits that motions timed along a path use at the most: such a motion is at
-some limit nearly all the time, and whoever pauses, resumes or stops it needs some room."""
+"""Maximum share of the acceleration limits in motions that are time-parameterized along a path. Such a motion
+is almost always at some limit, and pausing, resuming or stopping it needs a margin."""
 PLANNED_EFFORT = 0.98
-"""The share of the efforts that planned motions use at the most, except where holding the arm needs nearly as
-much: a drive that gives all it has cannot correct its position."""
+"""Maximum share of the effort limits in planned motions, because a drive at its limit cannot correct its
+position. The exception is a posture in which holding the arm alone needs nearly as much."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
-    """How much of the limits a motion may use, as fractions in (0, 1].
+    """The share of the limits that a motion may use, as fractions in (0, 1].
 
-    Velocity is scaled by `speed`; acceleration by `accel_scale`, or by `speed` when `accel_scale`
-    is 0; jerk by the same fraction as acceleration, but to no more than `PLANNED_JERK` of its limit.
+    `speed` scales the velocity. `accel_scale` scales the acceleration; if it is 0, `speed` does. The jerk is
+    scaled like the acceleration, up to `PLANNED_JERK` of its limit.
     """
 
     speed: float = 0.1
@@ -230,7 +236,7 @@ class Scaling:
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
-    """A timed point of a joint trajectory: rad, s, and optionally rad/s and rad/s²."""
+    """A timed point of a joint trajectory, in rad and s, with optional rad/s and rad/s²."""
 
     positions: Sequence[float]
     time_from_start_s: float
@@ -239,6 +245,9 @@ class Waypoint:
     label: str = field(default="", compare=False)
 
     def __reduce__(self) -> tuple[type[Waypoint], tuple[Any, ...]]:
-        """For pickle, several times faster than a dataclass's own way: there may be 100,000 of them."""
+        """Pickle the waypoint several times faster than a dataclass does.
+
+        A motion may have 100,000 of them.
+        """
         values = (self.positions, self.time_from_start_s, self.velocities, self.accelerations, self.label)
         return Waypoint, values

@@ -1,9 +1,10 @@
-"""A policy moves the arm: it sees, it thinks, its chunk of actions follows; rtloop blends chunk into chunk.
+"""Lets a policy move the arm. The policy answers an observation with a chunk of actions, and the real-time
+loop (`rtloop`) blends consecutive chunks.
 
-While the policy thinks, the arm follows what it has been given before. So a new chunk is asked for early
-enough that it is there before the last one has run out, by what thinking has taken of late, and the actions
-that it comes too late for are left out. Where it takes over, rtloop goes from the one to the other with
-continuous velocity and acceleration, within the limits (docs/streaming.md).
+The arm follows the last chunk while the policy computes the next one. The runner therefore requests a chunk
+early enough that it arrives before the last one ends, estimated from the latest response times. Actions whose
+time has passed when the chunk arrives are left out. rtloop changes to the new chunk with continuous velocity
+and acceleration, within the limits (docs/streaming.md).
 """
 
 from __future__ import annotations
@@ -21,13 +22,15 @@ from cobot.learning.chunks import Latency, Meaning, actions_of, timed
 from cobot.types import Array
 
 SPARE_S = 0.02
-"""A chunk shall be there so long before the last one has run out: the way to rtloop and a quick blend."""
+"""Margin between the arrival of a chunk and the end of the last one, in seconds. It covers the transfer to
+rtloop and a short blend."""
 PATIENCE = 5
-"""So many answers in a row that all came too late end the run: such a policy will never move this arm."""
+"""Maximum number of consecutive late answers. After that the run ends, because such a policy is too slow for
+this arm."""
 
 
 class Policy(Protocol):
-    """What is asked for actions, as `cobot.learning.openpi.PolicyConnection` is."""
+    """A source of actions, for example `cobot.learning.openpi.PolicyConnection`."""
 
     def infer(self, observation: Mapping[str, Any]) -> Mapping[str, Any]: ...
 
@@ -40,13 +43,13 @@ class Observer(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """One chunk that was handed over.
+    """One chunk that was sent to the arm.
 
     Attributes:
-        observed_s: when the policy saw the arm, on the robot's clock.
-        latency_s: from there until the chunk was handed over.
-        dropped: so many of its first actions were too late.
-        times_s, positions: what was sent, shape (m,) and (m, dof).
+        observed_s: time of the observation, on the robot's clock.
+        latency_s: time from the observation until the chunk was sent.
+        dropped: number of first actions that were too late.
+        times_s, positions: times and positions that were sent, shape (m,) and (m, dof).
     """
 
     observed_s: float
@@ -62,7 +65,7 @@ def state_observer(
     """The usual observation: `observation/state`, `observation/NAME` for each picture, `prompt`.
 
     Args:
-        pictures: of the scene, for joint angles: `cobot.learning.cameras.Renderer.render`.
+        pictures: renders the scene for given joint angles: `cobot.learning.cameras.Renderer.render`.
     """
 
     def observe(state: JointState) -> dict[str, Any]:
@@ -76,21 +79,21 @@ def state_observer(
 
 
 class PolicyRunner:
-    """Has a policy move an arm.
+    """Moves an arm by the actions of a policy.
 
     Attributes:
-        latency: what its thinking has taken.
-        sent: the chunks that were handed over, the newest last.
+        latency: response times of the policy.
+        sent: chunks that were sent to the arm, the newest last.
 
     Args:
-        robot: whose session it is; for its clock.
-        control: the session.
-        policy: what is asked.
-        period_s: between two actions of a chunk: that of the data the policy was trained with.
-        observe: makes the observation; `state_observer()` without it.
-        meaning: of an action: joint positions in rad, or offsets from the observed ones.
-        every_s: ask again after so long, even if the chunk is longer; None: when it is about to run out.
-        clock: to wait by.
+        robot: robot of the session; gives the robot's clock.
+        control: session in which the chunks are streamed.
+        policy: source of the actions.
+        period_s: time between two actions of a chunk, as in the policy's training data.
+        observe: makes the observation; by default `state_observer()`.
+        meaning: meaning of an action: joint positions in rad, or offsets from the observed positions.
+        every_s: interval of requests, even if a chunk is longer; None: request shortly before a chunk ends.
+        clock: clock for waiting.
     """
 
     def __init__(
@@ -119,12 +122,12 @@ class PolicyRunner:
         self.sent: list[Sent] = []
 
     def run(self, seconds: float) -> None:
-        """Go on for so long on the robot's clock; then the last chunk runs out, and the arm comes to rest.
+        """Move the arm for this time on the robot's clock. Then the last chunk ends and the arm stops.
 
         Raises:
-            ExecutionError: the policy fails, its answer is no chunk for this arm, or always too late.
-            UnavailableError: its server, or the robot, does not answer. The arm comes to rest.
-            MotionStopped: the session has ended, with the reason.
+            ExecutionError: the policy fails, is always too late, or answers with no valid chunk for this arm.
+            UnavailableError: the policy's server or the robot does not answer. The arm stops.
+            MotionStopped: the session has ended.
         """
         until_s = self._robot.clock_s() + seconds
         while self._robot.clock_s() < until_s:
@@ -132,7 +135,10 @@ class PolicyRunner:
             self._wait(min(next_s, until_s))
 
     def once(self) -> float:
-        """Ask once and send what comes of it; when to ask again, on the robot's clock, s."""
+        """Request one chunk and send it to the arm.
+
+        Returns the time of the next request, on the robot's clock.
+        """
         observed_s = self._robot.clock_s()
         state = self._control.get_state()
         position = np.array(state.q)
@@ -158,11 +164,11 @@ class PolicyRunner:
         if self._late >= PATIENCE:
             raise ExecutionError(
                 f"the policy takes {self.latency.last_s:.3f} s for {count} actions of {self._period_s:g} s: "
-                f"{PATIENCE} answers in a row came when all of their actions were past"
+                f"{PATIENCE} consecutive answers arrived after the times of all their actions"
             )
 
     def _wait(self, until_s: float) -> None:
         while (left_s := until_s - self._robot.clock_s()) > 0.0:
             if not self._control.is_running():
-                raise MotionStopped("the session has ended while the policy's last chunk was under way")
+                raise MotionStopped("the session ended during the policy's last chunk")
             self._clock.sleep(min(max(left_s, 0.001), 0.05))

@@ -1,4 +1,4 @@
-"""One recording that is being written: an MCAP file which gets its name when it is whole."""
+"""A recording in progress: an MCAP file that gets its final name when it is complete."""
 
 from __future__ import annotations
 
@@ -24,18 +24,19 @@ from cobot.recording.messages import TOPICS, RecordMessages
 from cobot.recording.store import UNFINISHED
 
 CHUNK_BYTES = 1 << 20
-"""Uncompressed; so much a recorder that is killed has not yet handed over to the system."""
+"""Uncompressed size of a chunk in bytes. A killed recorder loses at most this much, because it passes whole
+chunks to the operating system."""
 
 
 class RecordingFile:
-    """Written as NAME.mcap.part; `finish` makes it NAME.mcap.
+    """An MCAP file, written as NAME.mcap.part. `finish` renames it to NAME.mcap.
 
     Attributes:
-        size: bytes that are in the file so far.
-        cycles: so many are in it.
+        size: bytes in the file so far.
+        cycles: cycles in the file so far.
 
     Raises (also its methods):
-        OSError: the disk is full, or refuses.
+        OSError: the disk is full or refuses to write.
     """
 
     def __init__(
@@ -48,9 +49,9 @@ class RecordingFile:
     ) -> None:
         """
         Args:
-            path: of the finished file.
-            ahead_ns: by how much the clock of the wall is ahead of CLOCK_MONOTONIC.
-            about: what the file says of itself, beside the robot.
+            path: path of the finished file.
+            ahead_ns: offset of the wall clock from CLOCK_MONOTONIC, in ns.
+            about: metadata of the file, in addition to those of the robot.
         """
         self.path = path
         self.cycles = 0
@@ -67,7 +68,7 @@ class RecordingFile:
             raise
 
     def _described(self, memory: RecordingMemory, about: dict[str, str]) -> dict[str, int]:
-        """Write what the file is about; the channels by topic."""
+        """Write the metadata and the schemas, and return the channels by topic."""
         writer = self._writer
         schemas = {
             type_: writer.register_schema(type_, "ros2msg", self._messages.definition(type_).encode())
@@ -90,7 +91,7 @@ class RecordingFile:
         return self._file.tell()
 
     def write(self, records: np.ndarray, events: Sequence[Event]) -> None:
-        """Add cycles, and the events within them."""
+        """Add cycles and their events."""
         times = (records["monotonic_ns"] + self._ahead_ns).tolist()
         numbers = (records["number"] & 0xFFFFFFFF).tolist()
         add = self._writer.add_message
@@ -109,10 +110,10 @@ class RecordingFile:
         self.cycles += len(records)
 
     def take_over(self, part: Path) -> int:
-        """Add what a recorder that was killed has left in a file.
+        """Add the content of a file that a killed recorder left.
 
         Returns:
-            The number of the last cycle in it, 0 if there is none.
+            The number of the last cycle in that file, 0 if it has none.
         """
         last, topics = 0, {}
         try:
@@ -130,16 +131,19 @@ class RecordingFile:
                             last, self.cycles = self._messages.cycle_of(record.data), self.cycles + 1
         except FileNotFoundError:
             return 0
-        except (McapError, ValueError, struct.error, ZstdError):  # here it was killed
+        except (McapError, ValueError, struct.error, ZstdError):  # the recorder was killed here
             return last
         return last
 
     def sync(self) -> None:
-        """Have the disk take what there is: the whole at once might take longer than a sign of life."""
+        """Flush the data written so far.
+
+        One flush at the end could take longer than the heartbeat permits.
+        """
         os.fdatasync(self._file.fileno())
 
     def finish(self) -> None:
-        """Give the file its name: whoever sees it sees it whole, also after a power cut."""
+        """Complete the file and rename it. A file with its final name is complete, even after a power cut."""
         cast(Any, self._writer).finish()
         self._file.flush()
         os.fsync(self._file.fileno())
@@ -147,7 +151,7 @@ class RecordingFile:
         os.replace(self._part, self.path)
 
     def abandon(self) -> None:
-        """Leave nothing behind."""
+        """Close and delete the unfinished file."""
         with contextlib.suppress(OSError):
             self._file.close()
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""The folder of a robot's recordings: names, what is there, and room for more."""
+"""The folder of a robot's recordings: their names, a list of them, and removal of old ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ UNFINISHED = ".part"
 TRIAL, TRIAL_BYTES = f"trial{UNFINISHED}", 65536
 REASONS = ("fault", "estop", "request", "continuous")
 ASKED_FOR = ("request", "continuous")
-"""What can be asked for again; the others explain what has happened once."""
+"""Reasons of recordings that a client requested. These are removed first, because a client can request
+another one; recordings of a fault or an e-stop cannot be repeated."""
 _NAME = re.compile(
     rf"(?P<run>[A-Za-z0-9_-]{{1,48}}-(?P<time>\d{{8}}T\d{{6}}\.\d{{3}})Z-(?P<reason>{'|'.join(REASONS)}))"
     rf"(-(?P<part>[1-9]\d{{0,5}}))?{re.escape(SUFFIX)}"
@@ -27,12 +28,12 @@ _TIME = "%Y%m%dT%H%M%S.%f"
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A finished file.
+    """A finished recording.
 
     Attributes:
-        time: when what it is about happened, or it was begun, ISO 8601 in UTC.
+        time: time of the recorded event, or of the start of the recording, ISO 8601 in UTC.
         reason: one of `REASONS`.
-        size: bytes.
+        size: size of the file in bytes.
     """
 
     name: str
@@ -42,13 +43,13 @@ class Recording:
 
 
 def run_name(robot: str, wall_ns: int, reason: str) -> str:
-    """What the files of a recording are called, without part and suffix."""
+    """The name that all files of a recording share, without part and suffix."""
     moment = datetime.fromtimestamp(wall_ns * 1e-9, UTC)
     return f"{robot}-{moment.strftime(_TIME)[:-3]}Z-{reason}"
 
 
 def part_name(run: str, part: int) -> str:
-    """Of a file; the parts of a continuous recording are counted from 1."""
+    """The name of one file. The parts of a continuous recording are numbered from 1."""
     return f"{run}-{part}{SUFFIX}" if part else f"{run}{SUFFIX}"
 
 
@@ -56,8 +57,8 @@ class RecordingStore:
     """One robot's recordings. Another process may write and remove files at any time.
 
     Args:
-        folder: of this robot alone; made when it is needed.
-        max_bytes: of all files together.
+        folder: folder of this robot alone; created when needed.
+        max_bytes: maximum size of all files together.
     """
 
     def __init__(self, folder: Path, max_bytes: int) -> None:
@@ -65,22 +66,22 @@ class RecordingStore:
         self.max_bytes = max_bytes
 
     def all(self) -> list[Recording]:
-        """The finished ones, the newest first."""
+        """The finished recordings, the newest first."""
         found = [(match, file) for file in self._files() if (match := _NAME.fullmatch(file.name))]
         recordings = []
         for match, file in found:
-            with contextlib.suppress(OSError, ValueError):  # it has just been removed; a month of 13
+            with contextlib.suppress(OSError, ValueError):  # just removed, or an invalid date
                 moment = datetime.strptime(match["time"], _TIME).replace(tzinfo=UTC)
                 time = moment.isoformat(timespec="milliseconds")
                 recordings.append(Recording(file.name, time, match["reason"], file.stat().st_size))
         return sorted(recordings, key=_order, reverse=True)
 
     def path(self, name: str) -> Path:
-        """Of a finished recording.
+        """The path of a finished recording.
 
         Raises:
-            InputError: no possible name of one, as one that leads elsewhere.
-            NotFoundError: there is none of that name.
+            InputError: the name is not that of a recording, for example because it leads to another folder.
+            NotFoundError: no recording has this name.
         """
         if not _NAME.fullmatch(name):
             raise InputError(
@@ -92,11 +93,11 @@ class RecordingStore:
         return file
 
     def remove(self, name: str) -> None:
-        """Raises as `path` does."""
+        """Delete a finished recording. Raises the same errors as `path`."""
         self.path(name).unlink(missing_ok=True)
 
     def unfinished(self) -> dict[str, Path]:
-        """What is being written, or was when somebody died, by the name it would have."""
+        """Unfinished files, by their final names. A recorder is writing them, or was killed while writing."""
         return {
             file.name.removesuffix(UNFINISHED): file
             for file in self._files()
@@ -104,15 +105,14 @@ class RecordingStore:
         }
 
     def make_room(self, needed: int, kept: Container[str] = ()) -> int:
-        """Remove the oldest recordings until so many bytes more stay within the bound: first those that
-        somebody has asked for.
+        """Remove the oldest recordings until there is room for more bytes, requested recordings first.
 
         Args:
-            needed: bytes, beside all that is there.
-            kept: names that stay.
+            needed: bytes needed in addition to the existing files.
+            kept: names of recordings that must not be removed.
 
         Returns:
-            How many bytes all files have now.
+            The size of all remaining files in bytes.
         """
         recordings = sorted(self.all(), key=lambda each: each.reason in ASKED_FOR)
         total = sum(each.size for each in recordings)
@@ -128,10 +128,10 @@ class RecordingStore:
         return total
 
     def try_out(self) -> None:
-        """See whether a recording could be begun.
+        """Check that a recording could be started.
 
         Raises:
-            OSError: it could not.
+            OSError: the folder cannot be written.
         """
         file = self.folder / TRIAL
         try:
