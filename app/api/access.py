@@ -1,12 +1,12 @@
-"""Who asks, and whether a page may ask at all: one ASGI middleware around everything, HTTP and WebSocket.
+"""Identifies the client and checks hosts and web pages: one ASGI middleware around all HTTP and WebSocket.
 
-It refuses what comes for another host (421) or from a page of somebody else's (403, `app.api.origins`), and
-says in the scope who asks. Whether that one may do it is for the route to say, see `app.api.roles`.
+It refuses requests for another host (421) or from a foreign web page (403, `app.api.origins`), and stores the
+client's identity in the scope. The route decides whether this client may use it, see `app.api.roles`.
 
 A token comes in the header `Authorization: Bearer TOKEN`. Browsers cannot set headers of a WebSocket, so
 there it may also come as a subprotocol, `new WebSocket(url, ["cobot", "cobot.token." + TOKEN])`, or, for
-libraries that let their users give nothing but an address, as `?token=TOKEN`. Addresses end up in logs of
-proxies and in histories, so the others are better; here it is cut off before anybody else sees the address.
+libraries that accept nothing but an address, as `?token=TOKEN`. Addresses end up in logs of proxies and in
+histories, so the others are better. The service removes the token before any other part sees the address.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ POLICY_VIOLATION = 1008
 INVALID = "the token is valid no more"
 PAGES = ("/docs", "/redoc")
 UNFRAMED = [(b"x-frame-options", b"DENY"), (b"content-security-policy", b"frame-ancestors 'none'")]
-"""Nobody shall lay the documentation, whose buttons move the arm, under a page of theirs."""
+"""Headers that keep other pages from framing the documentation, whose buttons move the arm."""
 FORWARDING = frozenset(
     (b"forwarded", b"via", b"x-forwarded-for", b"x-forwarded-host", b"x-forwarded-proto", b"x-real-ip")
 )
@@ -57,12 +57,12 @@ def identity_of(connection: HTTPConnection) -> Identity:
 
 
 class Access:
-    """The middleware. What is no WebSocket passes without a coroutine of its own: a state gets cheaper.
+    """The middleware. HTTP requests pass without a coroutine of its own, which makes a state cheaper.
 
     Args:
-        required: whether who shows no token is nobody; else it may do everything.
-        required_of_proxies: the same of who comes through a proxy: sitting at this computer, where no token
-            is needed, is the proxy alone.
+        required: whether a client needs a token. If not, a client without one may do everything.
+        required_of_proxies: whether a client behind a proxy needs a token. The exemption for this computer
+            would otherwise apply to the proxy's clients too.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class Access:
         holder = None if token is None else self._tokens.find(token)
         if token is None:
             identity = self._anonymous(address, forwarded)
-        elif holder is None:  # whoever shows a wrong one shall learn it, wherever none is needed too
+        elif holder is None:  # a wrong token is an error even where none is needed
             identity = Identity(ANONYMOUS, Role.NOBODY, address, forwarded)
         else:
             identity = self._known(holder, address, forwarded)
@@ -152,7 +152,7 @@ class Access:
             while not accepted or self._tokens.find(token) == holder:
                 await asyncio.sleep(LOOK_AGAIN_S)
             ended = True
-            with contextlib.suppress(OSError, RuntimeError):  # it has just been closed by somebody else
+            with contextlib.suppress(OSError, RuntimeError):  # it has just been closed elsewhere
                 await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": INVALID})
 
         watching = asyncio.create_task(watch())

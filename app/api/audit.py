@@ -1,7 +1,7 @@
 """The middleware around everything: gives each request its id, and one that changes something an entry in
 the audit, whatever became of it.
 
-It is the outermost one of ours: it sees what the others refuse, and reads who has asked when that is known.
+It is cobot's outermost middleware: it sees what the others refuse, and reads the client once it is known.
 """
 
 from __future__ import annotations

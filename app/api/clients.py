@@ -1,4 +1,4 @@
-"""Who asks: noted for all that a request or a WebSocket leads to.
+"""The client of a request or a WebSocket, noted for everything that it leads to.
 
 The names come from the middleware of access, where there is one: `scope["cobot.identity"]`.
 """
@@ -20,9 +20,7 @@ _CONTROL, _MOTION = CONTROL_TOKEN.lower().encode(), MOTION_TOKEN.lower().encode(
 
 
 class Clients:
-    """ASGI middleware. A GET is on nobody's behalf: it changes nothing. Requests pass without a coroutine of
-    its own.
-    """
+    """ASGI middleware. A GET changes nothing, so its client is not noted. Requests need no extra coroutine."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -45,7 +43,7 @@ class Clients:
 
 
 def client_of(scope: Scope) -> Client:
-    """Who has sent a request or opened a WebSocket."""
+    """The client that has sent a request or opened a WebSocket."""
     identity: Any = scope.get(IDENTITY)
     peer = scope.get("client")
     leases: list[str] = []

@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 REST = 4.0
-"""So many times as long as an answer took, none is made: together they have a fifth of the service."""
+"""Pause after an answer, as a multiple of its duration: costly answers get a fifth of the time in all."""
 MAX_REST_S = 1.0
 
 
@@ -34,6 +34,6 @@ class Costly:
             asyncio.get_running_loop().call_later(rest_s, self._one.release)
 
     async def start(self, rest_s: float) -> None:
-        """Return when something may begin that takes nobody knows how long; the next one after a rest."""
+        """Return when work of unknown duration may begin. The next work begins after a rest."""
         await self._one.acquire()
         asyncio.get_running_loop().call_later(rest_s, self._one.release)

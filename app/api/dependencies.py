@@ -70,7 +70,7 @@ class Call:
 
     @property
     def name(self) -> str:
-        """As in api_endpoints.yaml: "POST /stop"; for a robot by name "POST /robots/{robot}/stop"."""
+        """The endpoint's name: "POST /stop"; for a robot by name "POST /robots/{robot}/stop"."""
         return f"{self.request.method} {self.request.scope['route'].path}"
 
     @property
@@ -85,15 +85,15 @@ class Call:
 
     @property
     def token(self) -> str | None:
-        """Of the sequence on whose behalf the arm shall move, if any."""
+        """The token of the sequence on whose behalf the arm moves, if any."""
         return self.request.headers.get(MOTION_TOKEN)
 
     def caller(self, gone: asyncio.Event, kind: JobKind, about: str, *, wait: bool) -> Caller:
-        """Who asks, for a motion.
+        """The caller of a motion.
 
         Args:
-            gone: see `Gone`; who does not wait may go.
-            about: what is asked for, for people.
+            gone: see `Gone`; a client that does not wait may disconnect.
+            about: a description of the request, for people.
         """
         name = self.name.replace("{robot}", self.request.path_params.get("robot", ""))
         job = self.services.ownership.new_job(kind, f"{self.request.scope['path']} {about}")

@@ -16,7 +16,7 @@ from cobot.robot.io_points import IoKind, IoPoint
 
 
 class Acknowledge(RequestModel):
-    """What whoever acknowledges has seen to."""
+    """The checks that the acknowledging client confirms."""
 
     model_config = example({"payload_checked": True})
 

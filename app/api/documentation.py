@@ -55,13 +55,13 @@ NAVIGATION = """<nav style="font: 1rem sans-serif; padding: 0.75rem 1.25rem">
 """There before Swagger UI is, which takes a browser most of a second to run."""
 
 _turn = threading.Lock()
-"""Of the documents, which are made of the same parts."""
+"""Lock of the documents, which are made from the same parts."""
 
 
 class _Document:
     """An OpenAPI document, as the bytes that are sent.
 
-    It is made when somebody first asks for it, in a thread: it takes a third of a second.
+    It is made in a thread when a client first requests it, which takes a third of a second.
 
     Args:
         schema: gives what it says.
@@ -94,7 +94,7 @@ def install(app: FastAPI, version: Callable[[], Hashable]) -> None:
     Args:
         version: of the documents, see `app.api.openapi.version`.
     """
-    # FastAPI's own would dump it anew for each request.
+    # FastAPI's own route would serialize it again for each request.
     app.router.routes[:] = [
         each for each in app.router.routes if getattr(each, "path", "") != app.openapi_url
     ]

@@ -1,4 +1,4 @@
-"""An endpoint as it is declared where it is written: who may use it, how long it may take, what it costs."""
+"""The declaration of an endpoint, next to its code: its role, its timeout and its cost."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Endpoint:
     Attributes:
         name: as in api_endpoints.yaml: "POST /stop"; "WS /events" of a WebSocket.
         role: the lowest that may use it.
-        timeout_s: how long it may take.
-        control: whether nobody else may have the control of the robot, see `app.services.rights.lease`.
-            Motions, sessions and sequences look themselves, because they come over other transports too.
+        timeout_s: the timeout.
+        control: whether it is refused while another client has control, see `app.services.rights.lease`.
+            Motions, sessions and sequences check it themselves, because they have other transports too.
         costly: whether making the answer takes milliseconds, see `app.api.costly`.
         enabled: whether it is served.
     """

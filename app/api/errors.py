@@ -74,7 +74,7 @@ DESCRIPTIONS = {
     401: "A token is needed, and there is none, or it is not valid.",
     403: "The token's role does not permit this: the detail says which role does.",
     404: "There is no such robot: the detail lists those that there are.",
-    409: "Somebody else owns the motion, or it was stopped before it began: the detail says who or why.",
+    409: "Another client moves the arm, or the motion was stopped before it began; see the detail.",
     413: "The body is larger than `web.max_body_bytes` (uploads) or `web.max_json_bytes`.",
     415: "The Content-Type is another one than this endpoint takes.",
     422: "The request cannot be honoured as it is written: the detail says what, where, the value and the "

@@ -54,7 +54,7 @@ class Explain(BaseModel):
     motion: int | None = Field(
         None, description="Of a sequence, which one, from 1 on; `works` is of it alone."
     )
-    works: list[Works] = Field([], description="At the most one of each kind; of /robot/plan only.")
+    works: list[Works] = Field([], description="At most one of each kind; for /robot/plan only.")
     tried: list[Tried] = Field([], description="What was tried and does not work.")
     spent_s: float = Field(0.0, description="How long was tried, s.")
     budget_s: float = Field(0.0, description="How long might be tried, s: `planning.explain_s`, or less.")

@@ -43,7 +43,7 @@ class JobAnswer(BaseModel):
     )
     planned_duration_s: float | None = Field(description="Of the motion, at the speed it was planned with.")
     remaining_s: float | None = Field(
-        description="Of that, at the present speed override; null while nobody can say."
+        description="Remaining time, at the present speed override; null while it is unknown."
     )
     note: str = Field(description="How the motion differs from what was asked for; empty if it does not.")
     error: RefusedAnswer | None = Field(description="Why it has not arrived, as its own endpoint says it.")
@@ -66,7 +66,7 @@ class JobsQuery(StrictModel):
 
     model_config = ConfigDict(strict=False)
 
-    n: int = Field(50, ge=1, le=KEPT, description="How many of each robot at the most.")
+    n: int = Field(50, ge=1, le=KEPT, description="Maximum number of jobs of each robot.")
     state: list[JobState] = Field([], description="Only those in one of these states.")
 
 

@@ -169,14 +169,14 @@ def _time(
 
 
 def _buckets(bounds: Iterable[float], cumulative: Iterable[int]) -> list[tuple[str, float]]:
-    """As Prometheus has them: upper bound, and how many are not above it."""
+    """Buckets in the form of Prometheus: the upper bound, and how many are not above it."""
     names = [*map(floatToGoString, bounds), "+Inf"]
     return [(name, float(count)) for name, count in zip(names, cumulative, strict=True)]
 
 
 def _restarts(processes: dict[str, ProcessState]) -> Metric:
     family = CounterMetricFamily(
-        "cobot_process_restarts", "How often the supervisor has started a process anew.", labels=["process"]
+        "cobot_process_restarts", "How often the supervisor has restarted a process.", labels=["process"]
     )
     for name, process in processes.items():
         family.add_metric([name], process.restarts)

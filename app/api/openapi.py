@@ -19,7 +19,7 @@ CONTROL: dict[str, Any] = {
     "description": "The token that POST /robot/control has given; only needed while its control is held.",
     "schema": {"type": "string"},
 }
-"""Of all that moves the arm: who has the control shows it."""
+"""Header parameter of all endpoints that move the arm: the client that has control sends it."""
 BY_NAME = f"{ROBOTS}/"
 JOINT_FIELDS = (("MoveJoints", "joints"), ("TrajectoryPoint", "positions"))
 
@@ -61,7 +61,7 @@ def with_limits(
 
 
 def version(robots: dict[str, JointLimits]) -> Hashable:
-    """Of what `with_limits` says: another one when a reload has changed that."""
+    """The version of the result of `with_limits`. A reload that changes the result changes the version."""
     return tuple((each.min_position.tobytes(), each.max_position.tobytes()) for each in robots.values())
 
 
@@ -123,12 +123,12 @@ def _described(robots: dict[str, JointLimits]) -> tuple[str, list[dict[str, Any]
 
 
 def _table(limits: JointLimits) -> list[Row]:
-    """Of each joint: name, least and greatest position, rad."""
+    """A row for each joint: name, minimum and maximum position, rad."""
     return list(zip(limits.names, limits.min_position.tolist(), limits.max_position.tolist(), strict=True))
 
 
 def _present(rows: tuple[Row | None, ...]) -> list[Row]:
-    """Of the robots that have so many joints."""
+    """The rows of the robots that have so many joints."""
     return [row for row in rows if row is not None]
 
 
@@ -170,5 +170,5 @@ def error_components(*statuses: int) -> dict[str, Any]:
 
 
 def error_references(*statuses: int) -> dict[str, Any]:
-    """The same answers, as an endpoint has them."""
+    """References to the error responses, for an endpoint."""
     return {str(status): {"$ref": f"#/components/responses/Error{status}"} for status in statuses}

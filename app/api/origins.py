@@ -1,4 +1,4 @@
-"""From which hosts and pages requests may come: what keeps a web page that somebody looks at from the arm.
+"""The hosts and pages from which requests may come. The check keeps foreign web pages from the arm.
 
 Browsers let any page send requests to anywhere, and say of each where it comes from. Clients that are no
 browsers say nothing of the kind, and pass.
@@ -35,8 +35,8 @@ class Origins:
     """Decides.
 
     Args:
-        hosts: names and addresses of this service, beside those of this computer and those listed.
-        address: that the service listens on.
+        hosts: names and addresses of this service, in addition to those of this computer and those listed.
+        address: the address that the service listens on.
         web: `allowed_hosts`, more names; `allowed_origins`, of pages from elsewhere that may use it.
     """
 
@@ -65,7 +65,7 @@ class Origins:
         Raises:
             HeaderError: it has no header Host.
             MisdirectedError: it was meant for another host.
-            PermissionDenied: a page of somebody else's has sent it.
+            PermissionDenied: a foreign web page has sent it.
         """
         host, origin = headers.get(b"host"), headers.get(b"origin")
         if host is None:
@@ -116,7 +116,7 @@ def _same(origin: bytes, host: bytes, secure: bool) -> bool:
 
 
 def _followed_link(scope: Scope, headers: Mapping[bytes, bytes]) -> bool:
-    """Whether somebody goes to a page of ours, in a window of its own: that changes nothing."""
+    """Whether a browser opens a page of cobot in a window of its own, which changes nothing."""
     return (
         scope["type"] == "http"
         and scope["method"] == "GET"

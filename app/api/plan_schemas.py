@@ -35,8 +35,8 @@ Samples = Annotated[
 ExplainIt = Annotated[
     bool,
     Field(
-        description="If there is no plan: try what would make one, for `planning.explain_s` at the most; "
-        "false: only say what has failed."
+        description="If there is no plan: try changes that would make one, for at most `planning.explain_s`; "
+        "false: only report what has failed."
     ),
 ]
 PlanId = Annotated[
@@ -45,7 +45,7 @@ PlanId = Annotated[
 
 
 class KeptPlan(BaseModel):
-    """A plan that can be run, for who has to approve it."""
+    """A plan that can be run, as shown to the person that approves it."""
 
     model_config = example(
         {
@@ -58,12 +58,14 @@ class KeptPlan(BaseModel):
         }
     )
 
-    plan_id: str = Field(description="What approves it and runs it names.")
-    by: str = Field(description="Who has had it planned: the name of its token.")
-    planners: list[str] = Field(description="That it was asked of.")
+    plan_id: str = Field(description="The id that is sent to approve or run it.")
+    by: str = Field(description="The client that requested it: the name of its token.")
+    planners: list[str] = Field(description="The planners that were requested.")
     duration_s: float = Field(description="How long it moves, at full speed.")
-    expires_in_s: float = Field(description="How long it is kept yet.")
-    approved_by: str | None = Field(description="Who lets an agent run it, once; null: nobody yet.")
+    expires_in_s: float = Field(description="The time for which it is still kept.")
+    approved_by: str | None = Field(
+        description="The client that lets an agent run it, once; null: not approved."
+    )
 
 
 class Approve(RequestModel):
@@ -76,7 +78,7 @@ class Approve(RequestModel):
 
 
 class Planning(RequestModel):
-    """What a plan is asked for beside its motion."""
+    """The options of a plan, in addition to its motion."""
 
     start: Start = None
     samples: Samples = 50
@@ -84,25 +86,25 @@ class Planning(RequestModel):
 
 
 class PlanNamed(Planning, MoveNamed):
-    """As for the motion, and from where."""
+    """The fields of the motion, and the start of the plan."""
 
     model_config = example({"name": "work", "speed": 0.5, "samples": 3})
 
 
 class PlanJoints(Planning, MoveJoints):
-    """As for the motion, and from where."""
+    """The fields of the motion, and the start of the plan."""
 
     model_config = example({"joints": [0.0, 0.5, *HOME[2:]], "speed": 0.25, "samples": 3})
 
 
 class PlanPose(Planning, MovePose):
-    """As for the motion, and from where."""
+    """The fields of the motion, and the start of the plan."""
 
     model_config = example({"x": 0.4, "y": 0.0, "z": 0.5, "b": 3.14159, "speed": 0.25, "samples": 3})
 
 
 class PlanArc(Planning, MoveArc):
-    """As for the motion, and from where."""
+    """The fields of the motion, and the start of the plan."""
 
     model_config = example(
         {
@@ -139,7 +141,7 @@ class PlanPath(Planning, TcpMotion):
     )
 
     def polyline(self) -> PlanPose:
-        """The same as a motion to a pose through the others; to a single one it is lin."""
+        """The equivalent motion to a pose through the others; with a single pose it is lin."""
         given = self.model_dump(exclude={"poses"}, exclude_unset=True)
         through = [pose.model_dump() for pose in self.poses[:-1]]
         goal = self.poses[-1].model_dump()
@@ -151,7 +153,7 @@ class PlanPath(Planning, TcpMotion):
 
 
 class PlanSequence(Planning, MoveSequence):
-    """As for the motion, and from where."""
+    """The fields of the motion, and the start of the plan."""
 
     model_config = example(
         {
@@ -166,7 +168,7 @@ class PlanSequence(Planning, MoveSequence):
 
 
 class MotionQuery(StrictModel):
-    """How closely its path is told."""
+    """The resolution of the path."""
 
     model_config = ConfigDict(strict=False)
 

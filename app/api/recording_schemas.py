@@ -10,7 +10,7 @@ from cobot.loose_lists import RequestModel
 
 
 class AskRecording(RequestModel):
-    """What shall be recorded."""
+    """The data to record."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"action": "dump", "seconds": 10.0}]})
 

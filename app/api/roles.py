@@ -90,7 +90,7 @@ def guard(routes: Iterable[BaseRoute], table: Mapping[str, Role]) -> None:
 
 
 class _Guarded:
-    """What a route leads to, for those who may."""
+    """The application of a route, for clients with the required role."""
 
     def __init__(self, app: ASGIApp, role: Role, *, free_on_loopback: bool, changes: bool) -> None:
         self._app = app

@@ -32,7 +32,7 @@ from cobot.motions.bodies import MOTION_TAGS
 from cobot.strict import sentences, shown
 
 PIECE_BYTES, RETURNS = 1024, 128
-"""See `pieces`: a piece takes some milliseconds at the most."""
+"""See `pieces`: a piece takes at most some milliseconds."""
 Result = TypeVar("Result")
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -67,7 +67,7 @@ class _CobotRequest(Request):
             if len(body) <= LARGE_BYTES:
                 return _validated(body, model)
             # To take a large one apart may hold the interpreter for a tenth of a second. That must not add
-            # up, nor cost the service its heartbeat while somebody's motion depends on it.
+            # up, nor cost the service its heartbeat while a motion depends on it.
             call = Call(self)
             async with self.app.state.large_body:
                 call.services.ownership.require_free(call.token)
@@ -102,9 +102,11 @@ def without_collection(function: Callable[..., Result], *arguments: Any) -> Resu
 
 
 class CobotRoute(APIRoute):
-    """Of a request with a body: notes the count of stops before it came in, takes it apart strictly, and lets
-    nobody else wait for a large one. Of a state, which is polled: answers without FastAPI's looking for what
-    the endpoint might depend on, and might want to be told when the answer is given.
+    """The route of a REST endpoint.
+
+    For a request with a body it notes the count of stops before the body came in, and parses the body
+    strictly. A large body does not delay other requests. A state is polled, so the route answers it without
+    FastAPI's dependencies and background tasks.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -143,7 +145,7 @@ class CobotRoute(APIRoute):
         )
 
     def _state_handler(self) -> Handler:
-        """As FastAPI answers: what the endpoint returns is checked against its model."""
+        """A handler like FastAPI's: the endpoint's result is checked against its model."""
         endpoint, name = self.endpoint, str(self.dependant.request_param_name)
         field, status = self.response_field, self.status_code or 200
 

@@ -13,7 +13,7 @@ from cobot.units import require_way
 
 Name = Annotated[
     str,
-    Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$", description="Letters, digits, and _ . -; at the most 64."),
+    Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$", description="Letters, digits, and _ . -; at most 64."),
 ]
 Coordinate = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False, description="m")]
 PlaceCoordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, 100.0)]
@@ -153,7 +153,7 @@ class PutObject(Place):
         return self
 
     def numbers(self) -> tuple[float, ...]:
-        """As in `cobot.robot.scene.SceneObject.size`."""
+        """The numbers of `cobot.robot.scene.SceneObject.size`."""
         if self.size is not None:
             return tuple(self.size)
         return tuple(value for value in (self.radius, self.length) if value is not None)
@@ -252,8 +252,8 @@ class SceneAnswer(BaseModel):
 
     model_config = _example({"version": 3, "objects": [], "frames": [], "allowed": []})
 
-    version: int = Field(description="Rises with each change; 0: nobody has changed anything yet.")
-    objects: list[ObjectAnswer] = Field(description="What stands there, or is held.")
+    version: int = Field(description="Rises with each change; 0: never changed.")
+    objects: list[ObjectAnswer] = Field(description="The objects that stand in the scene or are attached.")
     frames: list[FrameAnswer] = Field(description="Places with names.")
     allowed: list[list[str]] = Field(description="Pairs that may touch.")
 

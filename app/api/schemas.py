@@ -57,7 +57,7 @@ class ResetAnswer(BaseModel):
 
 
 class TakeControl(RequestModel):
-    """How long, and whether from somebody else."""
+    """The timeout of the lease, and whether to take it over."""
 
     model_config = example({"timeout_s": 60.0})
 
@@ -68,15 +68,15 @@ class TakeControl(RequestModel):
         description="s; it ends when nothing has moved for so long.",
     )
     force: bool = Field(
-        False, description="Take it from whoever has it: what moves the arm ends, and they are told."
+        False, description="Take it over: whatever moves the arm ends, and the former holder is notified."
     )
 
 
 class ControlAnswer(BaseModel):
     """Who controls the robot."""
 
-    held: bool = Field(description="Whether anybody does.")
-    holder: str | None = Field(description="The name of their access token; anonymous without one.")
+    held: bool = Field(description="Whether a client has control.")
+    holder: str | None = Field(description="The name of the client's access token; anonymous without one.")
     address: str | None = Field(description="Where they come from.")
     how: Literal["explicit", "implicit"] | None = Field(
         description="explicit: by a lease; implicit: by what moves the arm, for as long as it does."
@@ -154,7 +154,7 @@ class NamedPositionAnswer(BaseModel):
 
     name: str = Field(description="For POST /robot/move/named.")
     group: str = Field(description="The group of joints in the SRDF; `taught` without one.")
-    description: str = Field(description="What the SRDF, or who has taught it, says about it.")
+    description: str = Field(description="The description from the SRDF, or from the client that taught it.")
     joints: list[float] = Field(description="rad")
     taught: bool = Field(description="Whether it was taught, and can be removed.")
 
@@ -162,8 +162,8 @@ class NamedPositionAnswer(BaseModel):
 VALIDATE = "False skips this check; the safety layer of the real-time process stays."
 RETIME = "Slow down where the limits need it, by as much as they need; else more than 5 % is refused."
 SMOOTHING = (
-    "Where the points exceed the limits, the motion may be so far beside the curve through them, rad; 0 "
-    "follows it exactly. Without it the setting's: planning.smoothing_rad."
+    "Maximum deviation from the curve through the points where they exceed the limits, rad; 0 "
+    "follows it exactly. Default: the setting planning.smoothing_rad."
 )
 MAX_SMOOTHING_RAD = 0.01
 MOVE_TO_START = "Go to the first point by ptp before; else the arm has to be there."
@@ -246,7 +246,7 @@ class SentAnswer(BaseModel):
     points: int = Field(description="How many were sent.")
     note: str = Field("", description="What was changed and why; empty if nothing was.")
     blended_rad: float = Field(0.0, description="How far the arm was from the first point, blended in.")
-    smoothed_rad: float = Field(0.0, description="How far the motion is beside the curve at the most.")
+    smoothed_rad: float = Field(0.0, description="Maximum deviation of the motion from the curve, rad.")
     stretch: float = Field(1.0, description="Its duration in shares of that of the points.")
     slowed_s: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
         None, description="Between which times of the points it is slower than they ask for."
@@ -299,12 +299,12 @@ class AuditQuery(StrictModel):
 
     model_config = ConfigDict(strict=False)
 
-    limit: int = Field(100, ge=1, le=1000, description="So many entries at the most.")
+    limit: int = Field(100, ge=1, le=1000, description="Maximum number of entries.")
     since: datetime | None = Field(None, description="Only those of then or later; without a zone it is UTC.")
 
 
 class AuditEntry(BaseModel):
-    """What somebody has done, or tried to do."""
+    """An action that a client has carried out or attempted."""
 
     model_config = ConfigDict(populate_by_name=True)
 
@@ -348,8 +348,10 @@ class StopAnswer(BaseModel):
     position: list[float] | None = Field(description="Measured, rad; null when it is not known.")
     at_rest: bool = Field(description="Whether the arm is known to stand still.")
     duration_s: float = Field(description="From request to answer, s.")
-    category: int = Field(description="As it was carried out: 2 the drives hold the arm, 1 they are off.")
-    confirmed: bool = Field(description="Whether the device itself says so, not cobot alone.")
+    category: int = Field(
+        description="The category that was carried out: 2 the drives hold the arm, 1 they are off."
+    )
+    confirmed: bool = Field(description="Whether the device itself reports it, not cobot alone.")
 
 
 class RobotHealth(BaseModel):

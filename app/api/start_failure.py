@@ -1,4 +1,4 @@
-"""A start that fails for a reason that people can see to is said in a sentence, not in a traceback."""
+"""Reports a failed start that a person can correct in a sentence, without a traceback."""
 
 from __future__ import annotations
 

@@ -157,7 +157,7 @@ class End(StrictModel):
 
 
 class Stop(StrictModel):
-    """As `POST /stop`: every robot of the service. The answer has the number of the newest that it is to."""
+    """Stop every robot of the service, like `POST /stop`. The answer has the number of the newest stop."""
 
     type: Literal["stop"]
     number: int = Field(0, ge=0, le=2**31)
@@ -173,7 +173,7 @@ class Release(StrictModel):
 
 
 class JogFrame(StrictModel):
-    """Without velocities it lets go."""
+    """The velocities of a jog. A frame without velocities ends the jog."""
 
     type: Literal["jog"]
     joints: Numbers | None = None
@@ -257,7 +257,7 @@ def state_frame(state: np.ndarray, sequence: int) -> str:
 
 
 def hello_frame(info: np.ndarray, **more: object) -> str:
-    """What a client is told first: the robot's information, and more."""
+    """The first message to a client: the robot's information, and more."""
     content = {name: _plain(info[name].tolist()) for name in info.dtype.names or ()}
     return json.dumps({"type": "hello", **more, **content})
 

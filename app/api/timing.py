@@ -11,15 +11,15 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 """Upper bounds. A state is read in a millisecond or two, a motion may take a minute."""
 NONE = "none"
-"""What there is not has this name: whoever invents addresses or methods makes no new series."""
+"""Name of unknown routes and methods, so that a client that invents them creates no new series."""
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 CANCELLED = 499
-"""Of a request whose client went away before there was an answer, as nginx has it."""
+"""Status of a request whose client disconnected before the answer, as in nginx."""
 
 
 @dataclass(slots=True)
 class Times:
-    """Of one route, method and status: requests per bucket, the last of which is for more; their sum."""
+    """Times of one route, method and status: requests per bucket (the last has no bound), and their sum."""
 
     counts: list[int] = field(default_factory=lambda: [0] * (len(BUCKETS_S) + 1))
     sum_s: float = 0.0
@@ -63,7 +63,7 @@ class Timing:
         try:
             await self._app(scope, receive, send_and_watch)
         except Exception:
-            status = 500  # which somebody further out answers
+            status = 500  # an outer middleware answers it
             raise
         finally:
             route = getattr(scope.get("route"), "path", NONE)

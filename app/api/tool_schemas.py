@@ -120,8 +120,8 @@ class ToolAnswer(BaseModel):
         }
     )
 
-    version: int = Field(description="Rises with each change; 0: nobody has changed anything yet.")
-    name: str = Field(description="Of the tool.")
+    version: int = Field(description="Rises with each change; 0: never changed.")
+    name: str = Field(description="The name of the tool.")
     mass: float = Field(description="Of tool and load, kg.")
     centre: list[float] = Field(description="Of that mass, x, y, z, m.")
     inertia: list[float] | None = Field(

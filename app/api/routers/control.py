@@ -17,7 +17,7 @@ from cobot.access.roles import Role
 
 router = EndpointRouter(tags=["robot"])
 REST_S = 1.5
-"""Of an endpoint's time, so much is left for the answer, s."""
+"""Part of an endpoint's timeout that is left for the answer, s."""
 
 
 @router.endpoint("GET /robot/control", Role.OBSERVER, timeout_s=1.5)
@@ -34,10 +34,10 @@ async def control(request: Request) -> ControlAnswer:
     dependencies=[Depends(json_body)],
 )
 async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
-    """Take the control, renew it, or take it over: nobody else can move the robot then.
+    """Take control, renew it, or take it over. Then no other client can move the robot.
 
-    Send the answer's `token` as the header `X-Control-Token` with whatever shall move it. The lease ends
-    when it is given back, or when nothing has moved for `timeout_s`. A stop never needs it.
+    Send the answer's `token` as the header `X-Control-Token` with each request that moves the robot. The
+    lease ends when it is released, or when nothing has moved for `timeout_s`. A stop never needs it.
     """
     call = Call(request)
     taken = await call.services.control.take(

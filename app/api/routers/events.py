@@ -28,16 +28,16 @@ from cobot.strict import StrictModel, sentences, shown
 
 PATH = "/events"
 MAX_LISTENERS = 224
-"""Of all addresses; as shipped, one address has 256 connections, and some are for other things."""
+"""Maximum number of listeners of all addresses. By default one address has 256 connections, for all uses."""
 RETRY_MS = 1000
-"""So soon a browser connects again."""
+"""Time after which a browser reconnects, ms."""
 LAST_EVENT_ID = "Last-Event-ID"
 
 router = EndpointRouter(tags=["events"])
 
 
 class EventsQuery(StrictModel):
-    """What somebody wants to hear."""
+    """The events that a client subscribes to."""
 
     model_config = ConfigDict(strict=False)
 
@@ -68,8 +68,8 @@ async def events(query: Annotated[EventsQuery, Query()], request: Request) -> Re
     """Server-sent events, and over the same path a WebSocket: what happens, each with its number.
 
     A client that comes back with the number of the last event that it knows (`Last-Event-ID`, or `after`)
-    gets what it has missed. One that reads slowly loses events, is told so by one of the type `lost`, and
-    keeps nobody else waiting. docs/events.md has the types and examples.
+    gets what it has missed. A slow client loses events, gets an event of the type `lost` about it, and does
+    not delay others. docs/events.md has the types and examples.
     """
     after = request.headers.get(LAST_EVENT_ID) or query.after
     query = query.model_copy(update={"after": after})
@@ -194,7 +194,7 @@ def _types(given: str | None) -> frozenset[str] | None:
 
 
 def sse(event: Event, epoch: str) -> str:
-    """An event as a block of text/event-stream; who is alive says only where it stands."""
+    """An event as a block of text/event-stream. A keep-alive event has no id."""
     place = "" if event.number is None else f"id: {epoch}-{event.number}\n"
     if event.type == "alive":
         return f"{place}\n"

@@ -27,9 +27,9 @@ from cobot import audit
 from cobot.access.roles import Role
 
 ANSWER_S = 1.0
-"""Of an endpoint's time, so much is left for the answer, s."""
+"""Part of an endpoint's timeout that is left for the answer, s."""
 FEW = 50
-"""So many jobs are told in some milliseconds."""
+"""Number of jobs that are rendered in some milliseconds."""
 CHANGED = responses(404, 409, 422, 503)
 
 router = EndpointRouter(tags=["jobs"])
@@ -125,8 +125,8 @@ async def speed_override(request: Request) -> SpeedOverrideAnswer:
 async def set_speed_override(body: SpeedOverrideBody, request: Request) -> SpeedOverrideAnswer:
     """Go faster or slower along the paths: the motion that runs, and all that follow. Jerk-limited.
 
-    Refused while somebody else moves the arm or has the control of it, and while it follows a stream. What a
-    program or the holder of a lease has set ends with the program or the lease.
+    Refused while another client moves the arm or has control of it, and while it follows a stream. A value
+    that a program or the holder of a lease has set ends with the program or the lease.
     """
     ownership = Call(request).services.ownership
     await ownership.set_speed_fraction(body.fraction)

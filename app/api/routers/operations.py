@@ -40,7 +40,7 @@ async def reload(request: Request) -> ReloadAnswer:
     """Read named positions, joint limits and web settings again; only while nothing moves.
 
     All or nothing: if a file is not valid, the answer says where, and nothing has changed. Takes no body.
-    Changed limits start the real-time process anew, with the arm at rest where it stands, which takes about
-    a second.
+    Changed limits restart the real-time process, with the arm at rest in its place. This takes about a
+    second.
     """
     return ReloadAnswer.model_validate(asdict(await request.app.state.reloading.reload()))

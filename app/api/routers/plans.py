@@ -119,7 +119,7 @@ async def execute(body: Execute, request: Request, gone: Gone, how: How) -> Move
 
 @router.endpoint("GET /robot/motion", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def running_motion(query: Annotated[MotionQuery, Query()], request: Request) -> MotionAnswer:
-    """The path of the motion that runs, as it was planned, whoever has asked for it; none while nothing does.
+    """The planned path of the motion that runs, for whichever client; none while no motion runs.
 
     A stream has no path. A motion that goes on into the next one of the queue tells of both.
     """
@@ -139,7 +139,7 @@ async def running_motion(query: Annotated[MotionQuery, Query()], request: Reques
 
 @router.endpoint("GET /robot/plans", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def kept_plans(request: Request) -> list[KeptPlan]:
-    """The plans that can be run, the oldest first, and who has approved them for an agent."""
+    """The plans that can be run, the oldest first, and the client that has approved each for an agent."""
     services = Call(request).services
     return [_kept(plan, services) for plan in services.plans.kept()]
 

@@ -24,7 +24,7 @@ router = EndpointRouter(tags=["robot"])
 class TeachPosition(RequestModel):
     """A name for a place."""
 
-    model_config = example({"name": "beside", "joints": [0.3, *HOME[1:]], "description": "beside home"})
+    model_config = example({"name": "aside", "joints": [0.3, *HOME[1:]], "description": "next to home"})
 
     name: Name
     joints: list[Finite] | None = Field(

@@ -33,7 +33,7 @@ FILE: dict[int | str, dict[str, Any]] = {
     200: {"content": {MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}}}
 }
 Name = Annotated[str, Path(max_length=200, description="One of GET /recordings.")]
-Samples = Annotated[int, Query(ge=2, le=1000, description="So many cycles at the most.")]
+Samples = Annotated[int, Query(ge=2, le=1000, description="Maximum number of cycles.")]
 
 
 @router.endpoint("GET /recordings", Role.OBSERVER, timeout_s=1.5)

@@ -158,7 +158,7 @@ async def reset(request: Request) -> ResetAnswer:
     dependencies=[Depends(json_body)],
 )
 async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
-    """Somebody has compared the arm with what the first contact with it has found.
+    """Confirm that a person has compared the arm with the findings of the first contact.
 
     From now on it goes at full speed, and may be streamed to. Where there is nothing to acknowledge, it
     changes nothing.

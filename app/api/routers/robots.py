@@ -48,7 +48,7 @@ def device_answer(link: RobotLink) -> DeviceAnswer | None:
 
 
 def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:
-    """The same endpoints below /robots/{robot}, served by the same functions.
+    """Copies of the endpoints below /robots/{robot}, served by the same functions.
 
     Args:
         robots: the valid names, for the documentation.
@@ -71,8 +71,10 @@ def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:
 
 
 def _twin(route: APIRoute, documentation: dict[str, Any]) -> APIRoute:
-    """The route at the path of any robot. It is a copy, as all but its place is the same: to make it anew,
-    FastAPI looks at the function and has pydantic build each model that it takes and gives, a second time.
+    """The route at the path of any robot.
+
+    It is a copy, because only the path differs. For a new route FastAPI would inspect the function again, and
+    pydantic would build each model a second time.
     """
     twin = copy(route)
     twin.path = f"{ANY}{path_below(route.path)}"
@@ -87,11 +89,11 @@ def _twin(route: APIRoute, documentation: dict[str, Any]) -> APIRoute:
 
 @cache
 def _not_found_fields() -> dict[int | str, Any]:
-    """Of the answer that there is no such robot, as FastAPI has them."""
+    """The response for an unknown robot, in FastAPI's form."""
     return APIRoute("/", robots, responses=NOT_FOUND).response_fields
 
 
 def twin_name(endpoint: str) -> str:
-    """Of an endpoint as in api_endpoints.yaml, the name of its twin: "POST /robots/{robot}/stop"."""
+    """The name of an endpoint's twin: "POST /robots/{robot}/stop" for "POST /stop"."""
     method, path = endpoint.split(" ")
     return f"{method} {ANY}{path_below(path)}"

@@ -47,7 +47,7 @@ from cobot.ipc.layout import Stream
 from cobot.ipc.state_fields import LAYOUT_VERSION
 
 MAX_ANSWERS = 64
-"""So many answers wait for a client that does not read; then the oldest one is dropped."""
+"""Maximum number of answers that wait for a client that does not read; then the oldest is dropped."""
 
 MOVING = frozenset({"session", "jog", "control", "target", "setpoint", "move", "chunk", "estop"})
 """Frames that are news for others when they are refused."""
@@ -127,10 +127,10 @@ class Connection:
             except CobotError as exc:
                 self._answer("error", code=exc.code, detail=str(exc), **self._place)
                 self._tell_refused(exc)
-            await asyncio.sleep(0)  # who floods this connection shall not keep the others waiting
+            await asyncio.sleep(0)  # a client that floods this connection must not delay the others
 
     def _tell_refused(self, error: CobotError) -> None:
-        """A role that does not suffice is told by `audit.require`."""
+        """Report a refused message. `audit.require` reports an insufficient role."""
         about = self._place["about"]
         if about in MOVING and not isinstance(error, AuthenticationError | PermissionDenied):
             audit.refused(f"{about} on the stream", error.code, str(error))
@@ -241,8 +241,10 @@ class Connection:
         audit.note("estop", session=self._required.number)
 
     def _stop(self, number: int) -> None:
-        """Nobody is waited for here: what comes after it may be an e-stop. One that comes while another is
-        under way follows it, so that who floods this connection keeps one task busy, not thousands.
+        """Begin a stop without waiting for it, because the next message may be an e-stop.
+
+        A stop that comes during another one follows it. So a client that floods this connection keeps one
+        task busy, not thousands.
         """
         self._stop_wanted = number
         if self._stopping is None or self._stopping.done():
@@ -287,7 +289,7 @@ class Connection:
 
     @property
     def _name(self) -> str:
-        """Of the client, for people."""
+        """The name of the client, for people."""
         client = self._socket.client
         return f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
 
