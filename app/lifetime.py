@@ -22,7 +22,7 @@ from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 
 STOP_S = 3.0
-"""So long the end of the service waits for each arm to come to rest."""
+"""Timeout for each arm to come to rest when the service ends, s."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -128,7 +128,7 @@ def _application(lifetime: Lifetime) -> FastAPI:
 
 
 def _set_state(app: FastAPI, settings: Settings, shared: SharedParts, endpoints: dict[str, Endpoint]) -> None:
-    """What requests find in `app.state`, beside what `Lifetime` begins."""
+    """Fill `app.state` for the requests. `Lifetime` adds the parts that it starts."""
     app.state.events = shared.events
     app.state.endpoints = endpoints | {twin_name(name): each for name, each in endpoints.items()}
     app.state.large_body = asyncio.Lock()

@@ -1,7 +1,7 @@
-"""Gives memory back to the system after somebody has made the service take much of it.
+"""Gives memory back to the system after requests that needed much of it.
 
-Python and the C library keep what has been freed for the next time. After a flood of large messages that is
-four times what the service needs.
+Python and the C library keep freed memory for reuse. After a flood of large messages they keep four times as
+much as the service needs.
 """
 
 from __future__ import annotations

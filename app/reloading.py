@@ -1,9 +1,9 @@
 """Reading the configuration again while every robot stands still: POST /admin/reload, and SIGHUP.
 
 All or nothing. The files are validated as a whole, copied, and the copy is what is taken over (see
-`cobot.launch.running_config`): named positions, joint limits and the web settings of `LIVE_WEB`. What else
-has changed needs a restart, and is said. Joint limits are in force everywhere: in the service at once, in
-new planning processes, and in rtloop, which the supervisor starts anew; meanwhile nobody may move.
+`cobot.launch.running_config`): named positions, joint limits and the web settings of `LIVE_WEB`. Other
+changes need a restart, and the answer lists them. New joint limits apply everywhere: in the service at once,
+in new planning processes, and in rtloop, which the supervisor restarts. Until then no motion may begin.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ from cobot.robot.limits import check_positions
 from cobot.types import RESTING, JointLimits
 
 LIVE_WEB = ("allowed_hosts", "allowed_origins", "max_body_bytes", "max_json_bytes", "stop_on_disconnect")
-"""Of the section `web`: who needs one of these reads it from `app.state.web` each time, or is told."""
+"""Settings of the section `web` that a reload changes. Their users read them from `app.state.web` each time,
+or are notified."""
 BY_CONTENT = {"web.endpoints", "web.joint_limits", "robot.srdf"}
 """Files whose content counts, not their place."""
 STATE_TIMEOUT_S = 1.5
@@ -47,7 +48,7 @@ RTLOOP_TIMEOUT_S = 20.0
 POLL_S = 0.02
 NAME = "the reload of the configuration"
 SIGNAL = "SIGHUP", "this computer", NAME
-"""Who has a reload begun without a request, from where, and what it is called in the audit."""
+"""The client, the address and the action that the audit has for a reload without a request."""
 
 log = logging.getLogger("cobot.reload")
 
@@ -92,10 +93,10 @@ class Reloading:
         """Take over what the files say now.
 
         Raises:
-            InputError: they are not valid; says where. Nothing has changed.
-            ConflictError: somebody moves a robot, or one stands where the new limits do not let it be.
-            UnavailableError: a robot does not answer, so nobody knows that it rests; or rtloop, which has the
-                new limits, has not come back.
+            InputError: the files are not valid; the error says where. Nothing has changed.
+            ConflictError: a client moves a robot, or a robot is outside the new limits.
+            UnavailableError: a robot does not answer, so it is unknown whether it rests; or rtloop, which has
+                the new limits, has not come back.
         """
         robots: dict[str, Services] = self._state.robots
         with contextlib.ExitStack() as claims:
@@ -118,7 +119,7 @@ class Reloading:
         return {} if self._running is None else self._running.processes()
 
     def begin(self) -> None:
-        """The same in the background, with the log as the answer: for a signal."""
+        """Reload in the background, for a signal. The log has the result."""
         self._task = asyncio.create_task(self._reload_and_log())
 
     async def _reload_and_log(self) -> None:
@@ -187,7 +188,7 @@ class Reloading:
         return merged[0].model_copy(update={"robots": several})
 
     def _take_over(self, robots: dict[str, Services], read: _Read) -> None:
-        """From here on it counts. Nobody else has a turn meanwhile."""
+        """Apply the new configuration. No other task runs meanwhile."""
         if self._running is not None:
             self._running.commit()
         self._settings = read.settings

@@ -63,8 +63,8 @@ class SharedParts:
         slowest_move_s: the longest time that a request may take to move the arm.
         sync: moves the robots together.
         several: whether there is more than one, so that log lines and addresses have to say which.
-        tokens: that programs are given for as long as they run.
-        events: what happens, for whoever listens.
+        tokens: the tokens that programs have while they run.
+        events: the events of the service, for its listeners.
     """
 
     config: Path | None

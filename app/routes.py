@@ -76,7 +76,7 @@ def install(
     plain = _enabled(OF_A_ROBOT, endpoints)
     routes = [*plain, *robots.twins(plain, names), *_enabled(OF_THE_SERVICE, endpoints)]
     if agents is not None:
-        routes.append(Route(MCP, agents, methods=["POST"]))  # of a GET nobody would count the body
+        routes.append(Route(MCP, agents, methods=["POST"]))  # the body of a GET would not be counted
     app.router.routes[:0] = routes
     for route in app.routes:
         if isinstance(route, APIRoute):

@@ -34,7 +34,7 @@ from cobot.logs.supervision import Losses
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4
 SWITCH_S = 0.001
-"""So long a thread that takes something large apart may keep the event loop waiting for the interpreter."""
+"""Maximum time for which a thread that parses large data keeps the event loop from the interpreter, s."""
 PING_S = 5.0
 
 log = logging.getLogger("cobot.service")
@@ -122,11 +122,11 @@ def main(arguments: argparse.Namespace, ros_token: str | None, blanks: list[Fork
         timeout_keep_alive=int(limits.idle_timeout_s),
         timeout_graceful_shutdown=SHUTDOWN_S,
         server_header=False,
-        proxy_headers=False,  # who asks is who has connected, whatever it says
+        proxy_headers=False,  # the client is the peer of the connection, whatever its headers say
         ssl_certfile=settings.web.tls_certificate,
         ssl_keyfile=settings.web.tls_key,
     )
-    # uvicorn raises the signal that ended it once more when all is closed; Python shall end in peace.
+    # uvicorn raises the signal that ended it once more when all is closed; Python must end without an error.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sys.setswitchinterval(SWITCH_S)
     server = Server(config, limits, lambda: app.state.events.close())

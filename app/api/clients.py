@@ -20,7 +20,7 @@ _CONTROL, _MOTION = CONTROL_TOKEN.lower().encode(), MOTION_TOKEN.lower().encode(
 
 
 class Clients:
-    """ASGI middleware. A GET changes nothing, so its client is not noted. Requests need no extra coroutine."""
+    """ASGI middleware. A GET changes nothing, so its client is not noted. Requests need no coroutine."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

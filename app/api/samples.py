@@ -21,7 +21,7 @@ _SEQUENCE = {
         {"named": "home", "speed": 0.5},
     ],
 }
-_LUA = """-- Goes aside and home again, and says so. See docs/lua.md.
+_LUA = """-- Moves aside and home again, and reports both. See docs/lua.md.
 movej({ 0.3, 0.2, 0.0, -1.3, 0.0, 1.4, 0.0 }, 0.5)
 textmsg("aside, joint 1 at", get_joint_positions()[1])
 move_named("home", 0.5)

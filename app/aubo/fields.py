@@ -29,7 +29,7 @@ ROS_TYPES: dict[Any, str] = {
 }
 """The ROS type of each annotation; json is a string on the wire, see `Field.ros_type`."""
 EMPTY: dict[str, Any] = {"bool": False, "int32": 0, "int64": 0, "float64": 0.0, "string": "", "json": ""}
-"""The value of a field that nobody has set, as ROS has it; a list is empty then."""
+"""The value of an unset field, as in ROS; an unset list is empty."""
 LARGEST = {"int32": 2**31 - 1, "int64": 2**63 - 1}
 REQUIRED: Any = inspect.Parameter.empty
 MAX_ITEMS = 65_536
@@ -53,7 +53,7 @@ class Field:
 
     @property
     def ros_type(self) -> str:
-        """As in a .srv file."""
+        """The type as written in a .srv file."""
         return "string" if self.kind == "json" else self.kind
 
     @property
@@ -78,7 +78,7 @@ def argument(field: Field, arguments: dict[str, Any]) -> Any:
 
 
 def _with_brackets(field: Field, value: Any) -> Any:
-    """As `cobot.loose_lists`: one item is a list of one, and an empty list is nothing."""
+    """The value in the form of `cobot.loose_lists`: one item is a list of one, an empty list is nothing."""
     if field.kind.endswith("[]"):
         item = {"bool[]": (bool,), "string[]": (str,)}.get(field.kind, (int, float))
         return [value] if type(value) in item else value

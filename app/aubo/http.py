@@ -32,7 +32,7 @@ from cobot.errors import NotFoundError
 
 PATH = "/{robot}/{Class}/{method}"
 MOVING = ("MotionControl", "SyncMove", "RuntimeMachine")
-"""Classes whose services move the arm: some look at who has the control of it."""
+"""Classes whose services move the arm. Some of them require control."""
 STATUSES = (404, 413, 415, 422)
 JSON_TYPES: dict[str, dict[str, Any]] = {
     "bool": {"type": "boolean"},
@@ -64,7 +64,7 @@ EXAMPLES: dict[str, Any] = {
 
 class _VendorRoute(APIRoute):
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
-        """Only paths whose second part is a class: all others are somebody else's, or not there at all."""
+        """Match only paths whose second part is a class. All others belong to other routes, or to none."""
         parts = scope["path"].split("/")
         return super().matches(scope) if len(parts) == 4 and parts[2] in CLASSES else (Match.NONE, {})
 
@@ -85,7 +85,7 @@ async def vendor_service(request: Request) -> JSONResponse:
         audit.would_change()
     require(identity_of(request), found.role)
     bound = bind(found, await _content(request))
-    audit.leave_out()  # `run` has an entry for what it changes, whoever asks
+    audit.leave_out()  # `run` writes an entry for each change, for all transports
     origin = Origin(f"POST {request.url.path}", stops, request.headers.get(MOTION_TOKEN))
     return JSONResponse(asdict(await run(services, found, bound, origin)))
 
@@ -106,7 +106,7 @@ def schema(rest: dict[str, Any], robots: list[str]) -> dict[str, Any]:
     """The OpenAPI document of the services, grouped by class.
 
     Args:
-        rest: that of the REST API, of which it has the version, the errors and what says who may call.
+        rest: the document of the REST API, which gives the version, the errors and the access rules.
         robots: the valid names.
     """
     robot = {

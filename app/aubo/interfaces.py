@@ -1,7 +1,7 @@
 """The ROS interfaces of the vendor services and actions: texts, and the package that a ROS user builds.
 
 `python -m app.aubo.interfaces FOLDER` writes the package below a folder, from the registry; with --small only
-what the manual's client needs. Both have the same name, for it is part of the types.
+what the manual's client needs. Both have the same name, because it is part of the types.
 """
 
 from __future__ import annotations

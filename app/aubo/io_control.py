@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 CLASS = "IoControl"
 _SIMULATED = {
-    "input": " What a device would do: in the simulation anybody may.",
+    "input": " In the simulation a client may set it, in place of a device.",
     "output": "",
 }
 
@@ -47,7 +47,7 @@ def _add_digital(way: str, group: str, count: int) -> None:
     _add(f"get{name}", f"Read a {what}.\n\n{place}\n\nReturns:\n    its value.", types, read)
     text = f"Read all {what}s at once.\n\nReturns:\n    a bit for each, index 0 in the lowest."
     _add(f"get{name}s", text, {"return": int}, read_all)
-    text = f"Set a {what}.{_SIMULATED[way]}\n\n{place}\n    value: what it shall be."
+    text = f"Set a {what}.{_SIMULATED[way]}\n\n{place}\n    value: the new value."
     _add(f"set{name}", text, {"index": int, "value": bool, "return": None}, write)
 
 
@@ -83,7 +83,7 @@ def _add_analog(way: str, group: str, count: int) -> None:
     _add(f"set{name}", text, {"index": int, "value": float, "return": None}, write)
     text = f"What a {what} carries.\n\n{place}\n\nReturns:\n    0 current, 1 voltage."
     _add(f"get{name}Domain", text, {"index": int, "return": int}, read_domain)
-    text = f"What a {what} shall carry; its value then is the least one.\n\n{place}\n"
+    text = f"Set whether a {what} carries a current or a voltage. It then has the minimum value.\n\n{place}\n"
     text += "    domain: 0 current, 1 voltage."
     _add(f"set{name}Domain", text, {"index": int, "domain": int, "return": None}, write_domain)
 

@@ -174,8 +174,8 @@ def get_speed_fraction(robot: Services) -> float:
 async def set_speed_fraction(robot: Services, fraction: float) -> None:
     """Go faster or slower along the paths, from now on: the motion that runs and all that follow.
 
-    Refused while somebody else moves the arm or has the control of it, and while it follows a stream. What a
-    program or the holder of a control lease has set ends with the program or the lease.
+    Refused while another client moves the arm or has control of it, and while it follows a stream. A value
+    that a program or the holder of a control lease has set ends with the program or the lease.
 
     Args:
         fraction: of the planned speed: 0, where the arm waits, or from 0.01 to 1.
@@ -196,7 +196,7 @@ async def stop_move(robot: Services) -> None:
 
 @service("MotionControl")
 async def start_move(robot: Services) -> None:
-    """Go on after stopMove. Refused while somebody else has the control of the arm."""
+    """Continue after stopMove. Refused while another client has control of the arm."""
     robot.ownership.require_control()
     await robot.ownership.speed_override.resume()
 

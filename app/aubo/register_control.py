@@ -36,13 +36,13 @@ def _add_register(kind: str, bank: str) -> None:
 {place}
 
     Returns:
-        what stands there; {KINDS[kind]} before anybody has written it.
+        its value; {KINDS[kind]} before it is first written.
     """
     write.__doc__ = f"""Write {_DESCRIBED[bank]}, {kind}.
 
     Args:
 {place}
-        value: what shall stand there.
+        value: the new value.
     """
     read.__annotations__ = {"index": int, "return": _TYPES[kind]}
     write.__annotations__ = {"index": int, "value": _TYPES[kind], "return": None}
@@ -71,7 +71,7 @@ def _add_variable(kind: str) -> None:
 
     Args:
         key: its name.
-        value: what it shall hold.
+        value: the new value.
     """
     of_kind = type(_VARIABLES[kind])
     read.__annotations__ = {"key": str, "default_value": of_kind, "return": of_kind}
@@ -142,8 +142,8 @@ def set_watch_dog(robot: Services, key: str, timeout: float, action: int) -> Non
     Args:
         key: the variable's name, which is the watchdog's.
         timeout: s, from 0.01 to 3600; 0 takes the watchdog away.
-        action: 0 says so in the messages, 1 pauses the motion, 2 stops program and motion, 3 does that and
-            lets nothing move before setUnlockProtectiveStop.
+        action: 0 reports it in the messages, 1 pauses the motion, 2 stops program and motion, 3 does the same
+            and blocks all motion until setUnlockProtectiveStop.
     """
     if action not in list(WatchdogAction):
         valid = ", ".join(f"{each} {each.name.lower()}" for each in WatchdogAction)
@@ -181,7 +181,7 @@ def get_watch_dog_action(robot: Services, key: str) -> int:
 
 @service(CLASS)
 def is_watch_dog_expired(robot: Services, key: str) -> bool:
-    """Whether a watchdog has run out and nobody has written its variable since.
+    """Whether a watchdog has run out and its variable has not been written since.
 
     Args:
         key: its name.

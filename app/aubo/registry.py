@@ -1,6 +1,6 @@
 """Vendor services: a typed function each, registered once, served by every transport.
 
-A class module registers its functions, and anybody calls them by class and method:
+A class module registers its functions, and each transport calls them by class and method:
 
     @service("RobotConfig")
     async def get_dof(robot: Services) -> int: ...             # /{robot}/RobotConfig/getDof, GetDof.srv
@@ -95,8 +95,8 @@ class Origin:
 
     Attributes:
         name: for people, as "POST /iiwa/MotionControl/moveJoint".
-        stops: `Ownership.stops` when the request came in: a later stop is for its motion too.
-        token: of the sequence on whose behalf the arm shall move, if any.
+        stops: `Ownership.stops` when the request came in. A later stop applies to its motion too.
+        token: the token of the sequence on whose behalf the arm moves, if any.
     """
 
     name: str
@@ -118,7 +118,7 @@ READS = re.compile(r"get|is[A-Z]|has|peek|(axisGroup|frame|modbus|serial|socket)
 """Classes, and beginnings of methods, that change nothing."""
 TOO_LARGE = "the numbers are too large: what comes of them is not finite"
 POINTS = ("servoJoint", "servoCartesian")
-"""Of points, the audit has the session that they belong to."""
+"""Services that send points. The audit has an entry for their session instead."""
 
 REGISTRY: dict[tuple[str, str], Service] = {}
 """All services by (class, method). Complete once `app.aubo.classes` is imported."""
@@ -234,10 +234,10 @@ def camel_case(name: str) -> str:
 
 
 def _result(found: Service, value: Any) -> Any:
-    """As answers have it.
+    """The result in the form of an answer.
 
     Raises:
-        InputError: JSON has no word for it: what it was made of was too large.
+        InputError: JSON cannot express it, because the arguments were too large.
     """
     kind = found.result.kind
     if kind == "json":
@@ -290,7 +290,7 @@ def _field(where: str, parameter: inspect.Parameter, function: Function, documen
 
 
 def _kind(where: str, name: str, annotation: Any, function: Function) -> str:
-    """Of an annotation; only this one is evaluated, so that `Services` need not be imported at run time."""
+    """The kind of an annotation. Only this one is evaluated, so `Services` is not imported at run time."""
     if isinstance(annotation, str):
         annotation = eval(annotation, function.__globals__)
     try:

@@ -58,10 +58,10 @@ async def set_unlock_protective_stop(robot: Services) -> None:
 
 @service(CLASS)
 def backdrive(robot: Services, enable: bool) -> None:
-    """Not supported: nobody moves the arm against its brakes here.
+    """Not supported: the arm cannot be moved against its brakes.
 
     Args:
-        enable: whether it shall be.
+        enable: whether to enable it.
     """
     del robot, enable
     raise NotSupportedError(
@@ -74,7 +74,7 @@ def freedrive(robot: Services, enable: bool) -> None:
     """Not supported as a state of its own: a joint torque stream of zeros lets the arm be moved by hand.
 
     Args:
-        enable: whether the arm shall be moved by hand.
+        enable: whether to let the arm be moved by hand.
     """
     del robot
     if enable:
@@ -153,7 +153,7 @@ def set_sim(robot: Services, enable: bool) -> None:
     """Not supported, but for the way it is: robot.backend in the settings decides.
 
     Args:
-        enable: whether the arm shall be simulated.
+        enable: whether to simulate the arm.
     """
     if enable != robot.equipment.simulated:
         raise NotSupportedError(

@@ -69,7 +69,7 @@ async def get_joint_external_torques(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_target_joint_positions(robot: Services) -> list[float]:
-    """The angles that the joints shall have now.
+    """The commanded angles of the joints.
 
     Returns:
         rad, one for each joint.
@@ -79,7 +79,7 @@ async def get_target_joint_positions(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_target_joint_speeds(robot: Services) -> list[float]:
-    """The velocities that the joints shall have now.
+    """The commanded velocities of the joints.
 
     Returns:
         rad/s, one for each joint.
@@ -89,7 +89,7 @@ async def get_target_joint_speeds(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_target_joint_accelerations(robot: Services) -> list[float]:
-    """The accelerations that the joints shall have now.
+    """The commanded accelerations of the joints.
 
     Returns:
         rad/s², one for each joint.
@@ -99,7 +99,7 @@ async def get_target_joint_accelerations(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_target_joint_torques(robot: Services) -> list[float]:
-    """The torques that the drives shall exert now.
+    """The commanded torques of the drives.
 
     Returns:
         N·m, one for each joint.
@@ -119,7 +119,7 @@ async def get_tcp_pose(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_target_tcp_pose(robot: Services) -> list[float]:
-    """Where the tool's tip shall be now.
+    """The commanded pose of the tool's tip.
 
     Returns:
         [x, y, z, rx, ry, rz] in the base frame, m and rad.

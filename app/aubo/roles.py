@@ -67,9 +67,9 @@ CONTROLLED: dict[str, tuple[str, ...]] = {
     "RuntimeMachine": ("loadProgram",),
     "SyncMove": ("frame[ADM]*", "axisGroup[AD]*"),
 }
-"""What moves nothing and still decides how others' motions go and what their arm holds: while somebody has
-the control, it is theirs alone. What moves the arm asks for the control by itself; registers are how programs
-and what watches them talk, so they are everybody's."""
+"""Services that move nothing and still affect other clients' motions or what the arm holds. While a client
+has control, only that client may call them. Services that move the arm check control themselves. Registers
+need no control, because programs share them with monitoring clients."""
 
 
 @cache
@@ -87,5 +87,5 @@ def role_of(robot_class: str, method: str) -> Role:
 
 @cache
 def needs_control(robot_class: str, method: str) -> bool:
-    """Whether it is refused while somebody else has the control; see `CONTROLLED`."""
+    """Whether it is refused while another client has control; see `CONTROLLED`."""
     return any(fnmatchcase(method, pattern) for pattern in CONTROLLED.get(robot_class, ()))

@@ -51,7 +51,7 @@ async def abort(robot: Services) -> None:
 async def pause(robot: Services) -> None:
     """Bring the arm to rest on its path; answers when it rests. The program waits with its next motion.
 
-    What a program does beside its motions goes on. A pause of more than an hour ends the motion.
+    Other work of a program continues. A pause of more than an hour ends the motion.
     """
     await robot.programs.pause()
 
@@ -119,7 +119,7 @@ def get_program_logs(robot: Services, number: int = 100) -> list[str]:
     """What programs have printed.
 
     Args:
-        number: so many lines at the most; 0 for 100.
+        number: the maximum number of lines; 0 for 100.
 
     Returns:
         the newest lines, the oldest of them first.

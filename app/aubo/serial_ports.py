@@ -23,7 +23,7 @@ async def serial_open(
     even: int = 0,
     serial_name: str = NAME,
 ) -> None:
-    """Open a serial port with eight data bits; nobody else can while it is open.
+    """Open a serial port with eight data bits. No other client can open it meanwhile.
 
     Args:
         device: as /dev/ttyUSB0.

@@ -38,9 +38,9 @@ async def sync_move_segment(
 
     Args:
         segment: its number, the same for all robots.
-        q: where this robot goes, rad.
-        a: of the fastest joint at the most, rad/s²; 0 for 0.5.
-        v: of the fastest joint at the most, rad/s; 0 for 0.5.
+        q: the target of this robot, rad.
+        a: the maximum acceleration of the fastest joint, rad/s²; 0 for 0.5.
+        v: the maximum velocity of the fastest joint, rad/s; 0 for 0.5.
 
     Returns:
         whether the segment has been started; false when it waits for another robot.
@@ -137,9 +137,9 @@ async def axis_group_move_joint(
 
     Args:
         name: the group's.
-        q: rad, of all robots one after the other.
-        a: of the fastest joint at the most, rad/s²; 0 for 0.5.
-        v: of the fastest joint at the most, rad/s; 0 for 0.5.
+        q: the targets of all robots one after the other, rad.
+        a: the maximum acceleration of the fastest joint, rad/s²; 0 for 0.5.
+        v: the maximum velocity of the fastest joint, rad/s; 0 for 0.5.
     """
     await robot.sync.move(robot.sync.targets(robot.sync.group(name), q, a, v))
 
@@ -211,15 +211,15 @@ def frame_get_pose(robot: Services, name: str, ref_frame: str = WORLD) -> list[f
 
 @service(CLASS)
 def frame_convert_pose(robot: Services, from_frame: str, to_frame: str, pose: list[float]) -> list[float]:
-    """The same pose, seen from another frame.
+    """Convert a pose to another frame.
 
     Args:
         from_frame: the frame that the pose is given in; empty for world.
-        to_frame: the frame that it shall be given in; empty for world.
+        to_frame: the frame of the result; empty for world.
         pose: [x, y, z, rx, ry, rz], m and rad.
 
     Returns:
-        the same.
+        the pose in `to_frame`.
     """
     there = robot.sync.frames.between(from_frame or WORLD, to_frame or WORLD)
     return numbers_of(there @ place_of(pose))

@@ -68,8 +68,8 @@ def peek(robot: Services, num: int, last_number: int = 0) -> Json:
     """Read the messages; 1000 are kept.
 
     Args:
-        num: so many at the most, the newest.
-        last_number: only those with a larger number.
+        num: the maximum number of messages; the newest are returned.
+        last_number: only messages with a larger number are returned.
 
     Returns:
         a list of objects, the oldest first: number, time (ISO 8601, UTC), kind (text, notify, alarm, popup),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 EVENTS = "/events"
 LATE_S = 0.1
-"""A state that was measured so long ago is said to be none of this cycle."""
+"""Age from which a measured state counts as late, s: it is reported as not of this cycle."""
 
 
 @lru_cache(maxsize=64)

@@ -1,7 +1,7 @@
 """Live data for Foxglove, by its WebSocket protocol: what the recordings have, as it happens.
 
-The protocol is small: https://github.com/foxglove/ws-protocol. It is served here and not by the vendor's SDK,
-whose server has a port of its own and asks nobody who they are.
+The protocol is small: https://github.com/foxglove/ws-protocol. The vendor's SDK is not used, because its
+server has a port of its own and does not authenticate clients.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 MAX_CLIENTS = 16
 MAX_MESSAGE = 65536
 MAX_SUBSCRIPTIONS = 64
-"""Of a client: each is sent by itself, a hundred times a second."""
+"""Maximum number of subscriptions of a client. Each is sent separately, a hundred times a second."""
 MESSAGE_DATA = struct.Struct("<BIQ")
 """The head of a message: its kind (1), of which subscription it is, and its time, ns since 1970."""
 ERROR = 2

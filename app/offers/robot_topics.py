@@ -18,7 +18,8 @@ STATUS_TICKS = 10
 class RobotTopics:
     """/{robot}/joint_states, tcp_pose, wrench, status, joint_cmd, robot_description; /tf, /tf_static.
 
-    States are read only while somebody has subscribed. Nobody else publishes them; frames anybody does.
+    States are read only while there is a subscriber. Only the service publishes them; any client may publish
+    frames.
 
     Args:
         prefix: of the frames' names.
