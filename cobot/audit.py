@@ -1,10 +1,11 @@
-"""Who did what, from where, when, and what became of it: a file of JSON lines that is only appended to.
+"""The audit: an append-only file of JSON lines with each action, its client, address, time and result.
 
-An entry is written by a thread; nobody waits for a disk. While the disk takes nothing, `CAPACITY` entries
-wait for it; what finds no room is counted, and said in the file once there is room. What a client repeats
-more than `BURST` times in a second becomes one entry that says how often. Whenever all that there is has been
-written, it is made durable (fdatasync): a power cut loses what happened while the disk was busy, and no more.
-Long, for what is recorded of a task and how it is kept are one promise.
+A thread writes the entries, so that no request waits for a disk. While the disk refuses to write, up to
+`CAPACITY` entries wait. Further entries are counted, and the file reports their number once there is room. A
+client that repeats an action more than `BURST` times in a second causes one entry with the number of
+repetitions. When all waiting entries have been written, the file is flushed (fdatasync). A power cut loses
+only the entries that were waiting for the disk. The module is long because recording an action and keeping
+the record are one guarantee.
 """
 
 from __future__ import annotations
@@ -50,10 +51,10 @@ log = logging.getLogger("cobot.audit")
 
 
 class Audit:
-    """The file of one service.
+    """The audit file of one service.
 
     Attributes:
-        problem: why nothing can be written at present; "" while all is well.
+        problem: reason why the file cannot be written at present; "" if it can.
     """
 
     def __init__(self, path: Path, clock: Clock = SYSTEM) -> None:
@@ -73,7 +74,7 @@ class Audit:
 
     @property
     def dropped(self) -> int:
-        """How many entries have been lost."""
+        """Number of entries lost so far."""
         return self._outlet.dropped
 
     def record(
@@ -87,14 +88,14 @@ class Audit:
         kind: Hashable = None,
         **details: object,
     ) -> None:
-        """Add an entry; never waits.
+        """Add an entry without waiting.
 
         Args:
-            who: the name of an identity.
-            from_: its address, or "cli".
-            request: the request's id.
-            kind: what of the same client counts as the same thing when it is repeated; None: `what`.
-            details: whatever else there is to know: texts, numbers, lists of them.
+            who: name of an identity.
+            from_: address of the identity, or "cli".
+            request: id of the request.
+            kind: key that repetitions by the same client share; None: `what`.
+            details: further facts: texts, numbers or lists of these.
         """
         before = self.dropped
         entry = self._entry(who, from_, what, outcome, details, request)
@@ -103,14 +104,14 @@ class Audit:
             log.error("entries of the audit are lost: %s", self.problem or "the disk is too slow")
 
     def newest(self, limit: int, since: datetime | None = None) -> list[Entry]:
-        """The newest entries, the newest first. Reads files: for a thread.
+        """The newest entries, the newest first. Call it in a thread, because it reads files.
 
         Args:
-            limit: at the most.
-            since: only those of then or later; without a zone it is UTC.
+            limit: maximum number of entries.
+            since: earliest time of an entry; UTC if it has no time zone.
 
         Raises:
-            InputError: no time that UTC knows.
+            InputError: the time cannot be expressed in UTC.
         """
         self._outlet.wait(READ_WAIT_S)
         earliest = _earliest(since)
@@ -123,7 +124,7 @@ class Audit:
         return found
 
     def close(self) -> None:
-        """Write what there is, as far as the disk takes it."""
+        """Write the waiting entries, if the disk accepts them."""
         self._ending.set()
         if self._outlet.close(END_S):
             self._file.close()
@@ -153,10 +154,10 @@ class Trail:
     """The request or connection that the present task belongs to.
 
     Attributes:
-        who: known only when the request has been looked at.
-        tell_refused: has others know of a refusal: what was asked for, a code, a sentence.
-        changes: whether what is asked for would move or change something.
-        left_out: whether the request itself needs no entry, for what it has changed has one.
+        who: returns the name of the identity, which is unknown until the request is authenticated.
+        tell_refused: reports a refusal to other clients: the action, a code and a sentence.
+        changes: whether the request would move or change something.
+        left_out: whether the request needs no entry of its own, because its effect has one.
     """
 
     audit: Audit
@@ -173,25 +174,26 @@ trail: ContextVar[Trail | None] = ContextVar("trail", default=None)
 
 
 def note(what: str, outcome: str = "ok", **details: object) -> None:
-    """Add an entry on behalf of whose request this task belongs to; nothing, if it belongs to none."""
+    """Add an entry for the client whose request the present task serves.
+
+    Without a request it does nothing.
+    """
     on = trail.get()
     if on is not None:
         on.audit.record(on.who(), on.from_, what, outcome, request=on.request, **details)
 
 
 def refused(what: str, code: str, sentence: str) -> None:
-    """What would have moved or changed something is refused to whose request this task belongs to: have
-    others know.
-    """
+    """Report to other clients that the present request, which would move or change something, is refused."""
     on = trail.get()
     if on is not None:
         on.tell_refused(what, code, sentence)
 
 
 def require(identity: Identity, role: Role, *what: str) -> None:
-    """As `cobot.access.roles.require`, with an entry if somebody may not do it.
+    """Check a role like `cobot.access.roles.require`, and add an entry if the check fails.
 
-    For what comes over a connection: a request of its own has an entry anyway.
+    It is meant for messages on a connection. A single request has an entry in any case.
     """
     try:
         roles.require(identity, role)
@@ -203,35 +205,35 @@ def require(identity: Identity, role: Role, *what: str) -> None:
 
 
 def add_details(**details: object) -> None:
-    """Say more in the entry of the present request."""
+    """Add details to the entry of the present request."""
     on = trail.get()
     if on is not None:
         on.details |= details
 
 
 def would_change() -> None:
-    """The present request would move or change something: others shall know if it is refused."""
+    """Mark the present request as one that moves or changes something, so that a refusal is reported."""
     on = trail.get()
     if on is not None:
         on.changes = True
 
 
 def leave_out() -> None:
-    """The present request has changed nothing, or it has an entry of its own already."""
+    """Suppress the entry of the present request, because it changed nothing or its effect has an entry."""
     on = trail.get()
     if on is not None:
         on.left_out = True
 
 
 def record_from_cli(settings: Settings, what: str, outcome: str = "ok", **details: object) -> None:
-    """Add an entry for a command; who, is the user of the operating system. A disk that does not take it is
-    said on stderr.
+    """Add an entry for a command, in the name of the operating system's user. A write error is printed on
+    stderr.
     """
     user = str(os.getuid())
     with contextlib.suppress(KeyError):
         user = pwd.getpwuid(os.getuid()).pw_name
     entry = _entry(time.time(), user, "cli", what, outcome, details, "")
-    file = RotatingFile(settings.audit_file, sys.maxsize, 0, strict=True)  # the service puts files aside
+    file = RotatingFile(settings.audit_file, sys.maxsize, 0, strict=True)  # only the service rotates files
     try:
         file.append(_line(entry))
         file.sync()
@@ -273,7 +275,7 @@ def _earliest(since: datetime | None) -> str:
         aware = since if since.tzinfo else since.replace(tzinfo=UTC)
         return aware.astimezone(UTC).isoformat(timespec="milliseconds")
     except OverflowError as exc:
-        raise InputError(f"since: {since.isoformat()} is no time that UTC knows") from exc
+        raise InputError(f"since: {since.isoformat()} cannot be expressed in UTC") from exc
 
 
 def _time(time_s: float) -> str:
@@ -285,7 +287,7 @@ def _line(entry: Entry) -> bytes:
 
 
 def _backwards(path: Path) -> Iterator[Entry]:
-    """The entries of a file, its last one first; what is none is passed over."""
+    """The entries of a file, the last one first. Invalid lines are skipped."""
     try:
         file = path.open("rb")
     except OSError:

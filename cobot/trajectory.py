@@ -21,23 +21,24 @@ from cobot.types import Array
 
 Integers = npt.NDArray[np.intp]
 CHANGE_PEAKS = (1.875, 5.7735, 60.0)
-"""The largest velocity, acceleration and jerk of the quintic that changes by 1 in 1 s, from rest to rest."""
+"""Peak velocity, acceleration and jerk of the quintic that moves by 1 in 1 s, from rest to rest."""
 ALLOWED_JUMPS = np.array([1e-6, 1e-5, 1e-3])
-"""Position, velocity and acceleration may jump by these between two segments, beside 1 and beside their
-amount: rounding."""
+"""Largest jumps of position, velocity and acceleration between two segments that count as rounding errors.
+They are tolerances relative to the amount, or absolute for amounts below 1."""
 ORDER = 6
-"""A quintic's six coefficients stand in ascending powers of the time since the segment's start."""
+"""Number of coefficients of a quintic, in ascending powers of the time since the segment's start."""
 
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """How a motion through timed points differs from what they ask for.
+    """The differences between a motion through timed points and the requested points.
 
     Attributes:
-        blended_rad, blended_s: how far the arm was from the first point, and how long that faded away for.
-        smoothed_rad: how far the motion is from the curve through the points at the most.
-        stretch: its duration in shares of theirs.
-        slowed_s: between which times of the points it is slower than they ask for; None if nowhere.
+        blended_rad, blended_s: initial offset of the arm from the first point, and time in which it is
+            blended out.
+        smoothed_rad: largest deviation of the motion from the curve through the points.
+        stretch: duration of the motion as a multiple of the requested duration.
+        slowed_s: range of the points' times in which the motion is slower than requested; None if nowhere.
     """
 
     blended_rad: float = 0.0
@@ -57,12 +58,12 @@ class Trajectory:
     Attributes:
         breakpoints_s: shape (n+1,), strictly increasing, starting at 0.
         coefficients: shape (n, dof, 6), rad, rad/s, ... in the time since the segment's start.
-        note: how it differs from what was asked for, for people; "" if it does not.
-        changes: the same of a motion through timed points, as numbers.
+        note: sentence for people about the differences from the request; "" if there are none.
+        changes: the differences of a motion through timed points, as numbers.
 
     Raises:
-        InputError: on other shapes, times that do not increase, values that are not finite, or a
-            jump in position, velocity or acceleration between two segments.
+        InputError: a shape is wrong, times do not increase, a value is not finite, or position, velocity or
+            acceleration jumps between two segments.
     """
 
     breakpoints_s: Array
@@ -128,7 +129,7 @@ class Trajectory:
     def sample(self, times_s: Sequence[float] | Array, derivative: int = 0) -> Array:
         """Positions (or their first to third derivative) at the given times, shape (len(times), dof).
 
-        Times outside the trajectory are held at its ends.
+        A time outside the trajectory gives the value at its nearest end.
         """
         times = np.clip(np.asarray(times_s, dtype=np.float64), 0.0, self.duration_s)
         index = np.clip(np.searchsorted(self.breakpoints_s, times, side="right") - 1, 0, self.segments - 1)
@@ -169,12 +170,15 @@ class Trajectory:
         return segments[guilty], joints[guilty], np.where(beneath, lowest, highest)[guilty]
 
     def stretched(self, factor: float) -> Trajectory:
-        """The same path in `factor` times the duration: velocities fall by factor, jerks by factor³."""
+        """The same path, `factor` times as long. Velocities fall by `factor`, jerks by `factor`³."""
         coefficients = self.coefficients / factor ** np.arange(ORDER)
         return Trajectory(self.breakpoints_s * factor, coefficients, self.note, self.changes)
 
     def followed_by(self, other: Trajectory) -> Trajectory:
-        """This trajectory and then the other; they must meet in position, velocity and acceleration."""
+        """This trajectory followed by the other one.
+
+        Position, velocity and acceleration must be continuous.
+        """
         return Trajectory(
             np.concatenate([self.breakpoints_s, self.duration_s + other.breakpoints_s[1:]]),
             np.concatenate([self.coefficients, other.coefficients]),

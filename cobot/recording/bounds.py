@@ -1,7 +1,7 @@
-"""What a recording claims of its own sizes, checked before the reader takes its word for it.
+"""Checks the sizes that a recording claims, before a reader relies on them.
 
-A chunk of an MCAP file states the size that it decompresses to, and a reader asks for that much memory at
-once. So do the frame of Zstandard in the chunk and the length in front of each record. Source: "MCAP Format
+A chunk of an MCAP file states its decompressed size, and a reader allocates that much memory at once. The
+same holds for the Zstandard frame in the chunk and for the length of each record. Source: "MCAP Format
 Specification", Records and Chunk.
 """
 
@@ -20,8 +20,8 @@ from zstandard import CONTENTSIZE_UNKNOWN, get_frame_parameters
 MAX_CHUNK_BYTES = 64_000_000
 """Maximum uncompressed size of a chunk. The recorder writes chunks of about 1 MB."""
 MEMORY_SHARE = 0.5
-"""Share of this computer's memory that all chunks of a file may have together: its reader keeps what is in
-them."""
+"""Maximum share of this computer's memory for all chunks of a file together, because the reader keeps their
+content."""
 MAGIC_BYTES = 8
 CHUNK = 0x06
 COMPRESSIONS = ("", "zstd")
@@ -32,10 +32,10 @@ _FRAME_HEADER = 18
 
 
 def bounded_reader(file: BinaryIO) -> SeekingReader:
-    """A reader of a file in which no record and no chunk claims more than it may, nor all chunks together.
+    """A reader for a file, after a check of the sizes of its records and chunks and of the sum of all chunks.
 
     Raises:
-        ValueError: one does, with its place, what it claims and the limit.
+        ValueError: a size exceeds its limit. The error names the place, the claimed size and the limit.
     """
     size = file.seek(0, os.SEEK_END)
     require_room("the chunks of the file", sum(_require_chunk(file, *each) for each in _records(file, size)))
@@ -49,10 +49,10 @@ def bounded_reader(file: BinaryIO) -> SeekingReader:
 
 
 def bounded_records(file: BinaryIO) -> Iterator[McapRecord]:
-    """What is in a file that may break off anywhere, up to there.
+    """The records of a file that may be truncated, up to its end.
 
     Raises:
-        ValueError, McapError, ZstdError, struct.error: it breaks off, or a chunk claims more than it may.
+        ValueError, McapError, ZstdError, struct.error: the file is truncated, or a chunk claims too much.
     """
     for record in StreamReader(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES).records:
         if isinstance(record, Chunk):
@@ -63,10 +63,10 @@ def bounded_records(file: BinaryIO) -> Iterator[McapRecord]:
 
 
 def require_room(what: str, size: int) -> None:
-    """Check that something fits into memory.
+    """Check that a size fits into memory.
 
     Raises:
-        ValueError: it does not, with its size and the limit.
+        ValueError: the size exceeds the limit; the error names both.
     """
     limit = int(MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     if size > limit:
@@ -74,7 +74,7 @@ def require_room(what: str, size: int) -> None:
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, int]]:
-    """Where each chunk begins and how long it is."""
+    """The position and the length of each chunk."""
     at = MAGIC_BYTES
     while at + _RECORD.size <= size - MAGIC_BYTES:
         length = _length_at(file, at, size)
@@ -85,11 +85,11 @@ def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, int]]:
 
 
 def _length_at(file: BinaryIO, at: int, size: int) -> int:
-    """Of the record that begins here."""
+    """The length of the record at a position."""
     file.seek(min(at, size))
     head = file.read(_RECORD.size)
     if len(head) < _RECORD.size:
-        raise ValueError(f"a chunk is said to begin at byte {at}, the file has {size}")
+        raise ValueError(f"the index has a chunk at byte {at}, but the file has only {size} bytes")
     length: int = _RECORD.unpack(head)[1]
     left = size - at - _RECORD.size
     if length > left:
@@ -98,7 +98,7 @@ def _length_at(file: BinaryIO, at: int, size: int) -> int:
 
 
 def _require_chunk(file: BinaryIO, at: int, length: int) -> int:
-    """The size that it claims."""
+    """Check a chunk and return the size that it claims."""
     file.seek(at + _RECORD.size)
     head = file.read(min(length, _SIZES.size))
     if len(head) < _SIZES.size:

@@ -1,7 +1,8 @@
-"""What happened in a run, as far as the cycles tell: modes, reasons, faults, e-stops, motions, sessions and
+"""Events of a run, derived from its cycles: modes, reasons, faults, e-stops, motions, sessions and
 interventions of the safety layer.
 
-Whoever knows of more events adds them to what `events_of` gives: all of them go into /events of a recording.
+Code that adds another kind of event appends it to the result of `events_of`. All events go into the topic
+/events of a recording.
 """
 
 from __future__ import annotations
@@ -18,19 +19,19 @@ LATCHED = (LoopMode.FAULT, LoopMode.ESTOP)
 ENDS = {
     int(MotionResult.ARRIVED): "arrived",
     int(MotionResult.STOPPED): "stopped on its path",
-    int(MotionResult.STOPPED_ASIDE): "stopped beside its path",
+    int(MotionResult.STOPPED_ASIDE): "stopped off its path",
     int(MotionResult.FAILED): "failed",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One moment.
+    """One event of a run.
 
     Attributes:
         kind: mode, reason, fault, estop, motion, session or intervention.
-        mode: in which the robot was from then on.
-        text: for people: why, which one, or what became of it.
+        mode: mode of the robot from this event on.
+        text: description for people: the reason, the number or the result.
     """
 
     cycle: int
@@ -41,7 +42,7 @@ class Event:
 
 
 def mode_name(mode: int) -> str:
-    """Its name, or its number if it has none."""
+    """The name of a mode, or its number if it has no name."""
     return LoopMode(mode).name if mode in LoopMode.__members__.values() else str(mode)
 
 
@@ -49,9 +50,9 @@ def events_of(records: np.ndarray, before: np.ndarray | None, reasons: Mapping[i
     """The events within records.
 
     Args:
-        records: of `cobot.ipc.records.record_dtype`, in order.
-        before: the record before the first one; None: the first one begins with its mode.
-        reasons: the notes' sentences by their numbers.
+        records: array of `cobot.ipc.records.record_dtype`, in order.
+        before: record before the first one; None: the mode of the first record counts as an event.
+        reasons: sentences of the notes, by number.
     """
     if not len(records):
         return []
@@ -84,10 +85,10 @@ def events_of(records: np.ndarray, before: np.ndarray | None, reasons: Mapping[i
 
 
 def _changes(record: np.ndarray, previous: np.ndarray | None, reason: str) -> Iterator[tuple[str, str]]:
-    """What is another one than in the record before, with its words.
+    """The kind and the text of each change between a record and the previous one.
 
     Args:
-        previous: None: nothing is known of what was before.
+        previous: previous record; None if it is unknown.
     """
     if previous is None:
         yield "mode", reason
@@ -116,7 +117,7 @@ def latched_in(records: np.ndarray, before: np.ndarray | None) -> list[tuple[int
     """The cycles in which a fault or an e-stop began, and which of the two.
 
     Args:
-        before: as for `events_of`; None: what the first record is in has begun earlier.
+        before: as for `events_of`; None: the mode of the first record started earlier.
     """
     if not len(records):
         return []

@@ -1,4 +1,4 @@
-"""A recording as a drawing: an SVG file, made of lines and text alone."""
+"""Draws a recording as an SVG file that consists of lines and text."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from cobot.types import Array
 WIDTH, HEIGHT = 1000, 180
 LEFT, TOP, GAP = 70, 60, 30
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#777777")
-"""Told apart by those who see fewer colours too (P. Tol)."""
+"""Colours of the lines, which people with colour blindness can distinguish too (P. Tol)."""
 MAX_POINTS = 2000
-"""Of a line; of what lies between two of its points the least and the greatest value are drawn."""
+"""Maximum number of points of a line. Between two points, the smallest and the largest value are drawn."""
 
 
 def svg_of(cycles: Cycles) -> str:

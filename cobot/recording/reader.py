@@ -22,9 +22,9 @@ from cobot.recording.path import Marked, RecordedPath
 from cobot.types import Array
 
 LARGEST_SHOWN = 200_000_000
-"""Of a file, bytes, whose path is looked for: some seconds of computing time."""
+"""Maximum size of a file whose path is shown, in bytes. Such a file takes some seconds of computing time."""
 UNREADABLE = (McapError, ZstdError, struct.error, ValueError, KeyError, TypeError, IndexError, AssertionError)
-"""What the reader raises for what is no recording of cobot's, or a damaged one."""
+"""Errors that the reader raises for a damaged file or one that is not a recording of cobot."""
 
 Result = TypeVar("Result")
 

@@ -1,4 +1,4 @@
-"""The fields of a servo message: read from JSON, or refused with a reason and a sentence."""
+"""Reads the fields of a servo message from JSON. A refused field has a reason and a sentence."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ LARGEST_INTEGER = 2**63 - 1
 
 
 class Refusal(StrEnum):
-    """Why a message was dropped; the values stand in the feedback."""
+    """The reason why a message was dropped. The values are sent in the feedback."""
 
-    MALFORMED = "malformed"  # no JSON object, or too long
+    MALFORMED = "malformed"  # not a JSON object, or too long
     TYPE = "type"  # an unknown `type`
     COMMAND = "command"  # an unknown `command`
     MODE = "mode"  # a mode that does not exist
     VALUE = "value"  # a field of the wrong kind, not finite, or out of its range
     NOT_ACTIVE = "not_active"  # a point without a session
     NO_POINT_ID = "no_point_id"
-    POINT_ID = "point_id"  # not above that of the last accepted point
-    SESSION_ID = "session_id"  # another one than the session is locked to
+    POINT_ID = "point_id"  # not greater than that of the last accepted point
+    SESSION_ID = "session_id"  # not the one that the session is locked to
     POINT_TYPE = "point_type"
-    DIMENSION = "dimension"  # of the position
+    DIMENSION = "dimension"  # wrong number of values in the position
     LIMIT = "limit"  # a joint beyond its position limits
-    INVERSE_KINEMATICS = "inverse_kinematics"  # none that continues the motion
+    INVERSE_KINEMATICS = "inverse_kinematics"  # no solution that continues the motion
     OVERRUN = "overrun"  # the buffer is full
-    REJECTED = "rejected"  # the session could not begin: somebody else moves the arm, e-stop, ...
+    REJECTED = "rejected"  # the session could not start: another client moves the arm, e-stop, ...
 
 
 class BrokenRule(Exception):
-    """A message is refused: the reason and a sentence."""
+    """The error for a refused message, with the reason and a sentence."""
 
     def __init__(self, kind: Refusal, sentence: str) -> None:
         super().__init__(sentence)
@@ -43,11 +43,11 @@ def parsed(text: str) -> dict[str, Any]:
     """The fields of a JSON object."""
     if len(text) > LONGEST_TEXT:
         raise BrokenRule(
-            Refusal.MALFORMED, f"a message has {LONGEST_TEXT} characters at the most, got {len(text)}"
+            Refusal.MALFORMED, f"a message may have at most {LONGEST_TEXT} characters, got {len(text)}"
         )
     try:
         fields = json.loads(text)
-    except (ValueError, RecursionError) as exc:  # ValueError: an integer of thousands of digits too
+    except (ValueError, RecursionError) as exc:  # an integer of thousands of digits is a ValueError too
         raise BrokenRule(Refusal.MALFORMED, f"a message must be JSON: {str(exc)[:100]}") from None
     if not isinstance(fields, dict):
         raise BrokenRule(Refusal.MALFORMED, f"a message must be a JSON object, got {shown(fields)}")
@@ -55,7 +55,7 @@ def parsed(text: str) -> dict[str, Any]:
 
 
 def integer(fields: dict[str, Any], name: str, kind: Refusal) -> int | None:
-    """A field; None if it is not there. 1.0 is an integer, true is none."""
+    """The value of an integer field; None if it is missing. 1.0 is an integer, true is not."""
     value = fields.get(name)
     if value is None:
         return None
@@ -67,13 +67,13 @@ def integer(fields: dict[str, Any], name: str, kind: Refusal) -> int | None:
 
 
 def number(fields: dict[str, Any], name: str, default: float) -> float:
-    """A field; the default if it is not there."""
+    """The value of a number field; the default if it is missing."""
     value = fields.get(name)
     return default if value is None else as_number(value, name)
 
 
 def as_number(value: object, name: str) -> float:
-    """A finite number; true is none."""
+    """A value as a finite number. true is not a number."""
     if type(value) is float and isfinite(value):
         return value
     if type(value) is int and abs(value) <= LARGEST_INTEGER:
@@ -82,14 +82,14 @@ def as_number(value: object, name: str) -> float:
 
 
 def within(value: float, longest: float, name: str) -> float:
-    """The same, if it is no longer, s."""
+    """A duration in seconds, refused if it exceeds the limit."""
     if value > longest:
-        raise BrokenRule(Refusal.VALUE, f"{name} must be at the most {longest:g} s, got {value:g}")
+        raise BrokenRule(Refusal.VALUE, f"{name} must be at most {longest:g} s, got {value:g}")
     return value
 
 
 def shown(value: object) -> str:
-    """A value for people, however large it is."""
+    """A short text of a value for people, whatever its size."""
     if isinstance(value, list | dict):
         return f"{'a list' if isinstance(value, list) else 'an object'} of {len(value)}"
     if isinstance(value, int) and abs(value) > LARGEST_INTEGER:

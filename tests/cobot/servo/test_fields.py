@@ -22,7 +22,7 @@ SEED = 20261122
         ("3", "a message must be a JSON object, got 3"),
         ("[" * 60_000, "a message must be JSON"),
         ("9" * 5000, "a message must be JSON"),
-        (" " * (LONGEST_TEXT + 1), f"a message has {LONGEST_TEXT} characters at the most"),
+        (" " * (LONGEST_TEXT + 1), f"a message may have at most {LONGEST_TEXT} characters"),
     ],
 )
 def test_what_is_no_object_is_malformed(text: str, sentence: str) -> None:
@@ -70,7 +70,7 @@ def test_numbers_have_defaults_and_bounds() -> None:
     assert number({}, "time", 0.5) == number({"time": None}, "time", 0.5) == 0.5
     assert number({"time": 2}, "time", 0.5) == 2.0
     assert within(1.0, 1.0, "time") == 1.0
-    with pytest.raises(BrokenRule, match=r"time must be at the most 1 s, got 1\.5"):
+    with pytest.raises(BrokenRule, match=r"time must be at most 1 s, got 1\.5"):
         within(1.5, 1.0, "time")
     for value in (True, "1", math.nan, -math.inf, 10**400, [1.0], {}):
         with pytest.raises(BrokenRule, match="time must be made of finite numbers") as caught:
