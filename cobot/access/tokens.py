@@ -1,7 +1,7 @@
-"""Access tokens, as they are kept: a file of their names, roles and hashes.
+"""The file of access tokens, with their names, roles and hashes.
 
-A token is 256 random bits. Nobody can try them all, so its SHA-256 needs neither salt nor slowness, and who
-reads the file learns no token. It is shown once, when it is made.
+A token is 256 random bits, too many for a search by brute force. Its SHA-256 hash therefore needs neither a
+salt nor a slow algorithm, and the file reveals no token. A token is shown once, when it is created.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from cobot.errors import ConfigError, ConflictError, InputError, NotFoundError
 from cobot.strict import StrictModel, sentences, shown
 
 PREFIX = "cobot_"
-"""Begins each token, so that people and scanners of leaked secrets know one when they see it."""
+"""Prefix of each token, by which people and scanners for leaked secrets recognise it."""
 RESERVED = (ANONYMOUS, ROS, SERVICE.name)
 RoleName = Literal["observer", "agent", "operator", "programmer", "admin"]
 
 
 Moment = Annotated[AwareDatetime, Field(strict=False)]
-"""JSON has no moments: in the file they are text."""
+"""A time with a time zone. It is text in the file, because JSON has no type for times."""
 
 
 class Token(StrictModel):
-    """One token, without itself.
+    """The record of one token, without the token itself.
 
     Attributes:
-        sha256: hexadecimal.
-        expires: None for never.
+        sha256: hash of the token, hexadecimal.
+        expires: time from which the token is invalid; None for never.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._@-]{1,48}$")]
@@ -58,36 +58,36 @@ _TOKENS = TypeAdapter(list[Token])
 
 
 def hashed(token: str) -> str:
-    """What is kept of a token."""
+    """The hash of a token, which is all that the file contains of it."""
     return sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 class TokenFile:
-    """The tokens that there are. Without a file there are none.
+    """The file of all tokens. A missing file counts as an empty one.
 
     Every method raises:
-        ConfigError: the file cannot be read or written, makes no sense, or others may change it.
+        ConfigError: the file cannot be read or written, is invalid, or other users may change it.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def read(self) -> Tokens:
-        """All of them."""
+        """Read all tokens."""
         try:
-            # What is no file may keep its reader waiting for ever: a pipe, a device.
+            # A pipe or a device at this path could block its reader forever.
             descriptor = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             with os.fdopen(descriptor, "rb") as file:
                 status, content = os.fstat(descriptor), b""
                 if stat.S_ISREG(status.st_mode):
                     content = file.read()
             if not stat.S_ISREG(status.st_mode):
-                raise ConfigError(f"{self.path}: is no file")
+                raise ConfigError(f"{self.path}: is not a regular file")
             trusted = (
                 0,
                 os.geteuid(),
                 self.path.parent.stat().st_uid,
-            )  # who can put another one there anyway
+            )  # users who can replace the file in any case
             if status.st_mode & 0o022 or status.st_uid not in trusted:
                 raise ConfigError(
                     f"{self.path}: others may change it, and with it who moves the robot: "
@@ -102,16 +102,16 @@ class TokenFile:
             raise ConfigError(f"{self.path}: cannot be read: {exc.strerror}") from exc
 
     def create(self, name: str, role: Role, lifetime: timedelta | None = None) -> str:
-        """Make a token; what it returns is kept nowhere.
+        """Create a token and return it. The token itself is not stored.
 
         Raises:
-            ConflictError: there is one of this name.
-            InputError: that is no name, or a role or lifetime that no token can have.
+            ConflictError: a token of this name exists.
+            InputError: the name, the role or the lifetime is invalid.
         """
         token = PREFIX + secrets.token_urlsafe(32)
         now = datetime.now(UTC).replace(microsecond=0)
         if name in RESERVED:
-            raise InputError(f"name: {shown(name)} is what the service itself calls somebody")
+            raise InputError(f"name: {shown(name)} is reserved for the service; choose another name")
         try:
             made = Token(
                 name=name,
@@ -133,10 +133,10 @@ class TokenFile:
         return token
 
     def revoke(self, name: str) -> None:
-        """Make a token worthless.
+        """Revoke a token.
 
         Raises:
-            NotFoundError: there is none of this name; lists those that there are.
+            NotFoundError: no token has this name. The error lists the existing names.
         """
 
         def without(tokens: Tokens) -> Tokens:
@@ -149,7 +149,7 @@ class TokenFile:
         self._change(without)
 
     def _change(self, change: Callable[[Tokens], Tokens]) -> None:
-        """Replace the file by a changed one at once: who reads it meanwhile gets the old or the new one."""
+        """Replace the file by a changed one, atomically: a reader gets either the old or the new content."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             with self._alone():
@@ -160,7 +160,7 @@ class TokenFile:
                         file.write(content)
                         file.flush()
                         os.fsync(descriptor)
-                        if os.geteuid() == 0:  # root makes one for the user that the folder belongs to
+                        if os.geteuid() == 0:  # a file made by root belongs to the folder's user
                             owner = self.path.parent.stat()
                             os.fchown(descriptor, owner.st_uid, owner.st_gid)
                     os.replace(made, self.path)
@@ -172,7 +172,7 @@ class TokenFile:
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
-        """Of two that change it at a time, the second one waits."""
+        """Lock the file against other processes that change it."""
         folder = os.open(self.path.parent, os.O_RDONLY)
         try:
             fcntl.flock(folder, fcntl.LOCK_EX)

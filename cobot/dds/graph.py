@@ -1,8 +1,8 @@
-"""What `ros2 node list` and `ros2 node info` read: which endpoints belong to which node.
+"""The assignment of endpoints to nodes, which `ros2 node list` and `ros2 node info` read.
 
-Each participant tells it in one transient-local sample of rmw_dds_common/msg/ParticipantEntitiesInfo on the
-topic ros_discovery_info. A gid is char[24] in Humble and char[16] from Iron on, so there is a writer for
-each. A reader's user data says which of them is its own: from Iron on it has the hash of the type.
+Each participant publishes it as one transient-local sample of rmw_dds_common/msg/ParticipantEntitiesInfo on
+the topic ros_discovery_info. A gid is char[24] in Humble and char[16] from Iron on, so each size has its own
+writer. The user data of a reader shows its release: from Iron on it contains the hash of the type.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ TOPIC = "ros_discovery_info"
 TYPE = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
 HUMBLE_GID, LATER_GID = 24, 16
 DELAY_S = 0.02
-"""Changes within this time are told together, s."""
+"""Time within which changes are collected into one sample, in seconds."""
 
 
 class Graph:
-    """Tells others the endpoints of one node.
+    """Publishes the endpoints of one node.
 
     Args:
-        gid_bytes: 24 for Humble, 16 for Iron and later, to all readers; None: to each what it reads.
+        gid_bytes: size of a gid for all readers: 24 for Humble, 16 for Iron and later. None chooses the size
+            for each reader by its release.
     """
 
     def __init__(
@@ -82,14 +83,14 @@ class Graph:
 
 
 def is_later(reader: RemoteEndpoint) -> bool:
-    """Whether it is of Iron or a later release."""
+    """Whether a reader belongs to Iron or a later release."""
     return TYPE_HASH in reader.user_data
 
 
 def entities(
     participant: Guid, node: NodeName, readers: Iterable[Guid], writers: Iterable[Guid], gid_bytes: int
 ) -> bytes:
-    """ParticipantEntitiesInfo with one node, as CDR."""
+    """A ParticipantEntitiesInfo with one node, encoded as CDR."""
     out = bytearray(_gid(participant, gid_bytes))
     _number(out, 1)
     _text(out, node.namespace)

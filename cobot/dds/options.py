@@ -1,4 +1,4 @@
-"""The manual's options (its chapter 2.5) and ours, as parameters of the node."""
+"""The options of the vendor's manual (its chapter 2.5) and those of cobot, as parameters of the node."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ log = logging.getLogger("cobot.ros2")
 
 
 def options(settings: Settings, robots: list[Telemetry], gateway: Gateway | None) -> list[Parameter]:
-    """All parameters, with what they do when they are set. Long, as it is their table."""
+    """All parameters and the effects of setting them. The function is long because it is their table."""
     ros = settings.ros
 
     async def set_debug(value: bool) -> None:
@@ -36,7 +36,7 @@ def options(settings: Settings, robots: list[Telemetry], gateway: Gateway | None
 
     def later(key: str) -> Callable[[Any], Awaitable[None]]:
         async def tell(value: Value) -> None:
-            """As a client would with joint_cmd, so that whoever speaks last is heard."""
+            """Send the value over joint_cmd, as a client would, so that the latest value wins."""
             command = json.dumps({"type": "fjt_control", key: value})
             for name in settings.each:
                 if gateway is None or not gateway.publish(f"/{name}/joint_cmd", STRING, {"data": command}):

@@ -1,7 +1,7 @@
-"""Episodes as MCAP files: what the arm did, what it was told, what cameras saw, and what for.
+"""Episodes as MCAP files, with the arm's states, its commands, camera pictures and the task.
 
-Messages are ROS 2's (JointState, CompressedImage), so Foxglove and rosbags read them. A file gets its name
-when its episode has ended; until then it is called NAME.mcap.part.
+The messages are those of ROS 2 (JointState, CompressedImage), which Foxglove and rosbags read. A file is
+called NAME.mcap.part until its episode has ended.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ SECOND_NS = 1_000_000_000
 
 
 class EpisodeWriter:
-    """One episode that is being written. As a context manager it keeps what ends without an exception.
+    """Writes one episode. As a context manager it keeps the file only if no exception occurs.
 
     Raises (constructor, `add` and `finish`):
-        OSError: the file cannot be made, or the disk is full.
+        OSError: the file cannot be created, or the disk is full.
     """
 
     def __init__(
@@ -92,13 +92,13 @@ class EpisodeWriter:
         action: Sequence[float] | Array,
         pictures: Mapping[str, np.ndarray] | None = None,
     ) -> None:
-        """One frame.
+        """Add one frame.
 
         Args:
-            time_s: since 1970, or since anything else that all frames of the file share.
-            position, velocity: of the joints, rad, rad/s.
-            action: what the joints were told, rad.
-            pictures: by the cameras' names, uint8, shape (height, width, 3).
+            time_s: time since 1970, or since another origin that all frames of the file share.
+            position, velocity: state of the joints, rad, rad/s.
+            action: commanded joint positions, rad.
+            pictures: pictures by camera name, uint8, shape (height, width, 3).
         """
         time_ns = round(time_s * 1e9)
         dof = len(self._names)
@@ -116,11 +116,11 @@ class EpisodeWriter:
         self.frames += 1
 
     def finish(self, *, success: bool | None = None, **about: str) -> Path:
-        """Give the file its name.
+        """Complete the file and rename it.
 
         Args:
-            success: whether the task was done, if somebody knows.
-            about: what else it shall say of itself.
+            success: whether the task succeeded; None if that is unknown.
+            about: further metadata of the episode.
         """
         said = "" if success is None else str(success).lower()
         self._writer.add_metadata(
@@ -134,7 +134,7 @@ class EpisodeWriter:
         return self._path
 
     def abandon(self) -> None:
-        """Leave nothing behind."""
+        """Close and delete the unfinished file."""
         with contextlib.suppress(OSError):
             self._file.close()
         self._part.unlink(missing_ok=True)
@@ -156,12 +156,12 @@ class EpisodeWriter:
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """A file's content: n frames.
+    """The content of an episode file, with n frames.
 
     Attributes:
-        about: what it says of itself: robot, task, success ("true", "false" or ""), and more.
-        joint_names: dof of them.
-        rate_hz: of the frames, as it was meant.
+        about: metadata: robot, task, success ("true", "false" or ""), and more.
+        joint_names: names of the joints, `dof` of them.
+        rate_hz: nominal rate of the frames.
         times_s: shape (n,).
         position, velocity, action: rad, rad/s, rad, shape (n, dof).
         pictures: by the cameras' names, uint8, shape (n, height, width, 3).
@@ -178,10 +178,10 @@ class Episode:
 
 
 def read_episode(path: Path) -> Episode:
-    """All of a file.
+    """Read a whole episode file.
 
     Raises:
-        InputError: it cannot be read, or is no episode, with why.
+        InputError: the file cannot be read or is not an episode. The error gives the reason.
     """
     try:
         content = path.read_bytes()

@@ -1,7 +1,7 @@
-"""An arm in this process whose time goes on when somebody waits: the real cycle, without processes.
+"""A simulated arm in this process, whose time advances only while a caller sleeps.
 
-It is what `cobot run` simulates, cycle for cycle; only nobody paces it. So an episode takes as long as its
-arithmetic, and the same commands lead to the same figures on every run.
+It runs the same cycles as the simulation of `cobot run`, but at the speed of the computer. An episode takes
+as long as its computations, and the same commands give the same results on every run.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from rtloop.loop import ControlLoop
 from rtloop.main import describe
 
 CAPACITY = 1000
-"""Segments of a planned motion; an episode has none."""
+"""Capacity for segments of a planned motion. Episodes have no planned motions."""
 FOREVER_NS = 10**16
 _numbers = itertools.count()
 
 
 class StepClock:
-    """The `cobot.clock.Clock` of a simulation: sleeping is what makes its cycles happen."""
+    """The `cobot.clock.Clock` of a simulation. Sleeping runs its cycles."""
 
     def __init__(self, step: Callable[[int], None], period_ns: int) -> None:
         self._step, self._period_ns = step, period_ns
@@ -58,17 +58,17 @@ class StepClock:
 
 
 class Simulation:
-    """One arm, from a start on.
+    """One simulated arm.
 
     Attributes:
-        robot: its client; streams as that of a running service does.
-        clock: on which time goes on by sleeping.
+        robot: client of the arm, which streams like a client of a running service.
+        clock: clock whose time advances by sleeping.
     """
 
     def __init__(self, settings: Settings, description: RobotDescription, start: Array) -> None:
         """
         Args:
-            start: where it stands, at rest, shape (dof,), rad.
+            start: joint positions of the arm at rest, shape (dof,), rad.
         """
         period_s = settings.rt.period_s
         name = f"learning_{os.getpid()}_{next(_numbers)}"
@@ -81,7 +81,9 @@ class Simulation:
             self._loop.open(start)
             describe(self._memory, description, backend)
             heartbeat = self._memory.heartbeat
-            heartbeat.data["monotonic_ns"] = time.monotonic_ns() + FOREVER_NS  # nobody else has to live
+            heartbeat.data["monotonic_ns"] = (
+                time.monotonic_ns() + FOREVER_NS
+            )  # no service has to send a heartbeat
             heartbeat.publish()
             self.clock = StepClock(self._step, round(period_s * 1e9))
             self.clock.sleep(period_s)
@@ -91,7 +93,7 @@ class Simulation:
             raise
 
     def close(self) -> None:
-        """The arm and its memory are gone; may be called again."""
+        """Remove the arm and its memory. May be called again."""
         if self._memory is not None:
             self.robot.close()
             self._loop.close()
@@ -103,9 +105,9 @@ class Simulation:
         self._memory = None  # type: ignore[assignment]
 
     def _step(self, count: int) -> None:
-        with np.errstate(all="ignore"):  # what is not finite is found by comparisons, and reported
+        with np.errstate(all="ignore"):  # comparisons find and report non-finite values
             for _ in range(count):
                 self._loop.step()
         state = self._memory.state
-        state.data["monotonic_ns"] = self.clock.now_ns()  # it is never older than that
+        state.data["monotonic_ns"] = self.clock.now_ns()  # so that the state is never stale
         state.publish()

@@ -1,4 +1,4 @@
-"""From the command line to robots that are recorded."""
+"""The recorder process, from its command line to its answers."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from cobot.recorder.robot import RobotRecorder
 from cobot.recording.control import LINE_BYTES, refusal, socket_path
 
 LAST_ANSWERS_S = 0.5
-"""At the end so long for answers to be read."""
+"""Timeout at the end for clients to read their answers, in seconds."""
 
 log = logging.getLogger("cobot.recorder")
 
 
 def main() -> int:
-    """Record until SIGTERM; the exit status: 0, or 2 when it could not start."""
+    """Record until SIGTERM. Returns the exit status: 0, or 2 if the recorder could not start."""
     parser = argparse.ArgumentParser(prog="python -m cobot.recorder", description=__doc__)
     parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
     arguments = parser.parse_args()
@@ -41,7 +41,7 @@ def main() -> int:
     except CobotError as exc:
         log.error("%s", exc)
         return 2
-    be(Niceness.BACKGROUND)  # not before: a busy computer would keep who asks for it waiting
+    be(Niceness.BACKGROUND)  # after the start, so that a busy computer does not delay it
     asyncio.run(_serve(settings, robots))
     return 0
 
@@ -59,7 +59,7 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
         task.add_done_callback(answering.discard)
 
     path = socket_path(settings.robot.name)
-    path.unlink(missing_ok=True)  # of one that was killed
+    path.unlink(missing_ok=True)  # a killed recorder leaves its socket
     server = await asyncio.start_unix_server(connected, path, limit=LINE_BYTES)
     for robot in robots.values():
         robot.start()
@@ -67,10 +67,10 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
     server.close()
     path.unlink(missing_ok=True)
     for robot in robots.values():
-        robot.close()  # after which all that was asked for is answered
+        robot.close()  # this answers all requests
     if answering:
         await asyncio.wait(answering, timeout=LAST_ANSWERS_S)
-    for task in answering:  # of who has not asked yet, or does not read
+    for task in answering:  # clients that sent no request or do not read
         task.cancel()
     await asyncio.gather(*answering, return_exceptions=True)
 
@@ -78,13 +78,13 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
 async def _converse(
     robots: Mapping[str, RobotRecorder], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
 ) -> None:
-    """One request and its answer."""
+    """Read one request and write its answer."""
     try:
         answered = await _answer(robots, json.loads(await reader.readline()))
         writer.write(json.dumps(answered).encode() + b"\n")
         await writer.drain()
     except (OSError, ValueError):
-        pass  # who asked has gone, or is none of ours
+        pass  # the client has disconnected or does not speak this protocol
     finally:
         writer.close()
 
@@ -93,7 +93,7 @@ async def _answer(robots: Mapping[str, RobotRecorder], request: dict[str, Any]) 
     try:
         robot = robots.get(request.get("robot", ""))
         if robot is None:
-            raise NotFoundError(f"there is no robot {request.get('robot')!r}")
+            raise NotFoundError(f"there is no robot {request.get('robot')!r}; valid are: {', '.join(robots)}")
         return await asyncio.wrap_future(robot.ask(request))
     except CobotError as exc:
         return refusal(exc)

@@ -1,6 +1,6 @@
-"""One robot's recorder: a thread that keeps the history and writes what is asked for, or has to be kept.
+"""The recorder of one robot. Its thread keeps the history and writes the recordings of requests and faults.
 
-Long, because one thread owns all of its state.
+The module is long because one thread owns all of its state.
 """
 
 from __future__ import annotations
@@ -28,17 +28,19 @@ from cobot.types import LoopMode
 
 PERIOD_S = 0.05
 BATCH = 500
-"""So many cycles are written at once: between two batches the history is brought up to date."""
+"""Maximum number of cycles written at once. The history is updated between two batches."""
 REASONS = {LoopMode.FAULT: "fault", LoopMode.ESTOP: "estop"}
 PARTS = 4
-"""A file of a continuous recording takes such a share of `recording.max_mb`, then the next one begins."""
+"""Number of parts of a continuous recording that fit into `recording.max_mb`. A larger part is continued in
+the next one."""
 GRACE_S = 2.0
-"""A recording that waits for cycles which do not come, because rtloop is dead, ends so much later."""
+"""Extra time after which a recording ends although cycles are missing, because the real-time loop is dead, in
+seconds."""
 LIST_S = 1.0
-"""So often the folder is looked through."""
+"""Interval of updates of the list of recordings, in seconds."""
 LATEST_WALL_NS = 2_100_000_000 * 10**9
 LEFT = ".left"
-"""Ends the name of what a killed recorder has left of a continuous recording, while it is taken over."""
+"""Suffix of the unfinished file of a killed recorder while its continuous recording is taken over."""
 
 log = logging.getLogger("cobot.recorder")
 Answer = dict[str, object]
@@ -48,7 +50,7 @@ class RobotRecorder:
     """Follows a robot from `start` to `close`.
 
     Args:
-        memory: with its history.
+        memory: recording memory of the robot, attached with its history.
     """
 
     def __init__(self, settings: Settings, memory: RecordingMemory) -> None:
@@ -69,19 +71,19 @@ class RobotRecorder:
         self._thread = threading.Thread(target=self._run, name=f"recorder {self.robot}", daemon=True)
 
     def start(self) -> None:
-        """Go on where the last recorder was, whatever has become of it."""
+        """Start where the last recorder stopped, however it ended."""
         self._thread.start()
 
     def close(self) -> None:
-        """Finish what is being written."""
+        """Finish the recordings in progress."""
         self._ended.set()
         if self._thread.ident is not None:
             self._thread.join()
 
     def ask(self, request: Answer) -> Future[Answer]:
-        """Have the thread do it: `action` dump (with `seconds`), start or stop.
+        """Pass a request to the thread: `action` is dump (with `seconds`), start or stop.
 
-        The answer holds the names of the files, and raises a CobotError.
+        The returned future holds the names of the files, or a CobotError.
         """
         answer: Future[Answer] = Future()
         self._asked.put((request, answer))
@@ -103,7 +105,7 @@ class RobotRecorder:
         self._publish()
 
     def step(self) -> bool:
-        """Bring the history up to date, and write a batch of what is to be written; whether more waits."""
+        """Update the history and write a batch of each recording. Returns whether more cycles wait."""
         self._follow()
         self._heed_latches()
         while True:
@@ -120,7 +122,7 @@ class RobotRecorder:
     # The history
 
     def take_over(self) -> None:
-        """Go on with a continuous recording that a recorder has left when it was killed."""
+        """Continue the continuous recording of a killed recorder."""
         status, block = self._status, self._memory.status
         if not block.try_read() and int(block.salvage()["recording"]) > 1:  # neither of what it can be
             status[...] = np.zeros((), status.dtype)
@@ -145,19 +147,19 @@ class RobotRecorder:
         fresh, history = self._memory.fresh, self._history
         newest, begin = fresh.newest, history.newest + 1
         if newest and newest + 1 < begin and len(fresh.read(newest, 1)):
-            log.warning("%s: cycles are counted anew: the memory was damaged", self.robot)
+            log.warning("%s: cycle numbers restart because the memory was damaged", self.robot)
             begin = 1
             self._status["handled"] = self._latches_seen = 0
             for writing in list(self._writings):
                 writing.next = 1
                 (self._next_part if writing.last is None else self._end)(writing)
-        elif begin == 1:  # there is no history yet: what rtloop has written over meanwhile is not lost
+        elif begin == 1:  # without a history, cycles that rtloop has overwritten do not count as lost
             begin = max(1, newest - fresh.capacity + 1)
         _, lost = history.copy_from(fresh, begin)
         self._status["lost"] += lost
 
     def _heed_latches(self) -> None:
-        """Have a recording made of each fault and e-stop."""
+        """Start a recording of each fault and e-stop."""
         status, newest = self._status, self._history.newest
         seen = max(int(status["handled"]), self._latches_seen)
         first = max(seen + 1, newest - self._history.capacity + 1)
@@ -172,7 +174,7 @@ class RobotRecorder:
         status["handled"] = min([newest, *(trigger - 1 for trigger in unfinished)])
 
     def _keep(self, cycle: int, reason: str) -> None:
-        """Record what was before a cycle and what comes after it; one recording for latches in a row."""
+        """Record the cycles before and after a fault or e-stop. Close ones share a recording."""
         for writing in self._writings:
             if writing.trigger:
                 if cycle > writing.trigger and writing.last is not None:
@@ -195,8 +197,8 @@ class RobotRecorder:
         try:
             now_ns = time.monotonic_ns()
             late_s = (now_ns - int(str(request.get("until_ns", now_ns)))) * 1e-9
-            if late_s > 0.0:  # who has asked has been told so
-                raise UnavailableError(f"the recorder came {late_s:.1f} s too late to what it was asked for")
+            if late_s > 0.0:  # the client has had a timeout
+                raise UnavailableError(f"the recorder read the request {late_s:.1f} s after its deadline")
             match request["action"]:
                 case "dump":
                     self._dump(request, answer)
@@ -221,7 +223,7 @@ class RobotRecorder:
         wanted = self._before if seconds is None else max(1, round(float(str(seconds)) / period_s))
         if not newest:
             raise UnavailableError(f"{self.robot}: there is nothing to record yet: rtloop has not started")
-        # What a batch takes from the history is not written over meanwhile.
+        # A margin of one batch keeps these cycles from being overwritten before they are read.
         first = max(1, newest - min(wanted, capacity - BATCH) + 1)
         writing = self._begin(run_name(self.robot, time.time_ns(), "request"), "request", first, newest)
         writing.waiting.append(answer)
@@ -252,7 +254,7 @@ class RobotRecorder:
     # Files
 
     def _begin(self, run: str, reason: str, first: int, last: int | None, part: int = 0) -> Writing:
-        """Raises OSError."""
+        """Start a recording. Raises OSError if its file cannot be created."""
         self._store.make_room(0)
         path = self._store.folder / part_name(run, part)
         writing = Writing(
@@ -262,7 +264,10 @@ class RobotRecorder:
         return writing
 
     def _write(self, writing: Writing, *, to_the_end: bool = False) -> None:
-        """A batch, or all that there is; and what follows when that was the last one."""
+        """Write a batch, or all available cycles.
+
+        After the last cycle, end the file or start the next part.
+        """
         try:
             while writing.write(self._history, self._memory.notes, BATCH) and to_the_end:
                 pass
@@ -278,12 +283,12 @@ class RobotRecorder:
                 self._end(writing)
         except OSError as exc:
             self._fail(writing, exc)
-        except Exception as exc:  # the same again next time: nobody is to wait for that
+        except Exception as exc:  # it would fail again, so end the recording
             log.error("%s: the recorder failed", self.robot, exc_info=exc)
             self._fail(writing, OSError(f"the recorder failed: {exc}"))
 
     def _is_overdue(self, writing: Writing) -> bool:
-        """Whether the cycles that it waits for do not come."""
+        """Whether the cycles that the recording needs no longer arrive."""
         return time.monotonic() - writing.wrote_s > GRACE_S + self._after * self._memory.period_s
 
     def _next_part(self, writing: Writing) -> None:
@@ -293,7 +298,7 @@ class RobotRecorder:
         self._status["part"] = part
 
     def _end(self, writing: Writing, *, stays: bool = False) -> None:
-        """Finish a file. A continuous recording that stays goes on with the next recorder."""
+        """Finish a file. If it `stays`, the next recorder continues its continuous recording."""
         self._writings.remove(writing)
         empty = writing.file.cycles == 0
         try:
@@ -315,7 +320,7 @@ class RobotRecorder:
             answer.set_result({"names": [writing.file.path.name]})
 
     def _fail(self, writing: Writing | None, error: OSError) -> UnavailableError:
-        """Nothing can be written: say so, and go on without."""
+        """Report that recordings cannot be written, and end the affected ones."""
         why = exhausted(error) or error.strerror or error
         problem = UnavailableError(f"{self._store.folder}: recordings cannot be written: {why}")
         log.error("%s: %s", self.robot, problem)
@@ -347,8 +352,8 @@ class RobotRecorder:
 
 
 def _ahead_ns() -> int:
-    """By how much the clock of the wall is ahead of CLOCK_MONOTONIC. However it was set, what is recorded has
-    times that its messages can hold: from 1970 on, and before 2038.
+    """The offset of the wall clock from CLOCK_MONOTONIC. It is clamped so that all recorded times fit into
+    the messages, from 1970 to 2036.
     """
     now_ns = time.monotonic_ns()
     return min(max(time.time_ns() - now_ns, 0), LATEST_WALL_NS - now_ns)

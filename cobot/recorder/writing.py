@@ -1,4 +1,4 @@
-"""A recording under way: which cycles it is of, and how far it is."""
+"""A recording in progress: its cycles and its progress."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ GROWTH_BYTES = 1_000_000
 
 
 class Writing:
-    """
+    """A recording in progress.
+
     Attributes:
-        run: what its files are called, without part and suffix.
-        first, last: its cycles; None: it goes on until it is stopped.
-        next: the cycle that it goes on with.
-        trigger: the cycle that it is about, 0 for none.
-        waiting: who wants to know when it is whole.
-        wrote_s: when there were cycles to write last, on the monotonic clock.
+        run: common name of its files, without part and suffix.
+        first, last: first and last cycle; `last` is None for a recording without an end.
+        next: next cycle to write.
+        trigger: cycle of the recorded fault or e-stop, 0 for none.
+        waiting: answers to set when the recording is complete.
+        wrote_s: time of the last written cycles, on the monotonic clock.
 
     Raises (constructor):
-        OSError: the file cannot be made.
+        OSError: the file cannot be created.
     """
 
     def __init__(
@@ -57,11 +58,11 @@ class Writing:
         self._seen_bytes = 0
 
     def extend(self, last: int) -> None:
-        """Have it end later."""
+        """Move the end of the recording to a later cycle."""
         self.last = max(last, self.last or 0)
 
     def write(self, history: Ring, notes: Ring, batch: int) -> bool:
-        """Add the next cycles that there are, `batch` at the most; whether there were any."""
+        """Write the next available cycles, at most `batch`. Returns whether there were any."""
         newest = history.newest if self.last is None else min(history.newest, self.last)
         count = min(batch, newest + 1 - self.next)
         if count <= 0:
@@ -82,20 +83,20 @@ class Writing:
         return self.next <= min(self.last, history.newest)
 
     def has_grown(self) -> bool:
-        """Whether the file has become larger by a good deal since this was answered with yes."""
+        """Whether the file has grown by `GROWTH_BYTES` since this last returned True."""
         grown = self.file.size >= self._seen_bytes + GROWTH_BYTES
         if grown:
             self._seen_bytes = self.file.size
         return grown
 
     def take_lost(self) -> int:
-        """How many cycles were not there any more since the last call."""
+        """The number of cycles lost since the last call."""
         lost, self._lost = self._lost, 0
         return lost
 
 
 def _reasons(notes: Ring, records: np.ndarray) -> dict[int, str]:
-    """The sentences that the records refer to."""
+    """The sentences to which the records refer, by number."""
     first, last = int(records["note"].min()), int(records["note"].max())
     if last == 0:
         return {}

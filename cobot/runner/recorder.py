@@ -1,4 +1,4 @@
-"""Records what the robot does to a rosbag2, over HTTP like everything in a sequence."""
+"""Records the robot's states in a rosbag2. It reads them over HTTP, as all parts of a sequence do."""
 
 from __future__ import annotations
 
@@ -22,16 +22,17 @@ MOTION_EVENTS = "/motion_events"
 TOPICS = {JOINT_STATES: "sensor_msgs/msg/JointState", MOTION_EVENTS: "std_msgs/msg/String"}
 PERIOD_S = 0.02
 POLL_TIMEOUT_S = 0.5
-"""A request may take so long, s: the bag has to be closed before whoever sent SIGTERM loses patience."""
+"""Timeout of a request, in seconds. It is short because the bag must be closed soon after SIGTERM, before the
+sender kills the process."""
 BAG_VERSION = 8
-"""The version of the bag's metadata: the older and more widely read of the two that rosbags writes."""
+"""Version of the bag's metadata. Of the two versions that rosbags writes, more tools read this older one."""
 
 
 def parse_topics(text: str) -> list[str]:
-    """The topics of a comma-separated list; all of them for an empty one.
+    """The topics of a comma-separated list. An empty list means all topics.
 
     Raises:
-        InputError: there is no such topic; lists the valid ones.
+        InputError: a topic does not exist. The error lists the valid ones.
     """
     names = [name.strip() for name in text.split(",") if name.strip()]
     for name in names:
@@ -43,13 +44,13 @@ def parse_topics(text: str) -> list[str]:
 class Recorder:
     """Writes a bag from `start` to `close`.
 
-    One thread opens, writes and closes the bag: the exception that a signal raises in the main thread
-    can't tear a record in two. MCAP, because rosbags' sqlite storage takes the path for a URI, in which
-    "%2e%2e" means "..".
+    A thread of its own opens, writes and closes the bag, so that an exception raised by a signal in the main
+    thread cannot interrupt a record. The storage is MCAP, because rosbags' sqlite storage treats the path as
+    a URI, in which "%2e%2e" means "..".
 
     Attributes:
-        topics: which are recorded.
-        problem: why the robot's state cannot be read or the bag not be written, "" while all is well.
+        topics: topics that are recorded.
+        problem: reason why the robot's state cannot be read or the bag cannot be written; "" if both work.
     """
 
     def __init__(self, path: Path, topics: list[str], url: str) -> None:
@@ -64,10 +65,10 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
 
     def start(self) -> None:
-        """Make the bag, and record until `close`.
+        """Create the bag and record until `close`.
 
         Raises:
-            InputError: the bag exists already or cannot be made.
+            InputError: the bag exists already or cannot be created.
         """
         self._thread.start()
         self._opened.result()
@@ -117,7 +118,7 @@ class Recorder:
             write(JOINT_STATES, now_ns, self._joint_state(state, now_ns))
 
         if JOINT_STATES in connections:
-            record_state()  # where the arm is before it moves: `start` returns after that
+            record_state()  # the state before the first motion: `start` returns after this
         self._opened.set_result(None)
         due_s = time.monotonic()
         ended = False

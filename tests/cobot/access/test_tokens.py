@@ -84,11 +84,11 @@ def test_what_is_no_file_keeps_nobody_waiting(file: TokenFile) -> None:
     file.create("alice", Role.OPERATOR)
     file.path.unlink()
     os.mkfifo(file.path, 0o600)
-    with pytest.raises(ConfigError, match=r"tokens\.json: is no file"):
+    with pytest.raises(ConfigError, match=r"tokens\.json: is not a regular file"):
         file.read()
     file.path.unlink()
     file.path.symlink_to("/dev/zero")
-    with pytest.raises(ConfigError, match=r"tokens\.json: is no file"):
+    with pytest.raises(ConfigError, match=r"tokens\.json: is not a regular file"):
         file.read()
 
 
