@@ -158,6 +158,9 @@ def update(kept: Path) -> None:
         if each not in had or not filecmp.cmp(ROOT / each, kept / each, shallow=False):
             (kept / each).parent.mkdir(parents=True, exist_ok=True)
             copy(ROOT / each, kept / each)
+    for link in (ROOT / "cobot" / "shipped").glob("*"):
+        if link.is_symlink() and not (kept / link.relative_to(ROOT)).is_symlink():
+            (kept / link.relative_to(ROOT)).symlink_to(link.readlink())
     if not whole.exists() or (kept / FAULTY_SOURCE).read_text() != FAULTY:
         (kept / FAULTY_SOURCE).write_text(FAULTY)
     whole.unlink(missing_ok=True)

@@ -90,6 +90,7 @@ def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> No
         ("get", "/events"),
         ("get", "/robot/geometry"),
         ("get", "/robot/io"),
+        ("get", "/robot/state"),
     }
     more |= {("post", "/robot/reset"), ("post", "/robot/acknowledge")}
     assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE | JOBS | RECORDINGS

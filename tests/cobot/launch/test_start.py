@@ -204,7 +204,11 @@ def test_an_rtloop_that_cannot_start_says_why_at_the_end(
     ("module", "text", "message"),
     [
         ("rtloop", "", "is not running: there is no /dev/shm/cobot-"),
-        ("ros2", "ros: {localhost_only: false, interfaces: [no0]}", "ros.domain_id, ros.interfaces: .*no0"),
+        (
+            "cobot.dds",
+            "ros: {localhost_only: false, interfaces: [no0]}",
+            "ros.domain_id, ros.interfaces: .*no0",
+        ),
     ],
 )
 def test_a_process_that_is_started_by_itself_says_what_it_lacks(

@@ -15,8 +15,9 @@ from running import WAIT_S
 
 from benchmarks import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
-from cobot.planners import MotionRequest, plan, sampling
+from cobot.planners import MotionRequest, plan
 from cobot.planners.escape import leave
+from cobot.planners.search import sampling
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory

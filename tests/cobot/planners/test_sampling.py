@@ -11,7 +11,8 @@ from running import WAIT_S
 from second_opinion import Contacts, changed_world, largest_rates, rate_limits, robot_in
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
-from cobot.planners import MotionRequest, plan, sampling
+from cobot.planners import MotionRequest, plan
+from cobot.planners.search import sampling
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose, Scaling

@@ -73,8 +73,8 @@ def test_states_of_other_groups_are_left_out(tmp_path: Path) -> None:
         ('"-1.57"', '"-inf"', "position 'home': joint4 is not finite"),
         ('name="work"', 'name="home"', "the position 'home' stands twice"),
         ('name="work"', 'name=""', "a group_state has no name"),
-        ('name="work"', 'name="a&#10;b"', r"a group_state has the name 'a\\nb'; give it a printable one"),
-        ('name="work"', f'name="{"n" * 100_000}"', r"has the name 'n{10,80}'\.\.\.; give it a printable one"),
+        ('name="work"', 'name="a&#10;b"', r"a group_state has the name 'a\nb'; give it a printable one"),
+        ('name="work"', f'name="{"n" * 100_000}"', "n'...; give it a printable one"),
         ('<robot name="iiwa14">', "<robot", "not a readable SRDF"),
         (
             '<robot name="iiwa14">',
