@@ -1,4 +1,4 @@
-"""What each command does. Errors are the service's, in its words."""
+"""The actions of the commands. Errors are reported in the service's words."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cobot.foreign import plain_lines
 EXIT_OK, EXIT_FAILED, EXIT_UNAVAILABLE = 0, 1, 3
 POLL_S = 0.1
 LINES = 300
-"""Of the log of sequences, that the service gives at once."""
+"""Number of lines that the service returns at once from the log of sequences."""
 JOBS = {
     "id": "job",
     "robot": "robot",
@@ -36,7 +36,7 @@ JOBS = {
 
 
 def run(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
-    """Carry out a command; the exit status."""
+    """Execute a command and return the exit status."""
     try:
         if chosen.command == "completion":
             print(completion(chosen.shell, parser), flush=True)
@@ -48,7 +48,7 @@ def run(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
             return EXIT_OK
         with _client(chosen) as client:
             return ACTIONS[chosen.command](client, chosen)
-    except BrokenPipeError:  # as of `cobot watch | head`
+    except BrokenPipeError:  # for example after `cobot watch | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except CobotError as exc:
@@ -94,7 +94,7 @@ def _move(client: Client, chosen: argparse.Namespace) -> int:
         _done(chosen, job, f"job {job['id']} is {job['state']}")
         return EXIT_OK
     if chosen.blend_radius:
-        raise InputError("--blend-radius: is for moves in the queue; it goes with --queue")
+        raise InputError("--blend-radius: is for moves in the queue; use it with --queue")
     with Bar(not chosen.json).showing("moving") as bar:
         answer = during(client, partial(move, **where, **how), bar)
     _done(chosen, answer, f"arrived after {answer['duration_s']:.2f} s")
@@ -125,12 +125,14 @@ def _arrival(client: Client, motion: int) -> Json:
     """Wait until a motion has ended.
 
     Raises:
-        ExecutionError: it has not arrived.
+        ExecutionError: the motion has not arrived.
     """
     while True:
         robot = client.health()["robot"]
         result = str(robot["motion_result"])
-        if robot["motion_id"] != motion or result == "ARRIVED":  # the next one began after it had arrived
+        if (
+            robot["motion_id"] != motion or result == "ARRIVED"
+        ):  # the next motion began after this one had arrived
             return {"result": "ARRIVED"}
         if result != "RUNNING":
             raise ExecutionError(f"motion {motion} has not arrived: {result.lower()}, {robot['reason']}")
@@ -182,7 +184,7 @@ def _jobs(client: Client, chosen: argparse.Namespace) -> int:
     change = next((what for what in ("cancel", "pause", "resume") if getattr(chosen, what)), None)
     if chosen.id is None:
         if change is not None:
-            raise InputError(f"--{change}: which job? Give its ID")
+            raise InputError(f"--{change}: needs the ID of a job")
         jobs = list(client._json("GET", "/jobs")["jobs"])
     elif change is not None:
         jobs = [client._json("POST", f"/jobs/{quote(chosen.id, safe='')}/{change}", timeout=15.0)]
@@ -251,7 +253,7 @@ def _is_number(text: str) -> bool:
 def _numbers(texts: list[str]) -> list[float]:
     for text in texts:
         if not _is_number(text):
-            raise InputError(f"goal: {text!r} is no number")
+            raise InputError(f"goal: {text!r} is not a number")
     return [float(text) for text in texts]
 
 

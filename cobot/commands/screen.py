@@ -1,4 +1,4 @@
-"""What the commands show to people: tables, and a bar while the arm moves."""
+"""Output of the commands for people: tables, and a progress bar while the arm moves."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from cobot.errors import CobotError
 STATE_HZ = 10.0
 WARNINGS = ("log", "stop", "refused", "intervention")
 PROGRAM, CONTINUED = "program: ", "    | "
-"""How a line begins that a program has printed, and how each further one of what it printed at once."""
-MISSING = "(lines may be missing here: more came at once than the service keeps for a look)"
+"""Prefix of the first line of a program's output, and of each further line of the same output."""
+MISSING = "(lines may be missing here: more were printed at once than the service stores)"
 LEVELS = {"fault": "bold red", "estop": "bold red", "lost": "magenta"} | dict.fromkeys(WARNINGS, "yellow")
 
 
 def said(answer: object) -> None:
-    """As JSON, one document a line."""
+    """Print JSON, one document per line."""
     print(json.dumps(answer), flush=True)
 
 
@@ -49,7 +49,7 @@ def show_state(health: Json, joints: Json, pose: Json, control: Json, io: list[J
     metres = " ".join(f"{axis} {where[axis]:.4f}" for axis in "xyz")
     angles = " ".join(f"{axis} {turn[axis]:.4f}" for axis in "abc")
     console.print(Text(f"TCP in {pose['frame_id']}: {metres} m, {angles} rad"))
-    console.print(Text(f"control: {control['holder'] or control['what'] or 'nobody'}"))
+    console.print(Text(f"control: {control['holder'] or control['what'] or 'free'}"))
     for each in io:
         console.print(Text(f"{each['direction']} {each['name']}: {_shown(each['value'])}"))
     for problem in health["problems"]:
@@ -57,8 +57,10 @@ def show_state(health: Json, joints: Json, pose: Json, control: Json, io: list[J
 
 
 def show_table(rows: list[Json], columns: dict[str, str]) -> None:
-    """Args:
-    columns: heading by the name of the value.
+    """Print a table.
+
+    Args:
+        columns: heading by the name of the value.
     """
     table = Table(box=None, header_style="bold", pad_edge=False)
     for heading in columns.values():
@@ -69,7 +71,7 @@ def show_table(rows: list[Json], columns: dict[str, str]) -> None:
 
 
 def event_line(event: Json) -> Text:
-    """One line of an event; fields with nothing in them are left out."""
+    """Format an event as one line. Empty fields are left out."""
     told = {name: value for name, value in event["data"].items() if value not in (None, "")}
     data = " ".join(f"{name}={_shown(value)}" for name, value in told.items())
     moment = str(event["time"])[11:23]
@@ -79,7 +81,7 @@ def event_line(event: Json) -> Text:
 
 
 def show_words(before: list[str], now: list[str]) -> None:
-    """Print what a program has printed since, by two looks at the newest lines of `/sequences/logs`."""
+    """Print the new output of a program, by comparing two readings of `/sequences/logs`."""
     gone = next(gone for gone in range(len(before) + 1) if before[gone:] == now[: len(before) - gone])
     if before and gone == len(before):
         print(MISSING, flush=True)
@@ -88,14 +90,14 @@ def show_words(before: list[str], now: list[str]) -> None:
         if line.startswith(CONTINUED):
             text = line.removeprefix(CONTINUED)
         else:
-            _, _, text = line.partition(" ")  # behind the time
+            _, _, text = line.partition(" ")  # the newest lines are not read yet
             from_program = text.startswith(PROGRAM)
         if from_program and place >= len(before) - gone:
             print(text.removeprefix(PROGRAM), flush=True)
 
 
 class Bar:
-    """How far the arm is, on stderr; nothing where that is no terminal, or JSON was asked for."""
+    """Progress of the arm on stderr. Prints nothing if stderr is not a terminal, or with --json."""
 
     def __init__(self, shown: bool) -> None:
         self._progress = Progress(
@@ -122,7 +124,7 @@ class Bar:
 
 
 def during(client: Client, work: Callable[[], Json], bar: Bar) -> Json:
-    """The result of what moves the arm, with a bar of its motions. Whoever interrupts it stops the arm."""
+    """Show the progress of a motion and return its result. An interrupt stops the arm."""
     result: list[Json] = []
     failure: list[BaseException] = []
     ended = threading.Event()
@@ -149,7 +151,7 @@ def during(client: Client, work: Callable[[], Json], bar: Bar) -> Json:
 
 
 def _follow(client: Client, bar: Bar, ended: threading.Event) -> None:
-    """Where there are no events, or nobody looks, there is no bar, and that is all."""
+    """Show the bar. Without events or a terminal there is no bar."""
     try:
         for event in client.events(["motion"], state_hz=STATE_HZ):
             if ended.is_set():

@@ -24,10 +24,10 @@ EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status: 0 good, 1 failed, 2 wrong usage."""
+    """Run the command line and return the exit status: 0 good, 1 failed, 2 wrong usage."""
     parser = make_parser()
     chosen = parser.parse_args(arguments)
-    chosen.is_program = arguments is None  # else it is somebody's who may have threads
+    chosen.is_program = arguments is None  # otherwise the process belongs to a caller that may have threads
     if chosen.command is None:
         parser.print_help()
         return EXIT_USAGE
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(chosen: argparse.Namespace) -> int:
-    """Imports what the command needs, and no more."""
+    """Import what the command needs, and nothing else."""
     try:
         if chosen.command == "token":
             token.run(chosen)
@@ -126,7 +126,7 @@ def _new_robot(chosen: argparse.Namespace) -> int:
     )
     folder = chosen.output or Path(chosen.file.name.split(".")[0])
     robot.write(folder)
-    print(f"{folder} has been made. Guessed, to be looked at:")
+    print(f"{folder} has been made. Guessed values, please check them:")
     for sentence in robot.guessed:
         print(f"  {plain_lines(sentence)}")
     print(f"Then: cobot check --config {folder} and cobot run --config {folder}")
@@ -134,7 +134,7 @@ def _new_robot(chosen: argparse.Namespace) -> int:
 
 
 def _stop(chosen: argparse.Namespace) -> int:
-    """Which needs no settings, and so stops also when they cannot be read."""
+    """Stop robots. This needs no settings, so it also works when the settings cannot be read."""
     from cobot.audit import record_from_cli
     from cobot.launch.stop import not_asked, stop
 
@@ -152,7 +152,8 @@ def _stop(chosen: argparse.Namespace) -> int:
 
 
 def _running(robots: Sequence[str]) -> list[Settings]:
-    """Of the cobots of this user that these robots belong to, of all without a name: there is their audit."""
+    """Settings of this user's running cobots with these robots, or of all without names. Their audit is
+    there."""
     from cobot.launch.running_config import RunningConfig
 
     found = []
@@ -165,7 +166,7 @@ def _running(robots: Sequence[str]) -> list[Settings]:
 
 
 def _become_client(chosen: argparse.Namespace) -> NoReturn:
-    """Become the runner or the bridge for agents: clients like any other, unknown to this library."""
+    """Become the runner or the bridge for agents. Both are ordinary clients, unknown to this library."""
     if chosen.command == "lua":
         url = address(chosen.url, chosen.robot) if chosen.robot else chosen.url
         command = [*RUN_MODULE, "cobot.runner", "run", "--lua", "--url", url, "--", str(chosen.file)]

@@ -1,6 +1,7 @@
-"""`cobot doctor`: whether this computer is fit for a punctual robot, and what to type where it is not.
+"""`cobot doctor`: checks whether this computer suits a punctual robot, and prints the commands that help.
 
-Reads and tries, and changes nothing. Long, as it is the list of what can be wrong with a computer.
+It reads and probes, and changes nothing. This module is long because it lists all that can be wrong with a
+computer.
 """
 
 from __future__ import annotations
@@ -41,13 +42,13 @@ LIMITS_FILE = "/etc/security/limits.d/90-cobot.conf"
 
 class Verdict(StrEnum):
     OK = "ok"
-    WARNING = "warning"  # it works, less well
+    WARNING = "warning"  # it works, but less well
     PROBLEM = "problem"  # it does not work
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """One line of the report; `remedy` is what to type."""
+    """One line of the report. `remedy` is the command to type."""
 
     item: str
     verdict: Verdict
@@ -56,10 +57,10 @@ class Diagnosis:
 
 
 class Machine:
-    """The files in which Linux tells about itself.
+    """The files in which Linux describes itself.
 
     Args:
-        root: where they begin; another one for tests.
+        root: their root folder; another one for tests.
     """
 
     def __init__(self, root: Path = Path("/")) -> None:
@@ -69,14 +70,14 @@ class Machine:
         return self._root / name.lstrip("/")
 
     def read(self, name: str) -> str:
-        """A file's text, "" where there is none."""
+        """The text of a file, "" if there is none."""
         try:
             return self.path(name).read_text(encoding="utf-8", errors="replace").strip()
         except OSError:
             return ""
 
     def each(self, folder: str, pattern: str) -> list[str]:
-        """The texts of all files that fit."""
+        """The texts of all files that match."""
         files = sorted(self.path(folder).glob(pattern))
         return [file.read_text(encoding="utf-8", errors="replace").strip() for file in files]
 
@@ -91,7 +92,7 @@ def doctor(
     """Examine this computer and the configuration.
 
     Returns:
-        Whether there is no problem; warnings are none.
+        Whether there is no problem; warnings do not count as problems.
     """
     findings = list(_findings(config, machine or Machine()))
     if as_json:
@@ -128,7 +129,7 @@ def _findings(config: Path | None, machine: Machine) -> Iterator[Diagnosis]:
 
 
 def configuration(settings: Settings, config: Path | None) -> Iterator[Diagnosis]:
-    """What `cobot check` says: of what is good, how much there is."""
+    """The findings of `cobot check`. Good items are only counted."""
     items = check(settings, config, io.StringIO())
     wrong = [item for item in items if not item.good]
     for item in wrong:
@@ -139,7 +140,7 @@ def configuration(settings: Settings, config: Path | None) -> Iterator[Diagnosis
 
 
 def kernel(machine: Machine) -> Diagnosis:
-    """How soon a process that is due gets its turn."""
+    """Whether a process that is due runs soon."""
     version = machine.read("/proc/sys/kernel/version")
     found = f"Linux {machine.read('/proc/sys/kernel/osrelease')} {version}"
     if "PREEMPT_RT" in version or machine.read("/sys/kernel/realtime") == "1":
@@ -154,10 +155,10 @@ def kernel(machine: Machine) -> Diagnosis:
 
 
 def governor(machine: Machine) -> Diagnosis:
-    """Whether the cores slow down when they have little to do, as the cycle has."""
+    """Whether the cores slow down when they have little to do, as in the cycle."""
     found = machine.each("/sys/devices/system/cpu", "cpu[0-9]*/cpufreq/scaling_governor")
     if not found:
-        return Diagnosis("governor", Verdict.OK, "the cores' frequency is not Linux's to choose here")
+        return Diagnosis("governor", Verdict.OK, "Linux does not choose the cores' frequency here")
     slow = sorted({each for each in found if each != "performance"})
     if not slow:
         return Diagnosis("governor", Verdict.OK, f"performance on all {len(found)} cores")
@@ -170,7 +171,7 @@ def governor(machine: Machine) -> Diagnosis:
 
 
 def clock_source(machine: Machine) -> Diagnosis:
-    """Whether the time is read without a call into the kernel."""
+    """Whether the time is read without a system call."""
     folder = "/sys/devices/system/clocksource/clocksource0"
     clock = machine.read(f"{folder}/current_clocksource")
     if not clock or clock in PRECISE_CLOCKS:
@@ -184,7 +185,7 @@ def clock_source(machine: Machine) -> Diagnosis:
 
 
 def cores(count: int) -> Diagnosis:
-    """Whether planning and the service leave one to the cycle."""
+    """Whether planning and the service leave one core to the cycle."""
     found = f"{count} for this process"
     if count >= WELL_CORES:
         return Diagnosis("cores", Verdict.OK, found)
@@ -200,7 +201,7 @@ def isolation(machine: Machine, robot: str, cpu: int | None, last: int) -> Diagn
     if cpu is not None and cpu in isolated:
         return Diagnosis(item, Verdict.OK, f"rt.cpu is {cpu}; {shown}")
     core = cpu if cpu is not None else min(isolated, default=last)
-    said = "null: the cycle runs on any core" if cpu is None else f"{cpu}, which others use too"
+    said = "null: the cycle runs on any core" if cpu is None else f"{cpu}, which other processes use too"
     own = f"rt: {{cpu: {core}}} in the settings, and: " if cpu is None else ""
     remedy = f"{own}{_kernel_option(f'isolcpus={core} nohz_full={core} rcu_nocbs={core}')}"
     if cpu is None and isolated:
@@ -209,7 +210,7 @@ def isolation(machine: Machine, robot: str, cpu: int | None, last: int) -> Diagn
 
 
 def permissions(machine: Machine, robot: str, config: Path | None) -> Iterator[Diagnosis]:
-    """What rtloop would be granted, by its own asking."""
+    """Which privileges rtloop would get, found by asking for them."""
     command = [*RUN_MODULE, "rtloop", "--permissions", "--robot", robot]
     command += ["--config", str(config)] if config else []
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -261,7 +262,7 @@ def _memory_bytes(settings: Settings) -> int:
 
 
 def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Diagnosis:
-    """Whether the robots' memory fits."""
+    """Whether the robots' shared memory fits."""
     need = sum(
         _memory_bytes(each)
         for name, each in settings.each.items()
@@ -295,7 +296,7 @@ def log_disk(folder: Path) -> Diagnosis:
 
 
 def port(settings: Settings, machine: Machine) -> Diagnosis:
-    """Whether the service can listen, and who does if it cannot."""
+    """Whether the service can listen; if not, which process uses the port."""
     host, number = settings.web.host, settings.web.port
     found = f"{host} port {number}"
     try:
@@ -303,7 +304,7 @@ def port(settings: Settings, machine: Machine) -> Diagnosis:
         with closing(socket.socket(family, socket.SOCK_STREAM)) as listener:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listener.bind(address)
-    except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
+    except (OSError, ValueError) as exc:  # ValueError: not a valid host name
         pid = listening(machine, number)
         if pid is not None and pid == user_of(settings.robot.name, MemoryRole.SUPERVISOR):
             return Diagnosis("port", Verdict.OK, f"{found}: cobot itself listens, pid {pid}")
@@ -319,7 +320,7 @@ def port(settings: Settings, machine: Machine) -> Diagnosis:
 
 
 def listening(machine: Machine, number: int) -> int | None:
-    """The process that listens on a TCP port, the first that has the socket; None if nobody can be seen."""
+    """The first process that has the socket of a TCP port; None if none is visible."""
     inodes = set()
     for table in ("tcp", "tcp6"):
         for line in machine.read(f"/proc/net/{table}").splitlines()[1:]:
@@ -330,13 +331,13 @@ def listening(machine: Machine, number: int) -> int | None:
         try:
             if any(os.readlink(each) in inodes for each in (process / "fd").iterdir()):
                 return int(process.name)
-        except OSError:  # it has ended, or is somebody else's
+        except OSError:  # it has ended, or belongs to another user
             continue
     return None
 
 
 def compiler(checkout: Path) -> Diagnosis:
-    """Needed only where cobot is built; setup.py has the rule."""
+    """Whether a compiler is present. It is needed only to build cobot; setup.py has the rule."""
     if not (checkout / "setup.py").is_file():
         return Diagnosis("compiler", Verdict.OK, "not needed: cobot is installed")
     command = [sys.executable, "setup.py", "preflight"]
@@ -351,7 +352,7 @@ def _command(machine: Machine, pid: int) -> str:
 
 
 def _numbers(text: str) -> set[int]:
-    """Of Linux's lists of cores: "2,4-6"."""
+    """Parse a core list of Linux: "2,4-6"."""
     found: set[int] = set()
     for low, high in re.findall(r"(\d+)(?:-(\d+))?", text):
         found.update(range(int(low), int(high or low) + 1))

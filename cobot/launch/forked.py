@@ -1,10 +1,10 @@
-"""The first start of each process, without importing again what its parent has imported already.
+"""Fast first start of each process, without a second import of what its parent has imported.
 
-What a process imports is most of what its start costs, and half of that its parent has too. So the supervisor
-forks its children, and the service its planning processes, while they have no thread of their own yet; each
-waits until it is told what to be. (The threads that OpenBLAS has made by then end before each fork, by a
-handler of its own, and begin anew when it needs them.)
-Whatever starts later (a process that has died is replaced) begins anew, as `python -m` does.
+Imports are most of the cost of a start, and the parent already has half of them. So the supervisor forks its
+children, and the service its planning processes, before they have threads of their own. Each fork waits for
+the command that it will run. (A handler ends the threads of OpenBLAS before each fork. OpenBLAS starts them
+again when it needs them.)
+A process that starts later, to replace one that has died, starts from scratch, as `python -m` does.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ TASK_BYTES = 65536
 MAX_DESCRIPTORS = 16
 POLL_S = 0.01
 _first_path: list[str] = [] if sys.flags.safe_path else sys.path[:1]
-"""Where `python -m` looks first for modules: the current folder. No process that is forked does."""
+"""First folder of the module path of `python -m`: the current folder. Forked processes do not have it."""
 
 
 class Forked:
-    """A process; of `subprocess.Popen` what its parent needs.
+    """A forked process, with the part of the interface of `subprocess.Popen` that its parent needs.
 
     Attributes:
         returncode: None while it runs.
@@ -49,11 +49,11 @@ class Forked:
     def become(
         self, command: Sequence[str], output: int, descriptors: Sequence[int], environment: Mapping[str, str]
     ) -> bool:
-        """Have it be the process of a command, which begins as `RUN_MODULE` does. False if it has ended.
+        """Turn it into the process of a command, which begins like `RUN_MODULE`. False if it has ended.
 
         Args:
-            output: a descriptor for what it prints.
-            descriptors: that it has too, by the same numbers.
+            output: descriptor of its output.
+            descriptors: descriptors that it keeps, under the same numbers.
         """
         task = {"command": list(command), "descriptors": list(descriptors), "environment": dict(environment)}
         try:
@@ -74,10 +74,10 @@ class Forked:
         return self.returncode
 
     def wait(self, timeout_s: float | None = None) -> int:
-        """Until it has ended.
+        """Wait until it has ended.
 
         Raises:
-            subprocess.TimeoutExpired: it has not.
+            subprocess.TimeoutExpired: it is still running.
         """
         deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
         while (status := self.poll()) is None:
@@ -97,20 +97,20 @@ class Forked:
         self.send_signal(signal.SIGKILL)
 
     def dismiss(self) -> None:
-        """It is not needed, unless it has become something."""
+        """End the process if it is still waiting for a command."""
         if self.channel.fileno() >= 0:
             self.channel.close()
             self.wait()
 
 
 def forked(count: int) -> list[Forked]:
-    """Processes that wait until they are told what to be. They do not return there, but end.
+    """Fork processes that wait for a command. They never return from here.
 
     Only for a process without threads of its own.
     """
-    # Whoever has started us may have it ignored; then nobody could learn how a child has ended.
+    # The caller may have set SIGCHLD to ignored; then the parent could not learn how a child has ended.
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    gc.freeze()  # nor do their collectors look at what they share
+    gc.freeze()  # the collectors of the children do not touch the shared objects either
     made: list[Forked] = []
     for _ in range(count):
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -119,14 +119,14 @@ def forked(count: int) -> list[Forked]:
             made.append(Forked(pid, ours))
             continue
         for each in (ours, *(other.channel for other in made)):
-            each.close()  # a process that waits is to see that its parent has gone
+            each.close()  # a waiting process must notice that its parent has gone
         _serve(theirs)
     return made
 
 
 def _serve(channel: socket.socket) -> NoReturn:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.setsid()  # Ctrl-C reaches the supervisor alone, which stops the arm first
+    os.setsid()  # Ctrl-C reaches only the supervisor, which stops the arm first
     message, received, _, _ = socket.recv_fds(channel, TASK_BYTES, MAX_DESCRIPTORS)
     if not message:
         os._exit(0)
@@ -136,7 +136,7 @@ def _serve(channel: socket.socket) -> NoReturn:
     _be_called(task["command"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
     module, *arguments = task["command"][len(RUN_MODULE) :]
-    if _first_path:  # not where one that was forked forks
+    if _first_path:  # not in a forked process that forks again
         sys.path.remove(_first_path.pop())
     sys.argv[1:] = arguments
     status: object = 0
@@ -147,35 +147,35 @@ def _serve(channel: socket.socket) -> NoReturn:
     except BaseException:  # noqa: BLE001 - as the interpreter does it
         sys.excepthook(*sys.exc_info())
         status = 1
-    # As the interpreter ends, but without going back to who has called the supervisor.
+    # End as the interpreter does, but without returning to the caller of the supervisor.
     ctypes.pythonapi.Py_Exit(status if isinstance(status, int) else int(status is not None))
     raise AssertionError("unreachable")
 
 
 def _take_descriptors(channel: int, received: list[int], numbers: list[int]) -> None:
-    """Have what was received under its numbers, output and errors as one, no input, and nothing else."""
+    """Give the received descriptors their numbers. Output and errors are one, input is empty, the rest is
+    closed."""
     above = max(*numbers, *received, channel) + 1
     high = [fcntl.fcntl(each, fcntl.F_DUPFD_CLOEXEC, above) for each in received]
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     for source, number in zip([high[0], *high], [2, *numbers], strict=True):
         os.dup2(source, number)
-    for each in os.listdir("/proc/self/fd"):  # whatever number it has that was open when we were forked
+    for each in os.listdir("/proc/self/fd"):  # close every number that was open at the fork
         if int(each) not in (0, 1, 2, *numbers):
-            with contextlib.suppress(OSError):  # by which the folder was read
+            with contextlib.suppress(OSError):  # the descriptor by which the folder was read
                 os.close(int(each))
 
 
 def _be_called(command: Sequence[str]) -> None:
-    """Have `ps` show the command: written over the arguments and the environment that the kernel has put
-    side by side, of which the C library keeps copies from now on.
-    """
+    """Let `ps` show the command. It is written over the arguments and the environment that the kernel has put
+    side by side; the C library uses copies of them from now on."""
     for name, value in os.environ.items():
         os.putenv(name, value)
     fields = Path("/proc/self/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
     begin, arguments_end, end = (int(fields[index]) for index in (45, 46, 48))
     line = " ".join(command).encode()[: end - begin - 1]
     if 0 < begin < arguments_end <= end:
-        # Its last byte is no NUL: then the kernel goes on to the first one after it.
+        # If the last byte is not NUL, the kernel reads on to the first NUL after it.
         line = line.ljust(arguments_end - begin)
         ctypes.memmove(begin, line.ljust(end - begin, b"\0"), end - begin)

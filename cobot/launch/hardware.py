@@ -1,4 +1,4 @@
-"""`cobot check --hardware`: what is to be seen to before a real arm's first motion, docs/safety.md."""
+"""`cobot check --hardware`: the checklist before the first motion of a real arm, see docs/safety.md."""
 
 from __future__ import annotations
 
@@ -14,22 +14,28 @@ from cobot.robot.device import LESS
 from cobot.robot.tool import ToolFile
 
 TO_DO = (
-    ("emergency stop", "press it: the drives go off, and cobot says so; release it, then POST /robot/reset"),
+    (
+        "emergency stop",
+        "press it: the drives go off, and cobot reports it; release it, then POST /robot/reset",
+    ),
     ("safety configuration", "limits, spaces and stops are set in the robot's controller; note its checksum"),
-    ("base and mounting", "see that the arm hangs as its model says, and set gravity if not (docs/tool.md)"),
+    (
+        "base and mounting",
+        "check that the arm is mounted as in its model; if not, set gravity (docs/tool.md)",
+    ),
     ("stop", "try POST /stop and POST /stop?category=1 in a slow motion"),
-    ("network", "the device's cable goes to nothing else; tokens where others reach the service"),
-    ("people", "nobody is in reach; one has a hand at the emergency stop"),
+    ("network", "the device's cable goes to this computer only; tokens if others can reach the service"),
+    ("people", "keep people out of reach; one person has a hand at the emergency stop"),
 )
-"""What no program can see."""
+"""Items that no program can check."""
 NOT_RUNNING = "start `cobot run`, which asks the device; then check again"
 
 
 def check_hardware(settings: Settings, checked: Sequence[Checked], out: TextIO) -> list[Checked]:
-    """Print the list for each robot; the items that the program can know.
+    """Print the list for each robot, with results for the items that a program can check.
 
     Args:
-        checked: what `check` has found before.
+        checked: the earlier findings of `check`.
     """
     known = []
     for name, each in settings.each.items():
@@ -54,7 +60,7 @@ def check_hardware(settings: Settings, checked: Sequence[Checked], out: TextIO) 
 
 
 def _device(name: str) -> Device | None:
-    """What the running robot says of it; None if there is none."""
+    """Findings of the running robot; None if it is not running."""
     try:
         memory = RobotMemory.attach(name, MemoryRole.READER)
     except CobotError:
@@ -69,13 +75,13 @@ def _device(name: str) -> Device | None:
 
 
 def _backend(item: str, checked: Sequence[Checked], device: Device | None) -> Checked:
-    """Whether it can be made, and moves something real."""
+    """Whether the backend can be created, and moves something real."""
     said = next((each for each in checked if each.item == item), None)
     if device is not None:
         what = "hardware" if device.capabilities.hardware else "a simulation: robot.backend names no hardware"
         return Checked(item, device.capabilities.hardware, what)
     if said is None or not said.good:
-        return Checked(item, False, "it cannot be made: see above")
+        return Checked(item, False, "it cannot be created: see above")
     return Checked(item, ": hardware;" in said.found, said.found)
 
 
@@ -83,7 +89,7 @@ def _mode(device: Device | None) -> Checked | tuple[str, str]:
     item = "operation mode"
     mode = device.status.operation_mode if device is not None and device.status is not None else ""
     if not mode:
-        return item, "T1 at the teach pendant for the first motions; the device does not say which it is in"
+        return item, "T1 at the teach pendant for the first motions; the device does not report its mode"
     return Checked(item, mode == "T1", f"{mode}; T1 is for the first motions")
 
 
@@ -92,8 +98,8 @@ def _limits(backend: str, checked: Sequence[Checked]) -> Checked | tuple[str, st
     said = next((each.found for each in checked if each.item == backend), "")
     _, told, less = said.partition(f"; {LESS}: ")
     if told:
-        return Checked(item, True, f"{LESS}, and that counts: {less}")
-    return item, "the device says of none that is smaller than the model's: compare them with its data sheet"
+        return Checked(item, True, f"{LESS}, and those limits are used: {less}")
+    return item, "the device reports none below the model's: compare them with its data sheet"
 
 
 def _load(settings: Settings) -> Checked | tuple[str, str]:
@@ -103,10 +109,7 @@ def _load(settings: Settings) -> Checked | tuple[str, str]:
     except CobotError as exc:
         return Checked(item, False, str(exc))
     if not tool.version:
-        return (
-            item,
-            "never set: POST /robot/tool, or see that the model's own are right; the same in the controller",
-        )
+        return (item, "never set: POST /robot/tool, or check the model's own; the same in the controller")
     return Checked(item, True, f"{tool.name or 'no name'}, {tool.mass:g} kg; set the same in the controller")
 
 

@@ -1,7 +1,7 @@
-"""`cobot install` and `cobot uninstall`: cobot as a service of systemd, under a user of its own.
+"""`cobot install` and `cobot uninstall`: cobot as a systemd service under its own user.
 
-What a system gets is a list of files and a list of commands, both made here as plain data (`plan`), so that
-`--dry-run` prints exactly what an installation writes. What is there already and the same is left alone.
+An installation is a list of files and a list of commands. Both are plain data (`plan`), so that `--dry-run`
+prints exactly what an installation writes. Files that are already there and equal are left alone.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ STATE, LOGS = Path("/var/lib/cobot"), Path("/var/log/cobot")
 
 
 class InstallError(CobotError):
-    """This computer cannot be given the service; says why and what to do."""
+    """The service cannot be installed on this computer; the text says why and what to do."""
 
     code = "install"
 
 
 class Keep(Enum):
-    """Whose a file is once it is there."""
+    """Owner of a file after the installation."""
 
     OURS = "replaced by each installation"
     THEIRS = "left as it is: the settings are the user's"
@@ -46,7 +46,7 @@ class Keep(Enum):
 
 @dataclass(frozen=True, slots=True)
 class File:
-    """A file of the installation; its folders are made where they are missing."""
+    """A file of the installation. Missing folders are created."""
 
     path: Path
     content: str
@@ -57,7 +57,7 @@ def files(command: Sequence[str]) -> list[File]:
     """All files, in the order in which they are written.
 
     Args:
-        command: that starts cobot, without arguments.
+        command: starts cobot, without arguments.
     """
     return [
         File(SETTINGS, _SETTINGS, Keep.THEIRS),
@@ -69,7 +69,7 @@ def files(command: Sequence[str]) -> list[File]:
 
 
 def commands() -> list[list[str]]:
-    """What makes the system know the files."""
+    """Commands that make the system read the files."""
     return [
         ["systemd-sysusers", str(SYSUSERS)],
         ["udevadm", "control", "--reload"],
@@ -80,11 +80,11 @@ def commands() -> list[list[str]]:
 
 
 def install(out: TextIO, prefix: Path | None, *, dry_run: bool, command: Sequence[str] | None = None) -> None:
-    """Write what is missing or different, tell the system, and print both as it is done.
+    """Write what is missing or different, tell the system, and print both.
 
     Args:
-        prefix: a folder that stands for /: only files are written, below it.
-        command: that starts cobot; that which runs now if it is None.
+        prefix: a folder in place of /: only files are written, below it.
+        command: starts cobot; None for the command that is running now.
 
     Raises:
         InstallError: no systemd, not root, or an installation that the service's user cannot read.
@@ -105,7 +105,7 @@ def install(out: TextIO, prefix: Path | None, *, dry_run: bool, command: Sequenc
 
 
 def uninstall(out: TextIO, prefix: Path | None, *, dry_run: bool) -> None:
-    """Take away what `install` has written; settings that were edited, logs, state and the user stay.
+    """Remove what `install` has written. Edited settings, logs, state and the user stay.
 
     Raises:
         InstallError: not root, or no systemd.
@@ -177,19 +177,20 @@ def _require_system(what: str) -> None:
 
 
 def _require_readable(python: Path) -> None:
-    """The service's user has to get at it: a virtual environment below /root or a closed home is no place."""
+    """Check that the service's user can read the installation, which is not so below /root or a closed
+    home."""
     for folder in (python.absolute().parent, *python.absolute().parents):
         if not folder.stat().st_mode & stat.S_IXOTH:
             raise InstallError(
                 f"the user {USER} could not start {python}: {folder} is closed to others. Install cobot "
-                "where everybody can read it: python3 -m venv /opt/cobot && /opt/cobot/bin/pip install "
+                "where all users can read it: python3 -m venv /opt/cobot && /opt/cobot/bin/pip install "
                 "WHEEL, then /opt/cobot/bin/cobot install"
             )
 
 
 _SETTINGS = f"""\
-# The settings of the cobot service, which differ from the shipped ones: keep here only what is yours.
-# `cobot check --config {SETTINGS}` validates them; `systemctl reload cobot` takes over named positions, joint
+# The settings of the cobot service, where they differ from the defaults. Keep here only your own.
+# `cobot check --config {SETTINGS}` validates them; `systemctl reload cobot` applies named positions, joint
 # limits and web settings while nothing moves; everything else needs `systemctl restart cobot`.
 logs: {LOGS}
 kept: {STATE}/kept
@@ -208,8 +209,8 @@ KERNEL=="cpu_dma_latency", GROUP="{USER}", MODE="0660"
 """
 
 _JOURNAL = """\
-# The journal of cobot alone (journalctl --namespace=cobot): what it says pushes nobody else's lines out, and
-# what others say none of its. cobot's own files in /var/log/cobot are rotated by itself.
+# cobot has its own journal (journalctl --namespace=cobot), so that cobot and other services do not push out
+# each other's lines. cobot rotates its own files in /var/log/cobot.
 [Journal]
 SystemMaxUse=200M
 SystemMaxFileSize=20M
@@ -218,10 +219,10 @@ MaxRetentionSec=3month
 
 
 def _unit(command: Sequence[str]) -> str:
-    """The unit's file. Long, as it is that file, in one piece."""
+    """The unit file. This function is long because the file is kept whole."""
     start = shlex.join(command)
     return f"""\
-# Written by `cobot install`, and replaced by the next one: `systemctl edit cobot` keeps what is yours.
+# Written by `cobot install`, and replaced by the next one. Use `systemctl edit cobot` for your own changes.
 [Unit]
 Description=cobot, a robot arm behind a REST service
 Wants=network-online.target
@@ -242,8 +243,8 @@ ConfigurationDirectory={USER}
 ExecStart={start} run --config {SETTINGS}
 ExecReload=/bin/sh -c "kill -HUP $MAINPID"
 
-# The supervisor brings the arm to rest before it ends its children, so only it is told to. Where it cannot,
-# rtloop does so by itself as soon as it is gone, and is waited for before the rest is killed.
+# Only the supervisor gets the signal, because it stops the arm before it ends its children. If the supervisor
+# is gone, rtloop stops the arm by itself, and systemd waits for that before it kills the rest.
 KillMode=mixed
 ExecStopPost=-/bin/sh -c '[ "$$SERVICE_RESULT" = success ] || exec {start} stop --config {SETTINGS}'
 TimeoutStartSec=60
@@ -252,14 +253,14 @@ WatchdogSec=10
 Restart=on-failure
 RestartSec=2
 
-# What a punctual cycle needs. rtloop asks for SCHED_FIFO itself (rt.priority), so nothing else runs with it.
+# Limits of a punctual cycle. rtloop asks for SCHED_FIFO itself (rt.priority), so nothing else runs with it.
 LimitRTPRIO=98
 LimitMEMLOCK=infinity
 LimitNICE=-10
 LimitNOFILE=65536
 OOMScoreAdjust=-500
 
-# It needs no privilege beyond these limits, and writes to its own folders and /dev/shm.
+# cobot needs no privilege beyond these limits, and writes only to its own folders and /dev/shm.
 CapabilityBoundingSet=
 NoNewPrivileges=yes
 ProtectSystem=strict

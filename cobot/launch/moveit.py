@@ -1,11 +1,12 @@
 """`cobot moveit-config FOLDER`: a package with which MoveIt 2 plans for a robot of this configuration.
 
-It says in MoveIt's files what the configuration says: the URDF of /robot_description, an SRDF with the named
-positions and the pairs of links that cobot's own collision checker leaves out, the limits, the controller.
-That is cobot itself: its action /NAME/follow_joint_trajectory is named as MoveIt's simple controller manager
-names it, so no ros2_control is needed.
+It writes the configuration in MoveIt's files: the URDF of /robot_description, an SRDF with the named
+positions and the pairs of links that cobot's own collision checker ignores, the limits, the controller.
+The controller is cobot itself: its action /NAME/follow_joint_trajectory has the name that MoveIt's simple
+controller manager expects, so no ros2_control is needed.
 
-Source: https://moveit.picknik.ai/main/doc/examples/controller_configuration/controller_configuration_tutorial.html
+Source:
+https://moveit.picknik.ai/main/doc/examples/controller_configuration/controller_configuration_tutorial.html
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from cobot.robot.description import RobotDescription, load_robot
 from cobot.ros.urdf import link_name, urdf
 
 SCALING = 0.5
-"""MoveIt uses this share of the limits where its user says nothing."""
+"""Fraction of the limits that MoveIt uses by default."""
 HUMBLE_ADAPTERS = {
     "planning_plugin": "ompl_interface/OMPLPlanner",
     "request_adapters": " ".join(
@@ -135,7 +136,7 @@ def generate_launch_description():
 
 
 def write_moveit_config(settings: Settings, folder: Path) -> Path:
-    """Make the package of the default robot in a folder, and give the package's own folder.
+    """Write the package of the default robot to a folder, and return the package's own folder.
 
     Raises:
         ConfigError: the folder cannot be written, or has such a package already.
@@ -193,7 +194,8 @@ def srdf(robot: RobotDescription, settings: Settings, model_name: str) -> str:
 
 
 def unchecked_links(robot: RobotDescription) -> list[tuple[str, str, str]]:
-    """Two links each, and why MoveIt is to leave them out: they are neighbours, or the model says so."""
+    """Pairs of links that MoveIt ignores, with the reason: they are neighbours, or the model allows
+    contact."""
     model = robot.model.mj
     checked = {frozenset(map(int, model.geom_bodyid[list(pair)])) for pair in geom_pairs(model)}
     bodies = sorted({int(body) for body in model.geom_bodyid if body})
@@ -214,7 +216,7 @@ def kinematics() -> dict[str, Any]:
 
 
 def joint_limits(robot: RobotDescription) -> dict[str, Any]:
-    """What the URDF does not say: MoveIt's time parametrisation needs accelerations."""
+    """Limits that are not in the URDF: MoveIt's time parameterization needs accelerations."""
     limits = robot.limits
     each = {
         name: {
@@ -232,7 +234,8 @@ def joint_limits(robot: RobotDescription) -> dict[str, Any]:
 
 
 def controllers(robot: RobotDescription) -> dict[str, Any]:
-    """MoveIt calls the action `controller/action_ns`: the robot's name is the controller's."""
+    """The controllers. MoveIt calls the action `controller/action_ns`, so the controller has the robot's
+    name."""
     action = {
         "type": "FollowJointTrajectory",
         "action_ns": "follow_joint_trajectory",
@@ -242,13 +245,17 @@ def controllers(robot: RobotDescription) -> dict[str, Any]:
     return {
         "moveit_controller_manager": "moveit_simple_controller_manager/MoveItSimpleControllerManager",
         "moveit_simple_controller_manager": {"controller_names": [robot.name], robot.name: action},
-        # cobot keeps to the path and its limits by itself, and may be slowed down by others meanwhile.
+        # cobot keeps to the path and its limits by itself, and others may slow it down meanwhile.
         "trajectory_execution": {"execution_duration_monitoring": False, "allowed_start_tolerance": 0.01},
     }
 
 
 def planning(group: str, adapters: Mapping[str, Any]) -> dict[str, Any]:
-    """adapters: the plugins of the pipeline, which Humble and later releases name each in its own way."""
+    """The OMPL pipeline.
+
+    Args:
+        adapters: its plugins, whose names differ between Humble and later releases.
+    """
     return {
         "planning_pipelines": ["ompl"],
         "default_planning_pipeline": "ompl",

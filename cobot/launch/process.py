@@ -1,4 +1,4 @@
-"""What a process asks of Linux about itself."""
+"""Requests of a process to Linux about itself."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ from cobot.errors import UnavailableError, exhausted
 _PR_SET_PDEATHSIG = 1
 
 RUN_MODULE = (sys.executable, "-P", "-m")
-"""The command that starts an installed module; -P: not one that happens to lie in the current folder."""
+"""The command that starts an installed module. -P excludes modules in the current folder."""
 
 AUTOGROUP = Path("/proc/self/autogroup")
-"""How its session stands among the others."""
+"""Priority of its session among the others."""
 AUTOGROUP_TRIES, AUTOGROUP_PAUSE_S = 10, 0.1
 
 MIN_DESCRIPTORS = 64
 MIN_ADDRESS_SPACE = 1 << 30
-"""[bytes] of one process: the largest takes 0.8 GB on two cores, most of it never touched by libraries."""
+"""Address space of one process [bytes]: the largest uses 0.8 GB on two cores, mostly reserved by
+libraries."""
 
 
 class Niceness(IntEnum):
-    """Whose turn it is when there are more threads than cores: planning shall not delay a stop."""
+    """Niceness of threads when there are more than cores: planning must not delay a stop."""
 
-    PROMPT = -10  # what answers people
+    PROMPT = -10  # threads that answer people
     ORDINARY = 0
-    BACKGROUND = 10  # takes the time that nobody else wants
+    BACKGROUND = 10  # takes only the time that nothing else needs
 
 
 def is_stopped(pid: int) -> bool:
-    """Whether SIGSTOP keeps a process from running; not, if that cannot be known."""
+    """Whether SIGSTOP keeps a process from running; False if that is unknown."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
     except OSError:
@@ -48,7 +49,7 @@ def is_stopped(pid: int) -> bool:
 
 
 def is_traced(pid: int) -> bool:
-    """Whether a debugger has a process in its hand; not, if that cannot be known."""
+    """Whether a debugger is attached to a process; False if that is unknown."""
     try:
         status = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
     except OSError:
@@ -57,7 +58,7 @@ def is_traced(pid: int) -> bool:
 
 
 def require_limits() -> None:
-    """Before anything large is imported: libraries without memory fail in words of their own, or none.
+    """Check this process's limits before large imports, because libraries without memory fail unclearly.
 
     Raises:
         UnavailableError: a limit of this process is below what a robot needs.
@@ -77,7 +78,7 @@ def require_limits() -> None:
 
 
 def in_words(main: Callable[[], int]) -> int:
-    """The exit status of a process: 2 when the computer has nothing left for it; then it says of what."""
+    """The exit status of a process: 2, with a message, if the computer has run out of a resource."""
     try:
         return main()
     except (OSError, MemoryError, ImportError, RuntimeError) as exc:
@@ -89,25 +90,23 @@ def in_words(main: Callable[[], int]) -> int:
 
 
 def be(niceness: Niceness, *, session: bool = False) -> None:
-    """Set this thread's niceness, and that of all that it starts.
+    """Set the niceness of this thread, and of all threads and processes that it starts.
 
-    To go below one's own takes root or CAP_SYS_NICE, as SCHED_FIFO does; without it nothing changes.
+    A lower niceness needs root or CAP_SYS_NICE, as SCHED_FIFO does; without it nothing changes.
 
-    Args:
-        session: the same among sessions, if one begins with this process. Where Linux shares the processor
-            among those first, as it does unless control groups say otherwise, niceness counts only within a
-            session (sched(7), the autogroup feature). For what waits most of the time: others get what it
-            leaves.
+    Args: session: niceness of the session, if one begins with this process. By default Linux shares the
+    processor among sessions first, and niceness counts only within a session (sched(7), the autogroup
+    feature). Control groups can change that. Use it for processes that wait most of the time.
     """
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
     if session and os.getsid(0) == os.getpid():
-        with contextlib.suppress(OSError):  # not permitted, or there is no such feature
+        with contextlib.suppress(OSError):  # not permitted, or the feature does not exist
             _write_again(AUTOGROUP, str(int(niceness)))
 
 
 def _write_again(file: Path, text: str) -> None:
-    """Linux takes ten of these a second from all who are not CAP_SYS_ADMIN, as in a container."""
+    """Linux accepts ten of these per second from processes without CAP_SYS_ADMIN, as in a container."""
     for _ in range(AUTOGROUP_TRIES):
         try:
             file.write_text(text, encoding="ascii")
@@ -127,10 +126,10 @@ def has_terminal() -> bool:
 
 
 def die_with_parent(number: signal.Signals) -> None:
-    """Have the kernel send this process a signal when its parent ends, however it ends.
+    """Let the kernel send this process a signal when its parent ends for any reason.
 
-    To be called early: a parent that has already gone is not noticed. By Linux's rule the parent is
-    the thread that started this process.
+    Call it early: the end of a parent before the call is not noticed. By Linux's rule the parent is the
+    thread that started this process.
 
     Raises:
         OSError: the kernel refuses.

@@ -1,14 +1,14 @@
-"""The configuration that a running cobot goes by: a copy, which only a reload changes.
+"""The configuration of a running cobot: a copy that only a reload changes.
 
-Whoever edits a file of a running robot changes nothing by that alone. What starts anew (rtloop, the
-service, a planning process) reads the copy, so an edit that is half done, wrong or not yet reloaded cannot
-get in through a restart. The copy lies beside the robot's shared memory, as one folder:
+Editing a file of a running robot changes nothing. A process that restarts (rtloop, the service, a planning
+process) reads the copy, so a half-finished, wrong or not yet reloaded edit cannot take effect through a
+restart. The copy is one folder next to the robot's shared memory:
 
     settings.yaml   complete, with absolute paths; replaced as a whole
     EDITION-...     the files of joint limits, named positions and endpoints that it names
     processes.json  what the supervisor runs
 
-The model stays where it is: it may be made of many files, and no reload reads it again.
+The model is not copied: it may consist of many files, and no reload reads it again.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ class RunningConfig:
 
     @classmethod
     def of(cls, robot: str) -> RunningConfig:
-        """That of the cobot whose default robot has this name."""
+        """The copy of the cobot whose default robot has this name."""
         return cls(FOLDER / f"cobot-{robot}.run")
 
     @classmethod
     def mine(cls) -> list[RunningConfig]:
-        """Those of this user's cobots that run, or were killed. What others put there is not believed."""
+        """The copies of this user's cobots that run or were killed. Copies of other users are not trusted."""
         found = []
         for folder in FOLDER.glob("cobot-*.run"):
             with contextlib.suppress(OSError):
@@ -68,12 +68,12 @@ class RunningConfig:
 
     @property
     def file(self) -> Path:
-        """The settings' file, for `cobot.config.load_settings`."""
+        """The settings file, for `cobot.config.load_settings`."""
         return self.folder / SETTINGS
 
     def create(self, settings: Settings) -> None:
-        """Begin anew, whatever a killed run has left. A folder that somebody else has put there is refused:
-        who owns it could change what the robot goes by.
+        """Start with an empty folder, and remove the rest of a killed run. Another user's folder is
+        refused, because its owner could change the robot's configuration.
 
         Raises:
             SharedMemoryError: see `prepare`.
@@ -90,10 +90,10 @@ class RunningConfig:
         self.commit()
 
     def prepare(self, settings: Settings) -> Path:
-        """Copy these settings and the files that they name, without anybody going by them yet.
+        """Copy these settings and the files that they name. They do not take effect yet.
 
         Returns:
-            The settings' file.
+            The settings file.
 
         Raises:
             SharedMemoryError: there is no room or no permission.
@@ -108,21 +108,22 @@ class RunningConfig:
         return new
 
     def commit(self) -> None:
-        """Make what was prepared last the configuration, at once and as a whole."""
+        """Make the last prepared copy the configuration, at once and as a whole."""
         os.replace(self.folder / f"new-{SETTINGS}", self.file)
 
     def remove(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def publish(self, processes: Mapping[str, ProcessState]) -> None:
-        """Tell who runs, by name. A full /dev/shm keeps nobody from running."""
+        """Write the processes that run, by name. A full /dev/shm is ignored, because it must not stop
+        them."""
         with contextlib.suppress(OSError):
             new = self.folder / f"new-{PROCESSES}"
             new.write_text(json.dumps({name: asdict(each) for name, each in processes.items()}))
             os.replace(new, self.folder / PROCESSES)
 
     def processes(self) -> dict[str, ProcessState]:
-        """Who runs, by name; empty if nobody has told."""
+        """The processes that run, by name; empty if none have been written."""
         try:
             told = json.loads((self.folder / PROCESSES).read_text(encoding="utf-8"))
             return {name: ProcessState(**each) for name, each in told.items()}
@@ -130,7 +131,7 @@ class RunningConfig:
             return {}
 
     def _content(self, settings: Settings, edition: str) -> dict[str, Any]:
-        """The settings as a file of their own would say them."""
+        """The settings as the content of a settings file."""
         content = settings.model_dump(mode="json", exclude={"robots"})
         content["web"]["endpoints"] = self._copy(settings.web.endpoints, f"{edition}-endpoints")
         entries = []
@@ -147,7 +148,7 @@ class RunningConfig:
         return content
 
     def _copy(self, source: Path, name: str) -> str:
-        """A file that is not there is left to whoever needs it."""
+        """Copy a file. A missing file is left to its reader to report."""
         if not source.is_file():
             return str(source)
         target = self.folder / f"{name}{source.suffix}"
@@ -155,7 +156,7 @@ class RunningConfig:
         return str(target)
 
     def _remove_unused(self) -> None:
-        """Of the editions before the present one, and of those that nobody went by in the end."""
+        """Remove the editions before the present one, and those that never took effect."""
         present = self.file.read_text(encoding="utf-8") if self.file.exists() else ""
         for file in self.folder.glob("[0-9]*-*"):
             if file.name not in present:

@@ -1,7 +1,7 @@
-"""`cobot stop`: brings the arm to rest through shared memory, whatever has become of the service.
+"""`cobot stop`: stops the arm through shared memory, whatever the state of the service.
 
-It adds to a counter that rtloop looks at in every cycle. No queue, no lock and no process lies between, so it
-works while the service is dead, paused or flooded.
+It increments a counter that rtloop reads in every cycle. No queue, lock or process is involved, so it works
+while the service is dead, paused or overloaded.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from cobot.ipc.shm import MemoryRole, RobotMemory, is_gone, robots_running
 from cobot.types import RESTING, LoopMode
 
 REST_S = 5.0
-"""A stop of the arm may take some 2.5 s."""
+"""Timeout for the arm to stop, in seconds. A stop takes up to about 2.5 s."""
 STALE_S = 0.25
-"""A state older than this says nothing of where the arm is now."""
+"""Age beyond which a state says nothing about the present position of the arm, in seconds."""
 POLL_S = 0.005
 
 
@@ -33,8 +33,8 @@ class StopRequest:
     """A stop that rtloop has been asked for.
 
     Attributes:
-        count: that rtloop has seen once it has taken notice.
-        moving: what it ends, for people; "" for nothing.
+        count: the counter that rtloop reports once it has noticed the stop.
+        moving: the motion that it ends, for people; "" for none.
     """
 
     memory: RobotMemory
@@ -43,7 +43,7 @@ class StopRequest:
 
 
 def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
-    """Stop these robots, all that run on this computer if none is named, and say what has come of it.
+    """Stop these robots, or all that run on this computer if none is named, and report the result.
 
     Args:
         latched: e-stop: nothing moves until a reset.
@@ -58,7 +58,7 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
         )
         return False
     stops: dict[str, StopRequest] = {}
-    for name in names:  # all of them first: waiting for one shall not keep the others moving
+    for name in names:  # stop all of them first: waiting for one must not delay the others
         try:
             stops[name] = _ask(RobotMemory.attach(name, MemoryRole.READER), latched=latched)
         except CobotError as exc:
@@ -69,14 +69,14 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
 
 
 def not_asked(url: str | None) -> str:
-    """What to type for the service that other commands go to, if it is on another computer; "" else.
+    """The command for the service of other commands, if it is on another computer; else "".
 
     Args:
-        url: what the environment says.
+        url: value of the environment variable.
     """
     if not url or _here(url):
         return ""
-    return f"the service of {URL_VARIABLE} was NOT asked, for it is elsewhere: {_by_service(url)}"
+    return f"the service of {URL_VARIABLE} was NOT asked, because it is elsewhere: {_by_service(url)}"
 
 
 def _here(url: str) -> bool:
@@ -105,7 +105,7 @@ def _report(name: str, stop: StopRequest, deadline_s: float, *, latched: bool, o
     problem = _until_rest(stop, deadline_s, latched=latched)
     done = stop.moving or "nothing was running"
     if problem:
-        out.write(f"{name}: told to stop; {done}; the arm is NOT known to be at rest: {problem}\n")
+        out.write(f"{name}: stop requested; {done}; the arm is NOT known to be at rest: {problem}\n")
     else:
         after = "; latched until POST /robot/reset" if latched else ""
         out.write(f"{name}: {f'stopped {done}' if stop.moving else done}; the arm is at rest{after}\n")
@@ -114,7 +114,7 @@ def _report(name: str, stop: StopRequest, deadline_s: float, *, latched: bool, o
 
 
 def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
-    """Wait for the arm; why it is not known to be at rest, "" if it is."""
+    """Wait for the arm. Returns why it is not known to be at rest, "" if it is."""
     problem = "rtloop has not started yet"
     while time.monotonic() < deadline_s:
         state = _state(stop.memory)
@@ -137,7 +137,7 @@ def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
 
 
 def _has_ended(memory: RobotMemory) -> bool:
-    """Whether rtloop is no process any more, so that nothing is to be waited for."""
+    """Whether the process of rtloop has ended, so that waiting is useless."""
     try:
         return is_gone(int(memory.statistics.read()["pid"]))
     except TornReadError:
@@ -153,7 +153,7 @@ def _state(memory: RobotMemory) -> np.ndarray | None:
 
 
 def _moving(state: np.ndarray) -> str:
-    """What moves the arm, for people; "" for nothing."""
+    """The present motion of the arm, for people; "" for none."""
     if int(state["session"]):
         return f"session {int(state['session'])}"
     if LoopMode(int(state["mode"])) not in RESTING or int(state["motion_result"]) == MotionResult.RUNNING:

@@ -1,4 +1,4 @@
-"""`cobot token`: who may use the service."""
+"""`cobot token`: manages access to the service."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from cobot.config import load_settings
 
 ROLES = {role.name.lower(): role for role in Role if role is not Role.NOBODY}
 MAX_DAYS = 36_500
-"""A hundred years: a calendar that ends in 9999 has room for them."""
+"""Longest lifetime: a hundred years, so that the date stays below the calendar's end in 9999."""
 DESCRIPTION = """\
-Who may use the service when it asks for tokens, see docs/security.md.
+Access to the service when it asks for tokens, see docs/security.md.
 
   observer     looks: states, logs, health
   agent        also plans motions, and runs those that an operator or the settings have approved
-  operator     also moves the arm, resets it, streams to it, runs programs that are there
-  programmer   also brings programs along, and changes tool, payload, limits
-  admin        also reads the audit, and has the settings read anew
+  operator     also moves the arm, resets it, streams to it, runs existing programs
+  programmer   also uploads programs, and changes tool, payload, limits
+  admin        also reads the audit, and has the settings read again
 
-A running service knows a new token, or that one was revoked, within a second."""
+A running service notices a new or revoked token within a second."""
 
 
 def add_parser(commands: Any, config: argparse.ArgumentParser) -> None:
@@ -39,16 +39,18 @@ def add_parser(commands: Any, config: argparse.ArgumentParser) -> None:
     )
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     create = actions.add_parser("create", parents=[config], help="make a token, and print it this one time")
-    create.add_argument("name", metavar="NAME", help="of a person or a program, for the audit")
+    create.add_argument("name", metavar="NAME", help="name of a person or a program, for the audit")
     create.add_argument("--role", required=True, choices=list(ROLES))
-    create.add_argument("--days", type=_days, metavar="N", help="it expires after so many; never without")
+    create.add_argument(
+        "--days", type=_days, metavar="N", help="number of days until it expires; default: never"
+    )
     actions.add_parser("list", parents=[config], help="print names, roles and times, never tokens")
-    revoke = actions.add_parser("revoke", parents=[config], help="make a token worthless")
+    revoke = actions.add_parser("revoke", parents=[config], help="revoke a token")
     revoke.add_argument("name", metavar="NAME")
 
 
 def run(chosen: argparse.Namespace) -> None:
-    """Do it.
+    """Execute the command.
 
     Raises:
         CobotError: see `TokenFile`.
@@ -78,9 +80,9 @@ def _days(argument: str) -> timedelta:
     except ValueError:
         days = math.nan
     if not days > 0.0:
-        raise argparse.ArgumentTypeError(f"{argument!r} is no number of days above 0")
+        raise argparse.ArgumentTypeError(f"{argument!r} is not a number of days above 0")
     if days > MAX_DAYS:
         raise argparse.ArgumentTypeError(
-            f"{argument!r} days are too many: {MAX_DAYS} at the most; without --days it never expires"
+            f"{argument!r} days are too many: at most {MAX_DAYS}; without --days it never expires"
         )
     return timedelta(days=days)

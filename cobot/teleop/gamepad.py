@@ -1,8 +1,9 @@
-"""A gamepad, by the joystick interface of Linux: /dev/input/js0, events of eight bytes.
+"""A gamepad, through the joystick interface of Linux: /dev/input/js0, events of eight bytes.
 
-Nothing moves without its dead-man button: the left shoulder button for half speed, the right one for full.
-The left stick moves the TCP in the plane, the right one up, down and about the vertical, the cross about the
-two other axes. Its numbers are those of the kernel's driver for Xbox pads, which others follow.
+Nothing moves unless a dead-man button is held: the left shoulder button for half speed, the right one for
+full. The left stick moves the TCP in the plane. The right stick moves it up and down and turns it about
+the vertical. The cross turns it about the two other axes. The numbers are those of the kernel's driver for
+Xbox pads, which other drivers follow.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from cobot.teleop.hand import JogVelocity
 EVENT = struct.Struct("<IhBB")
 """Time in ms, value, kind, number."""
 GET_VERSION = 0x80046A01
-"""JSIOCGVERSION of linux/joystick.h, which joysticks alone answer."""
+"""JSIOCGVERSION of linux/joystick.h, which only joysticks answer."""
 BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
 FULL = 32767
 DEAD_ZONE = 0.15
-"""A stick that nobody touches reports up to so much of its range."""
+"""Largest reading of an untouched stick, as a fraction of its range."""
 SLOW, FAST, TOOL, END = 4, 5, 0, 7
 """Buttons: left and right shoulder, A, start."""
 SLOW_SHARE = 0.5
@@ -33,9 +34,10 @@ FOLDER = Path("/dev/input")
 
 
 class Gamepad:
-    """
+    """Open a gamepad.
+
     Args:
-        path: of its device; without it the first one that there is.
+        path: of its device; without it the first one found.
 
     Raises (constructor):
         InputError: there is none, or it cannot be read.
@@ -49,7 +51,7 @@ class Gamepad:
             raise InputError(f"gamepad {self._path}: {exc.strerror}") from exc
         if not _has_events(self._file):
             self.close()
-            raise InputError(f"gamepad {self._path}: is no gamepad; those are {FOLDER}/js*")
+            raise InputError(f"gamepad {self._path}: is not a gamepad; those are {FOLDER}/js*")
         self._axes: dict[int, float] = {}
         self._buttons: dict[int, bool] = {}
         self._part = b""
@@ -80,7 +82,7 @@ class Gamepad:
         return beyond if value > 0.0 else -beyond
 
     def _read(self) -> None:
-        """Take what has come; a part of an event waits for its rest."""
+        """Read the available events. An incomplete event waits for its rest."""
         while True:
             try:
                 content = os.read(self._file, 64 * EVENT.size)
@@ -91,7 +93,7 @@ class Gamepad:
                 raise UnavailableError(f"gamepad {self._path}: {exc.strerror}") from exc
             if not content:
                 self._buttons.clear()
-                raise UnavailableError(f"gamepad {self._path}: it has been taken away")
+                raise UnavailableError(f"gamepad {self._path}: it has been disconnected")
             whole = self._part + content
             end = len(whole) // EVENT.size * EVENT.size
             self._part = whole[end:]
@@ -102,14 +104,16 @@ class Gamepad:
         if kind & ~INITIAL == AXIS:
             self._axes[number] = max(-1.0, value / FULL)
         elif kind & ~INITIAL == BUTTON:
-            self._buttons[number] = bool(value) and not kind & INITIAL  # held before it began counts for none
+            self._buttons[number] = (
+                bool(value) and not kind & INITIAL
+            )  # a button held before the start does not count
             if value and not kind & INITIAL:
                 self._tool ^= number == TOOL
                 self._ended |= number == END
 
 
 def _has_events(descriptor: int) -> bool:
-    """Whether it is a joystick of the kernel's, or a pipe through which another program passes one on."""
+    """Whether it is a joystick of the kernel, or a pipe from another program."""
     if stat.S_ISFIFO(os.fstat(descriptor).st_mode):
         return True
     try:
@@ -122,5 +126,5 @@ def _has_events(descriptor: int) -> bool:
 def _first() -> Path:
     found = sorted(FOLDER.glob("js*"))
     if not found:
-        raise InputError(f"there is no gamepad: no js* in {FOLDER}; without --gamepad it is the keyboard")
+        raise InputError(f"there is no gamepad: no js* in {FOLDER}; without --gamepad the keyboard is used")
     return found[0]

@@ -1,4 +1,4 @@
-"""What a device says of its own arm, beside what the model makes of the same joints."""
+"""Comparison of the device's own pose of the arm with the model's pose for the same joints."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array, Pose
 
 OFF_M, OFF_RAD = 0.005, 0.02
-"""How far the two may be apart: more than the calibration of an arm, less than any wrong axis or link."""
+"""Allowed difference between the two: more than the calibration of an arm, less than any wrong axis or
+link."""
 REDUCED_M_S = 0.25
-"""The TCP is moved by hand no faster: the reduced speed of ISO 10218-1."""
+"""Maximum speed of the TCP when it is moved by hand: the reduced speed of ISO 10218-1."""
 REDUCED_SHARE = 0.9
-"""Of it, that a motion is to use at the most."""
+"""Maximum fraction of it that a motion uses."""
 POSES = 500
 
 
@@ -25,7 +26,7 @@ def disagreement(model: RobotModel, joints: Array, flange: Pose) -> str:
 
     Args:
         joints: as the device measures them, shape (dof,), rad.
-        flange: where the device says that its flange is then, in its base frame.
+        flange: pose of the flange that the device reports for them, in its base frame.
     """
     ours = model.forward(joints) @ model.flange_in_tcp()
     off_m = float(np.linalg.norm(flange.position - ours.position))
@@ -41,7 +42,7 @@ def disagreement(model: RobotModel, joints: Array, flange: Pose) -> str:
 
 
 def fastest(model: RobotModel) -> tuple[float, float]:
-    """How fast the TCP moves, m/s, and turns, rad/s, at the most, at the joints' full speed, anywhere."""
+    """Maximum speed of the TCP, m/s and rad/s, at the joints' full speed in any posture."""
     limits = model.limits
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=limits.dof))) * limits.max_velocity
     low = np.maximum(limits.min_position, -np.pi)
@@ -56,7 +57,7 @@ def fastest(model: RobotModel) -> tuple[float, float]:
 
 
 def reduced_share(moves_m_s: float) -> float:
-    """The share of the joints' speed at which a TCP that is so fast at full speed keeps the reduced one."""
+    """The fraction of the joints' speed at which a TCP with this full speed keeps the reduced speed."""
     return min(1.0, REDUCED_SHARE * REDUCED_M_S / moves_m_s)
 
 

@@ -1,4 +1,5 @@
-"""Inputs and outputs of a device that takes whole motions: the thread that asks it passes them on."""
+"""Inputs and outputs of a device that takes whole motions: the thread that polls the device passes them
+on."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ log = logging.getLogger("cobot.rtloop")
 
 
 class DrivenIo:
-    """A `HasIo` that no cycle waits for."""
+    """A `HasIo` that never makes a cycle wait."""
 
     def __init__(self, device: HasIo) -> None:
         self._device = device
@@ -28,7 +29,7 @@ class DrivenIo:
         self._wanted.append((name, value))
 
     def ask(self) -> None:
-        """A turn of the thread: what the device refuses is said in the log, and it does not report it."""
+        """One turn of the thread. If the device refuses or does not report them, the reason is logged."""
         try:
             while self._wanted:
                 self._device.set_output(*self._wanted.popleft())

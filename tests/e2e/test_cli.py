@@ -52,7 +52,7 @@ def test_the_state_is_shown_to_people_and_to_programs(shell: Shell) -> None:
     assert f"{shell.run.name}: HOLD" in out
     assert "joint7" in out
     assert "TCP in base_link: x 0.4" in out
-    assert "control: nobody" in out
+    assert "control: free" in out
     found = shell.json("state")
     assert found["joints"]["position"] == pytest.approx(shell.run.joints(), abs=1e-3)
     assert found["robot"]["mode"] == "HOLD"
@@ -99,7 +99,7 @@ def test_what_the_service_refuses_is_said_in_its_words_with_status_1(shell: Shel
     assert status == 1
     assert json.loads(out) == {"success": False, "code": asked["code"], "message": asked["detail"]}
     for words, part in (
-        (["move", "1", "x"], "'x' is no number"),
+        (["move", "1", "x"], "'x' is not a number"),
         (["move", "pose", "1", "2"], "X Y Z, or X Y Z A B C; got 2 numbers"),
         (["move", "0", "0"], "joints must have 7 angles, got 2"),
         (["send", "/nonexistent.csv"], "/nonexistent.csv: No such file"),
@@ -169,7 +169,7 @@ def test_watch_prints_what_happens(shell: Shell) -> None:
 
 def test_jobs_without_an_id_cannot_be_changed(shell: Shell) -> None:
     status, _, err = shell("jobs", "--cancel")
-    assert (status, err) == (1, "cobot: --cancel: which job? Give its ID\n")
+    assert (status, err) == (1, "cobot: --cancel: needs the ID of a job\n")
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_jobs_without_an_id_cannot_be_changed(shell: Shell) -> None:
         (["run", "--url", "http://localhost:1"], "run: --url is for a SEQUENCE"),
         (["run", "--json"], "run: --json is for a SEQUENCE"),
         (["run", "a.json", "--port", "1"], "run: --port does not go with a SEQUENCE"),
-        (["run", "a.json", "--iterations", "0"], "'0' is no number from 1 to 1000000"),
+        (["run", "a.json", "--iterations", "0"], "'0' is not a number from 1 to 1000000"),
         (["stop", "--json"], "stop: --token, --certificate and --json go with --url"),
         (["stop", "--estop", "--url", "http://localhost:1"], "do not go with --url"),
         (["move"], "GOAL"),

@@ -171,7 +171,7 @@ def test_a_service_that_hangs_is_ended_and_started_anew(sturdy: Run) -> None:
     old.suspend()
     run.until(lambda: run.restarted("app", old.pid) and run.healthy())
     run.until(lambda: gone(workers))
-    assert f"service (pid {old.pid}) hangs, stopped by SIGSTOP: without a sign of life for 3 s" in run.output
+    assert f"service (pid {old.pid}) hangs, stopped by SIGSTOP: no heartbeat for 3 s" in run.output
 
 
 def test_a_motion_that_fails_in_the_background_is_visible(sturdy: Run) -> None:

@@ -1,6 +1,5 @@
-"""What `cobot new-robot` says about the drives: whether they hold the arm, what they leave for a payload, and
-how much friction they can overcome.
-"""
+"""Statements of `cobot new-robot` on the drives: whether they hold the arm, which payload they can carry, and
+how much friction they can overcome."""
 
 from __future__ import annotations
 
@@ -15,10 +14,10 @@ from cobot.robot.model import RobotModel
 from cobot.types import JointLimits
 
 FRICTION_SHARE = 0.3
-"""Share that friction and damping may take at full speed, of the effort that holding the arm leaves: planned
-motions use the rest."""
+"""Maximum fraction of the effort left after holding the arm that friction and damping may take at full speed.
+Planned motions use the rest."""
 LEAST_SHARE = 0.05
-"""Of an effort that does not even hold the arm, friction and damping may take this share."""
+"""Fraction of an effort that friction and damping may take if it does not even hold the arm."""
 
 
 def report_holding(holding: Holding) -> list[str]:
@@ -35,9 +34,8 @@ def report_holding(holding: Holding) -> list[str]:
 
 
 def payload_left(robot: RobotModel, collision: CollisionChecker) -> tuple[float, str]:
-    """`robot.max_payload_kg`, and a sentence on it. It is never more than the arm itself weighs: beyond that
-    the efforts of a file are placeholders.
-    """
+    """`robot.max_payload_kg`, and a sentence on it. It is never more than the weight of the arm: larger
+    efforts in a file are placeholders."""
     moving = float(robot.mj.body_mass[robot.mj.body_weldid != 0].sum())
     found, hold = payload(robot, collision, robot.limits)
     mass = _rounded_down(min(found, moving))
@@ -94,7 +92,7 @@ def _rounded(hold: Hold) -> str:
 
 
 def _rounded_down(value: float) -> float:
-    """To two digits."""
+    """Round to two digits."""
     if value <= 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)

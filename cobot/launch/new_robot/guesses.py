@@ -1,4 +1,4 @@
-"""What `cobot new-robot` guesses where a robot's file is silent, each guess as a sentence to be looked at."""
+"""Guesses of `cobot new-robot` for values missing from a robot's file, each with a sentence to check."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 import yaml
 
 from cobot.errors import ConfigError
@@ -14,20 +15,22 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits
 
 SAMPLES = 500
-"""Random positions at which self-collision is looked at."""
+"""Number of random positions that are checked for self-collision."""
 MARGIN_M = 0.005
 NEAR_SHARE = 0.8
-"""Share of the distance of links that are always near each other, which streams keep."""
+"""Fraction of the distance between links that are always close, which streams keep."""
 VELOCITY = {False: 1.0, True: 0.25}
-"""Guessed for a hinge, rad/s, and a slide, m/s."""
+"""Guessed velocity of a hinge, rad/s, and of a slide, m/s."""
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
-"""Full speed in a quarter of a second, full acceleration in a tenth."""
+"""Guessed ratios: full speed within a quarter of a second, full acceleration within a tenth."""
 MAX_ACCELERATION = 100.0
-"""The largest guess, rad/s², of a slide m/s². A velocity that asks for more, like 1e4, is a placeholder."""
+"""The largest guess, rad/s²; for a slide m/s². A velocity that would need more, such as 1e4, is a
+placeholder."""
 MANY_TURNS_RAD = 8.0 * np.pi
-"""Few joints turn so far either way: who has this in a file may have written degrees."""
+"""Range beyond which a file may be in degrees, because few joints turn so far."""
 EFFORT_RESERVE = 2.5
-"""Guessed effort, of what gravity and the guessed acceleration need at the most of the samples."""
+"""Guessed effort, as a multiple of the largest need for gravity and the guessed acceleration in the
+samples."""
 
 
 def frames(
@@ -45,8 +48,8 @@ def frames(
 def limits(
     file: Path, mj: mujoco.MjModel, rates: dict[str, tuple[float, float]], guessed: list[str]
 ) -> JointLimits:
-    """By the model's ranges and what the file says of velocity and effort (0 for unknown); an effort that
-    nobody knows stays 0, see `efforts`.
+    """Limits from the model's ranges and the file's velocity and effort (0 for unknown). An unknown effort
+    stays 0, see `efforts`.
 
     Raises:
         ConfigError: a slide has no range.
@@ -75,7 +78,7 @@ def limits(
         if velocity * ACCELERATION_PER_VELOCITY > MAX_ACCELERATION:
             unit = "m" if slides else "rad"
             guessed.append(
-                f"{name}: acceleration {MAX_ACCELERATION:g} {unit}/s² at the most, though the file has a "
+                f"{name}: acceleration limited to {MAX_ACCELERATION:g} {unit}/s², though the file has a "
                 f"velocity of {velocity:g} {unit}/s"
             )
         velocities[index], known[index] = velocity, effort
@@ -86,7 +89,7 @@ def limits(
 
 
 def efforts(robot: RobotModel, guessed: list[str]) -> Array:
-    """Those of the limits, and where they are 0 what the arm needs, and a reserve."""
+    """The efforts of the limits; where one is 0, the arm's need with a reserve."""
     limits, needed = robot.limits, np.zeros(robot.limits.dof)
     for joints in _samples(limits)[:100]:
         accelerating = np.abs(robot.mass_matrix(joints)) @ limits.max_acceleration
@@ -102,7 +105,7 @@ def efforts(robot: RobotModel, guessed: list[str]) -> Array:
 
 
 def write_limits(limits: JointLimits, file: Path) -> None:
-    """As cobot and MoveIt read them."""
+    """The SRDF, as cobot and MoveIt read it."""
     entries = {}
     for index, name in enumerate(limits.names):
         low, high = float(limits.min_position[index]), float(limits.max_position[index])
@@ -117,14 +120,14 @@ def write_limits(limits: JointLimits, file: Path) -> None:
 def pairs_that_touch(
     robot: RobotModel, disabled: list[tuple[str, str]], guessed: list[str]
 ) -> list[tuple[str, str]]:
-    """The bodies that are within 5 mm of each other at every sample, without the disabled pairs."""
+    """The pairs of bodies within 5 mm of each other at every sample, without the disabled pairs."""
     checker = CollisionChecker(robot, MARGIN_M, map(frozenset, disabled))
     touching = checker.clearance.distances(_samples(robot.limits), MARGIN_M) < MARGIN_M
     bodies = robot.mj.geom_bodyid
-    of_bodies: dict[tuple[int, ...], Array] = {}  # Of two bodies any shapes may touch, not always the same.
+    of_bodies: dict[tuple[int, ...], NDArray[np.bool_]] = {}  # Of two bodies any shapes may touch, not always the same.
     for pair in np.flatnonzero(touching.any(axis=0)):
         both = tuple(sorted(int(bodies[geom]) for geom in checker.pairs[pair]))
-        of_bodies[both] = touching[:, pair] | of_bodies.get(both, np.False_)
+        of_bodies[both] = touching[:, pair] | of_bodies.get(both, np.zeros(len(touching), bool))
     found = [both for both, touch in of_bodies.items() if touch.all()]
     pairs = [(robot.mj.body(first).name, robot.mj.body(second).name) for first, second in sorted(found)]
     also = ", which the SRDF does not disable" if disabled else ""
@@ -138,9 +141,8 @@ def pairs_that_touch(
 def stream_margin(
     robot: RobotModel, collision: CollisionChecker, usual_m: float, guessed: list[str]
 ) -> float:
-    """The distance that streams and jogging keep, m: the usual one, or less where links of the arm are
-    nearer than that in every free position, because a stream would be held in all of them.
-    """
+    """The distance that streams and jogging keep, m. It is smaller than usual if links of the arm are closer
+    than that in every free position, because a stream would stop in all of them."""
     samples = _samples(robot.limits)
     free = samples[[collision.is_free(joints) for joints in samples]]
     if not len(free):
@@ -161,7 +163,7 @@ def stream_margin(
 
 
 def shapeless(robot: RobotModel, guessed: list[str]) -> None:
-    """Say which links no collision is ever found of."""
+    """Report the links that have no collision shape."""
     mj = robot.mj
     shapes = {int(mj.geom_bodyid[geom]) for geom in range(mj.ngeom) if mj.geom_contype[geom]}
     bare = [mj.body(int(body)).name for body in mj.jnt_bodyid if int(body) not in shapes]

@@ -1,7 +1,7 @@
-"""`cobot new-robot`: from a URDF, xacro or MJCF file to a folder that `cobot run --config` takes.
+"""`cobot new-robot`: from a URDF, xacro or MJCF file to a folder for `cobot run --config`.
 
-The folder has model.xml (MJCF), meshes, joint_limits.yaml, robot.srdf and cobot-setting.yaml. It is made
-beside its final place and checked there, so it is complete or it is not there.
+The folder has model.xml (MJCF), meshes, joint_limits.yaml, robot.srdf and cobot-setting.yaml. It is built
+next to its final place and checked there, so it is either complete or does not exist.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class _Source:
     Attributes:
         rates: velocity and effort of its joints, 0 for unknown.
         names: of all its joints.
-        stated: of a URDF the inertials that were set aside; None for MJCF.
+        stated: inertials of a URDF that were set aside; None for MJCF.
     """
 
     spec: mujoco.MjSpec
@@ -64,15 +64,15 @@ class _Source:
 
 @dataclass(slots=True)
 class NewRobot:
-    """A robot to be made of a file.
+    """A robot to be made from a file.
 
     Attributes:
-        actuators: the joints that drives move; empty for those of the arm. Others stay where they are.
+        actuators: the driven joints; empty for those of the arm. All others are fixed at their position.
         without: joints that are not part of the arm.
         wishes: masses that the user gives.
-        srdf, group: an SRDF, and the group of it whose joints drives move.
-        packages: folders, in which or as which the packages of package://NAME/... are looked for.
-        hulls: whether each mesh is its convex hull for collisions, even where that fills free space.
+        srdf, group: an SRDF, and its group of driven joints.
+        packages: folders of the packages of package://NAME/..., or folders that contain them.
+        hulls: whether each mesh collides as its convex hull, even if that fills free space.
         xacro: values of the arguments of a xacro file.
         guessed: sentences, filled in by `write`.
     """
@@ -94,11 +94,11 @@ class NewRobot:
         """Make the folder.
 
         Raises:
-            ConfigError: the file, a mesh or the folder is not as it must be; nothing has been written.
+            ConfigError: the file, a mesh or the folder is invalid; nothing has been written.
         """
         try:
             if folder.exists():
-                raise ConfigError(f"{folder}: is there already; choose another --output, or remove it")
+                raise ConfigError(f"{folder}: exists already; choose another --output, or remove it")
             if not folder.parent.is_dir():
                 raise ConfigError(
                     f"{folder}: cannot be written: there is no folder {folder.parent}; make it, or choose "
@@ -199,7 +199,7 @@ class NewRobot:
     def _chain(
         self, root: Element, spec: mujoco.MjSpec, in_file: Sequence[str], files: Tree
     ) -> tuple[Semantics, JointTree, list[Node]]:
-        """What the SRDF says of the arm, and its joints, in the tree of all joints."""
+        """The arm of the SRDF, and its joints, in the tree of all joints."""
         names = [joint.name for joint in spec.joints]
         for given, valid in ((self.actuators, names), (self.without, in_file)):
             if name := next((name for name in given if name not in valid), ""):
@@ -211,14 +211,14 @@ class NewRobot:
         return semantics, tree, find_arm(self.file, root, spec, tree, self.tcp)
 
     def _semantics(self, root: Element, spec: mujoco.MjSpec, tree: JointTree, files: Tree) -> Semantics:
-        """What the SRDF gives; without an SRDF the joints that the user has named."""
+        """Data of the SRDF; without an SRDF the joints that the user has named."""
         if self.srdf is None:
             if self.group is not None:
                 raise ConfigError("--group chooses a group of an SRDF; give that too, with --srdf FILE")
             return Semantics(GROUP, list(self.actuators))
         arm = self.actuators
         if not arm:
-            with suppress(ConfigError):  # The group says which joints they are.
+            with suppress(ConfigError):  # The group names the joints.
                 chain = find_arm(self.file, root, spec, tree, self.tcp)
                 arm = [node.name for node in chain]
         return read_srdf(self.srdf, files, self.group, arm, bool(self.actuators))
@@ -231,7 +231,7 @@ class NewRobot:
         semantics: Semantics,
         own_state: dict[str, float],
     ) -> tuple[list[str], str]:
-        """The joints of the arm and its TCP; all other joints are left out, and their links stay."""
+        """The joints of the arm and its TCP. All other joints are fixed, and their links stay."""
         spec = source.spec
         for telescope in find_telescopes(spec, chain):
             chain = [node for node in chain if node not in telescope.others]
@@ -255,7 +255,7 @@ class NewRobot:
     def _leave_out(
         self, spec: mujoco.MjSpec, arm: list[str], fingers: Sequence[str] = (), linkage: Sequence[str] = ()
     ) -> None:
-        """All joints but the arm's, and say where they stay."""
+        """All joints except the arm's. Reports where they are fixed."""
         slides = {joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
         resting = keep_joints(spec, arm)
         parts = {
@@ -278,7 +278,7 @@ class NewRobot:
 
     @contextmanager
     def _naming(self, folder: Path) -> Iterator[None]:
-        """Have errors name the file that was given, and not where the folder is being made."""
+        """Make errors name the file that was given, instead of the folder under construction."""
         try:
             yield
         except ConfigError as exc:

@@ -1,6 +1,6 @@
-"""Convex solids of a mesh, as collisions need them: its hull, or several where a hull would be wrong.
+"""Convex solids of a mesh for collision checking: its hull, or several solids where a hull would be wrong.
 
-A hull is wrong where it fills much of what the mesh leaves free, such as the inside of a yoke. This is
+A hull is wrong where it fills much of the free space of the mesh, such as the inside of a yoke. This is
 measured on a grid: cells that the mesh encloses or meets, and the depth of the others within the hull.
 """
 
@@ -18,16 +18,17 @@ from cobot.robot.mesh import Indices, cells_met, cells_outside
 from cobot.types import Array
 
 VOID_M, VOID_SHARE = 0.02, 0.1
-"""A hull is wrong if a point in it is further from the mesh than both: m, and as a share of its size."""
+"""Distances from the mesh beyond which a point makes a hull wrong, if it exceeds both: m, and a share of the
+mesh's size."""
 CELLS = 24
-"""Of the grid, along the longest side."""
+"""Number of grid cells along the longest side."""
 CLUSTERS = 40
 """Resolution along the longest side, to which the mesh is simplified before it is decomposed."""
 MAX_SOLIDS = 8
 CONCAVITY = 0.12
-"""How much of its size a solid may be concave before it is split again."""
+"""Concavity beyond which a solid is split again, as a share of its size."""
 THICKNESS_SHARE, MIN_THICKNESS_M = 1e-3, 1e-3
-"""Flat meshes get this thickness, the greater one."""
+"""Thickness of flat meshes: the greater value of the two."""
 COVERED_M = 1e-4
 
 
@@ -37,9 +38,9 @@ class Solids:
 
     Attributes:
         solids: hulls, outward faces.
-        void_m: how deep the hull of the whole mesh fills what the mesh leaves free.
+        void_m: how deep the hull of the whole mesh fills its free space.
         is_wrong: whether that is too much.
-        flat: whether the mesh was flat and has got a thickness.
+        flat: whether the mesh was flat and has been given a thickness.
     """
 
     solids: list[trimesh.Trimesh]
@@ -92,7 +93,7 @@ def _thick(corners: Array) -> Array:
 
 
 def _void(vertices: Array, triangles: Indices, hull: trimesh.Trimesh, size_m: float) -> float:
-    """The greatest distance of a point in the hull from the mesh and what it encloses, m, to a cell."""
+    """The greatest distance, m, of a point in the hull from the mesh and its interior, to within a cell."""
     low = vertices[triangles].min(axis=(0, 1))
     high = vertices[triangles].max(axis=(0, 1))
     counts = np.maximum(1, np.ceil((high - low) / (size_m / CELLS) - 1e-9)).astype(np.int64)
@@ -141,7 +142,7 @@ def _decomposed(vertices: Array, triangles: Indices, size_m: float) -> list[trim
 
 
 def _clustered(vertices: Array, triangles: Indices, cell_m: float) -> tuple[Array, Indices]:
-    """The mesh with all vertices of a cell as one."""
+    """The mesh with all vertices of a cell merged."""
     _, first, places = np.unique(np.round(vertices / cell_m), axis=0, return_index=True, return_inverse=True)
     faces = places.reshape(-1)[triangles]
     distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
@@ -150,7 +151,7 @@ def _clustered(vertices: Array, triangles: Indices, cell_m: float) -> tuple[Arra
 
 
 def _covering(hulls: list[trimesh.Trimesh], points: Array) -> list[trimesh.Trimesh]:
-    """The hulls, each with the points that no hull contains and that are nearest to it."""
+    """The hulls, each extended by the points outside all hulls that are closest to it."""
     outside = np.stack([_beyond(hull, points) for hull in hulls])
     nearest, missed = outside.argmin(axis=0), outside.min(axis=0) > COVERED_M
     return [
@@ -160,7 +161,7 @@ def _covering(hulls: list[trimesh.Trimesh], points: Array) -> list[trimesh.Trime
 
 
 def _beyond(hull: trimesh.Trimesh, points: Array) -> Array:
-    """How far each point is outside the hull's planes, shape (n,), m."""
+    """The distance of each point outside the hull's planes, shape (n,), m."""
     most = np.full(len(points), -np.inf)
     for normal, corner in zip(hull.face_normals, hull.triangles[:, 0], strict=True):
         most = np.maximum(most, (points - corner) @ normal)

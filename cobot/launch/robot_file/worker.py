@@ -1,7 +1,7 @@
-"""A process that reads what may be hostile: meshes and MJCF, with bounded memory and time.
+"""A process that reads possibly hostile files, meshes and MJCF, with bounded memory and time.
 
-One request is one line of JSON, and so is the answer. A worker that takes too long is killed, one that needs
-too much memory or crashes is gone; the next request starts another.
+One request is one line of JSON, and so is the answer. A worker that takes too long is killed. A worker that
+needs too much memory or crashes ends. The next request starts another one.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from cobot.errors import ConfigError
 MODULE = "cobot.launch.robot_file.worker_main"
 MAX_MEMORY_GB = 4
 TIMEOUT_S = 120.0
-"""Of one request."""
+"""Timeout of one request, in seconds."""
 
 
 class Worker:
-    """Use it as a context: at the end the process is gone."""
+    """A worker. Use it as a context: the process ends with it."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
@@ -41,7 +41,7 @@ class Worker:
         self._end()
 
     def ask(self, task: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> dict[str, Any]:
-        """The answer of a task of `worker_main`.
+        """Send a task of `worker_main` and return its answer.
 
         Raises:
             ConfigError: the task's reason, without the file.
@@ -67,7 +67,7 @@ class Worker:
         return dict(answer)
 
     def _start(self) -> subprocess.Popen[bytes]:
-        self._folder = tempfile.TemporaryDirectory()  # MuJoCo writes its log where it runs.
+        self._folder = tempfile.TemporaryDirectory()  # MuJoCo writes its log to the current folder.
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
         self._process = subprocess.Popen(
             [sys.executable, "-m", MODULE, str(MAX_MEMORY_GB)],
@@ -90,7 +90,7 @@ class Worker:
 
 
 def _line(stream: IO[bytes], timeout_s: float) -> bytes:
-    """A line that comes in time; an incomplete one if the process has ended."""
+    """Read a line before the deadline. It is incomplete if the process has ended."""
     end, content = time.monotonic() + timeout_s, b""
     while not content.endswith(b"\n"):
         ready, _, _ = select.select([stream], [], [], max(0.0, end - time.monotonic()))
@@ -104,5 +104,5 @@ def _line(stream: IO[bytes], timeout_s: float) -> bytes:
 
 
 def absolute(file: Path) -> str:
-    """For a worker, which runs elsewhere."""
+    """Convert a path for a worker, which runs in another folder."""
     return str(file.absolute())

@@ -1,4 +1,4 @@
-"""What a supervisor says of what it has started."""
+"""The supervisor's announcement of what it has started."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ log = logging.getLogger("cobot")
 
 
 def announce(settings: Settings, url: str, access: str, memories: Mapping[str, RobotMemory]) -> None:
-    """Say where the service is, who may use it, and what runs.
+    """Log where the service is, which clients may use it, and what runs.
 
     Args:
         url: of the service, "" if there is none.
-        access: who may use it, for people.
+        access: the clients that may use it, for people.
         memories: of the robots, whose cycles have begun.
     """
     log.info("cobot %s (pid %d)", version("cobot"), os.getpid())

@@ -18,10 +18,10 @@ from cobot.logs.supervision import SupervisorLog
 
 FIRST_BACKOFF_S = 0.2
 QUICK = 3
-"""So many restarts in a row come after the first pause; then each pause is twice the one before."""
+"""Number of restarts in a row after the first pause; later each pause is twice the one before."""
 MAX_BACKOFF_S = 5.0
 STEADY_S = 10.0
-"""A process that has lived so long is trusted again: its next pause is the first one."""
+"""Lifetime after which a process is trusted again, in seconds: its next pause is the first one."""
 
 log = logging.getLogger("cobot")
 
@@ -31,8 +31,8 @@ class Child:
     """A process to keep alive.
 
     Attributes:
-        blank: a process that is there already, for the first start.
-        failures: how often it has died, or could not be started, since it was trusted last.
+        blank: a process that already exists, for the first start.
+        failures: number of deaths and failed starts since the process was last trusted.
     """
 
     name: str
@@ -51,8 +51,8 @@ class Child:
 
     def start(self) -> None:
         read_end, write_end = os.pipe()
-        # What a process writes past its log, as C libraries and the interpreter do, is lost when this one
-        # does not read, and waits for nothing.
+        # A process writes past its log when C libraries and the interpreter print. If this thread does not
+        # read, such output is lost and blocks nothing.
         os.set_blocking(write_end, False)
         output = os.fdopen(read_end, "rb")
         environment = {**self.environment, SUPERVISED: "1"}
@@ -68,7 +68,7 @@ class Child:
                     stderr=write_end,
                     pass_fds=self.descriptors,
                     env={**os.environ, **environment},
-                    start_new_session=True,  # Ctrl-C reaches the supervisor alone, which stops the arm first
+                    start_new_session=True,  # Ctrl-C reaches only the supervisor, which stops the arm first
                 )
         except BaseException:
             output.close()
@@ -90,7 +90,7 @@ class Child:
         """The last line of a process that has ended."""
         if self.reader is not None:
             self.reader.join(1.0)
-        return self.line or "it said nothing"
+        return self.line or "it printed nothing"
 
     @property
     def state(self) -> ProcessState:
@@ -107,7 +107,7 @@ class Child:
             self.process.terminate()
 
     def end(self, timeout_s: float) -> None:
-        """Ask the process to end, and make it end."""
+        """Ask the process to end, and kill it after a timeout."""
         if self.process is None:
             return
         self.ask_to_end()
@@ -123,14 +123,14 @@ class Child:
             self.reader.join(1.0)
 
     def revive(self) -> None:
-        """Start it again if it has died: after a pause, which is longer each time until it has lived long."""
+        """Restart it if it has died, after a pause. The pause grows until the process has lived long."""
         assert self.process is not None
         status = self.process.poll()
         now_s = time.monotonic()
         if status is None:
             if now_s - self.started_s > STEADY_S:
                 self.failures = 0
-        elif self.restart_at_s <= self.started_s:  # its death is news
+        elif self.restart_at_s <= self.started_s:  # its death has not been reported yet
             self.failures += status != 0
             self.restart_at_s = now_s + self.backoff_s
             self._tell_end(self.process.pid, status)
@@ -139,7 +139,7 @@ class Child:
 
     def _tell_end(self, pid: int, status: int) -> None:
         if status == 0:
-            log.info("%s (pid %d) has ended as it was asked to, and starts anew", self.name, pid)
+            log.info("%s (pid %d) has ended as requested and is restarted", self.name, pid)
             return
         cause = signal.Signals(-status).name if status < 0 else f"status {status}"
         log.error("%s (pid %d) ended: %s; restart in %.1f s", self.name, pid, cause, self.backoff_s)
@@ -148,7 +148,7 @@ class Child:
         try:
             self.start()
             self.restarts += 1
-        except (OSError, RuntimeError) as exc:  # RuntimeError: of a thread that cannot be started
+        except (OSError, RuntimeError) as exc:  # RuntimeError: a thread cannot be started
             cause = exhausted(exc) or exc
             self.failures += 1
             log.error("%s cannot be started: %s; next attempt in %.1f s", self.name, cause, self.backoff_s)

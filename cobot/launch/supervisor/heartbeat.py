@@ -1,11 +1,12 @@
-"""A process that lives and does nothing any more: noticed by its heartbeat, and ended.
+"""Ends a process that is alive but hangs, which its heartbeat shows.
 
-The service's heartbeat is a counter in shared memory that its event loop bumps, which rtloop watches too:
-looking at it costs a read of eight bytes. When it stops for long, the process is ended, and started anew as
-one that has died. What the arm does meanwhile is for rtloop to decide, long before.
+The service's heartbeat is a counter in shared memory. The service's event loop increments it, and rtloop
+watches it too; reading it costs eight bytes. When the counter stops for long, the process is ended, and
+restarted like one that has died. rtloop decides long before that what the arm does.
 
-A process that never began to beat is left alone: it may be loading, or be there to say why it cannot serve.
-So is one that a debugger holds. One that SIGSTOP keeps from running is not: nobody can use the robot by it.
+A process that has never sent a heartbeat is left alone: it may be loading, or running to report why it cannot
+serve. So is one with a debugger attached. A process stopped by SIGSTOP is ended, because the robot cannot be
+used through it.
 """
 
 from __future__ import annotations
@@ -20,9 +21,10 @@ from cobot.launch.forked import Forked
 from cobot.launch.process import is_stopped, is_traced
 
 MAX_STEP_S = 0.5
-"""Of the time between two looks no more counts: where this process paused, the computer may have."""
+"""Longest time between two checks that counts, in seconds. After a longer one the computer may have
+paused."""
 LAST_WORDS_S = 1.0
-"""So long a process may say where it stood, before it is killed."""
+"""Time that a process has to print its traceback before it is killed, in seconds."""
 
 log = logging.getLogger("cobot")
 
@@ -32,8 +34,8 @@ class HeartbeatWatch:
 
     Args:
         name: of the process, for people.
-        beats: a number that is another one after each beat.
-        timeout_s: without a beat for so long it hangs; None: for ever.
+        beats: returns another number after each beat.
+        timeout_s: time without a beat after which the process hangs; None for no timeout.
     """
 
     def __init__(self, name: str, beats: Callable[[], int], timeout_s: float | None) -> None:
@@ -46,7 +48,7 @@ class HeartbeatWatch:
         self._looked_s = self._silent_s = 0.0
 
     def look(self, process: subprocess.Popen[bytes] | Forked | None) -> None:
-        """To be called again and again, with the process that there is now."""
+        """Check the present process. Call it again and again."""
         now_s, beaten = time.monotonic(), self._beats()
         step_s, self._looked_s = min(now_s - self._looked_s, MAX_STEP_S), now_s
         if process is not self._process:
@@ -69,7 +71,7 @@ class HeartbeatWatch:
             return
         self._asked = True
         log.error(
-            "%s (pid %d) hangs%s: without a sign of life for %g s it is ended, and starts anew",
+            "%s (pid %d) hangs%s: no heartbeat for %g s; it is ended and restarted",
             self._name,
             process.pid,
             ", stopped by SIGSTOP" if is_stopped(process.pid) else "",

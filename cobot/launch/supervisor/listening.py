@@ -1,4 +1,4 @@
-"""The service's socket: where it listens, and who may use it."""
+"""The service's socket: where it listens, and which clients may use it."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ log = logging.getLogger("cobot")
 
 
 def listen(web: WebSection) -> socket.socket:
-    """A socket that listens as the settings say.
+    """Open a listening socket according to the settings.
 
     Raises:
-        UnavailableError: nobody can listen there, with the setting to change.
+        UnavailableError: listening is impossible; the message names the setting to change.
     """
     try:
         family, _, _, _, address = socket.getaddrinfo(web.host, web.port, type=socket.SOCK_STREAM)[0]
@@ -29,13 +29,13 @@ def listen(web: WebSection) -> socket.socket:
             listener.bind(address)
             listener.listen(512)
             failed.pop_all()
-    except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
+    except (OSError, ValueError) as exc:  # ValueError: not a valid host name
         raise UnavailableError(_no_listener(web.host, web.port, exc)) from exc
     return listener
 
 
 def url_of(listener: socket.socket, secure: bool) -> str:
-    """Where clients on this computer find the service."""
+    """The URL of the service for clients on this computer."""
     host, port = listener.getsockname()[:2]
     local = host in ("127.0.0.1", "0.0.0.0", "::", "::1")
     scheme = "https" if secure else "http"
@@ -43,10 +43,10 @@ def url_of(listener: socket.socket, secure: bool) -> str:
 
 
 def access_to(web: WebSection, listener: socket.socket | None) -> str:
-    """Who may use the service, for people.
+    """The clients that may use the service, for people.
 
     Raises:
-        ConfigError: the file of tokens cannot be read, or makes no sense.
+        ConfigError: the file of tokens cannot be read or is invalid.
     """
     if listener is None:
         return "none: there is no service"
@@ -54,21 +54,21 @@ def access_to(web: WebSection, listener: socket.socket | None) -> str:
     tokens = TokenFile(web.tokens).read()
     if authentication_required(web, address):
         if not tokens:
-            log.warning("nobody can use the service yet: cobot token create NAME --role operator")
+            log.warning("no client can use the service yet: cobot token create NAME --role operator")
         open_stop = "; the stop needs none" if web.stop_without_token else ""
         return f"with a token, {len(tokens)} in {web.tokens}{open_stop}"
     if is_loopback(address):
-        return "whoever uses this computer, without a token"
+        return "all users of this computer, without a token"
     log.warning(
-        "web.authentication is none, and %s is reached from elsewhere: "
-        "whoever reaches the port moves the robot",
+        "web.authentication is none, and %s is reachable from other computers: "
+        "every client that reaches the port can move the robot",
         address,
     )
-    return "WHOEVER REACHES THE PORT, without a token"
+    return "EVERY CLIENT THAT REACHES THE PORT, without a token"
 
 
 def _no_listener(host: str, port: int, error: OSError | ValueError) -> str:
-    """Why nobody can listen there, and which setting to change."""
+    """The reason why listening fails, and the setting to change."""
     reason = getattr(error, "strerror", None) or str(error)
     message = f"cannot listen on {host} port {port}: {reason}"
     match getattr(error, "errno", None):

@@ -1,4 +1,4 @@
-"""Starting, watching and ending the processes: one account of who is alive."""
+"""Starts, watches and ends the processes, and knows which are alive."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ log = logging.getLogger("cobot")
 
 
 class Supervisor:
-    """Runs the robots until it is told to stop: a process for each, and one service for all."""
+    """Runs the robots until it receives a signal: a process for each, and one service for all."""
 
     def __init__(
         self,
@@ -51,10 +51,11 @@ class Supervisor:
         as_written: Settings | None = None,
         blanks: Iterable[Forked] = (),
     ) -> None:
-        """
+        """Create a supervisor that has started nothing yet.
+
         Args:
-            as_written: the settings without what the command line says otherwise.
-            blanks: processes that are there already, to become those that are started first.
+            as_written: the settings without the overrides of the command line.
+            blanks: existing processes that become the first ones to be started.
         """
         self._blanks = list(blanks)
         self._settings = settings
@@ -67,7 +68,7 @@ class Supervisor:
         self._recordings: list[RecordingMemory] = []
 
     def run(self) -> int:
-        """Start everything, watch over it, stop everything.
+        """Start everything, watch it, stop everything.
 
         Returns:
             The exit status: 0 after a stop by signal.
@@ -82,7 +83,7 @@ class Supervisor:
     def _run(self) -> None:
         secure = check_certificate(self._settings.web)
         if self._settings.web.enabled:
-            check_endpoints(self._settings.web.endpoints)  # what is wrong there is said here, not by a child
+            check_endpoints(self._settings.web.endpoints)  # errors are reported here, not by a child
         listener = listen(self._settings.web) if self._settings.web.enabled else None
         url = url_of(listener, secure) if listener is not None else ""
         access = access_to(self._settings.web, listener)
@@ -110,7 +111,7 @@ class Supervisor:
                 self._watch([*rtloops, *service], memories, url)
             finally:
                 self._systemd.stopping()
-                for child in rtloops:  # all arms come to rest at the same time, before anything is written
+                for child in rtloops:  # all arms stop at the same time, before anything is written
                     child.ask_to_end()
                 log.info("stopping: the arm first")
                 for child in (*rtloops, *service):
@@ -123,8 +124,8 @@ class Supervisor:
         return child
 
     def _watch(self, children: list[Child], memories: dict[str, RobotMemory], url: str) -> None:
-        """Until it is time to stop."""
-        # For these robots the service has to begin before all is ready.
+        """Wait until it is time to stop."""
+        # For these robots the service must begin before all is ready.
         served = list(memories.values()) if url else []
         known: dict[str, ProcessState] = {}
         watches = self._watches(memories)
@@ -149,7 +150,8 @@ class Supervisor:
             self._signals.sleep(0.1)
 
     def _watches(self, memories: dict[str, RobotMemory]) -> dict[str, list[HeartbeatWatch]]:
-        """By whom they watch. The recorder has a heartbeat for each robot, of the thread that follows it."""
+        """The processes with their heartbeats. The recorder has one per robot, of the thread that follows
+        it."""
         beats = partial(_beats, [memory.heartbeat for memory in memories.values()])
         return {
             SERVICE: [HeartbeatWatch(SERVICE, beats, self._settings.web.hang_to_restart_s)],
@@ -159,9 +161,8 @@ class Supervisor:
         }
 
     def _reload(self, children: list[Child]) -> None:
-        """SIGHUP: the service reads the configuration again. Where it came because the terminal that this
-        was started from has gone, it is the end: nobody watches the arm any more.
-        """
+        """Handle SIGHUP: the service reads the configuration again. If the signal means that the terminal
+        of this process has gone, the supervisor ends, because the operator no longer watches the arm."""
         if self._in_terminal and not has_terminal():
             log.info("the terminal has gone")
             self._signals.stopping = True
@@ -174,7 +175,7 @@ class Supervisor:
         service.process.send_signal(signal.SIGHUP)
 
     def _memory(self, name: str, url: str, stack: ExitStack) -> RobotMemory:
-        """A robot's shared memory, which goes with the stack."""
+        """A robot's shared memory, which is removed with the stack."""
         settings = self._settings.of(name)
         own_url = address(url, name) if url and self._settings.robots else url
         robot = load_robot(settings)
@@ -192,10 +193,10 @@ class Supervisor:
         return memory
 
     def _await_first(self, rtloops: list[Child], memories: list[RobotMemory]) -> None:
-        """Wait for the robots' cycles to begin. One that does not is tried again later, like one that dies.
+        """Wait for the robots' cycles to begin. One that does not begin is retried later, like one that dies.
 
         Raises:
-            UnavailableError: not a single one has begun.
+            UnavailableError: no cycle has begun.
         """
         failed: list[UnavailableError] = []
         deadline_s = time.monotonic() + READY_TIMEOUT_S
@@ -227,12 +228,12 @@ class Supervisor:
 
 
 def _beats(blocks: Iterable[Block]) -> int:
-    """Another number after each sign of life in one of them."""
+    """A number that changes after each heartbeat of one of them."""
     return sum(int(each.sequence) for each in blocks)
 
 
 def _mend(memories: dict[str, RobotMemory]) -> None:
-    """Nothing reads a header but who maps the memory, above all a process that is restarted."""
+    """Repair spoilt headers. Only processes that map the memory read them, above all restarted ones."""
     for name, memory in memories.items():
         if memory.mend_header():
-            log.error("the header of the shared memory of %s was spoilt, and is written anew", name)
+            log.error("the header of the shared memory of %s was spoilt and has been rewritten", name)

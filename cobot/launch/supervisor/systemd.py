@@ -1,6 +1,6 @@
-"""What systemd is told of a service: sd_notify, one datagram a message (see sd_notify(3)).
+"""Notifications to systemd about a service: sd_notify, one datagram per message (see sd_notify(3)).
 
-Without systemd, nothing is told to anybody.
+Without systemd, no message is sent.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ import socket
 import time
 
 SHARE = 0.3
-"""Of the time that systemd waits for a sign of life: so often one is sent."""
+"""Interval between heartbeats, as a fraction of systemd's timeout."""
 
 
 class Systemd:
-    """The service manager that has started this process, if one has.
+    """The service manager that has started this process, if there is one.
 
-    Its variables are taken out of the environment: they are not for the children.
+    Its variables are removed from the environment, because they are not for the children.
     """
 
     def __init__(self) -> None:
@@ -30,7 +30,7 @@ class Systemd:
         self._is_ready = False
 
     def ready(self, status: str) -> None:
-        """The service has started. To be called again and again; told once."""
+        """Report that the service has started. May be called again; the message is sent once."""
         if not self._is_ready:
             self._is_ready = self._tell(f"READY=1\nSTATUS={status}")
 
@@ -38,14 +38,14 @@ class Systemd:
         self._tell("STOPPING=1")
 
     def alive(self) -> None:
-        """To be called again and again; sends as often as is needed."""
+        """Send a heartbeat if one is due. Call it again and again."""
         now_s = time.monotonic()
         if self._period_s is not None and now_s >= self._next_s:
             self._next_s = now_s + self._period_s
             self._tell("WATCHDOG=1")
 
     def _tell(self, message: str) -> bool:
-        """Whether it was told; nobody waits for a service manager that does not read."""
+        """Send a message without waiting for the service manager. Returns whether it was sent."""
         if not self._address:
             return True
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as teller:

@@ -1,9 +1,9 @@
-"""A Franka arm. It is held by its own controller of joint positions; with an impedance, by torques of ours.
+"""A Franka arm. Its own controller holds joint positions; with an impedance, torques of this backend hold it.
 
-The robot gives the beat: it sends its state a thousand times a second and takes the command that follows.
-What does not come in time it makes up for at constant acceleration, and `Bridge` takes it up from there. A
-reflex, the user stop, a lost connection end the control: that is a fault, and a reset recovers from it, with
-a new connection where the last one is lost.
+The robot is externally clocked: it sends its state a thousand times per second and takes the command that
+follows. It replaces a late command by motion at constant acceleration, and `Bridge` continues from there.
+A reflex, the user stop and a lost connection end the control: that is a fault. A reset recovers from it,
+with a new connection if the last one is lost.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.001
 REST_RAD_S = 0.02
-"""An arm that is slower than this rests."""
+"""Speed below which the arm is at rest."""
 
 
 class FrankaBackend:
@@ -60,7 +60,7 @@ class FrankaBackend:
         library: Any = None,
         knock: Callable[[str], Knocking] = Knock,
     ) -> None:
-        """library, knock: for tests: what stands for pylibfranka, and for the way to the robot."""
+        """library, knock: for tests: replacements of pylibfranka and of the connection check."""
         if limits.dof != DOF:
             raise BackendError(f"a Franka has {DOF} joints, this robot has {limits.dof}")
         options = settings.backend_options(FrankaOptions)
@@ -102,7 +102,7 @@ class FrankaBackend:
             if not self._link.is_open():
                 return False
             self._receive()
-        if self._impedance is not None:  # whoever had it is gone
+        if self._impedance is not None:  # the previous controller of the arm is gone
             self.set_impedance(None)
         if self._link.control is not None:
             return True
@@ -115,18 +115,18 @@ class FrankaBackend:
         return False
 
     def recover_step(self) -> bool:
-        """The robot recovers as soon as it is asked to, which `enable_step` does."""
-        self._preparing = None  # of a reset that has not come to its end
+        """Request a recovery; `enable_step` executes it."""
+        self._preparing = None  # of an unfinished reset
         return True
 
     def read(self, measured: Measured) -> None:
-        if not self._fresh:  # nobody has waited for it
+        if not self._fresh:  # no cycle has waited for it
             self._receive()
         self._fresh = False
         state = self._state
         measured.position[:], measured.velocity[:] = state.q, state.dq
         measured.effort[:], measured.desired_effort[:] = state.tau_J, state.tau_J_d
-        # The robot counts what it exerts on its surroundings; here counts what they exert on it.
+        # The robot reports what it exerts on its surroundings; this reports what they exert on the robot.
         measured.external_effort[:] = state.tau_ext_hat_filtered
         measured.wrench[:] = state.O_F_ext_hat_K
         measured.external *= -1.0
@@ -145,7 +145,7 @@ class FrankaBackend:
                 self._link.control.writeOnce(self._franka.Torques(torques.tolist()))
 
     def disable(self) -> None:
-        """The arm is held by its own controller; its brakes are closed in Desk."""
+        """Its own controller holds the arm; brakes are closed in Desk."""
         if self._link.control is not None:
             with contextlib.suppress(BackendError), self._link.in_words():
                 self._end()
@@ -157,7 +157,7 @@ class FrankaBackend:
     # Paced, Reporting
 
     def wait(self, timeout_s: float) -> bool:
-        """The robot's next state. libfranka waits for it in its own way, and gives up by itself."""
+        """Wait for the robot's next state. libfranka waits in its own way, with its own timeout."""
         self._receive()
         return True
 
@@ -179,7 +179,8 @@ class FrankaBackend:
     # ImpedanceControlled, CarriesTool
 
     def set_impedance(self, impedance: Impedance | None) -> None:
-        """Between positions and torques the robot's control ends and another begins, at rest: some cycles."""
+        """Switch between positions and torques: at rest, the robot's control ends and another begins.
+        Takes some cycles."""
         if impedance is not None and self._impedance is not None:
             self._impedance = impedance
             self._giving.use(impedance)
@@ -191,7 +192,7 @@ class FrankaBackend:
 
     def set_tool(self, tool: Tool) -> None:
         self._tool = tool
-        if self._link.robot is not None:  # else `enable` tells it
+        if self._link.robot is not None:  # otherwise `enable` sends it
             with self._paused():
                 self._tell_tool()
 
@@ -205,10 +206,9 @@ class FrankaBackend:
         return FrankaRig(settings, limits)
 
     def _prepare(self) -> Iterator[bool]:
-        """See to it that the robot can be controlled, and tell it all that it has to know before: False when
-        there is more to tell. pylibfranka holds up the whole interpreter until the robot has replied, some
-        tens of milliseconds, so each step is one command and there are cycles between.
-        """
+        """One step of making the robot controllable and sending its settings: False if there are more
+        steps. pylibfranka blocks the whole interpreter until the robot has replied, for some tens of
+        milliseconds. So each step is one command, with cycles in between."""
         mode = self._state.robot_mode.name
         if mode in REFUSALS:
             raise BackendError(REFUSALS[mode])
@@ -227,13 +227,13 @@ class FrankaBackend:
         yield False
 
     def _tell_tool(self) -> None:
-        """What is mounted, in the frame of the flange: the load beside what Desk calls the end effector."""
+        """The load in the frame of the flange, in addition to what Desk calls the end effector."""
         tool = self._tool
         inertia = tool.inertia_matrix.ravel(order="F").tolist()
         self._link.robot.set_load(tool.mass, list(tool.centre), inertia)
 
     def _start(self) -> None:
-        """Begin to control it, from its own reference on."""
+        """Begin to control the robot from its own reference."""
         if self._impedance is None:
             mode = self._franka.ControllerMode.JointImpedance
             self._link.control = self._link.robot.start_joint_position_control(mode)
@@ -245,7 +245,7 @@ class FrankaBackend:
         self._periods = 1
 
     def _end(self) -> None:
-        """Bring the control to its end; the arm rests, and the robot holds it."""
+        """End the control; the arm rests, and the robot holds it."""
         control, self._link.control = self._link.control, None
         if self._impedance is None:
             last = self._franka.JointPositions(self._bridge.sent[0].tolist())
@@ -256,7 +256,7 @@ class FrankaBackend:
 
     @contextlib.contextmanager
     def _paused(self) -> Iterator[None]:
-        """For what the robot takes only while nobody controls it.
+        """Context for settings that the robot accepts only while it is not controlled.
 
         Raises:
             BackendError: it moves, or refuses.
@@ -265,17 +265,17 @@ class FrankaBackend:
         with self._link.in_words():
             if controlled:
                 if np.abs(np.array(self._state.dq)).max() > REST_RAD_S:
-                    raise BackendError("the arm moves: this takes one that rests")
+                    raise BackendError("the arm moves: this needs an arm at rest")
                 self._end()
             yield
             if controlled:
                 self._start()
 
     def _receive(self) -> None:
-        """The newest state, when it is there.
+        """The newest state, once it has arrived.
 
         Raises:
-            BackendError: the robot is not there, or has ended the control, with why.
+            BackendError: the robot is not connected, or has ended the control, with the reason.
         """
         if self._link.robot is None:
             raise BackendError(self._link.lost or "the robot is not connected")
@@ -293,5 +293,5 @@ class FrankaBackend:
         if self._link.lost:
             return self._link.lost
         mode = self._state.robot_mode.name if self._state is not None else "Other"
-        why = in_words(present(self._state)) or REFUSALS.get(mode, "nobody controls it: reset")
+        why = in_words(present(self._state)) or REFUSALS.get(mode, "the robot is not controlled: reset")
         return f"the robot is {MODES.get(mode, mode)}: {why}"

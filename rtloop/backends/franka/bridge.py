@@ -1,9 +1,10 @@
-"""From where the robot believes the motion to be to where it is: without a jump in velocity or acceleration.
+"""Transition from the motion that the robot expects to the commanded one, without a jump in velocity or
+acceleration.
 
-The robot goes on at constant acceleration where a command does not reach it (Franka Control Interface,
-"Control Interface Specification and Robot Limits"), and a motion has to begin where its own reference is,
-which is not quite where the arm is measured. In both cases what is commanded next differs from what the
-robot expects. The difference is added to the commands, and fades.
+The robot continues at constant acceleration when a command does not reach it (Franka Control Interface,
+"Control Interface Specification and Robot Limits"). A motion must begin at the robot's own reference,
+which is not exactly the measured position. In both cases the next command differs from what the robot
+expects. The difference is added to the commands and fades.
 """
 
 from __future__ import annotations
@@ -15,16 +16,16 @@ from cobot.types import Array
 SHORTEST_S, LONGEST_S = 0.2, 1.0
 MAX_ACCELERATION = 2.0
 MAX_JERK = 1000.0
-"""What the fading difference takes at the most, rad/s², rad/s³, or a little more if it begins with more."""
+"""Maximum acceleration and jerk of the fading difference, rad/s², rad/s³. It exceeds them slightly if it
+begins above them."""
 JUMP_RAD = 1e-6
-"""Two commands in a row that keep the limits are closer to each other's extrapolation: what is further apart
-is a change of acceleration of 1 rad/s² at the least, and a jerk of 2000 rad/s³.
-"""
+"""Largest difference between a command and the extrapolation of the one before that is no jump: at least a
+change of acceleration of 1 rad/s² and a jerk of 2000 rad/s³."""
 PLACES = np.linspace(0.0, 1.0, 41)
 
 
 class Bridge:
-    """What is added to commands, rows position, velocity, acceleration, shape (3, dof)."""
+    """The offset added to commands, rows position, velocity, acceleration, shape (3, dof)."""
 
     def __init__(self, dof: int, period_s: float) -> None:
         self._period_s = period_s
@@ -35,16 +36,16 @@ class Bridge:
         self.sent = np.zeros((3, dof))
 
     def begin(self, position: Array) -> None:
-        """Commands begin at rest at the robot's own reference, shape (dof,)."""
+        """Begin commands at rest at the robot's own reference, shape (dof,)."""
         self.sent[:] = 0.0
         self.sent[0] = position
         self._duration_s, self._offset[:] = -1.0, 0.0  # not known before there is a command
 
     def bridged(self, command: Array, periods: int) -> Array:
-        """The command that follows from what was sent last; keep no reference to it.
+        """The command that follows the last one that was sent; keep no reference to it.
 
         Args:
-            periods: so many of the robot's have gone by since: 1, more if packets were lost.
+            periods: number of the robot's periods since then: 1, more if packets were lost.
         """
         if periods > 1 or self._duration_s < 0.0 or self._jumps(command):
             self._take_up(command, periods)
@@ -57,16 +58,15 @@ class Bridge:
         return self.sent
 
     def _jumps(self, command: Array) -> bool:
-        """Whether this does not follow from the last command, with its velocity or the mean of both: after a
-        fault rtloop goes on where the arm is.
-        """
+        """Whether this does not follow from the last command, with its velocity or the mean of both. After a
+        fault rtloop continues from the present position of the arm."""
         step = command[0] - self._last[0]
         by_last = np.abs(step - self._period_s * command[1])
         by_mean = np.abs(step - 0.5 * self._period_s * (self._last[1] + command[1]))
         return bool(np.minimum(by_last, by_mean).max() > JUMP_RAD)
 
     def _take_up(self, command: Array, periods: int) -> None:
-        """Begin to fade from where the robot has come by itself."""
+        """Begin to fade from the position that the robot has reached by itself."""
         position, velocity, acceleration = self.sent
         ahead_s = periods * self._period_s
         expected = np.array(
@@ -80,7 +80,8 @@ class Bridge:
 
     def _fit(self, start: Array) -> None:
         self._time_s, self._duration_s = 0.0, SHORTEST_S
-        # A quintic that begins with an acceleration takes 0.36 of it the other way, however long it is.
+        # A quintic that begins with an acceleration reaches 0.36 of it in the other direction, whatever its
+        # duration.
         along = np.maximum(MAX_ACCELERATION, np.abs(start[2])) * (1.0 + 1e-9)
         against = MAX_ACCELERATION + 0.4 * np.abs(start[2])
         sign = np.where(start[2] < 0.0, -1.0, 1.0)

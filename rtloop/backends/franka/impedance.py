@@ -1,4 +1,4 @@
-"""Torques with which a Franka gives way as it is told: the springs of the simulation, on what is measured."""
+"""Torques that make a Franka compliant: the springs of the simulation, applied to the measured state."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from rtloop.backends import Impedance
 from rtloop.backends.springs import Springs
 
 MAX_TORQUE_RATE = 990.0
-"""N·m/s; Franka publishes 1000 for both robots, beyond which its controller sees a discontinuity."""
+"""Maximum rate of the torques, N·m/s. Franka publishes 1000 for both robots; its controller treats more as
+a jump."""
 
 
 class GivingWay:
@@ -38,19 +39,20 @@ class GivingWay:
         self.torque = np.zeros(limits.dof)
 
     def begin(self, impedance: Impedance) -> None:
-        """From no torque on."""
+        """Begin without torque."""
         self.torque[:] = 0.0
         self._springs.use(impedance)
 
     def use(self, impedance: Impedance) -> None:
-        """These springs from the next cycle on."""
+        """Use these springs from the next cycle on."""
         self._springs.use(impedance)
 
     def torques(self, command: Array, position: Array, velocity: Array) -> Array:
-        """What to command now, without gravity, which the robot makes up for itself, shape (dof,), N·m.
+        """The torques to command now, shape (dof,), N·m. They exclude gravity, which the robot compensates
+        itself.
 
-        It never changes faster than the robot permits. Springs on a position that is no number would send
-        none either: then the torques fade.
+        They never change faster than the robot permits. If a position is not finite, the springs give no
+        torques, and the torques fade.
 
         Args:
             command: shape (3, dof).
@@ -76,7 +78,7 @@ class GivingWay:
         return wanted
 
     def _find_jacobian(self) -> None:
-        """Of the TCP, in the base frame."""
+        """Velocity of the TCP, in the base frame."""
         mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._tcp)
         turn = self._data.xmat[self._base].reshape(3, 3)
         self._jacobian[:3] = turn.T @ self._jacobian[:3]

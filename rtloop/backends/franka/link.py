@@ -1,7 +1,7 @@
-"""The connection to the robot: how it comes to be, what it says of its end.
+"""The connection to the robot: how it is established, and why it ends.
 
-Whether anybody answers at the robot's address is found out in little steps before libfranka connects: it
-takes a minute to give up, and holds up the whole interpreter meanwhile, so that no cycle would go on.
+libfranka takes a minute to give up and blocks the whole interpreter meanwhile, so that no cycle would run.
+Therefore small steps first find out whether the robot's address answers.
 """
 
 from __future__ import annotations
@@ -20,27 +20,28 @@ from rtloop.backends.franka.words import explained, said
 INSTALL = "pylibfranka is not installed: pip install 'cobot[franka]'"
 
 PORT = 1337
-"""The Franka Control Interface listens here."""
+"""Port of the Franka Control Interface."""
 CONNECT_S = 3.0
 
 
 class Knocking(Protocol):
     def answered(self, wait_s: float = 0.0) -> bool:
-        """Whether somebody does, or not yet.
+        """Whether the robot answers; False if it has not answered yet.
 
         Raises:
-            BackendError: nobody does, with the reason.
+            BackendError: the robot does not answer, with the reason.
         """
         ...
 
 
 class Knock:
-    """A connection that is closed as soon as it is there."""
+    """A connection that is closed as soon as it is established."""
 
     def __init__(self, address: str) -> None:
-        """
+        """Begin to connect.
+
         Raises:
-            BackendError: there is no way to this address, or it is none.
+            BackendError: the address is invalid, or there is no route to it.
         """
         self._address = address
         try:
@@ -68,22 +69,23 @@ class Knock:
 
     def _nobody(self, why: str | None) -> BackendError:
         return BackendError(
-            f"nobody answers at {self._address}, port {PORT}: {why}; is the robot on, its cable in the "
+            f"no answer at {self._address}, port {PORT}: {why}; is the robot on, its cable in the "
             "control unit, and FCI activated in Desk?"
         )
 
 
 class Link:
-    """
+    """Keep the connection to one robot.
+
     Attributes:
         library: pylibfranka.
-        robot: its `Robot`, None while nobody is connected.
-        control: what moves it, None while nobody controls it.
+        robot: its `Robot`, None while it is not connected.
+        control: the active control, None without one.
         lost: why the connection is lost; "" while it is not.
     """
 
     def __init__(self, address: str, realtime: str, library: Any, knock: Callable[[str], Knocking]) -> None:
-        """library: None for what is installed."""
+        """library: None for the installed one."""
         self.library: Any = library or _installed()
         self._address, self._realtime, self._knock = address, realtime, knock
         self._knocking: Knocking | None = None
@@ -92,10 +94,10 @@ class Link:
         self.lost = ""
 
     def is_open(self, wait_s: float = 0.0) -> bool:
-        """Connect, in steps of so long.
+        """Connect, in steps of this duration.
 
         Raises:
-            BackendError: nobody answers there, or it is no robot.
+            BackendError: the address does not answer, or is not a robot.
         """
         if self.robot is not None:
             return True
@@ -113,7 +115,7 @@ class Link:
 
     @contextlib.contextmanager
     def in_words(self) -> Iterator[None]:
-        """libfranka's exceptions as ours; the control is over then."""
+        """Translate libfranka's exceptions to those of cobot; the control has then ended."""
         library = self.library
         try:
             yield

@@ -1,4 +1,4 @@
-"""What stands beside `type: franka` in `robot.backend`."""
+"""Options of `type: franka` in `robot.backend`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ Seven = Annotated[list[Torque], Field(min_length=DOF, max_length=DOF)]
 
 
 class FrankaOptions(BaseModel):
-    """
+    """Options of a Franka.
+
     Attributes:
         address: of the robot's control unit, an IP address or a name.
         realtime: enforce: refuse a computer whose kernel is not real-time, as Franka Robotics asks for;
@@ -22,7 +23,7 @@ class FrankaOptions(BaseModel):
         contact_torque, contact_force: beyond these, N·m for each joint and N, N·m along each axis, the robot
             reports contact.
         collision_torque, collision_force: beyond these a reflex stops it.
-        check_pose: whether the pose that the robot tells has to be that of the model.
+        check_pose: whether the pose that the robot reports must be that of the model.
         joint_stiffness: of its own controller, which holds positions, N·m/rad; None: the robot's default.
     """
 

@@ -1,4 +1,4 @@
-"""The backend beside a stand-in for the robot, which the contract drives and breaks."""
+"""The backend with a stand-in for the robot. The contract drives it and injects faults."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ LASTING = "joint_position_limits_violation"
 
 
 class FrankaRig:
-    """A `ContractRig`. A Franka knows no T1, T2 and AUT; libfranka itself leaves out what was overtaken
-    or has piled up.
-    """
+    """A `ContractRig`. A Franka has no T1, T2 and AUT. libfranka itself drops packets that were overtaken
+    or have piled up."""
 
     faults = frozenset(FAULTS) - {"operation_mode"}
 

@@ -1,7 +1,7 @@
-"""A stand-in for pylibfranka: a robot that obeys, loses packets, and is stopped, as somebody says.
+"""A stand-in for pylibfranka: a robot that obeys, loses packets and stops on request.
 
-It has what the backend uses of the package, and refuses what a Franka refuses: settings while it is
-controlled, control while it is not ready. Each exchange is one period; it knows no clock.
+It has the part of the package that the backend uses, and refuses what a Franka refuses: settings while it is
+controlled, control while it is not ready. Each exchange is one period; it has no clock.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from rtloop.backends.franka.stand_in_library import (
 PERIOD_S = 0.001
 START = (0.0, -0.7854, 0.0, -2.3562, 0.0, 1.5708, 0.7854)
 REFERENCE_OFF_RAD = 2e-4
-"""So far is the robot's own reference from where the arm is measured."""
+"""Distance of the robot's own reference from the measured position."""
 LOST = 20
-"""With losses one packet in so many does not come."""
+"""With losses, one packet in this many is lost."""
 
 
 class Arm:
-    """What stays when a connection is lost.
+    """The state that survives a lost connection.
 
-    Attributes (those that whoever drives it sets):
-        lose: so many packets are lost before the next state comes.
+    Attributes (set by the test that drives it):
+        lose: number of packets that are lost before the next state comes.
         fail: the next exchange raises this.
         faults: names of `rtloop.contract.FAULTS` that last.
         refuses: the kind of control that cannot be begun, "positions" or "torques".
-        real_time: whether the computer is.
-        positions, torques: what was commanded since control began, cycle by cycle; while packets are lost,
-            what the robot went on with.
+        real_time: whether the computer is real-time.
+        positions, torques: commands since control began, cycle by cycle; while packets are lost, the robot's
+            own continuation.
         wire: all positions that it was ever commanded.
     """
 
@@ -71,7 +71,7 @@ class Arm:
 
     @property
     def library(self) -> SimpleNamespace:
-        """What `import pylibfranka` gives."""
+        """The module that `import pylibfranka` gives."""
         kinds = (
             FrankaException,
             ControlException,
@@ -98,12 +98,12 @@ class Arm:
         return self.connection
 
     def knock(self, address: str) -> Arm:
-        """In place of `rtloop.backends.franka.link.Knock`."""
+        """Replacement of `rtloop.backends.franka.link.Knock`."""
         return self
 
     def answered(self, wait_s: float = 0.0) -> bool:
         if "disconnect" in self.faults:
-            raise BackendError("nobody answers")
+            raise BackendError("no answer")
         return True
 
     def stop_by(self, *errors: str) -> None:
@@ -114,21 +114,21 @@ class Arm:
         self.fail = ControlException(f"libfranka: Move command aborted: motion aborted by reflex! [{listed}]")
 
     def press_stop(self) -> None:
-        """Somebody presses the user stop."""
+        """Press the user stop."""
         self.let_go()
         self.mode = RobotMode.UserStopped
         self.fail = ControlException("libfranka: Move command aborted: User Stop pressed!")
 
     def let_go(self) -> None:
-        """Nobody controls it any more."""
+        """End the control."""
         if self.controlled:
             self.controlled, self.mode = "", RobotMode.Idle
 
     def begin(self, kind: str) -> None:
-        """Control of positions or torques begins."""
+        """Begin control of positions or torques."""
 
     def turn(self, torque: Array) -> None:
-        """By torques it does not move, as if somebody held it."""
+        """Under torque control it does not move, as if a person held it."""
 
     def move(self, position: Array) -> None:
         self.positions.append(position)
@@ -136,7 +136,7 @@ class Arm:
         self.q_d, self.q = position, position - REFERENCE_OFF_RAD
 
     def go_on(self) -> None:
-        """At constant acceleration, as nothing came."""
+        """Continue at constant acceleration, as after a lost command."""
         if self.controlled == "positions" and len(self.positions) >= 3:
             a, b, c = self.positions[-3:]
             self.move(c + (c - b) + ((c - b) - (b - a)))
@@ -168,12 +168,12 @@ class Arm:
 
 
 class Connection:
-    """As pylibfranka's `Robot`, and what it gives to control it."""
+    """The interface of pylibfranka's `Robot`, and of the object that controls it."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
 
-    # What is told
+    # Settings
 
     def set_collision_behavior(self, *thresholds: list[float]) -> None:
         if [len(each) for each in thresholds] != [7, 7, 6, 6]:
@@ -234,7 +234,7 @@ class Connection:
         arm = self._arm
         lost, arm.lose = arm.lose, 0
         if {"loss", "reorder", "pile_up"} & arm.faults and arm.cycles % LOST == 0:
-            lost = 1  # what was overtaken counts as lost, too: libfranka takes no older state
+            lost = 1  # overtaken packets count as lost too: libfranka accepts no older state
         for _ in range(lost):
             arm.go_on()
         arm.cycles += lost

@@ -1,4 +1,4 @@
-"""What `import pylibfranka` gives beside its `Robot`, as far as the backend uses it, for the stand-in."""
+"""The part of `import pylibfranka` that the backend uses besides `Robot`, for the stand-in."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Torques:
 
 
 class State(SimpleNamespace):
-    """Its matrices are found when somebody asks for them."""
+    """A model that computes its matrices when they are read."""
 
     q: list[float]
 

@@ -1,4 +1,4 @@
-"""What the robot's reflexes and modes mean, in words, and what to do about them."""
+"""Meaning of the robot's reflexes and modes, and their remedies."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ REFLEXES = {
     "self_collision_avoidance_violation": "the arm came too close to itself",
     "tau_j_range_violation": "a torque sensor is beyond its range",
 }
-"""By the names of libfranka's errors; the others say enough by their names."""
+"""Texts by the names of libfranka's errors. The names of the other errors are clear enough."""
 MODES = {
     "Idle": "ready",
     "Move": "moving",
@@ -48,11 +48,11 @@ MODES = {
     "Other": "not ready",
 }
 REFUSALS = {
-    "Guiding": "somebody guides the arm by hand: let go of its buttons, then reset",
+    "Guiding": "the arm is guided by hand: release its buttons, then reset",
     "UserStopped": "the user stop is pressed, or the enabling device let go: release it, then reset",
     "Other": "the robot is not ready: open its brakes and activate FCI in Desk, then reset",
 }
-"""Modes that cannot be enabled from here."""
+"""Modes that cobot cannot enable."""
 
 
 def in_words(names: Iterable[str]) -> str:
@@ -62,7 +62,7 @@ def in_words(names: Iterable[str]) -> str:
 
 
 def explained(text: str) -> str:
-    """A message of libfranka's with its errors in words; libfranka names them in brackets."""
+    """A message of libfranka with its errors in words. libfranka puts their names in brackets."""
     inside = text[text.find("[") + 1 : text.rfind("]")] if "[" in text and "]" in text else ""
     names = [name.strip(' "') for name in inside.split(",")]
     known = [name for name in names if name in REFLEXES]
@@ -70,12 +70,12 @@ def explained(text: str) -> str:
 
 
 def present(state: Any) -> list[str]:
-    """The names of the errors in a state of libfranka's."""
+    """The names of the errors in a state of libfranka."""
     errors = state.current_errors if state is not None else None
     found = (name for name in dir(errors) if not name.startswith("_") and getattr(errors, name) is True)
     return list(islice(found, MAX_ERRORS))
 
 
 def said(exc: Exception) -> str:
-    """By libfranka, in a line."""
+    """A message of libfranka in one line."""
     return joined_text(exc).removeprefix("libfranka: ")

@@ -1,4 +1,4 @@
-"""What is answered to each of the controller's packets."""
+"""The answers to the controller's packets."""
 
 from __future__ import annotations
 
@@ -22,9 +22,11 @@ _COUNTER = 1 << 32
 
 
 class Answers:
-    """Attributes:
-    torque, wrench: laid over the position, shapes (dof,) and (6,), N·m and N.
-    outputs: to be set at the cabinet.
+    """Answers to the packets of one session.
+
+    Attributes:
+        torque, wrench: added to the position, shapes (dof,) and (6,), N·m and N.
+        outputs: to be set at the cabinet.
     """
 
     def __init__(self, options: FriOptions, names: tuple[str, ...], period_s: float) -> None:
@@ -40,31 +42,33 @@ class Answers:
         return self._entry.sent is not None
 
     def forget(self) -> None:
-        """The controller has ended its motion: the next one begins where it is then."""
+        """Handle the end of the controller's motion: the next one begins at the arm's position then."""
         self._entry.forget()
 
     def held(self, message: Monitoring) -> tuple[float, ...]:
-        """Where the arm is to stay: what was commanded last in a running motion, else the interpolator."""
+        """The position at which the arm stays: the last command in a running motion, else the
+        interpolator."""
         sent = self._entry.sent
         if sent is None or message.state != SessionState.COMMANDING_ACTIVE:
             return interpolator(message)
         return tuple(sent.tolist())
 
     def begin(self, message: Monitoring, command: Array) -> str:
-        """Commands go on from where the controller has the arm; or why they may not, "" if they do."""
+        """Begin commands at the controller's position of the arm. Returns why they may not begin, "" if
+        they may."""
         here = np.array(self.held(message))
         off = np.abs(here - command)
         joint = int(off.argmax())
         if not off[joint] <= self._options.entry_rad:
             return (
-                f"{self._names[joint]} is commanded {off[joint]:.4f} rad beside the controller's "
+                f"{self._names[joint]} is commanded {off[joint]:.4f} rad from the controller's "
                 f"interpolator, {self._options.entry_rad} rad are allowed (robot.backend.entry_rad)"
             )
         self._entry.begin(here, command)
         return ""
 
     def encode(self, message: Monitoring, command: Array | None) -> bytes:
-        """The answer to a packet; b"" if it wants none.
+        """The answer to a packet; b"" if it needs none.
 
         Args:
             command: shape (dof,), rad; None: the arm is held where the controller has it.

@@ -1,6 +1,6 @@
 """KUKA's LBR iiwa and LBR Med over the Fast Robot Interface.
 
-Long, because it is all that the cycle asks of this device.
+This module is long because it holds everything that the cycle asks of this device.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ if TYPE_CHECKING:
 
 
 class FriBackend:
-    """A `Backend` that the robot controller gives its beat, `Paced`, `Reporting` and `Stepwise`.
+    """An externally clocked `Backend` for the robot controller: `Paced`, `Reporting` and `Stepwise`.
 
-    It answers each packet as the session's state asks for it: with nothing while it is monitored, with the
-    interpolator's position while a motion waits, with commands while it runs and the connection is good.
+    The session's state decides the answer to each packet: none while the session is monitored, the
+    interpolator's position while a motion waits, commands while the motion runs and the connection is good.
     """
 
     Options = FriOptions
@@ -55,7 +55,7 @@ class FriBackend:
         torque=True,
         wrench=True,
         io=True,
-        stops={2: False},  # the drives are the cabinet's
+        stops={2: False},  # the drives belong to the cabinet
         hardware=True,
     )
 
@@ -67,13 +67,15 @@ class FriBackend:
         channel: Channel | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """channel, clock: for tests: what stands for the network and for its time."""
+        """channel, clock: for tests: replacements of the network and its time."""
         options = settings.backend_options(FriOptions)
         self._options = options = options if options is not None else FriOptions()
         self._limits, self._period_s = limits, settings.rt.period_s
         self._robot = settings.robot
         self._reduced, self._tool = 1.0, BARE
-        self._fastest: tuple[float, float] | None = None  # The bare TCP at full speed, m/s and rad/s.
+        self._fastest: tuple[float, float] | None = (
+            None  # Speed of the bare TCP at the joints' full speed, m/s and rad/s.
+        )
         self.capabilities = replace(
             type(self).capabilities, torque=options.overlay == "torque", wrench=options.overlay == "wrench"
         )
@@ -81,13 +83,13 @@ class FriBackend:
         self._beat = Beat(limits.dof, self._period_s)
         self._answers = Answers(options, limits.names, self._period_s)
         self._heard_s = self._asked_s = self._refused_s = 0.0
-        self._join_until_s = 0.0  # so long after it was enabled the session may begin anew without a fault
+        self._join_until_s = 0.0  # time after enabling in which the session may restart without a fault
         self._enabled = self._asking = self._joins = False
         self._answered = True  # the newest packet, which has one answer
         self._starts = True
         self._refused = ""
         self._malformed = 0
-        self._lost = ""  # why the last motion ended: until a reset the arm is not moved any more
+        self._lost = ""  # why the last motion ended: the arm does not move again until a reset
 
     def open(self, initial_position: Array) -> None:
         options, robot = self._options, self._robot
@@ -112,7 +114,8 @@ class FriBackend:
             raise BackendError(problem)
 
     def set_tool(self, tool: Tool) -> None:
-        """For the reduced speed of T1 alone: what the drives carry is set at the cabinet."""
+        """Set the tool. Only the reduced speed of T1 uses it: the load of the drives is set at the
+        cabinet."""
         self._tool = tool
         self._reduce()
 
@@ -125,7 +128,7 @@ class FriBackend:
         self._reduced = reduced_share(moves_m_s + turns_rad_s * lever_m)
 
     def wait(self, timeout_s: float) -> bool:
-        """The controller's next packet, or the cycle of one that was lost or has piled up."""
+        """Wait for the controller's next packet, or run the cycle of one that was lost or has piled up."""
         deadline_s = self._clock() + timeout_s
         while not self._beat.due:
             for packet in self._open_channel.receive(deadline_s - self._clock()):
@@ -174,9 +177,8 @@ class FriBackend:
             raise BackendError(f"the robot takes no commands: {reason}")
 
     def enable(self) -> None:
-        """Whoever starts first waits for the other: at the start it is the first command that says why the
-        robot takes none, and a reset that tries again.
-        """
+        """Enable the drives. Either side may start first: at the start, the first command reports why the
+        robot takes none, and a reset tries again."""
         starts, self._starts = self._starts, False
         self.recover_step()
         nothing = np.zeros((3, self._limits.dof))
@@ -217,12 +219,12 @@ class FriBackend:
         return True
 
     def recover_step(self) -> bool:
-        """The controller's own program recovers it; from here on it is only echoed until it has."""
+        """The controller's own program recovers the robot. Until then its position is only echoed."""
         self._enabled, self._lost = False, ""
         return True
 
     def disable(self) -> None:
-        """Answer no more commands: the controller's program decides what becomes of its motion."""
+        """Stop answering with commands: the controller's program decides what happens to its motion."""
         self._enabled = False
         self._answers.forget()
 
@@ -265,7 +267,7 @@ class FriBackend:
         self._answers.torque[:] = torque
 
     def write_wrench(self, wrench: Array) -> None:
-        """To be added at the TCP from the next `write` on, shape (6,), N and N·m. Real-time safe."""
+        """Set the wrench at the TCP from the next `write` on, shape (6,), N and N·m. Real-time safe."""
         self._answers.wrench[:] = wrench
 
     @staticmethod
@@ -276,21 +278,20 @@ class FriBackend:
         return FriRig(settings, limits)
 
     def _may_begin_anew(self, message: Monitoring) -> bool:
-        """Just after it was enabled a session may be lost and come back: this computer was busy meanwhile.
-        Not when the arm is to move.
-        """
+        """Whether the session may be lost and come back without a fault: shortly after enabling, which may
+        have kept this computer busy, and only while the arm does not move."""
         soon = self._joins and self._clock() < self._join_until_s
         return soon and message.safety == SafetyState.NORMAL_OPERATION
 
     def _is_other_version(self, message: Monitoring) -> bool:
-        """Whether the controller frames its messages otherwise than just now: one that was restarted may."""
+        """Whether the controller's messages have another frame than before, as after a restart."""
         before = self._beat.newest
         return before is not None and before.framed != message.framed and self._silence_s < RELEASE_S
 
     @property
     def _strangers(self) -> str:
         count = self._open_channel.strangers
-        return f"{count} packets of others than the controller did not count" if count else ""
+        return f"{count} packets from addresses other than the controller's were ignored" if count else ""
 
     @property
     def _silence_s(self) -> float:
@@ -298,7 +299,7 @@ class FriBackend:
 
     @property
     def _refuses(self) -> bool:
-        """Whether something has come since the newest packet, and was none."""
+        """Whether an unusable packet has arrived since the newest usable one."""
         return self._refused_s > self._heard_s
 
     @property

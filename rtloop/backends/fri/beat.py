@@ -1,4 +1,4 @@
-"""Which cycle belongs to which packet: the newest counts, and a packet that was lost still takes its time."""
+"""Assignment of packets to cycles: the newest packet counts, and a lost packet still takes its time."""
 
 from __future__ import annotations
 
@@ -8,24 +8,25 @@ from cobot.types import Array
 from rtloop.backends.fri.messages import Monitoring, ahead
 
 MAX_CATCH_UP_S = 0.1
-"""That is made up for at once; after a longer gap the path goes on where it was."""
+"""Longest gap that is made up for at once; after a longer one the path continues where it was."""
 OVERTAKEN = 20
-"""So many packets behind the newest one has been overtaken; further back the controller counts anew."""
+"""Number of packets behind the newest up to which a packet was overtaken. Further back, the controller has
+restarted its count."""
 VELOCITY_S = 0.005
-"""Time constant with which the velocity, which FRI does not tell, follows the measured positions."""
+"""Time constant with which the velocity, which FRI does not report, follows the measured positions."""
 
 
 class Beat:
-    """What the controller says, one period after the other.
+    """The controller's values, period by period.
 
-    Where packets were lost, or have piled up while this computer was busy, the cycles between are run with
-    positions on a straight line between what came before and after: so the path's time is the device's.
+    If packets were lost, or have piled up while this computer was busy, the cycles between them run with
+    positions on a straight line between the known ones. So the path follows the device's time.
 
     Attributes:
         newest: the newest packet, None before the first.
         position, velocity: of this cycle, shape (dof,), rad and rad/s.
-        lost: packets that never came, or came too late.
-        due: cycles that are to be run, the one of the newest packet among them.
+        lost: number of packets that were lost or came too late.
+        due: number of cycles to run, including the one of the newest packet.
     """
 
     def __init__(self, dof: int, period_s: float) -> None:
@@ -37,7 +38,7 @@ class Beat:
         self._target = np.zeros(dof)
 
     def take(self, message: Monitoring) -> bool:
-        """A packet has come; False for one that is older than the newest."""
+        """Add a packet; False for one that is older than the newest."""
         periods = 1
         if self.newest is not None:
             periods = ahead(message.header.sequence, self.newest.header.sequence)
@@ -54,7 +55,7 @@ class Beat:
         return True
 
     def go_on(self) -> None:
-        """The next cycle that is due."""
+        """Begin the next cycle that is due."""
         step = (self._target - self.position) / self.due
         self.due -= 1
         self.position = self.position + step
@@ -63,16 +64,16 @@ class Beat:
 
 
 def smooth(share: float) -> float:
-    """From 0 at 0 to 1 at 1, with no velocity and acceleration at either."""
+    """A smooth step from 0 at 0 to 1 at 1, without velocity and acceleration at either end."""
     share = min(max(share, 0.0), 1.0)
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
 
 class Entry:
-    """Commands begin where the controller's interpolator is, and go over to what they say: no jump.
+    """Transition from the controller's interpolator to the commands, without a jump.
 
     Attributes:
-        sent: what was commanded last, None before the first.
+        sent: the last command, None before the first.
     """
 
     FADE_S = 1.0
@@ -84,16 +85,16 @@ class Entry:
         self._passed_s = self.FADE_S
 
     def forget(self) -> None:
-        """What was commanded does not count any more: the controller has ended its motion."""
+        """Forget the commands: the controller has ended its motion."""
         self.sent = None
 
     def begin(self, interpolator: Array, command: Array) -> None:
-        """From here the command goes on, whatever it says."""
+        """Continue the commands from this position, whatever they are."""
         self._offset = (self.sent if self.sent is not None else interpolator) - command
         self._passed_s = 0.0
 
     def follow(self, command: Array) -> Array:
-        """What to send in this cycle, shape (dof,), rad."""
+        """The position to send in this cycle, shape (dof,), rad."""
         self.sent = command + self._offset * (1.0 - smooth(self._passed_s / self.FADE_S))
         return self.sent
 

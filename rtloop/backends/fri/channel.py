@@ -12,28 +12,28 @@ from rtloop.backends import BackendError
 from rtloop.backends.fri.codec import MAX_PACKET, decode_monitoring
 
 MAX_AT_ONCE = 256
-"""Packets that are taken from the socket in one go."""
+"""Maximum number of packets that are read from the socket at once."""
 RELEASE_S = 1.0
-"""A controller that has been silent for so long may have been started anew, and send from another port."""
+"""Time of silence after which the controller may have restarted and may send from another port, in
+seconds."""
 
 
 class Channel(Protocol):
-    """Where packets come from and answers go.
+    """Source of packets and destination of answers.
 
     Attributes:
-        strangers: packets of others than the controller, which do not count.
+        strangers: number of ignored packets from other addresses than the controller's.
     """
 
     strangers: int
 
     def receive(self, timeout_s: float) -> list[bytes]:
-        """All that has piled up, the oldest first; waits for one, and gives [] after `timeout_s`, or where
-        only others have sent something.
-        """
+        """All waiting packets, oldest first. Waits for one; returns [] after `timeout_s`, or if all
+        packets came from other addresses."""
         ...
 
     def send(self, packet: bytes) -> None:
-        """To the controller."""
+        """Send to the controller."""
         ...
 
     def close(self) -> None: ...
@@ -42,14 +42,15 @@ class Channel(Protocol):
 class UdpChannel:
     """A `Channel`: the socket that a controller sends to.
 
-    The controller is whoever sends FRI first, from `address` if there is one. From then on nobody else is
-    heard or answered.
+    The first sender of FRI is the controller, from `address` if there is one. Packets from all other
+    addresses are then ignored.
     """
 
     def __init__(
         self, listen: str, port: int, address: str | None, *, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """
+        """Open the socket.
+
         Raises:
             BackendError: the port is taken, or the address is not of this computer.
         """
@@ -67,13 +68,13 @@ class UdpChannel:
 
     def receive(self, timeout_s: float) -> list[bytes]:
         packets: list[bytes] = []
-        # Not poll, whose whole milliseconds are longer than a period.
+        # Not poll: its whole milliseconds are longer than a period.
         if not select.select([self._socket], [], [], max(timeout_s, 0.0))[0]:
             return packets
         for _ in range(MAX_AT_ONCE):
             try:
                 packet, sender = self._socket.recvfrom(MAX_PACKET + 1)
-            except OSError:  # no more, or what an answer to nobody has left behind
+            except OSError:  # no more packets, or an error that an answer to a closed port has left behind
                 break
             if self._counts(packet, sender):
                 packets.append(packet)
@@ -93,7 +94,7 @@ class UdpChannel:
         self._socket.close()
 
     def _counts(self, packet: bytes, sender: tuple[str, int]) -> bool:
-        """Whether it is the controller's, or may be, as long as there is none."""
+        """Whether a packet comes from the controller; any sender may be it while it is unknown."""
         now_s = self._clock()
         if sender != self._controller:
             if self._address not in (None, sender[0]):
@@ -101,7 +102,7 @@ class UdpChannel:
             if self._controller is not None and now_s - self._heard_s < RELEASE_S:
                 return False
             if isinstance(decode_monitoring(packet), str):
-                return self._controller is None  # it is said that this has come
+                return self._controller is None  # the report names this packet
             self._controller, self._address = sender, sender[0]
         self._heard_s = now_s
         return True

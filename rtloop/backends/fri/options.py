@@ -1,4 +1,4 @@
-"""What may stand beside `type: fri` in `robot.backend`."""
+"""Options of `type: fri` in `robot.backend`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def an_ipv4_address(value: str) -> str:
     try:
         IPv4Address(value)
     except ValueError as exc:
-        raise ValueError(f"{value[:80]!r} is no IPv4 address, such as 172.31.1.147") from exc
+        raise ValueError(f"{value[:80]!r} is not an IPv4 address, such as 172.31.1.147") from exc
     return value
 
 
@@ -29,18 +29,20 @@ Address = Annotated[str, AfterValidator(an_ipv4_address)]
 
 
 class FriOptions(BaseModel):
-    """Attributes:
-    address: of the robot controller; null takes the first one that sends FRI.
-    listen: address of this computer that the controller sends to; 0.0.0.0 for any.
-    port: UDP port of this computer that the controller sends to, in its program `setPortOnRemote`.
-    version: of FRI; 2 includes 2.7, auto takes each.
-    overlay: what the cabinet's program has its motion take.
-    connect_s: how long the first packet may take.
-    enable_s: how long the controller may take until it takes commands.
-    silence_s: without a packet for so long the robot is not there any more: a fault.
-    entry_rad: how far the arm may be beside the controller's interpolator when commands begin.
-    check_pose: whether a pose that the controller tells has to be that of the model.
-    min_tracking: least tracking performance then, 0 to 1.
+    """Options of the Fast Robot Interface.
+
+    Attributes:
+        address: of the robot controller; null takes the first one that sends FRI.
+        listen: address of this computer that the controller sends to; 0.0.0.0 for any.
+        port: UDP port of this computer that the controller sends to, in its program `setPortOnRemote`.
+        version: of FRI; 2 includes 2.7, auto accepts each.
+        overlay: type of command of the motion in the cabinet's program.
+        connect_s: timeout for the first packet.
+        enable_s: timeout for the controller to take commands.
+        silence_s: time without a packet after which the connection is lost: a fault.
+        entry_rad: largest distance of the arm from the controller's interpolator when commands begin.
+        check_pose: whether a pose that the controller reports must be that of the model.
+        min_tracking: least tracking performance then, 0 to 1.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)

@@ -1,4 +1,4 @@
-"""Outputs that are to be set at the cabinet: sent with the answers until the controller reports them."""
+"""Outputs to be set at the cabinet: sent with the answers until the controller reports them."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from rtloop.backends import BackendError
 from rtloop.backends.fri.messages import MAX_NAME, IoDirection, IoType, IoValue, Monitoring, ahead
 
 SENT_S = 1.0
-"""So long an output is sent that the controller does not report: packets may be lost."""
+"""Number of answers with an output that the controller does not report yet, because packets may be lost."""
 UNFIT = "/\ufffd"
-"""Also what stands for bytes that are no UTF-8."""
+"""Character that also replaces bytes that are not UTF-8."""
 KINDS = {IoType.BOOLEAN: IoKind.BOOLEAN, IoType.DIGITAL: IoKind.DIGITAL, IoType.ANALOG: IoKind.ANALOG}
 
 
 def point_of(value: IoValue, name: str = "") -> IoPoint:
-    """name: that it goes by, its own if none is given."""
+    """name: its public name, by default its own."""
     is_output = value.direction == IoDirection.OUTPUT
     return IoPoint(name or value.name, KINDS[value.type], is_output, float(value.value))
 
 
 def points(message: Monitoring) -> list[IoPoint]:
-    """What the cabinet's program has registered."""
+    """The inputs and outputs that the cabinet's program has registered."""
     return [point_of(each, name) for name, each in _by_name(message).items()]
 
 
 def _by_name(message: Monitoring) -> dict[str, IoValue]:
-    """Inputs and outputs by the names that they go by here, which can be printed and stand in an address.
+    """Inputs and outputs by public names, which can be printed and used in an address.
 
-    A slash and what cannot be printed becomes an underscore; a name that is taken gets a number.
+    A slash and unprintable characters become underscores; a name that is taken gets a number.
     """
     found: dict[str, IoValue] = {}
     for each in message.io:
@@ -45,9 +45,11 @@ def _by_name(message: Monitoring) -> dict[str, IoValue]:
 
 @dataclass(slots=True)
 class _Wanted:
-    """Attributes:
-    first: the number of the answer that has said it first, None before.
-    left: so many answers more say it.
+    """An output that is being set.
+
+    Attributes:
+        first: number of the first answer with it, None before.
+        left: number of further answers with it.
     """
 
     value: IoValue
@@ -56,26 +58,26 @@ class _Wanted:
 
 
 class Outputs:
-    """Real-time safe; next to nothing while none is to be set."""
+    """Real-time safe; almost free while no output is to be set."""
 
     def __init__(self, period_s: float) -> None:
         self._answers = round(SENT_S / period_s)
         self._wanted: dict[str, _Wanted] = {}
 
     def set(self, message: Monitoring, name: str, value: float) -> None:
-        """From the next answer on.
+        """Set an output from the next answer on.
 
         Raises:
-            BackendError: it is no output of those in the message.
+            BackendError: it is not one of the outputs in the message.
         """
         output = _by_name(message).get(name)
         if output is None or output.direction != IoDirection.OUTPUT:
-            raise BackendError(f"{name} is no output that the controller's program has registered")
+            raise BackendError(f"{name} is not an output that the controller's program has registered")
         number = value if output.type == IoType.ANALOG else int(value)
         self._wanted[output.name] = _Wanted(replace(output, value=number), self._answers)
 
     def in_answer(self, message: Monitoring, number: int) -> list[IoValue]:
-        """What the answer of this number to a message says of outputs."""
+        """The outputs in the answer of this number to a message."""
         if not self._wanted:
             return []
         reported = {each.name: each.value for each in message.io}

@@ -1,4 +1,4 @@
-"""What the controller's packets mean, in words: why it takes no commands, what does not fit."""
+"""Meaning of the controller's packets: why it takes no commands, and which settings do not match."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STATES = {
     SessionState.COMMANDING_ACTIVE: "",
 }
 HAND_GUARDED = (OperationMode.T1, OperationMode.T2)
-"""In these modes somebody has to hold the enabling switch."""
+"""Modes in which the operator must hold the enabling switch."""
 
 
 def takes_commands(message: Monitoring) -> bool:
@@ -54,12 +54,12 @@ def obstacle(message: Monitoring) -> str:
 
 
 def is_version(found: str, wanted: str) -> bool:
-    """Whether a release, "1.x", "2.x" or "2.7", is one of those that an option names."""
+    """Whether a release, "1.x", "2.x" or "2.7", is one of those that an option allows."""
     return found == wanted or found.split(".")[0] == wanted
 
 
 def misfit(message: Monitoring, options: FriOptions, period_s: float) -> str:
-    """Why this controller cannot be driven with these settings, whatever it does; "" if it can."""
+    """Why this controller cannot be driven with these settings in any state; "" if it can."""
     if options.version != "auto" and message.version and not is_version(message.version, options.version):
         return (
             f"the controller speaks FRI {message.version}, robot.backend.version asks for {options.version}: "
@@ -74,7 +74,7 @@ def misfit(message: Monitoring, options: FriOptions, period_s: float) -> str:
 
 
 def wrong_overlay(message: Monitoring, options: FriOptions) -> str:
-    """Why its motion is not the one that the settings speak of; "" if it is, or is not known yet."""
+    """Why its motion does not match the settings; "" if it does, or is not known yet."""
     wanted = COMMAND_MODES[options.overlay]
     if message.state < SessionState.COMMANDING_WAIT or message.command_mode == wanted:
         return ""
@@ -85,16 +85,16 @@ def wrong_overlay(message: Monitoring, options: FriOptions) -> str:
 def entry_fault(
     message: Monitoring, options: FriOptions, names: tuple[str, ...], held: tuple[float, ...]
 ) -> str:
-    """Why commands may not begin: the arm is not where it is held; "" if it is.
+    """Why commands may not begin because the arm is not at its held position; "" if they may.
 
     Args:
-        held: by the controller's interpolator, or in a motion that is under way by what was commanded last.
+        held: position of the controller's interpolator, or the last command if a motion is running.
     """
     off: Array = np.abs(np.subtract(message.measured_position, held))
     joint = int(off.argmax())
     if not off[joint] <= options.entry_rad:
         return (
-            f"{names[joint]} is {off[joint]:.6g} rad beside the controller's interpolator, "
+            f"{names[joint]} is {off[joint]:.6g} rad from the controller's interpolator, "
             f"{options.entry_rad} rad are allowed (robot.backend.entry_rad)"
         )
     tracking = message.tracking_performance
@@ -107,12 +107,14 @@ def entry_fault(
 
 
 def interpolator(message: Monitoring) -> tuple[float, ...]:
-    """Where the controller itself wants the arm; where it is measured, if the controller does not say."""
+    """The position that the controller itself commands; the measured one if the controller does not report
+    it."""
     return message.ipo_position or message.commanded_position or message.measured_position
 
 
 def drives_in_words(drives: tuple[DriveState, ...]) -> tuple[str, str]:
-    """Drives and brakes, of which FRI says nothing: an LBR's are applied when its drives are off."""
+    """Drives and brakes. FRI does not report the brakes: those of an LBR are applied when its drives are
+    off."""
     if not drives:
         return "", ""
     if all(drive == DriveState.ACTIVE for drive in drives):

@@ -1,7 +1,7 @@
-"""Protobuf's wire format, as far as FRI needs it.
+"""The part of Protobuf's wire format that FRI needs.
 
-A message is a row of fields: a key (number and kind) and a value. Kinds: 0 varint, 1 eight bytes, 2 a length
-and so many bytes, 5 four bytes. Source: "Encoding", Protocol Buffers documentation.
+A message is a sequence of fields: a key (number and kind) and a value. Kinds: 0 varint, 1 eight bytes, 2 a
+length and that many bytes, 5 four bytes. Source: "Encoding", Protocol Buffers documentation.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _DOUBLE_FIELD = 1 + _DOUBLE.size
 
 
 class WireError(Exception):
-    """These bytes are no message; the text says why."""
+    """These bytes are not a message; the text says why."""
 
 
 def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
@@ -33,7 +33,7 @@ def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
 
 
 def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]]:
-    """Number and kind of each field, and its value: a varint and 0, else where it begins and ends."""
+    """Number, kind and value of each field: a varint and 0, else the value's start and end."""
     while at < end:
         key = data[at]
         if key < 0x80:
@@ -54,7 +54,7 @@ def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]
         elif kind == FOUR_BYTES:
             size = 4
         else:
-            raise WireError(f"field {number} is of kind {kind}, which nobody knows")
+            raise WireError(f"field {number} is of kind {kind}, which is unknown")
         if size > end - at:
             raise WireError(f"field {number} needs {size} bytes, there are {end - at}")
         yield number, kind, at, at + size
@@ -62,14 +62,14 @@ def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]
 
 
 def varint_of(number: int, kind: int, value: int) -> int:
-    """The value of a field that has to be a varint."""
+    """The value of a field that must be a varint."""
     if kind != VARINT:
         raise WireError(f"field {number} is of kind {kind} instead of a number")
     return value
 
 
 def double_of(data: bytes, number: int, kind: int, at: int) -> float:
-    """The value of a field that has to be a double."""
+    """The value of a field that must be a double."""
     if kind != EIGHT_BYTES:
         raise WireError(f"field {number} is of kind {kind} instead of a double")
     value: float = _DOUBLE.unpack_from(data, at)[0]
@@ -77,7 +77,7 @@ def double_of(data: bytes, number: int, kind: int, at: int) -> float:
 
 
 def need_length(number: int, kind: int) -> None:
-    """Complain of a field that has to be a message or a string."""
+    """Raise unless a field is a message or a string."""
     if kind != LENGTH:
         raise WireError(f"field {number} is of kind {kind} instead of a message")
 
@@ -93,7 +93,7 @@ def _packed(count: int) -> struct.Struct:
 
 
 def read_doubles(data: bytes, at: int, end: int, wanted: int, limit: int) -> tuple[float, ...]:
-    """Of the repeated field `wanted` of a message: each with its key, or packed, or both.
+    """Doubles of the repeated field `wanted` of a message: each with its key, or packed, or both.
 
     Raises:
         WireError: more than `limit`, or something else in that field.
@@ -121,7 +121,7 @@ def read_doubles(data: bytes, at: int, end: int, wanted: int, limit: int) -> tup
 
 
 def varint(value: int) -> bytes:
-    """A number below 2**64; a negative one as its two's complement."""
+    """Encode a number below 2**64; a negative one as its two's complement."""
     value &= 0xFFFF_FFFF_FFFF_FFFF
     if value < 0x80:
         return bytes((value,))
@@ -142,12 +142,12 @@ def double_field(number: int, value: float) -> bytes:
 
 
 def bytes_field(number: int, content: bytes) -> bytes:
-    """Of a message or a string."""
+    """Encode a message or a string."""
     return bytes((number << 3 | LENGTH,)) + varint(len(content)) + content
 
 
 def doubles_field(number: int, values: Sequence[float]) -> bytes:
-    """Each with its key: FRI's clients and controllers do not pack."""
+    """Encode each value with its key: FRI's clients and controllers do not pack."""
     row: list[float] = [number << 3 | EIGHT_BYTES] * (2 * len(values))
     row[1::2] = values
     return _row(len(values)).pack(*row)

@@ -284,4 +284,7 @@ def test_limits_of_the_device_that_are_smaller_are_in_the_list(
     found = f"mine: hardware; {LESS}: max_velocity of joint1 is 0.5, not 1.4"
     check_hardware(settings, [check.Checked("backend", True, found)], sys.stdout)
     said = capsys.readouterr().out
-    assert f"ok      hardware limits: {LESS}, and that counts: max_velocity of joint1 is 0.5, not 1.4" in said
+    assert (
+        f"ok      hardware limits: {LESS}, and those limits are used: max_velocity of joint1 is 0.5, not 1.4"
+        in said
+    )

@@ -82,7 +82,9 @@ def test_without_a_cycle_nobody_says_that_the_arm_rests(rig: Rig, monkeypatch: p
     start_motion(rig)
     at_rest, text = said(rig)
     assert not at_rest
-    assert text.startswith("told to stop; motion 1; the arm is NOT known to be at rest: rtloop has published")
+    assert text.startswith(
+        "stop requested; motion 1; the arm is NOT known to be at rest: rtloop has published"
+    )
     rig.run()
     assert rig.result is MotionResult.STOPPED, "the stop waits for rtloop"
 
@@ -160,7 +162,7 @@ def test_who_stops_a_robot_of_another_computer_is_told_what_to_type(
         said.out == "no robot is running on this computer; one elsewhere: "
         "cobot stop --url http://ROBOT:8007\n"
     )
-    hint = f"cobot: the service of COBOT_URL was NOT asked, for it is elsewhere: cobot stop --url {url}\n"
+    hint = f"cobot: the service of COBOT_URL was NOT asked, because it is elsewhere: cobot stop --url {url}\n"
     assert said.err == (hint if url else "")
 
 

@@ -107,7 +107,7 @@ def test_a_gamepad_that_is_pulled_out_lets_go(tmp_path: Path) -> None:
     os.write(events, event(BUTTON, RIGHT_SHOULDER, 1) + event(AXIS, 1, -32767))
     assert gamepad.held(0.0) is not None
     os.close(events)
-    with pytest.raises(UnavailableError, match="js0: it has been taken away"):
+    with pytest.raises(UnavailableError, match="js0: it has been disconnected"):
         gamepad.held(0.0)
     gamepad.close()
     with pytest.raises(InputError, match="js9: No such file"):
@@ -118,10 +118,10 @@ def test_what_is_no_gamepad_is_said_to_be_none(tmp_path: Path, monkeypatch: pyte
     file = tmp_path / "file"
     file.write_bytes(bytes(80))
     for path in (file, tmp_path, Path("/dev/null")):
-        with pytest.raises(InputError, match=f"gamepad {path}: is no gamepad; those are /dev/input/js"):
+        with pytest.raises(InputError, match=f"gamepad {path}: is not a gamepad; those are /dev/input/js"):
             Gamepad(path)
     monkeypatch.setattr("cobot.teleop.gamepad.FOLDER", tmp_path)
-    with pytest.raises(InputError, match=r"no js.*; without --gamepad it is the keyboard"):
+    with pytest.raises(InputError, match=r"no js.*; without --gamepad the keyboard is used"):
         Gamepad()
 
 

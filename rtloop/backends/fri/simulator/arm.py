@@ -14,16 +14,18 @@ from rtloop.backends.mujoco import MujocoBackend
 
 STEP_S = 0.001
 STIFFNESS_SHARE = 0.2
-"""Of the stiffest springs, where the cabinet's program has chosen an impedance."""
+"""Fraction of the stiffest springs, if the cabinet's program has chosen an impedance."""
 DAMPING_RATIO = 0.7
 
 
 class SimulatedArm:
-    """Attributes:
-    limits: of its joints.
-    setpoint: where the drives have been told to be, shape (dof,), rad.
-    measured: what its sensors say.
-    overlay: torques that the client lays over the drives' own, shape (dof,), N·m.
+    """The simulated arm.
+
+    Attributes:
+        limits: of its joints.
+        setpoint: target of the drives, shape (dof,), rad.
+        measured: values of its sensors.
+        overlay: torques that the client adds to the drives' own, shape (dof,), N·m.
     """
 
     def __init__(
@@ -55,19 +57,19 @@ class SimulatedArm:
 
     @property
     def push(self) -> Array:
-        """What the surroundings exert at the TCP, shape (6,), N and N·m, base frame; written in place."""
+        """Wrench of the surroundings at the TCP, shape (6,), N and N·m, base frame; written in place."""
         return self._drives.push
 
     def torque_of(self, wrench: Array) -> Array:
-        """Of the joints, for a wrench at the TCP in the base frame, shapes (dof,) and (6,)."""
+        """Joint torques for a wrench at the TCP in the base frame, shapes (dof,) and (6,)."""
         return self._find_jacobian().T @ wrench
 
     def speed_at(self, velocity: Array) -> float:
-        """Of the TCP, m/s, at a velocity of the joints."""
+        """Speed of the TCP, m/s, at a velocity of the joints."""
         return float(np.linalg.norm(self._find_jacobian()[:3] @ velocity))
 
     def pose(self) -> tuple[float, ...]:
-        """Of the flange in the base frame: x, y, z in mm and a quaternion (w, x, y, z)."""
+        """Pose of the flange in the base frame: x, y, z in mm and a quaternion (w, x, y, z)."""
         data = self._data
         turn = data.xmat[self._base].reshape(3, 3).T
         place = 1e3 * turn @ (data.site_xpos[self._flange] - data.xpos[self._base])
@@ -79,7 +81,7 @@ class SimulatedArm:
         return self._jacobian
 
     def advance(self, target: Array, velocity: Array, milliseconds: int) -> None:
-        """Be at a target, rad, with this velocity, rad/s, in so many milliseconds."""
+        """Reach a target, rad, with this velocity, rad/s, in this number of milliseconds."""
         time_s = milliseconds * STEP_S
         from_position, from_velocity = self.setpoint, self._velocity
         acceleration = (velocity - from_velocity) / time_s

@@ -1,6 +1,6 @@
-"""The controller's side of FRI: five session states, quality, reflexes, one packet a period.
+"""The controller's side of FRI: five session states, quality, reflexes, one packet per period.
 
-It counts periods and knows no clock, so a test steps it and a server paces it. What it does where KUKA
+It counts periods and has no clock, so a test steps it and a server paces it. Behaviour for which KUKA
 publishes no figure is stated in docs/kuka-fri.md.
 """
 
@@ -41,27 +41,29 @@ from rtloop.backends.fri.simulator.reflexes import command_fault, echo_fault, ov
 
 COUNTER = 1 << 32
 STAGE_PERIODS = 10
-"""That a session stays in a state, at least, before it goes on to the next."""
+"""Minimum time in one state of a session."""
 REOPEN_MS = 500
-"""The cabinet's program opens a session anew after this time."""
+"""Time until the cabinet's program opens a session again."""
 BRAKE_RAD_S2 = 10.0
 DRIVES_MS = 50
-"""The drives take so long to be switched on."""
+"""Time until the drives are switched on."""
 TRACKING_RAD = 0.1
-"""How far the arm is behind when its tracking performance is 0."""
+"""Distance of the arm from its target at which the tracking performance is 0."""
 EVENTS = 200
 
 
 class Cabinet:
-    """Attributes:
-    arm: what moves.
-    options: what it was started with.
-    connection: what it thinks of its client.
-    state, safety, mode: of session, safety controller and operator's switch.
-    events: what has happened, in words, the newest last.
-    motions: how often its overlay has become active.
-    below_good: how often the quality of a session has fallen below GOOD.
-    io: its inputs and outputs, by name.
+    """The simulated cabinet.
+
+    Attributes:
+        arm: the arm.
+        options: given at its start.
+        connection: quality of the connection to its client.
+        state, safety, mode: of session, safety controller and operator's switch.
+        events: descriptions of events, the newest last.
+        motions: number of times that its overlay has become active.
+        below_good: number of times that the quality of a session has fallen below GOOD.
+        io: its inputs and outputs, by name.
     """
 
     def __init__(self, arm: SimulatedArm, options: CabinetOptions) -> None:
@@ -81,7 +83,7 @@ class Cabinet:
         self._drives_left = 0
         self._open_after = 1
         self._velocity = np.zeros(arm.limits.dof)
-        self._nominal = arm.setpoint  # of the motion that holds the position, which the overlay is laid on
+        self._nominal = arm.setpoint  # of the motion that holds the position, to which the overlay is added
         self._end(0)
 
     @property
@@ -99,12 +101,12 @@ class Cabinet:
 
     @property
     def waits_for_answer(self) -> bool:
-        """Whether its last message has not been answered and has to be."""
+        """Whether its last message still needs an answer."""
         due = ahead(self._sequence, self.connection.reflected) >= self.options.multiplier
         return self.state != SessionState.IDLE and due
 
     def packet(self) -> bytes:
-        """A period ends and the next begins: its monitoring message, b"" while no session is open."""
+        """End a period and begin the next: its monitoring message, b"" while no session is open."""
         opened = self.state
         if self.state != SessionState.IDLE:
             self.connection.judge(self._sequence)
@@ -118,7 +120,7 @@ class Cabinet:
         return encode_monitoring(self._message())
 
     def answer(self, packet: bytes) -> None:
-        """What has come from a client, whatever it is."""
+        """Process a packet from a client, valid or not."""
         if self.state == SessionState.IDLE:
             return
         command = decode_command(packet)
@@ -145,7 +147,7 @@ class Cabinet:
             self.events.append(f"safety: {self.safety.name}")
 
     def switch_mode(self, mode: OperationMode) -> None:
-        """The operator has turned the key: what runs ends."""
+        """Turn the operator's key: the running motion ends."""
         if mode == self.mode:
             return
         self.mode = mode
@@ -154,12 +156,12 @@ class Cabinet:
             self._end_motion(f"the operation mode was changed to {mode.name}")
 
     def close_session(self, reason: str) -> None:
-        """Its program ends the session, and opens the next one after a while."""
+        """Let its program end the session, and open the next one after a while."""
         self._enter(SessionState.IDLE, reason)
         self._end(REOPEN_MS // self.options.period_ms)
 
     def _end(self, open_after: int) -> None:
-        """No motion, no command."""
+        """End motion and commands."""
         self._open_after = open_after
         self._commanded: Array | None = None
         self._echoed = 0
@@ -184,7 +186,7 @@ class Cabinet:
             self._drives = DriveState.ACTIVE
 
     def _go_on(self) -> None:
-        """From state to state."""
+        """Go to the next state of the session."""
         state, good = self.state, self.quality >= Quality.GOOD
         if state == SessionState.IDLE:
             if self._periods >= self._open_after:
@@ -215,7 +217,8 @@ class Cabinet:
         return ready and self._periods >= STAGE_PERIODS
 
     def _take(self, command: Command, elapsed: int) -> None:
-        """A command for a motion that waits or runs; `elapsed` periods after the last."""
+        """Process a command for a motion that waits or runs; `elapsed` is the number of periods since the
+        last."""
         if not usable(command, self.options.command_mode, self.arm.limits.dof):
             return
         position = np.array(command.position)
@@ -247,7 +250,7 @@ class Cabinet:
         return fault
 
     def _move(self) -> None:
-        """The arm goes where it was told to, straight on where it was told nothing, or brakes."""
+        """Move the arm to the command, straight on without one, or brake."""
         if self.state == SessionState.COMMANDING_ACTIVE:
             target = self.arm.setpoint + self._velocity * self.period_s
             if self._left and self._commanded is not None:
@@ -266,7 +269,7 @@ class Cabinet:
             known = self.io.get(value.name)
             if known is None or known.direction != IoDirection.OUTPUT or known.type != value.type:
                 self.events.append(
-                    f"{value.name!r} is no output of this type that the program has registered"
+                    f"{value.name!r} is not an output of this type that the program has registered"
                 )
                 continue
             try:

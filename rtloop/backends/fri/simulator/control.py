@@ -1,4 +1,5 @@
-"""What a test or a person may ask of a simulated cabinet while it runs: a JSON object a line, over TCP."""
+"""Control interface of a running simulated cabinet, for tests and people: one JSON object per line, over
+TCP."""
 
 from __future__ import annotations
 
@@ -25,14 +26,14 @@ Exerted = Annotated[float, Field(ge=-MAX_WRENCH, le=MAX_WRENCH)]
 
 
 class ControlRequest(StrictModel):
-    """What shall be so from now on; what is left out stays as it is.
+    """Changes from now on. Fields that are left out stay unchanged.
 
     Attributes:
         safety_stop: its level, -1 for none.
-        drop: so many of the next messages to the client are lost.
-        spoil: what becomes of the measured values on their way to it.
+        drop: number of next messages to the client that are lost.
+        spoil: how measured values are falsified on their way to the client.
         close: whether the program ends the session, to open another one.
-        push: what the surroundings exert at the TCP, N and N·m, base frame.
+        push: wrench of the surroundings at the TCP, N and N·m, base frame.
         io: values of inputs and outputs by name.
     """
 
@@ -54,7 +55,7 @@ class Control:
     def __init__(
         self, port: int, cabinet: Cabinet, network: Network, more: Callable[[], dict[str, Any]]
     ) -> None:
-        """more: what the server adds to each answer."""
+        """more: adds the server's data to each answer."""
         self._cabinet, self._network, self._more = cabinet, network, more
         self._socket = socket.create_server(("127.0.0.1", port))
         self._socket.setblocking(False)
@@ -66,7 +67,7 @@ class Control:
         return port
 
     def serve(self) -> None:
-        """Answer what is there, without waiting."""
+        """Answer the waiting requests, without waiting for more."""
         try:
             while len(self._clients) < MAX_CLIENTS:
                 client, _ = self._socket.accept()
@@ -103,7 +104,7 @@ class Control:
             client.sendall(json.dumps(self.answer(line)).encode() + b"\n")
 
     def answer(self, line: bytes) -> dict[str, Any]:
-        """What a line asks for is done; the state after it, or an error."""
+        """Execute the request of a line; the state after it, or an error."""
         try:
             request = ControlRequest.model_validate_json(line)
         except ValidationError as exc:

@@ -1,4 +1,4 @@
-"""A simulated cabinet and a backend in one process, a period at a time: no clock, no network, no luck."""
+"""A simulated cabinet and a backend in one process, stepped period by period without a clock or network."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from rtloop.backends.fri.simulator.options import CabinetOptions
 from rtloop.contract import FAULTS
 
 UNLUCKY = 0.05
-"""Share of the packets that are lost or overtaken."""
+"""Fraction of the packets that are lost or overtaken."""
 EVERY = round(1.0 / UNLUCKY)
 RESTART_S = 1.0
-"""Until rtloop has been started, in which nobody answers."""
+"""Time until rtloop has started, in which the cabinet gets no answer."""
 
 
 class LockStep:
     """A `Channel` whose other end is a cabinet: each wait is its next period.
 
     Attributes:
-        time_s: the cabinet's, which the backend takes for its own.
+        time_s: the cabinet's, which the backend uses as its own.
         off: whether the cable is pulled.
-        strangers: none: there is nobody else.
+        strangers: always 0, because there is no other sender.
         busy: whether one wait in `EVERY` finds two packets in place of one.
-        pause: so many periods pass before the next packet is looked for, as on a busy computer.
+        pause: number of periods that pass before the next packet is read, as on a busy computer.
     """
 
     strangers = 0
@@ -78,7 +78,8 @@ class LockStep:
 
 
 class FriRig:
-    """What the contract drives and breaks: the backend `fri` and a simulated cabinet, a `ContractRig`."""
+    """The backend `fri` and a simulated cabinet, a `ContractRig` that the contract drives and injects
+    faults in."""
 
     faults = frozenset(FAULTS)
 

@@ -1,4 +1,4 @@
-"""What a simulated cabinet is told at its start."""
+"""Options of a simulated cabinet."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ NEEDED_CONTROL = {
     CommandMode.WRENCH: ControlMode.CARTESIAN_IMPEDANCE,
     CommandMode.TORQUE: ControlMode.JOINT_IMPEDANCE,
 }
-"""What KUKA's drives have to be in for these overlays; positions go with any."""
+"""Control mode that KUKA's drives need for these overlays; positions work in any mode."""
 MIN_PERIOD_MS, MAX_PERIOD_MS = 1, 100
 
 

@@ -1,4 +1,4 @@
-"""What a cabinet does not take from its client."""
+"""Commands of its client that a cabinet rejects."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from rtloop.backends.fri.messages import Command, CommandMode, OperationMode
 from rtloop.backends.fri.simulator.arm import SimulatedArm
 
 ECHO_RAD = 1e-3
-"""How far a command may be from the interpolator while the motion waits."""
+"""Largest distance of a command from the interpolator while the motion waits."""
 VELOCITY_SHARE = 1.05
-"""A joint that exceeds this share of its velocity limit is stopped."""
+"""Fraction of its velocity limit above which a joint is stopped."""
 JUMP_RAD_S2 = 60.0
-"""What the velocity of the commands may change by: several times what a planned motion does."""
+"""Largest change of the commands' velocity: several times that of a planned motion."""
 SLACK_RAD_S = 1e-3
 LIMIT_RAD = 0.01
-"""How far behind a joint's limits a command may be."""
+"""Distance of a command from a joint's limits below which it is rejected."""
 MAX_WRENCH = 1000.0
-"""N or N·m at the TCP: several times what such an arm holds."""
+"""Largest wrench, N or N·m at the TCP: several times what such an arm holds."""
 T1_M_S = 0.25
-"""Speed of the TCP in T1, by ISO 10218-1 reduced speed."""
+"""Speed of the TCP in T1: the reduced speed of ISO 10218-1."""
 
 
 def usable(command: Command, mode: CommandMode, dof: int) -> bool:
-    """Whether it has all that the overlay takes."""
+    """Whether a command has everything that the overlay needs."""
     return (
         len(command.position) == dof
         and (mode != CommandMode.TORQUE or len(command.torque) == dof)
@@ -33,9 +33,8 @@ def usable(command: Command, mode: CommandMode, dof: int) -> bool:
 
 
 def overlay_fault(command: Command, mode: CommandMode) -> str:
-    """Why a motion ends for what is laid over its position; "" if that is taken. Torques are cut to the
-    drives' own.
-    """
+    """Why a motion ends because of its overlay; "" if the overlay is accepted. Torques are clamped to the
+    drives' limits."""
     if mode == CommandMode.TORQUE and not np.isfinite(command.torque).all():
         return "the client commands a torque that is not finite"
     if mode != CommandMode.WRENCH:
@@ -56,7 +55,7 @@ def echo_fault(arm: SimulatedArm, position: Array) -> str:
     joint = int(off.argmax())
     if off[joint] > ECHO_RAD:
         return (
-            f"{arm.limits.names[joint]} is commanded {off[joint]:.6g} rad beside the interpolator, "
+            f"{arm.limits.names[joint]} is commanded {off[joint]:.6g} rad from the interpolator, "
             f"{ECHO_RAD} rad are allowed while the motion waits"
         )
     return ""
@@ -70,11 +69,11 @@ def command_fault(
     time_s: float,
     mode: OperationMode,
 ) -> str:
-    """Why a running motion ends; "" if the command is taken.
+    """Why a running motion ends; "" if the command is accepted.
 
     Args:
         velocity: from the command before, rad/s.
-        last_velocity: likewise of that one.
+        last_velocity: velocity of the command before, rad/s.
         time_s: between the two.
     """
     if not np.isfinite(position).all():

@@ -1,4 +1,4 @@
-"""The simulated cabinet on a network: UDP to its client, a beat of its own."""
+"""The simulated cabinet on a network: UDP to its client, with its own clock."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.times import Times
 
 LONGEST_WAIT_S = 0.02
-"""Between two looks at the control interface, while it is patient."""
+"""Time between two checks of the control interface while the server waits for a late answer."""
 MAX_AT_ONCE = 256
-"""Packets that are taken from the socket at the end of a period."""
+"""Maximum number of packets that are read from the socket at the end of a period."""
 MIN_SHARE = 0.9
-"""Of a period, that passes between two messages when this process was late: so fast it catches up."""
+"""Fraction of a period between two messages while the process catches up after a delay."""
 ALONE_S = 1.0
-"""After so long without a packet a client may have been started anew, and send from another port."""
+"""Time without a packet after which a client may have restarted and may send from another port."""
 _STAMP = 35
-"""SO_TIMESTAMPNS of Linux: when a packet has come, whenever this process gets to read it."""
+"""Linux's SO_TIMESTAMPNS: arrival time of a packet, whenever this process reads it."""
 _TIMESPEC = struct.Struct("qq")
 
 
@@ -33,7 +33,7 @@ def _ipv4_of(host: str) -> str:
     try:
         return socket.gethostbyname(host)
     except (OSError, UnicodeError) as exc:
-        raise OSError(f"the client {host!r} is no IPv4 address, nor the name of one: {exc}") from exc
+        raise OSError(f"the client {host!r} is not an IPv4 address, nor the name of one: {exc}") from exc
 
 
 def _is_local(host: str) -> bool:
@@ -49,8 +49,8 @@ def _is_local(host: str) -> bool:
 def _socket_for(client: tuple[str, int], address: tuple[str, int]) -> socket.socket:
     """The socket to send from.
 
-    A client that was given the controller's name hears only packets from its own port number there. So port 0
-    is the client's, unless client and simulator may share an address; there the client has it.
+    A client that was given the controller's name accepts only packets from its own port number there. So
+    port 0 means the client's port. If client and simulator may share an address, the client has it.
     """
     host, port = address
     elsewhere = host != client[0] if host != "0.0.0.0" else not _is_local(client[0])
@@ -69,10 +69,10 @@ def _socket_for(client: tuple[str, int], address: tuple[str, int]) -> socket.soc
 
 
 class CabinetServer:
-    """Sends a monitoring message a period, and takes what comes back.
+    """Sends one monitoring message per period, and takes the answers.
 
-    A cabinet is punctual; this process need not be. So each message has its time until the next one is sent,
-    and what has come by then is in time, however late it is read.
+    A cabinet is punctual; this process need not be. So an answer is in time if it arrives before the next
+    message is sent, however late this process reads it.
     """
 
     def __init__(
@@ -85,10 +85,10 @@ class CabinetServer:
         control_port: int = 0,
         patience_s: float = 0.0,
     ) -> None:
-        """patience_s: how long it stands still for an answer that is late, before it counts as missing.
+        """patience_s: how long the server waits for a late answer before it counts as missing.
 
         Raises:
-            OSError: the client's name is unknown, or an address or port cannot be had.
+            OSError: the client's name is unknown, or an address or port cannot be used.
         """
         self._cabinet, self._network = cabinet, network
         # Answers come from an address, whatever the name.
@@ -102,8 +102,8 @@ class CabinetServer:
         self._answer_times = Times()
         self._sender: tuple[str, int] | None = None
         self._sender_s = 0.0
-        self._two = False  # whether it was said that another one sends beside it
-        self._deaf = True  # nobody has answered yet, or since the patience ran out
+        self._two = False  # whether a second sender has been reported
+        self._deaf = True  # no answer yet, or none since the patience ran out
         self._sent_s = time.monotonic()
         self._lateness = Times()
 
@@ -121,11 +121,11 @@ class CabinetServer:
         return self._control.port
 
     def run(self, ending: list[str]) -> None:
-        """Until `ending` holds a reason."""
+        """Run until `ending` holds a reason."""
         deadline_s = time.monotonic()
         while not ending:
             self._begin_period()
-            # This process may have been held up before or in the middle of it: none of the client's time.
+            # A delay of this process before or during the wait does not count as the client's time.
             gone_s = time.monotonic()
             deadline_s = max(deadline_s, gone_s - (1.0 - MIN_SHARE) * self._cabinet.period_s)
             deadline_s += self._cabinet.period_s
@@ -145,15 +145,15 @@ class CabinetServer:
             self._cabinet.answer(packet)
         message = self._cabinet.packet()
         sent = self._network.to_client(message)
-        # Before it is sent: the client may be at it before this process goes on.
+        # Taken before sending: the client may work on it before this process continues.
         self._sent_s = time.monotonic()
         for packet in sent:
-            with contextlib.suppress(OSError):  # nobody is there: an answer that does not come tells it
+            with contextlib.suppress(OSError):  # no client is there: the missing answer shows it
                 self._socket.sendto(self._network.spoiled(packet), self._client)
         self._expects = message in sent and self._cabinet.waits_for_answer
 
     def _listen(self, deadline_s: float, ending: list[str]) -> None:
-        """Take answers until the period is over; longer, if there is patience for one that is missing."""
+        """Take answers until the period is over, or longer if a missing answer may still come."""
         while not ending:
             now_s = time.monotonic()
             until_s = deadline_s
@@ -169,7 +169,7 @@ class CabinetServer:
                 self._take()
 
     def _take(self) -> bool:
-        """The next packet; whether there was one."""
+        """Process the next packet; whether there was one."""
         try:
             packet, more, _, sender = self._socket.recvmsg(
                 MAX_PACKET + 1, socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
@@ -193,14 +193,15 @@ class CabinetServer:
         before = self._network.lost
         for arrived in self._network.from_client(packet):
             self._cabinet.answer(arrived)
-        # What the network keeps back is not waited for; an answer to an older message is none to this.
+        # Packets delayed by the network are not waited for; an answer to an older message does not count for
+        # this one.
         kept_back = self._network.lost > before or self._network.delay > 0 or self._network.reorder > 0.0
         self._expects = expected and not kept_back and self._cabinet.waits_for_answer
         if expected and not self._expects:
             self._answer_times.add(took_s)
 
     def _know(self, sender: tuple[str, int]) -> None:
-        """Of two programs that answer each ends the other's motion: it is said once that there are two."""
+        """Report once that two programs answer, because each would end the other's motion."""
         now_s = time.monotonic()
         if sender == self._sender or self._sender is None or now_s - self._sender_s > ALONE_S:
             self._two = self._two and sender == self._sender
@@ -213,7 +214,7 @@ class CabinetServer:
             )
 
     def _times(self) -> dict[str, Any]:
-        """Between messages and the arrival of their answers, and how late its own periods have ended, s."""
+        """Times between messages and the arrival of their answers, and delays of its own periods, s."""
         found: dict[str, Any] = {"answers": self._answer_times.count}
         for name, times in (("answer_s", self._answer_times), ("lateness_s", self._lateness)):
             if times.count:

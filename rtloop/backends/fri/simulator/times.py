@@ -1,4 +1,4 @@
-"""Percentiles of very many durations, which take no time to ask for."""
+"""Percentiles of very many durations, at constant cost."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ import numpy as np
 
 SHORTEST_S, LONGEST_S = 1e-6, 100.0
 STEP = 0.02
-"""Of the logarithm: the percentiles are as exact as two per cent."""
+"""Resolution of the logarithm: percentiles are exact to two per cent."""
 BUCKETS = math.ceil(math.log(LONGEST_S / SHORTEST_S) / STEP) + 1
 
 
 class Times:
-    """Attributes:
-    count: of what was added.
+    """Counters of durations.
+
+    Attributes:
+        count: number of added durations.
     """
 
     def __init__(self) -> None:
@@ -29,7 +31,7 @@ class Times:
         self._counts[round(math.log(within / SHORTEST_S) / STEP)] += 1
 
     def shares(self) -> dict[str, float]:
-        """p50, p99, p99.9 and max, s; nothing if nothing was added."""
+        """p50, p99, p99.9 and max, s; empty if none was added."""
         if not self.count:
             return {}
         below = np.cumsum(self._counts)

@@ -173,7 +173,7 @@ def test_no_acceleration_is_guessed_from_a_velocity_that_is_a_placeholder(tmp_pa
     new = NewRobot(file)
     new.write(tmp_path / "made")
     guessed = new.guessed
-    assert "a0: acceleration 100 rad/s² at the most, though the file has a velocity of 10000 rad/s" in guessed
+    assert "a0: acceleration limited to 100 rad/s², though the file has a velocity of 10000 rad/s" in guessed
     limits = yaml.safe_load((tmp_path / "made" / "joint_limits.yaml").read_text())["joint_limits"]
     rates = [[limits[name][f"max_{rate}"] for rate in RATES] for name in ("a0", "a1")]
     assert rates == [[10000.0, 100.0, 1000.0], [1.5, 6.0, 60.0]]

@@ -68,7 +68,7 @@ def test_who_does_not_beat_for_the_stated_time_is_ended_and_no_sooner(
     assert not bench.go_on(9.8)
     with caplog.at_level(logging.ERROR, "cobot"):
         assert bench.go_on(0.5) == [signal.SIGABRT]
-    assert "service (pid 4711) hangs: without a sign of life for 10 s it is ended" in caplog.text
+    assert "service (pid 4711) hangs: no heartbeat for 10 s; it is ended" in caplog.text
     assert bench.go_on(LAST_WORDS_S + 0.1)[:2] == [signal.SIGABRT, signal.SIGKILL]
 
 

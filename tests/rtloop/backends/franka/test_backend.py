@@ -227,7 +227,7 @@ def reset(rig: Rig) -> str:
     ("mode", "said"),
     [
         (RobotMode.UserStopped, "the user stop is pressed"),
-        (RobotMode.Guiding, "somebody guides the arm by hand"),
+        (RobotMode.Guiding, "the arm is guided by hand"),
         (RobotMode.Other, "activate FCI in Desk"),
     ],
 )
@@ -270,7 +270,7 @@ def test_a_lost_connection_is_named(rig: Rig) -> None:
     assert "robot.test is lost: UDP receive: Timeout" in rig.reason
     assert rig_backend(rig).status().connection.startswith("the connection to robot.test is lost")
     rig.arm.faults.add("disconnect")
-    assert "nobody answers" in reset(rig)
+    assert "no answer" in reset(rig)
     rig.arm.faults.clear()
     assert reset(rig) == "", "by a connection of its own"
     rig.step(500)
@@ -354,7 +354,7 @@ def test_it_is_told_its_load_while_nobody_controls_it(rig: Rig) -> None:
     assert rig.arm.controlled == "positions"
     assert rig.start(to(rig, GOAL)) == ""
     rig.step(300)
-    with pytest.raises(BackendError, match="takes one that rests"):
+    with pytest.raises(BackendError, match="this needs an arm at rest"):
         backend.set_tool(Tool(version=2, mass=0.1))
 
 
@@ -371,7 +371,7 @@ def test_its_state_is_shown_in_words(rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"address": "127.0.0.9"}, "nobody answers at 127.0.0.9, port 1337: Connection refused"),
+        ({"address": "127.0.0.9"}, "no answer at 127.0.0.9, port 1337: Connection refused"),
         ({"address": "robot.test", "realtime": "enforce"}, "robot.backend.realtime: ignore"),
     ],
 )

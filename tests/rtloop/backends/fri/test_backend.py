@@ -239,14 +239,14 @@ def test_commands_begin_where_the_interpolator_is(make: Make) -> None:
 def test_an_arm_beside_its_interpolator_is_not_enabled(make: Make) -> None:
     driven = make(entry_rad=0.001)
     driven.cabinet.arm.push[:] = [0.0, 0.0, -140.0, 0.0, 0.0, 0.0]
-    with pytest.raises(BackendError, match=r"beside the controller's interpolator, 0.001 rad are allowed"):
+    with pytest.raises(BackendError, match=r"from the controller's interpolator, 0.001 rad are allowed"):
         driven.enable()
 
 
 def test_a_position_of_300_digits_is_said_in_a_few(make: Make) -> None:
     message = replace(make().backend._newest, measured_position=(1e300,) * 7)
     said = entry_fault(message, FriOptions(), ("joint1",) * 7, (0.0,) * 7)
-    assert said.startswith("joint1 is 1e+300 rad beside")
+    assert said.startswith("joint1 is 1e+300 rad from")
 
 
 def test_an_arm_that_does_not_follow_is_not_enabled(make: Make) -> None:
@@ -548,7 +548,7 @@ def test_answers_as_often_as_the_multiplier_says(make: Make) -> None:
 def test_options_are_checked(settings: Settings, robot: RobotDescription) -> None:
     for options, text in (
         ({"addres": "1.2.3.4"}, "unknown key 'addres'"),
-        ({"address": "robot"}, "'robot' is no IPv4 address"),
+        ({"address": "robot"}, "'robot' is not an IPv4 address"),
         ({"port": 0}, "port"),
         ({"port": True}, "port: must be an integer, got true"),
         ({"overlay": "pose"}, "overlay"),
@@ -665,7 +665,7 @@ def test_a_command_far_from_the_interpolator_is_never_sent(make: Make) -> None:
     driven.command[0, 3] += 0.06
     for _ in range(20):
         driven.cycle()
-    assert "joint4 is commanded 0.0600 rad beside the controller's interpolator" in driven.problems[-1]
+    assert "joint4 is commanded 0.0600 rad from the controller's interpolator" in driven.problems[-1]
     assert driven.cabinet.state == SessionState.COMMANDING_ACTIVE
     np.testing.assert_array_equal(driven.cabinet.arm.setpoint, held)
 

@@ -148,7 +148,7 @@ def test_the_backend_is_where_its_controller_says_and_tells_of_the_others(
         np.testing.assert_allclose(measured.position, 0.25)
         backend.write(np.zeros((3, 7)))
         assert (line.controller.answers(), line.stranger.answers()) == (1, 0)
-        assert "1 packets of others than the controller did not count" in backend.status().text
+        assert "1 packets from addresses other than the controller's were ignored" in backend.status().text
     finally:
         line.close()
 

@@ -107,7 +107,7 @@ def test_one_that_is_never_reported_is_given_up(cell: Cell) -> None:
     del cell.channel.cabinet.io[OPEN]
     cell.run(250)
     assert cell.said().count(OPEN) == 200
-    assert "no output of this type" in " ".join(cell.channel.cabinet.events)
+    assert "not an output of this type" in " ".join(cell.channel.cabinet.events)
 
 
 def test_names_that_act_on_a_terminal_or_an_address_are_made_plain(
@@ -126,13 +126,13 @@ def test_names_that_act_on_a_terminal_or_an_address_are_made_plain(
         backend.wait(0.25)
         backend.write(np.zeros((3, 7)))
     assert [each.value for each in channel.cabinet.io.values()] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    with pytest.raises(BackendError, match="is no output"):
+    with pytest.raises(BackendError, match="is not an output"):
         backend.set_output(raw[0], 1.0)
 
 
 def test_what_cannot_be_set_is_refused_in_words(cell: Cell) -> None:
     for name in ("Tool.Shut", SENSOR):
-        with pytest.raises(BackendError, match=f"{name} is no output that the controller's program"):
+        with pytest.raises(BackendError, match=f"{name} is not an output that the controller's program"):
             cell.backend.set_output(name, 1.0)
     cell.channel.off = True
     cell.run(30)

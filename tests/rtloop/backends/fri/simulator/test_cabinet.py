@@ -170,7 +170,7 @@ def test_a_motion_does_not_begin_beside_its_interpolator(make: Make) -> None:
     for _ in range(60):
         client.period()
     told = " ".join(client.cabinet.events)
-    assert "joint3 is commanded 0.01 rad beside the interpolator" in told
+    assert "joint3 is commanded 0.01 rad from the interpolator" in told
     assert client.cabinet.motions == 0
 
 
