@@ -6,8 +6,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 import yaml
+from numpy.typing import NDArray
 
 from cobot.errors import ConfigError
 from cobot.robot.collision import CollisionChecker
@@ -124,7 +124,9 @@ def pairs_that_touch(
     checker = CollisionChecker(robot, MARGIN_M, map(frozenset, disabled))
     touching = checker.clearance.distances(_samples(robot.limits), MARGIN_M) < MARGIN_M
     bodies = robot.mj.geom_bodyid
-    of_bodies: dict[tuple[int, ...], NDArray[np.bool_]] = {}  # Of two bodies any shapes may touch, not always the same.
+    of_bodies: dict[
+        tuple[int, ...], NDArray[np.bool_]
+    ] = {}  # Of two bodies any shapes may touch, not always the same.
     for pair in np.flatnonzero(touching.any(axis=0)):
         both = tuple(sorted(int(bodies[geom]) for geom in checker.pairs[pair]))
         of_bodies[both] = touching[:, pair] | of_bodies.get(both, np.zeros(len(touching), bool))
