@@ -58,13 +58,16 @@ cdef class CycleRecorder:
         """Which bytes of the state go where in the record."""
         state = state_dtype(dof)
         if len(RECORDED) > MAX_COPIES:
-            raise LayoutError(f"{len(RECORDED)} fields of the state are recorded, there is room for {MAX_COPIES}")
+            raise LayoutError(f"{len(RECORDED)} fields of the state are recorded, allowed are {MAX_COPIES}")
         for number, field in enumerate(RECORDED):
             kind = _COPIES.get((field.kind, field.recorded))
             if kind is None:
-                raise LayoutError(f"the field {field.name} of the state is {field.kind}, not recorded as {field.recorded}")
+                raise LayoutError(
+                    f"the field {field.name} of the state is {field.kind}, not recorded as {field.recorded}"
+                )
             self._copies[number].kind = kind
-            self._copies[number].source, self._copies[number].target = state.fields[field.name][1], at[field.name]
+            self._copies[number].source = state.fields[field.name][1]
+            self._copies[number].target = at[field.name]
             self._copies[number].count = np.prod(field.shape(dof), dtype=int)
         self._copied = len(RECORDED)
         self._cycle_at = state.fields["cycle"][1]

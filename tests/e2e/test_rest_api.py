@@ -485,7 +485,7 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
                 until(lambda: motion(http)["mode"] == "HOLD")
                 tried += 1
     http.post("/robot/tool", json={"clear": True}).raise_for_status()
-    http.delete("/robot/positions/beside").raise_for_status()
+    http.delete("/robot/positions/aside").raise_for_status()
     assert tried == 2 * 22, "of the default robot, and of a robot by name"
 
 
