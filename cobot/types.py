@@ -203,9 +203,6 @@ at once only if the motion leaves a margin."""
 PLANNED_ACCELERATION = 0.95
 """Maximum share of the acceleration limits in motions that are time-parameterized along a path. Such a motion
 is almost always at some limit, and pausing, resuming or stopping it needs a margin."""
-PLANNED_EFFORT = 0.98
-"""Maximum share of the effort limits in planned motions, because a drive at its limit cannot correct its
-position. The exception is a posture in which holding the arm alone needs nearly as much."""
 
 
 @dataclass(frozen=True, slots=True)

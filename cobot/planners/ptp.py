@@ -6,13 +6,14 @@ import numpy as np
 import ruckig
 
 from cobot.motions.requests import MotionRequest
+from cobot.planners.effort_reserve import PLANNED_EFFORT, keeps_effort
 from cobot.planners.timing.path import Path
 from cobot.planners.timing.profile import fastest_profile
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
-from cobot.robot.feasibility import effort_samples, stretch_to_limits
+from cobot.robot.feasibility import stretch_to_limits
 from cobot.trajectory import ORDER, Trajectory
-from cobot.types import PLANNED_EFFORT, Array, JointLimits, Synchronization
+from cobot.types import Array, JointLimits, Synchronization
 
 SHORTEST_PIECE_S = 1e-9
 
@@ -33,7 +34,7 @@ def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Tr
     else:
         motion = _in_time(request.start, goal, limits)
     motion = stretch_to_limits(motion, limits)
-    if (np.abs(effort_samples(robot.model, motion)[1]) <= PLANNED_EFFORT * limits.max_effort).all():
+    if keeps_effort(robot.model, motion, limits, PLANNED_EFFORT):
         return motion
     straight = request.synchronization is Synchronization.PHASE
     path = Path.straight(request.start, goal) if straight else Path.of_trajectory(motion)

@@ -12,11 +12,11 @@ from cobot.motions.stretches import Corner, Leg
 from cobot.planners.blending.joined import path_of
 from cobot.planners.blending.leg_limits import largest
 from cobot.planners.derivatives import chained
+from cobot.planners.effort_reserve import TRANSITION_EFFORT, keeps_effort
 from cobot.planners.timing.coordinates import Coordinates
 from cobot.planners.timing.path import Path
 from cobot.polynomials import greatest_rates
 from cobot.robot.description import RobotDescription
-from cobot.robot.feasibility import effort_samples
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, JointLimits
 
@@ -28,8 +28,6 @@ KNOT_S, LOOK_S = 0.01, 0.004
 """Between the ends of two quintics of a window, and between the times at which its limits are looked at."""
 JERK = 1.15
 """Of the limit of jerk, what a window may use: less than the arm may, of which plans use 0.8."""
-EFFORT = 0.99
-"""Of the efforts, what a window may use, of which plans use `PLANNED_EFFORT`."""
 TOLERANCE = 1e-9
 STEP = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
 """From 0 to 1, with no velocity and no acceleration at either end."""
@@ -97,10 +95,7 @@ class LimitedPath:
             and (acceleration <= self.coordinates.max_acceleration * shares[1]).all()
             and (jerk <= JERK * self.coordinates.max_jerk * shares[2]).all()
         )
-        if not within:
-            return False
-        _, efforts = effort_samples(robot.model, window)
-        return bool((np.abs(efforts) <= EFFORT * self.limits.max_effort).all())
+        return bool(within) and keeps_effort(robot.model, window, self.limits, TRANSITION_EFFORT)
 
 
 def gone_over(

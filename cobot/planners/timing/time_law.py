@@ -17,6 +17,12 @@ import numpy as np
 from cobot.errors import InputError, PlanningError
 from cobot.findings import Finding
 from cobot.planners.derivatives import chained
+from cobot.planners.effort_reserve import (
+    MAX_HOLDING_EFFORT,
+    PLANNED_EFFORT,
+    allowed_shares,
+    keeps_effort,
+)
 from cobot.planners.interior_point import Stations, fastest_rate
 from cobot.planners.reference import reference_motion
 from cobot.planners.timing.cells import (
@@ -32,9 +38,8 @@ from cobot.planners.timing.coordinates import Coordinates, Zones
 from cobot.planners.timing.path import Path
 from cobot.polynomials import greatest_rates, hermite
 from cobot.robot.description import RobotDescription
-from cobot.robot.feasibility import effort_samples
 from cobot.trajectory import ORDER, Integers, Trajectory
-from cobot.types import PLANNED_ACCELERATION, PLANNED_EFFORT, Array, CartesianLimits, JointLimits
+from cobot.types import PLANNED_ACCELERATION, Array, CartesianLimits, JointLimits
 
 MIN_CELLS, MAX_CELLS = 64, 1000
 CELLS_PER_BUILD_UP, FINER_CELLS = 8, 32
@@ -53,8 +58,6 @@ TIGHT = 1.003
 one more for each zone after the first, the latter at the most."""
 COARSE = 1.02
 """A motion that its extrema would stretch by more is divided into more cells."""
-HOLDING = 0.999
-"""The share of an effort from which on holding the arm leaves nothing to move it."""
 UNBOUNDED = 1e9
 ENDING_CELLS = 2
 """At either end the jerk is looked at in the middle of so many cells too: from rest it changes most."""
@@ -91,8 +94,8 @@ def time_optimal(
     any, and of the drives' efforts with what the model carries.
 
     Of the robot's acceleration limits it uses `PLANNED_ACCELERATION` at the most, whatever `limits` say.
-    Of the efforts it uses `PLANNED_EFFORT`, and more only where the arm could hardly move with that. They
-    take part in the optimisation when the motion without them needs more. `zones` are where the limits are
+    Of the efforts it uses what `cobot.planners.effort_reserve` allows. They take part in the optimisation if
+    the motion without them needs more than `PLANNED_EFFORT`. `zones` are where the limits are
     lower than these.
 
     Raises:
@@ -142,8 +145,7 @@ def _solved(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Ar
                 if first.stretched <= COARSE:
                     break
             timed = problem.refined(first)
-            _, efforts = effort_samples(robot.model, timed.trajectory)
-            if (np.abs(efforts) > PLANNED_EFFORT * limits.max_effort).any():
+            if not keeps_effort(robot.model, timed.trajectory, limits, PLANNED_EFFORT):
                 problem.limit_efforts()
                 timed = problem.refined(problem.solved())
             if not timed.trajectory.duration_s < LONGEST_S:
@@ -235,7 +237,7 @@ class _Problem:
         curved = dynamics.inverse(joints[0], joints[1], joints[2]) - held
         first, second, _ = chained(np.array([along, curved, still]), self._law, limits.max_effort)
         share = held / limits.max_effort
-        allowed = np.maximum(PLANNED_EFFORT, 0.5 * (np.abs(share) + HOLDING))
+        allowed = allowed_shares(share)
         self._efforts = first, second, -allowed - share, allowed - share
 
     def _timed(self, rate: Array) -> Timed:
@@ -284,7 +286,7 @@ def _require_held(held: Array, places: Array, limits: JointLimits) -> None:
     """places: of the path, as shares, shape (n,)."""
     share = np.abs(held) / limits.max_effort
     place, joint = np.unravel_index(int(share.argmax()), share.shape)
-    if share[place, joint] >= HOLDING:
+    if share[place, joint] >= MAX_HOLDING_EFFORT:
         where, name = float(places[place]), limits.names[int(joint)]
         needed, limit = float(abs(held[place, joint])), float(limits.max_effort[joint])
         unit = limits.effort_unit(int(joint))

@@ -21,6 +21,7 @@ from toppra.constraint import JointAccelerationConstraint, JointVelocityConstrai
 from benchmarks.jerk_price import Optimiser
 from cobot.errors import PlanningError
 from cobot.planners import MotionRequest, plan
+from cobot.planners.effort_reserve import PLANNED_EFFORT
 from cobot.planners.search.spline import control_spline, resampled
 from cobot.planners.timing.coordinates import Coordinates
 from cobot.planners.timing.path import Path
@@ -30,7 +31,6 @@ from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
 from cobot.types import (
     PLANNED_ACCELERATION,
-    PLANNED_EFFORT,
     Array,
     CartesianLimits,
     JointLimits,

@@ -1,0 +1,41 @@
+"""The part of its effort limit that a planned motion leaves to each drive.
+
+A drive at its limit cannot correct its position. docs/planning.md, "What is kept", explains these shares.
+Trajectories that clients send with times of their own may use the whole limit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.robot.feasibility import effort_samples
+from cobot.robot.model import RobotModel
+from cobot.trajectory import Trajectory
+from cobot.types import Array, JointLimits
+
+PLANNED_EFFORT = 0.98
+"""Maximum share of the effort limits in planned motions; `allowed_shares` has the exception."""
+TRANSITION_EFFORT = 0.99
+"""Maximum share while a motion that is under way changes into a longer one on the same path. Both may already
+use `PLANNED_EFFORT`. Without a margin above it the change would often fail, and the arm would stop between
+them."""
+MAX_HOLDING_EFFORT = 0.999
+"""Share of an effort limit at which holding the arm still leaves nothing to move it."""
+
+
+def allowed_shares(holding: Array) -> Array:
+    """Return the share of the effort limits that a motion may use in a posture.
+
+    This is `PLANNED_EFFORT`. Where holding the arm still takes nearly as much or more, it is half of what is
+    left, because the arm could hardly move otherwise.
+
+    Args:
+        holding: share that holding the arm still takes, of either sign.
+    """
+    return np.asarray(np.maximum(PLANNED_EFFORT, 0.5 * (np.abs(holding) + MAX_HOLDING_EFFORT)))
+
+
+def keeps_effort(model: RobotModel, motion: Trajectory, limits: JointLimits, share: float) -> bool:
+    """Whether a motion needs at most this share of each effort limit."""
+    _, efforts = effort_samples(model, motion)
+    return bool((np.abs(efforts) <= share * limits.max_effort).all())
