@@ -45,10 +45,10 @@ from cobot.config import Settings, load_endpoints
 from cobot.logs.supervision import Losses
 from cobot.robot.description import RobotDescription, load_robot
 
-DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
-Lengths in m, angles in rad. What is about a robot is there for any of several too, below
-`/robots/NAME`: [the same by name](/docs/robots). The services of the controller's vendor are on
-[a page of their own](/docs/vendor). **This is no safety system.**"""
+DESCRIPTION = """Moves a robot arm. A motion answers when the arm has arrived and settled; `success` reports
+whether it has. Lengths are in m, angles in rad. Each endpoint of a robot also exists below `/robots/NAME`:
+[endpoints by robot](/docs/robots). The services of the controller's vendor have
+[their own page](/docs/vendor). **This service is not a safety system.**"""
 
 
 def create_app(

@@ -34,25 +34,28 @@ PARAMETERS = {
 }
 TAGS = [
     {"name": "robot", "description": "State, motions, and who controls the arm."},
-    {"name": "plans", "description": "Motions that are planned and looked at first, and run later."},
-    {"name": "scene", "description": "What stands around the arm, what it holds, and named frames."},
+    {"name": "plans", "description": "Plans: motions that are planned now and executed later."},
+    {"name": "scene", "description": "Solids around the arm, attached objects and named frames."},
     {"name": "trajectory", "description": "Timed joint trajectories."},
     {"name": "recordings", "description": "What the robot did, as MCAP files."},
     {"name": "sequences", "description": "Sequences of motions, and Lua programs."},
-    {"name": "events", "description": "What happens, as it happens."},
-    {"name": "jobs", "description": "Motions as jobs: followed, cancelled, paused; and how fast they go."},
+    {"name": "events", "description": "Events, as they happen."},
+    {
+        "name": "jobs",
+        "description": "Progress, cancel, pause and resume of motions; the speed override.",
+    },
     {"name": "common", "description": "Stop, and health."},
-    {"name": "operations", "description": "For who runs the service: is it alive, figures, reload, audit."},
-    {"name": "robots", "description": "Which robots there are, and the same for any of them, by its name."},
+    {"name": "operations", "description": "For administrators: liveness, metrics, reload and audit log."},
+    {"name": "robots", "description": "The list of robots, and the endpoints of a robot by its name."},
 ]
 """The groups in Swagger's order; it shows the first one open."""
 
 
 NAVIGATION = """<nav style="font: 1rem sans-serif; padding: 0.75rem 1.25rem">
-<a href="/">Panel</a> · <a href="/docs">REST API</a> · <a href="/docs/robots">of any robot by its name</a> ·
-<a href="/docs/vendor">vendor services</a> · <a href="/redoc">REST API to read</a>
+<a href="/">Panel</a> · <a href="/docs">REST API</a> · <a href="/docs/robots">REST API by robot</a> ·
+<a href="/docs/vendor">Vendor services</a> · <a href="/redoc">Reference (ReDoc)</a>
 </nav>"""
-"""There before Swagger UI is, which takes a browser most of a second to run."""
+"""Links at the top of the page. They appear before Swagger UI, which takes a browser most of a second."""
 
 _turn = threading.Lock()
 """Lock of the documents, which are made from the same parts."""
@@ -109,7 +112,7 @@ def install(app: FastAPI, version: Callable[[], Hashable]) -> None:
 
     @app.get(ROBOTS_PAGE, include_in_schema=False)
     async def robots_docs() -> HTMLResponse:
-        return _page(f"{app.title}: any robot by its name - Swagger UI", ROBOTS_SCHEMA, PARAMETERS)
+        return _page(f"{app.title}: REST API by robot - Swagger UI", ROBOTS_SCHEMA, PARAMETERS)
 
     @app.get(f"{SAMPLES_PATH}/{{name}}", include_in_schema=False)
     async def sample(name: str) -> Response:

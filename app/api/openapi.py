@@ -83,7 +83,7 @@ def of_any_robot(document: dict[str, Any]) -> dict[str, Any]:
     used = {tag for operations in paths.values() for each in operations.values() for tag in each["tags"]}
     return {
         **document,
-        "info": {**document["info"], "title": "cobot: any robot by its name"},
+        "info": {**document["info"], "title": "cobot: REST API by robot"},
         "paths": paths,
         "tags": [each for each in document["tags"] if each["name"] in used],
     }

@@ -184,7 +184,7 @@ async def get_robot_mode_type(robot: Services) -> str:
 
 @service("RobotState")
 async def get_safety_mode_type(robot: Services) -> str:
-    """Whether something has latched the arm. This is no safety system.
+    """Whether something has latched the arm. This is not a safety system.
 
     Returns:
         Normal, Fault, or RobotEmergencyStop.

@@ -35,7 +35,7 @@ You look at a robot arm, plan its motions and, where that is permitted, run them
 Plan first, look at the preview, tell a person what the arm will do, then execute the plan.
 Lengths are in m, angles in rad, in the base frame: x forward, z up.
 A refusal says what is wrong and what is allowed: change the request, do not repeat it.
-When anything looks wrong, stop. This is no safety system."""
+When anything looks wrong, stop. This is not a safety system."""
 MANUAL = f"""\
 {INSTRUCTIONS}
 

@@ -63,7 +63,7 @@ def test_the_moving_picture_of_the_documents(panel: Panel) -> None:
             SYSTEM.sleep(0.3)
 
     set_to(panel, "#motion-speed", "5")
-    panel.until("document.querySelector('#control').innerText === 'nobody'")
+    panel.until("document.querySelector('#control').innerText === 'free'")
     shoot(3)
     planned(panel, "work")
     shoot(12)
@@ -98,7 +98,7 @@ def test_motions_are_slowed_paused_and_followed(panel: Panel) -> None:
         slowly(panel)
         panel.until("document.querySelector('#progress').value > 0.001")
         panel.until("/^[0-9]+ s left[.]$/.test(document.querySelector('#job-left').innerText)")
-        assert panel.text("#job").startswith("Runs, for anonymous")
+        assert panel.text("#job").startswith("Running (requested by anonymous")
         panel.page.run("document.querySelector('#pause').focus()")
         panel.page.key("Enter", "Enter", "\r")
         panel.until("document.querySelector('#pause').innerText === 'Resume'")
@@ -114,7 +114,7 @@ def test_motions_are_slowed_paused_and_followed(panel: Panel) -> None:
         np.testing.assert_allclose(panel.page.run(f"[...{ends}]"), tcp_at(panel, end), atol=1e-5)
         panel.page.click("#stop")
         panel.until("!cobotPanel.view.way")
-        panel.until("document.querySelector('#job').innerText.startsWith('Was stopped')")
+        panel.until("document.querySelector('#job').innerText.startsWith('Stopped')")
         assert panel.page.run("document.querySelector('#pause').disabled")
         httpx.post(f"{panel.run.url}/robot/speed_override", json={"fraction": 0.0}, timeout=WAIT_S)
         panel.page.run("cobotPanel.job.look()")
@@ -185,7 +185,7 @@ def test_what_waits_in_the_queue_is_listed_and_taken_out(panel: Panel) -> None:
                     http.post("/robot/move/joints?queue=true", json=body).raise_for_status().json()["id"]
                 )
             panel.until(f"document.querySelectorAll('#queue li').length === {QUEUED}")
-            panel.until("document.querySelector('#job').innerText.startsWith('Waits, for anonymous')")
+            panel.until("document.querySelector('#job').innerText.startsWith('Paused (requested by ')")
             listed = panel.page.run(
                 "[...document.querySelectorAll('#queue li')].map((each) => each.dataset.job)"
             )

@@ -27,7 +27,7 @@ def test_it_shows_the_arm_where_it_is_and_asks_nobody_else(panel: Panel) -> None
         )
     )
     panel.until("document.querySelector('#mode').dataset.mode === 'HOLD'")
-    panel.until("document.querySelector('#control').innerText === 'nobody'")
+    panel.until("document.querySelector('#control').innerText === 'free'")
     panel.until("document.querySelector('#cycle').innerText.includes('µs')")
     assert panel.text("#joints .row:nth-child(4) b") == "-90.0 °"
     assert panel.text("#tcp .row:nth-child(1) b").startswith("40")
@@ -186,7 +186,7 @@ def test_a_page_whose_service_does_not_answer_yet_stops_and_comes_to_life(panel:
     finally:
         panel.page.block()
     panel.until("cobotPanel.view?.arm && cobotPanel.view.joints && document.querySelector('#banner').hidden")
-    panel.until("document.querySelector('#mode').innerText === 'holds'")
+    panel.until("document.querySelector('#mode').innerText === 'ready'")
     assert panel.page.run("cobotPanel.waypoints.list.length + cobotPanel.motions.made.length") == 0
     panel.page.run("localStorage.clear(), sessionStorage.clear()")
     forget(panel, "Failed to load")
