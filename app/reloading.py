@@ -22,6 +22,7 @@ from typing import Any
 from starlette.datastructures import State
 
 from app.robot_services import Services
+from app.routes import ENDPOINTS
 from app.services.rights.ownership import Caller
 from cobot.config import Settings, load_endpoints, load_settings
 from cobot.errors import (
@@ -138,7 +139,7 @@ class Reloading:
         """In a thread: it may take a tenth of a second."""
         try:
             new = load_settings(self._source)
-            endpoints = load_endpoints(new.web.endpoints, self._state.endpoints)
+            endpoints = load_endpoints(new.web.endpoints, ENDPOINTS)
             for each in new.each.values():
                 load_robot(each).check_named_positions(each.robot.srdf)
             settings = self._merged(new)

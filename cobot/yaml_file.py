@@ -77,5 +77,6 @@ def read_mapping(path: Path) -> dict[str, Any]:
     """
     content = read_yaml(path)
     if not isinstance(content, dict):
-        raise ConfigError(f"{path}: must hold a mapping, got {type(content).__name__}")
+        found = "nothing" if content is None else type(content).__name__
+        raise ConfigError(f"{path}: must hold a mapping, got {found}")
     return content

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from cobot.addresses import ROBOTS
 from cobot.config.section import Section, naming, parse
 from cobot.config.values import Positive
 from cobot.errors import ConfigError
-from cobot.strict import unknown_key
+from cobot.strict import shown, unknown_key
 from cobot.yaml_file import read_mapping
 
 MIN_STOP_S = 4.0
@@ -42,8 +43,17 @@ def load_endpoints(path: Path, known: Iterable[str] | None = None) -> dict[str, 
         valid = list(known)
         for name in changes:
             if name not in valid:
-                raise ConfigError(f"{path}: endpoints: {unknown_key(name, valid)}")
+                raise ConfigError(f"{path}: endpoints: {_unknown(name, valid)}")
     return changes
+
+
+def _unknown(name: str, valid: list[str]) -> str:
+    if f" {ROBOTS}/" in name:
+        return (
+            f"{shown(name)}: the endpoints below {ROBOTS}/NAME have no entries of their own, name the one "
+            "without it, as in 'POST /robot/execute': its entry holds for both"
+        )
+    return unknown_key(name, valid)
 
 
 def _check_stop(path: Path, changes: Mapping[str, EndpointChange]) -> None:

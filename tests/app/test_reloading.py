@@ -123,6 +123,18 @@ def test_what_needs_a_restart_is_said_with_what_it_was_and_will_be(service: Virt
         assert change in changes
 
 
+def test_a_reload_refuses_the_endpoints_that_a_start_would_refuse(
+    service: VirtualService, tmp_path: Path
+) -> None:
+    (tmp_path / "endpoints.yaml").write_text(
+        "endpoints: {'POST /robots/{robot}/execute': {enabled: false}}\n"
+    )
+    edit(service.config, "web: {", "web: {endpoints: endpoints.yaml, ")
+    answer = service.post("/admin/reload")
+    assert answer.status_code == 422
+    assert "below /robots/NAME have no entries of their own" in answer.json()["detail"]
+
+
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [

@@ -55,3 +55,6 @@ def test_a_missing_file_and_one_that_holds_no_mapping_are_refused(tmp_path: Path
     (tmp_path / "list.yaml").write_text("[1, 2]", encoding="utf-8")
     with pytest.raises(ConfigError, match="must hold a mapping, got list"):
         read_mapping(tmp_path / "list.yaml")
+    (tmp_path / "empty.yaml").write_text("# nothing yet", encoding="utf-8")
+    with pytest.raises(ConfigError, match="must hold a mapping, got nothing"):
+        read_mapping(tmp_path / "empty.yaml")

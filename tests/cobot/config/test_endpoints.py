@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
 
 from cobot.config import EndpointChange, load_endpoints
 from cobot.errors import ConfigError
+from cobot.launch import endpoints
 from cobot.launch.endpoints import check_endpoints
 
 
@@ -45,3 +47,19 @@ def test_an_unknown_name_is_an_error_with_a_suggestion(tmp_path: Path) -> None:
 
 def test_the_service_takes_the_names_that_it_has(tmp_path: Path) -> None:
     assert len(check_endpoints(write(tmp_path, "  POST /robot/move/pose: {timeout_s: 90}\n"))) == 1
+
+
+def test_an_entry_of_an_endpoint_below_a_robots_name_is_told_where_it_belongs(tmp_path: Path) -> None:
+    path = write(tmp_path, "  POST /robots/{robot}/execute: {enabled: false}\n")
+    with pytest.raises(ConfigError, match="below /robots/NAME have no entries of their own"):
+        load_endpoints(path, ["POST /robot/execute"])
+
+
+def test_a_service_that_does_not_tell_its_endpoints_cannot_hang_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the child sleeps for an hour."""
+    monkeypatch.setattr(endpoints, "RUN_MODULE", [sys.executable, "-c", "import time; time.sleep(3600)"])
+    monkeypatch.setattr(endpoints, "LONGEST_S", 0.2)
+    with pytest.raises(ConfigError, match=r"has not told within 0\.2 s which endpoints it has"):
+        check_endpoints(write(tmp_path, "  GET /scene: {enabled: false}\n"))
