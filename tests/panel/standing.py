@@ -140,7 +140,7 @@ def test_it_speaks_german_and_chinese(panel: Panel) -> None:
         set_to(panel, "#language", language)
 
     try:
-        for language, joints, mode in (("de", "Gelenke", "hält"), ("zh", "关节", "保持")):
+        for language, joints, mode in (("de", "Gelenke", "bereit"), ("zh", "关节", "就绪")):
             choose(language)
             assert panel.text("#joints-title") == joints
             assert panel.text("#mode") == mode
