@@ -42,7 +42,8 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Mot
     """The goal of a request to move: a request to a planner, whose start is not known yet.
 
     Args:
-        checked: whether joint angles are checked against the limits already here; planning checks them too.
+        checked: whether joint angles beyond the limits are rejected here. If not, planning rejects them, and
+            its error can explain which goal would work.
 
     Raises:
         InputError: fields that do not fit each other, the planner or the robot.

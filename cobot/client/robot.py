@@ -32,6 +32,7 @@ from cobot.client.websocket import WebSocketTransport
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, InputError, NotReadyError, UnavailableError
 from cobot.ipc.layout import Intervention, Stream, text
+from cobot.pose import Pose
 from cobot.types import LoopMode
 
 log = logging.getLogger("cobot.realtime")
@@ -94,7 +95,7 @@ class Robot(SessionSettings):
         remote = partial(WebSocketTransport, token=token, verify=verify)
         self._transport = _connect(serial_number, connect_retries, retry_interval_sec, clock, remote)
         self._info = robot_info(self._transport.robot, self._transport.info)
-        self._flange = self._transport.info["flange"].tolist()
+        self._flange_in_tcp = Pose.from_numbers(self._transport.info["flange"])
         self._chosen = Mode.IDLE
         self._control: Control[Any] | None = None
         self._plan = Plan(clock)
@@ -254,7 +255,7 @@ class Robot(SessionSettings):
         Raises:
             UnavailableError: rtloop does not answer.
         """
-        return robot_states(self._state(), self._flange)
+        return robot_states(self._state(), self._flange_in_tcp)
 
     def commanded_position(self) -> list[float]:
         """The commanded joint positions, rad."""

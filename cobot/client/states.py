@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cobot.ipc.layout import text
-from cobot.orientations import inverse, normalised, product, rotated
+from cobot.orientations import inverse, rotated
+from cobot.pose import Pose
 
 Values = list[float]
 
@@ -136,11 +137,9 @@ def cartesian_state(state: np.ndarray) -> CartesianState:
     )
 
 
-def robot_states(state: np.ndarray, flange: Values) -> RobotStates:
-    """From the record of `cobot.ipc.state_fields.state_dtype`, and the flange's pose in the TCP's frame."""
+def robot_states(state: np.ndarray, flange_in_tcp: Pose) -> RobotStates:
+    """From the record of `cobot.ipc.state_fields.state_dtype`."""
     joints, tcp = joint_state(state), cartesian_state(state)
-    x, y, z, *turn = tcp.tcp_pose
-    dx, dy, dz = rotated(turn, flange[:3])
     return RobotStates(
         q=joints.q,
         theta=joints.q,
@@ -152,7 +151,7 @@ def robot_states(state: np.ndarray, flange: Values) -> RobotStates:
         tau_ext=joints.tau_ext,
         tcp_pose=tcp.tcp_pose,
         tcp_vel=tcp.tcp_vel,
-        flange_pose=[x + dx, y + dy, z + dz, *normalised(product(turn, flange[3:]))],
+        flange_pose=list((Pose.from_numbers(tcp.tcp_pose) @ flange_in_tcp).numbers),
         ft_sensor_raw=tcp.ft_sensor_raw,
         ext_wrench_in_tcp=tcp.ext_wrench_in_tcp,
         ext_wrench_in_world=tcp.ext_wrench_in_world,

@@ -17,11 +17,6 @@ GIMBAL_LOCK_RAD = 1e-7
 """So near to B = ±π/2 it is taken for it."""
 
 
-def rotation_matrix(quaternion: Array) -> Array:
-    """Shape (3, 3), of a (w, x, y, z) unit quaternion."""
-    return np.array(quaternions.to_matrix(quaternion.tolist())).reshape(3, 3)
-
-
 def quaternion_from_abc(a: float, b: float, c: float) -> Array:
     """(w, x, y, z) for KUKA angles in rad.
 

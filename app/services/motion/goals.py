@@ -54,7 +54,7 @@ class Goals:
         Args:
             name: of the field, for errors.
             limits: the robot's own, or tighter ones.
-            checked: whether the limits are checked here; planning checks them too.
+            checked: whether the limits are checked here. If not, planning checks them.
 
         Raises:
             InputError: another number of joints than the robot has.

@@ -10,11 +10,11 @@ import numpy as np
 
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import rotation_matrix
 from cobot.types import FREE_AXES, Array, FreeAxis, Pose
 
 PLACES = 24
 LEAST_RAD = 1e-12
+UNIT_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +90,15 @@ def untwisted(start: Pose, goal: Pose, free: tuple[FreeAxis, ...]) -> Pose:
 def _tilt(start: Array, goal: Array, axis: FreeAxis) -> tuple[Array, float]:
     """About which direction, shape (3,), and by which angle, rad, an axis of the TCP turns the short way."""
     index = FREE_AXES.index(axis)
-    before, after = rotation_matrix(start)[:, index], rotation_matrix(goal)[:, index]
+    before, after = _axis(start, index), _axis(goal, index)
     normal = np.cross(before, after)
     sine = float(np.linalg.norm(normal))
     angle = math.atan2(sine, float(before @ after))
     if sine > LEAST_RAD:
         return normal / sine, angle
-    return rotation_matrix(start)[:, (index + 1) % 3], angle
+    return _axis(start, (index + 1) % 3), angle
+
+
+def _axis(turn: Array, index: int) -> Array:
+    """An axis of the frame with this orientation, shape (3,), in the base frame."""
+    return np.array(quaternion.rotated(turn.tolist(), UNIT_AXES[index]))

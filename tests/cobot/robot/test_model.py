@@ -16,7 +16,6 @@ from second_opinion import LIMITS, MJCF, mjcf_root, numbers, second_robot, urdf
 
 from cobot.errors import ConfigError, UnavailableError
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import rotation_matrix
 from cobot.robot.limits import load_joint_limits
 from cobot.robot.model import RobotModel
 from cobot.types import Array
@@ -38,7 +37,7 @@ def test_forward_kinematics_are_those_of_pinocchio(robot: RobotDescription) -> N
         position, turn = second_robot().forward(joints)
         pose = robot.model.forward(joints)
         assert pose.position == pytest.approx(position, abs=TOLERANCE), joints
-        assert rotation_matrix(pose.quaternion) == pytest.approx(turn, abs=TOLERANCE), joints
+        assert pose.rotation == pytest.approx(turn, abs=TOLERANCE), joints
 
 
 def test_the_jacobian_is_that_of_pinocchio(robot: RobotDescription) -> None:
@@ -97,7 +96,7 @@ def test_at_home_the_tool_points_down_in_front_of_the_base(robot: RobotDescripti
     pose = robot.model.forward(np.array(robot.positions["home"].joints))
     # The elbow stands at 0.36 + 0.42 m; 0.4 m out to the wrist, 0.126 m down to the flange.
     assert pose.position == pytest.approx([0.400, 0.0, 0.780 - 0.126], abs=1e-3)
-    assert rotation_matrix(pose.quaternion)[:, 2] == pytest.approx([0.0, 0.0, -1.0], abs=2e-3)
+    assert pose.rotation[:, 2] == pytest.approx([0.0, 0.0, -1.0], abs=2e-3)
 
 
 def test_the_simulations_stops_stand_just_beyond_the_position_limits() -> None:
@@ -136,7 +135,7 @@ def test_a_urdf_gives_the_same_robot(robot: RobotDescription, tmp_path: Path) ->
         position, turn = second_robot().forward(joints)
         pose = model.forward(joints)
         assert pose.position == pytest.approx(position, abs=TOLERANCE)
-        assert rotation_matrix(pose.quaternion) == pytest.approx(turn, abs=TOLERANCE)
+        assert pose.rotation == pytest.approx(turn, abs=TOLERANCE)
         assert model.gravity_torques(joints) == pytest.approx(second_robot().gravity(joints), abs=TOLERANCE)
 
 
@@ -187,7 +186,7 @@ def test_poses_are_in_the_base_frame_wherever_the_base_stands(
         pose = model.forward(joints)
         position, turn = second_robot().forward(joints)
         assert pose.position == pytest.approx(position, abs=TOLERANCE)
-        assert rotation_matrix(pose.quaternion) == pytest.approx(turn, abs=TOLERANCE)
+        assert pose.rotation == pytest.approx(turn, abs=TOLERANCE)
         assert model.jacobian(joints) == pytest.approx(second_robot().jacobian(joints), abs=TOLERANCE)
         solver = model.forward_and_jacobian(joints)
         assert solver[0] == pytest.approx(position, abs=TOLERANCE)

@@ -10,7 +10,6 @@ import pytest
 from app.aubo.poses import numbers_of, pose_of
 from app.services.motion.frames import MAX_FRAMES, WORLD, Frames
 from cobot.errors import ConflictError, InputError, LimitError, NotFoundError
-from cobot.robot.frames import rotation_matrix
 from cobot.types import Pose
 
 SEED = 20261122
@@ -33,7 +32,7 @@ def by_definition(pose: list[float]) -> np.ndarray:
 
 def matrix(pose: Pose) -> np.ndarray:
     made = np.eye(4)
-    made[:3, :3], made[:3, 3] = rotation_matrix(pose.quaternion), pose.position
+    made[:3, :3], made[:3, 3] = pose.rotation, pose.position
     return made
 
 
