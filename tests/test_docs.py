@@ -131,7 +131,7 @@ def test_each_dependency_is_argued_for() -> None:
 def test_the_roles_are_those_of_the_code_in_their_order() -> None:
     section = (DOCS / "security.md").read_text(encoding="utf-8").split("## Tokens and roles")[1]
     rows = re.findall(r"^\| ([a-z]+) \|", section.split("\n- ")[0], re.M)
-    assert rows[: len(Role) - 1] == [role.name.lower() for role in Role if role is not Role.NOBODY]
+    assert rows[: len(Role) - 1] == [role.name.lower() for role in Role if role is not Role.PUBLIC]
 
 
 def test_on_the_site_each_link_leads_somewhere_and_each_page_is_in_the_navigation(tmp_path: Path) -> None:

@@ -87,8 +87,8 @@ class Access:
             expose_headers=("WWW-Authenticate", "X-Request-Id"),
         )
         role = {
-            False: Role.NOBODY if required else Role.ADMIN,
-            True: Role.NOBODY if required_of_proxies else Role.ADMIN,
+            False: Role.PUBLIC if required else Role.ADMIN,
+            True: Role.PUBLIC if required_of_proxies else Role.ADMIN,
         }
         self._anonymous = lru_cache(256)(
             lambda address, forwarded: Identity(ANONYMOUS, role[forwarded], address, forwarded)
@@ -118,7 +118,7 @@ class Access:
         if token is None:
             identity = self._anonymous(address, forwarded)
         elif holder is None:  # a wrong token is an error even where none is needed
-            identity = Identity(ANONYMOUS, Role.NOBODY, address, forwarded)
+            identity = Identity(ANONYMOUS, Role.PUBLIC, address, forwarded)
         else:
             identity = self._known(holder, address, forwarded)
         scope[IDENTITY] = identity

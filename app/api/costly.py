@@ -1,7 +1,7 @@
 """Answers that cost milliseconds: made one after the other, with more time for all others between them.
 
-The event loop serves who stops the arm, too. A turn of `app.listeners` keeps one connection's bytes from
-taking more than a slice of it; what is asked for in a few bytes and takes long to make needs this.
+The event loop also serves the clients that stop the arm. `app.listeners` limits the time that the bytes of
+one connection take; a short request whose answer takes long to make needs this module.
 """
 
 from __future__ import annotations
@@ -9,7 +9,10 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import cast
+
+from fastapi import Request
 
 REST = 4.0
 """Pause after an answer, as a multiple of its duration: costly answers get a fifth of the time in all."""
@@ -37,3 +40,8 @@ class Costly:
         """Return when work of unknown duration may begin. The next work begins after a rest."""
         await self._one.acquire()
         asyncio.get_running_loop().call_later(rest_s, self._one.release)
+
+
+def costly_turn(request: Request) -> AbstractAsyncContextManager[None]:
+    """A turn among the costly answers of the whole application."""
+    return cast(Costly, request.app.state.costly).turn()

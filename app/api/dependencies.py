@@ -7,7 +7,7 @@ answer. `Call` is none at all, because each one costs a tenth of what a state co
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from typing import Annotated, cast
 
 from fastapi import Depends, Request
@@ -17,6 +17,7 @@ from app.api.clients import MOTION_TOKEN
 from app.api.endpoints import Endpoint
 from app.robot_services import Services
 from app.services.rights.job import JobKind
+from app.services.rights.job_book import unknown
 from app.services.rights.ownership import Caller
 from cobot.errors import InputError, MediaTypeError, NotFoundError
 from cobot.strict import shown, unknown_key
@@ -33,28 +34,42 @@ def robots_of(connection: HTTPConnection) -> dict[str, Services]:
 
 
 def services_of(connection: HTTPConnection) -> Services:
-    """Those of the robot that the path names, of the default one if it names none.
+    """Those of the robot that the path names, by its name or by one of its jobs; else of the default one.
 
     Raises:
-        NotFoundError: there is no such robot; lists the names.
+        NotFoundError: there is no such robot, with the names of all; or no such job.
     """
-    name = connection.scope["path_params"].get("robot")
+    path_params = connection.scope["path_params"]
+    name, job = path_params.get("robot"), path_params.get("job")
+    if job is not None:
+        return _with_job(addressed(connection).values(), job)
     if name is None:
         return cast(Services, connection.app.state.services)
+    return _named(connection, name)
+
+
+def _named(connection: HTTPConnection, name: str) -> Services:
     robots = robots_of(connection)
     if name not in robots:
         raise NotFoundError(f"there is no robot {shown(name)}; valid are: {', '.join(robots)}")
     return robots[name]
 
 
+def _with_job(robots: Iterable[Services], job: str) -> Services:
+    for services in robots:
+        if services.jobs.book.find(job) is not None:
+            return services
+    raise unknown(job)
+
+
 def addressed(connection: HTTPConnection) -> dict[str, Services]:
     """The one robot that the path names, or all if it names none.
 
     Raises:
-        NotFoundError: see `services_of`.
+        NotFoundError: there is no such robot, with the names of all.
     """
     name = connection.path_params.get("robot")
-    return robots_of(connection) if name is None else {name: services_of(connection)}
+    return robots_of(connection) if name is None else {name: _named(connection, name)}
 
 
 class Call:

@@ -12,23 +12,29 @@ from cobot.access.roles import Role
 from cobot.config import EndpointChange
 
 WEBSOCKET = "WS"
-"""Stands where others have the method."""
+"""What the name of a WebSocket endpoint has in place of the method."""
 _DECLARED = "declared_endpoint"
 """The attribute of a function that serves an endpoint."""
 
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """What the service knows of an endpoint.
+    """An endpoint of the service, as it is declared.
 
     Attributes:
         name: as in api_endpoints.yaml: "POST /stop"; "WS /events" of a WebSocket.
-        role: the lowest that may use it.
-        timeout_s: the timeout.
-        control: whether it is refused while another client has control, see `app.services.rights.lease`.
-            Motions, sessions and sequences check it themselves, because they have other transports too.
-        costly: whether making the answer takes milliseconds, see `app.api.costly`.
+        role: the lowest role that may use it.
+        timeout_s: the timeout for the answer.
+        control: whether it is rejected while another client has control, see `app.services.rights.lease`.
+            `CobotRoute` checks it before the body is read. Services that have other transports too, or that
+            wait before they act, check it again.
+        costly: whether making the answer takes milliseconds, see `app.api.costly`. An endpoint that is costly
+            only for some requests, or after a wait of its own, uses `costly_turn` itself.
         enabled: whether it is served.
+
+    Raises:
+        ValueError: `control` or `costly` on a method where `CobotRoute` would ignore it, or would hold the
+            turn while a body comes in: a programming error.
     """
 
     name: str
@@ -38,9 +44,16 @@ class Endpoint:
     costly: bool = False
     enabled: bool = True
 
+    def __post_init__(self) -> None:
+        method = self.name.split(" ")[0]
+        if self.control and method in ("GET", WEBSOCKET):
+            raise ValueError(f"{self.name}: control is for requests that change something; {method} reads")
+        if self.costly and method != "GET":
+            raise ValueError(f"{self.name}: costly is for GET; {method} must call `costly_turn` itself")
+
 
 def declare(function: Callable[..., Any], endpoint: Endpoint) -> None:
-    """Note what endpoint a function serves."""
+    """Attach the declaration of an endpoint to the function that serves it."""
     setattr(function, _DECLARED, endpoint)
 
 

@@ -150,7 +150,7 @@ def with_tokens(
         for path, operations in schema["paths"].items():
             for method, endpoint in operations.items():
                 name = endpoint.get("x-role") or roles[f"{method.upper()} {path}"].name.lower()
-                if name == Role.NOBODY.name.lower() or "security" in endpoint:
+                if name == Role.PUBLIC.name.lower() or "security" in endpoint:
                     continue
                 endpoint["security"] = [{"token": []}]
                 endpoint["description"] += f"\n\nNeeds the role {name}."

@@ -24,7 +24,7 @@ STOP = "POST /stop"
 STOPS = (STOP, twin_name(STOP))
 CHANGING = ("POST", "PUT", "DELETE")
 PANEL, THREE = "/panel", "/three/{name}"
-PUBLIC = (
+PUBLIC_PATHS = (
     "/",
     PANEL,
     THREE,
@@ -47,7 +47,7 @@ this robot but its joints' limits and its name."""
 def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dict[str, Role]:
     """The role that each endpoint needs, with the endpoints of each robot by its name."""
     table = {name: endpoint.role for name, endpoint in endpoints.items()}
-    table |= {STOP: Role.NOBODY} if stop_without_token else {}
+    table |= {STOP: Role.PUBLIC} if stop_without_token else {}
     twins = {twin_name(name): role for name, role in table.items()}
     return table | twins | {MCP: Role.OBSERVER}  # what plans or moves needs an agent: app.mcp.tools
 
@@ -60,7 +60,7 @@ def endpoint_of(route: BaseRoute) -> str:
     """
     if isinstance(route, APIWebSocketRoute):
         return f"{WEBSOCKET} {route.path}"
-    if isinstance(route, APIRoute) and route.path not in PUBLIC:
+    if isinstance(route, APIRoute) and route.path not in PUBLIC_PATHS:
         return f"{' '.join(sorted(route.methods or ()))} {route.path}"
     if isinstance(route, Route | Mount):
         return route.path
@@ -75,12 +75,12 @@ def guard(routes: Iterable[BaseRoute], table: Mapping[str, Role]) -> None:
     """
     for route in routes:
         name = endpoint_of(route)
-        if name in PUBLIC:
+        if name in PUBLIC_PATHS:
             continue
         if name not in table:
             raise TypeError(f"{name} has no role: declare it with `EndpointRouter.endpoint`")
         assert isinstance(route, Route | WebSocketRoute)
-        if table[name] is not Role.NOBODY:
+        if table[name] is not Role.PUBLIC:
             route.app = _Guarded(
                 route.app,
                 table[name],

@@ -14,14 +14,14 @@ import asyncio
 import gc
 from collections.abc import AsyncGenerator, Callable, Coroutine, Iterator, Sequence
 from inspect import iscoroutinefunction
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from fastapi import APIRouter, HTTPException, Request, Response
 from fastapi.routing import APIRoute, serialize_response
 from pydantic import BaseModel, ValidationError
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from app.api.costly import Costly
+from app.api.costly import costly_turn
 from app.api.dependencies import BEGUN_S, LARGE_BYTES, STOPS, Call, services_of
 from app.api.endpoints import WEBSOCKET, Endpoint, declare, declared
 from app.api.errors import status_of
@@ -161,7 +161,7 @@ class CobotRoute(APIRoute):
 
 def _answering_in_turn(handler: Handler) -> Handler:
     async def handle(request: Request) -> Response:
-        async with cast(Costly, request.app.state.costly).turn():
+        async with costly_turn(request):
             return await handler(request)
 
     return handle

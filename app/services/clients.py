@@ -33,6 +33,6 @@ class Client:
         return f"{self.name} from {self.address}" if self.address else self.name
 
 
-NOBODY = Client("the service itself")
-CLIENT: ContextVar[Client] = ContextVar("client", default=NOBODY)
+SERVICE_CLIENT = Client("the service itself")
+CLIENT: ContextVar[Client] = ContextVar("client", default=SERVICE_CLIENT)
 """On whose behalf the present task runs; tasks that it starts inherit it."""

@@ -12,7 +12,7 @@ from cobot.errors import AuthenticationError, PermissionDenied
 class Role(IntEnum):
     """The permissions of a client. Each role includes those of all lower roles."""
 
-    NOBODY = 0  # not authenticated: only what is open to everyone
+    PUBLIC = 0  # needs no token: of a client without a valid one, and of what is open to all clients
     OBSERVER = 1  # reads states, logs and health
     AGENT = 2  # plans, and runs motions that an operator or the configured fence approved: docs/mcp.md
     OPERATOR = 3  # moves the arm, resets it, streams to it, runs stored programs
@@ -56,7 +56,7 @@ def require(identity: Identity, role: Role) -> None:
     if identity.role >= role:
         return
     needed = role.name.lower()
-    if identity.role is Role.NOBODY:
+    if identity.role is Role.PUBLIC:
         proxy = "through a proxy, " if identity.forwarded else ""
         raise AuthenticationError(
             f"{proxy}a valid token of the role {needed} is needed: Authorization: Bearer TOKEN; "

@@ -14,7 +14,7 @@ from cobot.access.tokens import TokenFile
 from cobot.audit import record_from_cli
 from cobot.config import load_settings
 
-ROLES = {role.name.lower(): role for role in Role if role is not Role.NOBODY}
+ROLES = {role.name.lower(): role for role in Role if role is not Role.PUBLIC}
 MAX_DAYS = 36_500
 """Longest lifetime: a hundred years, so that the date stays below the calendar's end in 9999."""
 DESCRIPTION = """\

@@ -53,7 +53,7 @@ async def stop(request: Request, category: Category = HELD) -> StopAnswer:
     return StopAnswer.model_validate(asdict(stop))
 
 
-@router.endpoint("GET /health/ready", Role.NOBODY, timeout_s=1.5, responses=responses(503))
+@router.endpoint("GET /health/ready", Role.PUBLIC, timeout_s=1.5, responses=responses(503))
 async def ready(request: Request) -> ReadyAnswer:
     """Whether motions would be carried out: 503 with the reasons while they would not.
 

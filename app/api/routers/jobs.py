@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated, cast
+from typing import Annotated
 
 from fastapi import Depends, Path, Query, Request, Response
 
-from app.api.costly import Costly
+from app.api.costly import costly_turn
 from app.api.dependencies import Call, addressed, json_body
 from app.api.errors import responses
 from app.api.job_schemas import (
@@ -20,9 +20,7 @@ from app.api.job_schemas import (
     job_answer,
 )
 from app.api.route import EndpointRouter
-from app.services.job_control import JobService
 from app.services.rights.job import JobState
-from app.services.rights.job_book import unknown
 from cobot import audit
 from cobot.access.roles import Role
 
@@ -54,7 +52,7 @@ async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Respon
     if len(records) <= FEW:
         return _shown([job_answer(record) for record in records])
     answers: list[JobAnswer] = []
-    async with cast(Costly, request.app.state.costly).turn():
+    async with costly_turn(request):
         for record in records:
             answers.append(job_answer(record))
             if len(answers) % FEW == 0:
@@ -69,16 +67,16 @@ def _shown(answers: list[JobAnswer]) -> Response:
 @router.endpoint("GET /jobs/{job}", Role.OBSERVER, timeout_s=60.0, responses=responses(404, 422))
 async def job(job: Id, query: Annotated[JobQuery, Query()], request: Request) -> JobAnswer:
     """A job; with `wait_s` once it has ended, or after that time."""
-    wait_s = min(query.wait_s, Call(request).timeout_s)
-    return job_answer(await _holder(request, job).wait(job, wait_s))
+    call = Call(request)
+    return job_answer(await call.services.jobs.wait(job, min(query.wait_s, call.timeout_s)))
 
 
 @router.endpoint("POST /jobs/{job}/cancel", Role.OPERATOR, timeout_s=10.0, responses=CHANGED)
 async def cancel_job(job: Id, request: Request) -> JobAnswer:
     """End a job, whosever it is: the arm comes to rest on its path; answers when it rests."""
-    holder, timeout_s = _holder(request, job), Call(request).timeout_s
+    call = Call(request)
     audit.add_details(job=job)
-    return job_answer(await holder.cancel(job, max(timeout_s - ANSWER_S, ANSWER_S)))
+    return job_answer(await call.services.jobs.cancel(job, max(call.timeout_s - ANSWER_S, ANSWER_S)))
 
 
 @router.endpoint("POST /jobs/{job}/pause", Role.OPERATOR, timeout_s=5.0, responses=CHANGED)
@@ -87,25 +85,25 @@ async def pause_job(job: Id, request: Request, at_waypoint: AtWaypoint = None) -
 
     With `at_waypoint` a sequence or program goes on to there first; answers at once.
     """
-    holder = _holder(request, job)
+    services = Call(request).services
     audit.add_details(job=job)
-    return job_answer(await holder.pause(job, at_waypoint))
+    return job_answer(await services.jobs.pause(job, at_waypoint))
 
 
 @router.endpoint("POST /jobs/{job}/resume", Role.OPERATOR, timeout_s=5.0, control=True, responses=CHANGED)
 async def resume_job(job: Id, request: Request, waypoint: Waypoint = None) -> JobAnswer:
     """Go on with a job that was paused; a sequence that waits at a waypoint from any `waypoint`."""
-    holder = _holder(request, job)
+    services = Call(request).services
     audit.add_details(job=job)
-    return job_answer(await holder.resume(job, waypoint))
+    return job_answer(await services.jobs.resume(job, waypoint))
 
 
 @router.endpoint("POST /jobs/{job}/step", Role.OPERATOR, timeout_s=5.0, control=True, responses=CHANGED)
 async def step_job(job: Id, request: Request) -> JobAnswer:
     """Go on with a sequence or program that is paused, until it has made one more motion."""
-    holder = _holder(request, job)
+    services = Call(request).services
     audit.add_details(job=job)
-    return job_answer(await holder.step(job))
+    return job_answer(await services.jobs.step(job))
 
 
 @router.endpoint("GET /robot/speed_override", Role.OBSERVER, timeout_s=1.5)
@@ -131,15 +129,3 @@ async def set_speed_override(body: SpeedOverrideBody, request: Request) -> Speed
     ownership = Call(request).services.ownership
     await ownership.set_speed_fraction(body.fraction)
     return SpeedOverrideAnswer(fraction=ownership.speed_fraction)
-
-
-def _holder(request: Request, number: str) -> JobService:
-    """The jobs of the robot that has this one.
-
-    Raises:
-        NotFoundError: none has.
-    """
-    for services in addressed(request).values():
-        if services.jobs.book.find(number) is not None:
-            return services.jobs
-    raise unknown(number)

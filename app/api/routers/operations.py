@@ -16,7 +16,7 @@ from cobot.access.roles import Role
 router = EndpointRouter(tags=["operations"])
 
 
-@router.endpoint("GET /health/live", Role.NOBODY, timeout_s=1.5)
+@router.endpoint("GET /health/live", Role.PUBLIC, timeout_s=1.5)
 async def live() -> LiveAnswer:
     """The service answers: who gets no answer may restart it. It says nothing about the robots."""
     return LiveAnswer(status="live")
@@ -35,7 +35,9 @@ async def metrics(request: Request) -> Response:
     return Response(Metrics(request.app.state).text(), media_type=CONTENT_TYPE_PLAIN_0_0_4)
 
 
-@router.endpoint("POST /admin/reload", Role.ADMIN, timeout_s=60.0, responses=responses(409, 422, 503))
+@router.endpoint(
+    "POST /admin/reload", Role.ADMIN, timeout_s=60.0, control=True, responses=responses(409, 422, 503)
+)
 async def reload(request: Request) -> ReloadAnswer:
     """Read named positions, joint limits and web settings again; only while nothing moves.
 

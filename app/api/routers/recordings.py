@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 from dataclasses import asdict
 from functools import partial
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 from fastapi import Depends, Path, Query, Request, Response
 from fastapi.responses import FileResponse
 
-from app.api.costly import Costly
+from app.api.costly import costly_turn
 from app.api.dependencies import Call, json_body
 from app.api.errors import responses
 from app.api.recording_schemas import (
@@ -97,7 +97,7 @@ async def recorded_path(name: Name, request: Request, samples: Samples = 200) ->
     async with service.reading:  # it leaves planning processes to the motions
         work = partial(recorded, path=path, samples=samples)
         found = await call.services.planning.compute(work, call.timeout_s)
-    async with cast(Costly, request.app.state.costly).turn():
+    async with costly_turn(request):
         content = _answer(found).model_dump_json()
     return Response(content, media_type="application/json")
 

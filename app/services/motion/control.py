@@ -98,7 +98,7 @@ class ControlService:
         if lease.holds(client):
             return Taken(lease.take(client, timeout_s).token, None, [])
         if not force:
-            self._require_nobody(client)
+            self._require_free(client)
             return Taken(lease.take(client, timeout_s).token, None, [])
         former = self._former()
         token = lease.take(client, timeout_s).token  # before the stop, so that no other client comes between
@@ -136,7 +136,7 @@ class ControlService:
         """A WebSocket is gone, and with it the lease that it has taken."""
         self._ownership.lease.disconnected(client)
 
-    def _require_nobody(self, client: Client) -> None:
+    def _require_free(self, client: Client) -> None:
         lease, owner = self._ownership.lease, self._ownership.owner
         if owner is not None:
             raise ConflictError(f"the robot is in use by {owner}; wait for it, or take over with force")

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.services.clients import CLIENT, NOBODY
+from app.services.clients import CLIENT, SERVICE_CLIENT
 from app.services.state.link import RobotLink
 from app.services.streaming.jog import MAX_STEP_S, PERIOD_S
 from app.services.streaming.jog_limits import JOINT_ROOM, RATE_PER_S, JogLimits
@@ -125,7 +125,7 @@ class FreedriveService:
         self._link = link
         self._streams = streams
         self._session: Session | None = None
-        self._client = NOBODY
+        self._client = SERVICE_CLIENT
         self._number = 0
         self._until_s = 0.0
         self._timeout_s = TIMEOUT_S

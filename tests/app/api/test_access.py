@@ -22,7 +22,7 @@ from virtual import VirtualService, virtual_service
 from app.api.access import Access
 from app.api.errors import status_of
 from app.api.origins import Origins
-from app.api.roles import PUBLIC, endpoint_of, guard
+from app.api.roles import PUBLIC_PATHS, endpoint_of, guard
 from app.aubo.classes import REGISTRY
 from app.rosbridge import roles as rosbridge_roles
 from app.rosbridge.operations import OPERATIONS
@@ -452,10 +452,10 @@ def test_events_end_when_their_token_is_revoked(guarded: Guarded) -> None:
 def role_by_the_docs(endpoint: str) -> Role:
     """docs/security.md: who looks reads; who stops need not be more; who brings a program along, or removes a
     recording, programs; who reads what the others do, and has the settings read anew, is an admin; who
-    restarts what does not answer is nobody."""
+    restarts what does not answer needs no token."""
     method, path = endpoint.split(" ")
     if path.startswith("/health/") or (path.startswith("/robots/") and path.endswith("/health/ready")):
-        return Role.NOBODY
+        return Role.PUBLIC
     if path in ("/audit", "/admin/reload"):
         return Role.ADMIN
     if "/plan/" in path or path.endswith("/rehearse"):
@@ -476,7 +476,7 @@ def test_each_route_asks_for_its_role(guarded: Guarded) -> None:
     asked = set()
     for route in guarded.run.app.routes:
         name = endpoint_of(route)
-        if name in PUBLIC or not isinstance(route, APIRoute) or "{method}" in name:
+        if name in PUBLIC_PATHS or not isinstance(route, APIRoute) or "{method}" in name:
             continue
         method, _, path = name.partition(" ")
         path = path.replace("{robot}", guarded.run.name)
@@ -484,7 +484,7 @@ def test_each_route_asks_for_its_role(guarded: Guarded) -> None:
         needed = role_by_the_docs(name)
         asked.add(name)
         if not path.endswith("/stop"):
-            assert (guarded.ask(method, path).status_code == 401) == (needed is not Role.NOBODY), name
+            assert (guarded.ask(method, path).status_code == 401) == (needed is not Role.PUBLIC), name
         for role in NAMES:
             status = guarded.ask(method, path, role).status_code
             assert (status == 403) == (role < needed), (name, role)
@@ -715,7 +715,7 @@ def test_a_stop_that_switches_the_drives_off_needs_no_token_and_its_reset_does(g
 # The schema
 
 
-PUBLIC_PATHS = {
+OPEN_PATHS = {
     *("/stop", "/robots/{robot}/stop"),
     *("/health/live", "/health/ready", "/robots/{robot}/health/ready"),
 }
@@ -723,12 +723,12 @@ PUBLIC_PATHS = {
 
 def test_the_schema_asks_for_tokens_where_they_are_needed(guarded: Guarded, run: VirtualService) -> None:
     rest, vendor = (guarded.run.get(path).json() for path in ("/openapi.json", "/openapi/vendor.json"))
-    assert rest["paths"].keys() > PUBLIC_PATHS
+    assert rest["paths"].keys() > OPEN_PATHS
     for schema in (rest, vendor):
         assert schema["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
         for path, operations in schema["paths"].items():
             for endpoint in operations.values():
-                free = path in PUBLIC_PATHS
+                free = path in OPEN_PATHS
                 assert ("security" in endpoint) != free, path
                 assert {"401", "403"} <= set(endpoint["responses"]) or free, path
     for path, schema, role in (

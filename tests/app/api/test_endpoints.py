@@ -1,0 +1,144 @@
+"""What endpoints declare of the control holds: each is asked while another client has it.
+
+Oracle: docs/api.md#control, written out by hand; the requests are the examples of the schema.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+from virtual import VirtualService, virtual_service
+
+from app.api.endpoints import Endpoint
+from app.api.route import EndpointRouter
+from app.routes import ENDPOINTS
+from cobot.access.roles import Role
+
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+AWAY = [0.5, *HOME[1:]]
+WITHOUT_CONTROL = {
+    "POST /stop",
+    "POST /jobs/{job}/cancel",
+    "POST /jobs/{job}/pause",
+    "POST /robot/reset",
+    "DELETE /robot/freedrive",
+    "POST /robot/approve",
+    "POST /robot/plans/{plan}/rehearse",
+    "POST /recordings",
+    "DELETE /recordings/{name}",
+    *(f"POST /robot/plan/{kind}" for kind in ("named", "joints", "pose", "arc", "path", "sequence")),
+}
+"""They stop, wait, plan or record."""
+OF_THE_CONTROL = {"POST /robot/control", "DELETE /robot/control"}
+VENDOR = "POST /{robot}/{Class}/{method}"
+"""Each method of the vendor's has its own rule: tests/app/api/routers/test_control.py."""
+FILES = {
+    "POST /trajectory/send_csv": {"files": {"file": ("a.csv", b"t")}},
+    "POST /sequences/start": {"files": {"config": ("a.json", b"{}")}},
+}
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """Two robots, the first of which is the default one."""
+    with virtual_service(tmp_path_factory.mktemp("endpoints"), robots=2) as started:
+        yield started
+
+
+def taken(run: VirtualService, robot: str) -> dict[str, str]:
+    """Take the control of a robot; the header that shows it."""
+    answer = run.post(f"/robots/{robot}/control", {"timeout_s": 3600.0})
+    assert answer.status_code == 200, answer.text
+    return {"X-Control-Token": answer.json()["token"]}
+
+
+def example(run: VirtualService, name: str) -> dict[str, Any]:
+    """The body of a request, for httpx."""
+    method, path = name.split(" ")
+    if name in FILES:
+        return FILES[name]
+    schema = run.app.openapi()
+    body = schema["paths"][path][method.lower()].get("requestBody")
+    if body is None:
+        return {}
+    model = body["content"]["application/json"]["schema"]["$ref"].rpartition("/")[2]
+    return {"json": schema["components"]["schemas"][model]["examples"][0]}
+
+
+def is_kept_out(answer: httpx.Response) -> bool:
+    """Whether the reason is the control of another client."""
+    return answer.status_code == 409 and "under the control of" in answer.json()["detail"]
+
+
+def test_each_endpoint_that_changes_something_heeds_the_control_or_is_listed(pair: VirtualService) -> None:
+    changing = {name for name in ENDPOINTS if name.split()[0] not in ("GET", "WS")}
+    robot = pair.name
+    points = {"points": [{"positions": AWAY, "time_from_start": 60.0}]}
+    pair.post("/trajectory/send", points).raise_for_status()
+    (job,) = (each["id"] for each in pair.get("/jobs?state=running").json()["jobs"])
+    plan = pair.post("/robot/plan/joints", {"joints": AWAY, "start": HOME}).json()["plan_id"]
+    pair.post("/stop").raise_for_status()
+    holder = taken(pair, robot)
+    found = {}
+    for name in sorted(changing - OF_THE_CONTROL - {VENDOR}):
+        method, path = name.split(" ")
+        filled = path.replace("{job}", job).replace("{plan}", plan).replace("{name}", "home")
+        content = {"json": {"plan_id": plan}} if name == "POST /robot/approve" else example(pair, name)
+        answer = pair.ask(method, filled, **content)
+        assert answer.status_code != 422 or name in WITHOUT_CONTROL, (name, answer.text)
+        found[name] = is_kept_out(answer)
+    pair.ask("DELETE", "/robot/control", headers=holder).raise_for_status()
+    assert {name for name, kept_out in found.items() if not kept_out} == WITHOUT_CONTROL
+    assert {name for name, kept_out in found.items() if kept_out} == {
+        name for name, endpoint in ENDPOINTS.items() if endpoint.control
+    }
+
+
+@pytest.mark.parametrize("below", ["", "/robots/{robot}"])
+def test_a_job_is_under_the_control_of_its_own_robot(pair: VirtualService, below: str) -> None:
+    """Its address need not name the robot; then a lease of the default robot kept it paused."""
+    first, second = pair.names
+    points = {"points": [{"positions": AWAY, "time_from_start": 60.0}]}
+    pair.post(f"/robots/{second}/trajectory/send", points).raise_for_status()
+    (job,) = (each["id"] for each in pair.get(f"/robots/{second}/jobs?state=running").json()["jobs"])
+    way = f"{below.format(robot=second)}/jobs/{job}"
+    of_first = taken(pair, first)
+    assert pair.post(f"{way}/pause").json()["state"] == "paused"
+    assert pair.post(f"{way}/resume").json()["state"] == "running"
+    assert pair.post(f"{way}/pause").json()["state"] == "paused"
+    pair.ask("DELETE", "/robot/control", headers=of_first).raise_for_status()
+    of_second = {"X-Control-Token": pair.post(f"/robots/{second}/control", {"force": True}).json()["token"]}
+    assert is_kept_out(pair.post(f"{way}/resume"))
+    pair.ask("DELETE", f"/robots/{second}/control", headers=of_second).raise_for_status()
+
+
+def test_an_unknown_job_is_not_found_whatever_is_asked_of_it(pair: VirtualService) -> None:
+    for path in ("/jobs/none", f"/robots/{pair.names[1]}/jobs/none"):
+        answers = [pair.get(path), *(pair.post(f"{path}/{what}") for what in ("cancel", "pause", "resume"))]
+        for answer in answers:
+            assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+            assert "there is no job 'none'" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "reason"),
+    [
+        ("GET /state", {"control": True}, "control is for requests that change something"),
+        ("WS /state", {"control": True}, "control is for requests that change something"),
+        ("POST /state", {"costly": True}, "costly is for GET"),
+        ("WS /state", {"costly": True}, "costly is for GET"),
+    ],
+)
+def test_a_declaration_that_would_be_ignored_is_an_error(
+    name: str, options: dict[str, bool], reason: str
+) -> None:
+    with pytest.raises(ValueError, match=f"{name}: {reason}"):
+        Endpoint(name, Role.OBSERVER, 1.5, **options)
+
+    async def serve() -> None: ...
+
+    with pytest.raises(ValueError, match=reason):
+        EndpointRouter().endpoint(name, Role.OBSERVER, 1.5, **options)(serve)
