@@ -1,4 +1,4 @@
-"""docs/planning.md names tests: each of them exists."""
+"""docs/planning.md names tests: each of them exists, in the file that it names."""
 
 from __future__ import annotations
 
@@ -14,3 +14,13 @@ def test_each_test_that_the_table_of_complaints_names_exists() -> None:
     source = "".join(file.read_text(encoding="utf-8") for file in (ROOT / "tests").rglob("test_*.py"))
     assert len(named) > 15
     assert [name for name in sorted(named) if f"def {name}(" not in source] == []
+
+
+def test_each_file_that_the_table_of_complaints_names_has_the_test() -> None:
+    text = (ROOT / "docs" / "planning.md").read_text(encoding="utf-8")
+    named = re.findall(r"`([\w/]+\.py)::(test_\w+)`", text.split("## Complaints and answers")[1])
+    assert len(named) > 15
+    for path, name in named:
+        file = ROOT / (path if path.startswith("tests/") else f"tests/cobot/planners/{path}")
+        assert file.is_file(), path
+        assert f"def {name}(" in file.read_text(encoding="utf-8"), f"{path}::{name}"

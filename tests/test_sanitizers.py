@@ -42,7 +42,7 @@ TESTS = (
     "tests/cobot/planners/test_interior_point.py",
     "tests/cobot/planners/test_lattice.py",
     "tests/cobot/planners/test_rrt_connect.py",
-    "tests/cobot/planners/test_timed_fit.py::test_the_compiled_fit_follows_its_law",
+    "tests/cobot/planners/timing/test_timed_fit.py::test_the_compiled_fit_follows_its_law",
     "tests/cobot/robot/test_chain.py",
     "tests/cobot/robot/test_dynamics.py",
     "tests/cobot/robot/inverse_kinematics",

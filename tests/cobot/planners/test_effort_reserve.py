@@ -1,7 +1,7 @@
 """The part of its effort limit that a motion leaves to each drive.
 
-Oracle: the rule in docs/planning.md, by hand. test_time_law.py has whole motions under it, test_going_over.py
-the change from one motion to another.
+Oracle: the rule in docs/planning.md, by hand. Whole motions are in timing/test_time_law.py, the change from
+one motion to another in blending/test_going_over.py.
 """
 
 from __future__ import annotations
