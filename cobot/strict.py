@@ -48,6 +48,8 @@ MUST_BE = {
     "tuple_type": "a list",
 }
 """JSON's word for what pydantic's types of errors miss."""
+LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", "at most")}
+"""Which bound a list or an object breaks, by pydantic's types of errors, and how a sentence begins."""
 
 
 class StrictModel(BaseModel):
@@ -89,16 +91,20 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
         case "value_error":
             text = str(error["ctx"]["error"])
         case kind:
-            text = f"{_requirement(kind, error['msg'])}, got {shown(error['input'])}"
+            text = f"{_requirement(kind, error)}, got {shown(error['input'])}"
             if isinstance(error["input"], str) and len(error["input"]) > LONG_CHARACTERS:
                 text += f" ({len(error['input'])} characters)"
     return f"{place}: {text}" if place else text
 
 
-def _requirement(kind: str, message: str) -> str:
+def _requirement(kind: str, error: Mapping[str, Any]) -> str:
     if kind in MUST_BE:
         return f"must be {MUST_BE[kind]}"
-    plain = message.replace("Input should be", "must be", 1)
+    if kind in LENGTHS:
+        bound, words = LENGTHS[kind]
+        length = error["ctx"][bound]
+        return f"must have {words} {length} {'item' if length == 1 else 'items'}"
+    plain = str(error["msg"]).replace("Input should be", "must be", 1)
     return f"{plain[:1].lower()}{plain[1:]}"
 
 

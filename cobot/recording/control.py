@@ -47,8 +47,12 @@ async def ask(path: Path, request: dict[str, Any], timeout_s: float) -> dict[str
         answer: dict[str, Any] = json.loads(line)
     except TimeoutError as exc:
         raise UnavailableError(f"the recorder has not answered within {timeout_s:g} s; it goes on") from exc
-    except (OSError, ValueError) as exc:
+    except OSError as exc:
         raise UnavailableError(f"the recorder does not run ({exc}); cobot run restarts it") from exc
+    except ValueError as exc:
+        raise UnavailableError(
+            "the recorder ended before it had answered; cobot run restarts it: ask again"
+        ) from exc
     if "error" in answer:
         raise BY_CODE.get(answer.get("code", ""), CobotError)(answer["error"])
     return answer

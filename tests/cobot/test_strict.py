@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from cobot.strict import SHOWN_CHARACTERS, StrictModel, sentences, shown, unknown_key, without_repetition
 
@@ -19,6 +19,10 @@ class Document(StrictModel):
     targets: list[Target]
 
 
+class Pair(StrictModel):
+    numbers: list[int] = Field(min_length=1, max_length=2)
+
+
 def mistake(content: object) -> str:
     with pytest.raises(ValidationError) as caught:
         Document.model_validate(content)
@@ -29,6 +33,13 @@ def test_the_place_the_reason_and_the_value_are_named() -> None:
     assert mistake({"targets": [{"x": "1"}]}) == "targets[0].x: must be a number, got '1'"
     assert mistake({"targets": [{"x": 1.0}, {}]}) == "targets[1].x: is missing"
     assert mistake({}) == "targets: is missing"
+
+
+def test_a_length_is_told_in_the_words_of_json() -> None:
+    for content, wanted in (([], "at least 1 item, got []"), ([1, 2, 3], "at most 2 items, got [1, 2, 3]")):
+        with pytest.raises(ValidationError) as caught:
+            Pair.model_validate({"numbers": content})
+        assert sentences(caught.value.errors()) == f"numbers: must have {wanted}"
 
 
 def test_an_unknown_key_names_the_one_that_may_have_been_meant_and_the_valid_ones() -> None:

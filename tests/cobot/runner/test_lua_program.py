@@ -256,7 +256,7 @@ def test_coroutines_work() -> None:
         ("movel({1, 2, 3, 4, 5, 6}, {planner = 'ptp'})", r"the options are: speed, accel_scale, speed_m_s, "),
         ("\nmove({x = 1, y = 2})", r"test\.lua:2: waypoints\[0\]\.z: is missing"),
         ("move({named = 'home'}, {angle = 1})", r"waypoints\[1\]\.centre: is missing"),
-        ("move()", r"waypoints: list should have at least 1 item"),
+        ("move()", r"waypoints: must have at least 1 item"),
         ("move(1)", r"waypoints\[0\]: must be an object"),
         ("move_named()", r"the name must be a string, got nil"),
         ("sleep(-1)", r"sleep is -1"),
