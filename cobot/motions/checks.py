@@ -30,7 +30,7 @@ def check_request(request: MotionRequest) -> None:
         InputError: names the field, its value and what is possible.
     """
     traits = PLANNERS[request.planner]
-    if traits.needs_pose and not isinstance(request.goal, Pose):
+    if traits.follows_path and not isinstance(request.goal, Pose):
         raise InputError(f"{request.planner} needs a pose as its goal, not joint angles")
     given = [field for field in BODY_FIELDS if _is_given(request, field)]
     for field in given:

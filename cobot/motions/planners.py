@@ -50,7 +50,6 @@ class PlannerTraits:
         fields: the optional fields of `MotionRequest` that it uses; a request with others is rejected.
         needs: the request gives exactly one of these fields.
         missing: the error if it gives none of them, and what to do.
-        needs_pose: the goal is a pose of the TCP, never joint angles.
         one_piece: what is left of its path after a stop cannot be planned as a motion of its own, unlike the
             rest of a line.
         alternative: the planner to try where this one finds no motion.
@@ -62,13 +61,12 @@ class PlannerTraits:
     fields: frozenset[str] = frozenset()
     needs: tuple[str, ...] = ()
     missing: str = ""
-    needs_pose: bool = False
     one_piece: bool = False
     alternative: PlannerName = PlannerName.AUTO
 
     @property
     def follows_path(self) -> bool:
-        """Whether the request gives the path of the TCP."""
+        """Whether the request gives the path of the TCP. Its goal is then a pose, never joint angles."""
         return self.way is Way.PATH
 
     @property
@@ -92,7 +90,6 @@ PLANNERS: dict[PlannerName, PlannerTraits] = {
         Way.PATH,
         "the TCP on a straight line",
         TCP_PATH,
-        needs_pose=True,
     ),
     PlannerName.CIRC: PlannerTraits(
         "path.circ:plan_circ",
@@ -101,7 +98,6 @@ PLANNERS: dict[PlannerName, PlannerTraits] = {
         TCP_PATH | {"via", "arc"},
         needs=("via", "arc"),
         missing="via: is missing; planner circ needs a point on its arc, or its centre",
-        needs_pose=True,
         one_piece=True,
     ),
     PlannerName.POLYLINE: PlannerTraits(
@@ -111,7 +107,6 @@ PLANNERS: dict[PlannerName, PlannerTraits] = {
         TCP_PATH | {"through", "radius_m"},
         needs=("through",),
         missing="through: is empty; planner polyline needs at least one pose on the way; or take lin",
-        needs_pose=True,
         one_piece=True,
     ),
     PlannerName.OMPL: PlannerTraits(
@@ -149,7 +144,7 @@ BODY_FIELDS: dict[str, tuple[str, ...]] = {
 """The fields of `MotionRequest` that not every planner uses, and their names in requests as JSON."""
 
 
-ANY_GOAL = tuple(name for name, traits in PLANNERS.items() if not traits.needs_pose)
+ANY_GOAL = tuple(name for name, traits in PLANNERS.items() if not traits.follows_path)
 """The planners that go to joint angles as well as to a pose."""
 GOAL_ALONE = tuple(name for name, traits in PLANNERS.items() if not traits.needs)
 """The planners that need nothing but a goal."""
