@@ -48,7 +48,7 @@ class PathPoint(RequestModel):
 
 
 class Direction(RequestModel):
-    """A direction, of any length but 0."""
+    """A direction. Its length does not matter, but must not be 0."""
 
     x: Coordinate = Field(description="Of any unit.")
     y: Coordinate = Field(description="Of any unit.")
@@ -60,39 +60,39 @@ class KeptOrientation(RequestModel):
 
     tool_axis: Direction = Field(Direction(x=0.0, y=0.0, z=1.0), description="In the TCP's frame.")
     direction: Direction | None = Field(
-        None, description="In the base frame; without it where the axis points at the start."
+        None, description="In the base frame. Default: where the axis points at the start."
     )
-    within_rad: Finite = Field(gt=0.0, le=math.pi, description="So near it stays, rad.")
+    within_rad: Finite = Field(gt=0.0, le=math.pi, description="Largest angle between the two, rad.")
 
 
 class KeptBox(RequestModel):
-    """The TCP stays in a box along the axes of the base frame."""
+    """A box along the axes of the base frame that the TCP does not leave."""
 
-    min: PathPoint = Field(description="The corner with the least coordinates, m.")
-    max: PathPoint = Field(description="The opposite corner, m.")
+    min: PathPoint = Field(description="Corner with the smallest coordinates, m.")
+    max: PathPoint = Field(description="Corner with the largest coordinates, m.")
 
 
 class MotionConstraints(RequestModel):
-    """What the whole motion keeps to, its start and goal included."""
+    """Constraints on the whole motion, including its start and goal."""
 
     orientation: KeptOrientation | None = Field(None, description="Of the tool.")
     box: KeptBox | None = Field(None, description="For the TCP.")
     joints: Annotated[dict[str, Annotated[list[Finite], Field(min_length=2, max_length=2)]], few(64)] = Field(
-        {}, max_length=64, description="Joints by their names, each with its least and greatest angle, rad."
+        {}, max_length=64, description="Smallest and largest angle of joints, by name, rad."
     )
 
 
 KeptTo = Annotated[
     MotionConstraints | None,
     Field(
-        description="What the motion keeps to beside the limits. ompl (RRTConnect) plans so; motions of all "
-        "others are refused where they do not."
+        description="Constraints in addition to the limits. ompl (RRTConnect) plans under them. A motion of "
+        "any other planner that breaks them is rejected."
     ),
 ]
 
 
 class JointMotion(RequestModel):
-    """How, where the goal is joint angles."""
+    """Fields of a motion to joint angles."""
 
     speed: Speed = 0.1
     accel_scale: AccelScale = 0.0
@@ -103,11 +103,11 @@ class JointMotion(RequestModel):
 
 
 PositionName = Annotated[str, Field(max_length=200, description="One of GET /robot/positions.")]
-Joints = Annotated[list[Finite], Field(min_length=1, max_length=64, description="rad, one for each joint")]
+Joints = Annotated[list[Finite], Field(min_length=1, max_length=64, description="One angle per joint, rad.")]
 
 
 class MoveNamed(JointMotion):
-    """Where to, by name."""
+    """A motion to a named position."""
 
     model_config = example({"name": "home", "speed": 0.25})
 
@@ -115,7 +115,7 @@ class MoveNamed(JointMotion):
 
 
 class MoveJoints(JointMotion):
-    """Where to, joint by joint."""
+    """A motion to joint angles."""
 
     model_config = example({"joints": [0.0, 0.5, *HOME[2:]], "speed": 0.25})
 
@@ -135,17 +135,15 @@ class PathPose(RequestModel):
 
 MetresPerSecond = Annotated[
     Finite | None,
-    Field(
-        description=f"How fast the TCP may be, m/s, in {users_of('tcp_speed')}; without `speed` that is 1."
-    ),
+    Field(description=f"Maximum TCP speed in {users_of('tcp_speed')}, m/s. With it `speed` defaults to 1."),
 ]
-RadPerSecond = Annotated[Finite | None, Field(description="How fast the TCP may turn, rad/s, likewise.")]
+RadPerSecond = Annotated[Finite | None, Field(description="Like `speed_m_s`, for rotation, rad/s.")]
 FrameId = Annotated[
     str,
     Field(
         max_length=200,
-        description="The frame of all poses and points: empty for the default frame, the base, world, tool "
-        "(the TCP's where the motion begins), or a body or site of the model that no joint moves.",
+        description="Frame of all poses and points: empty for the default frame, the base, world, tool (the "
+        "TCP's frame at the start of the motion), or a body or site of the model that no joint moves.",
     ),
 ]
 
@@ -166,14 +164,14 @@ FreeAxes = Annotated[
 Cyclic = Annotated[
     bool | None,
     Field(
-        description="Of a path that leads back to its start: it ends in the joints it began with, so that it "
-        "can be repeated. null: full circles do so where they can, other paths end where they lead."
+        description="true: a path that leads back to its start ends at the joint angles it began with, so "
+        "that it can be repeated. null: full circles do so if possible, other paths end where they lead."
     ),
 ]
 
 
 class TcpMotion(RequestModel):
-    """How, where the TCP has somewhere to go."""
+    """Fields of a motion to a pose of the TCP, or along a path of it."""
 
     speed: Speed = 0.1
     accel_scale: AccelScale = 0.0
@@ -186,23 +184,25 @@ class TcpMotion(RequestModel):
 
 
 class MoveArc(TcpMotion):
-    """An arc by an angle about an axis; circles and helices too."""
+    """An arc about an axis, given by its angle. It may be a full circle or a helix."""
 
     model_config = example(
         {"centre": {"x": 0.5, "y": 0.0, "z": 0.5}, "axis": {"x": 0.0, "y": 0.0, "z": 1.0}, "angle": 0.5}
     )
 
-    centre: PathPoint = Field(description="A point on the axis, m.")
-    axis: PathPoint = Field(description="The direction of the axis, of any length; by the right hand.")
-    angle: Annotated[float, Field(allow_inf_nan=False), Within(require_angle, MAX_ARC_RAD)] = Field(
-        description="How far about the axis, rad; several turns too."
+    centre: PathPoint = Field(description="Point on the axis, m.")
+    axis: PathPoint = Field(
+        description="Direction of the axis, of any length. The arc turns about it by the right-hand rule."
     )
-    rise: Finite = Field(0.0, ge=-10.0, le=10.0, description="How far along the axis meanwhile, m: a helix.")
-    turn_tool: bool = Field(False, description="The hand turns with the arc, or keeps its orientation.")
+    angle: Annotated[float, Field(allow_inf_nan=False), Within(require_angle, MAX_ARC_RAD)] = Field(
+        description="Angle of the arc, rad. It may be several turns."
+    )
+    rise: Finite = Field(0.0, ge=-10.0, le=10.0, description="Distance along the axis, m. Not 0: a helix.")
+    turn_tool: bool = Field(False, description="true: the tool turns with the arc. false: it does not.")
 
 
 class MovePose(TcpMotion, PathPose):
-    """Where to with the TCP."""
+    """A motion of the TCP to a pose."""
 
     model_config = example(
         {
@@ -221,24 +221,26 @@ class MovePose(TcpMotion, PathPose):
     algorithm: OmplAlgorithm = RRT_CONNECT
     synchronization: SynchronizationName = "time"
     via: PathPoint | None = Field(
-        None, description=f"Of {users_of('via')}: a point on the arc. It needs this or `centre`."
+        None, description=f"For {users_of('via')}: point on the arc, m. Give this or `centre`."
     )
-    centre: PathPoint | None = Field(None, description=f"Of {users_of('arc')}: the centre of the arc, m.")
+    centre: PathPoint | None = Field(None, description=f"For {users_of('arc')}: centre of the arc, m.")
     axis: PathPoint | None = Field(
-        None, description="With `centre`: the arc turns about it by the right hand; else the short way."
+        None,
+        description="With `centre`: axis about which the arc turns, by the right-hand rule. Default: the "
+        "short way.",
     )
     end_joints: Annotated[list[Finite], Field(min_length=1, max_length=64)] | None = Field(
         None,
-        description=f"Of {users_of('end_joints')}: the joints in which the motion ends, rad, with the TCP at "
-        "the pose; so a line back to where the arm was ends in the joints it had there.",
+        description=f"For {users_of('end_joints')}: joint angles at the end, rad, which have the TCP at the "
+        "pose. With them a line back to an earlier pose ends at the joint angles that the arm had there.",
     )
     through: Annotated[list[PathPose], FailFast()] = Field(
-        [], max_length=200, description=f"Of {users_of('through')}: poses on the way."
+        [], max_length=200, description=f"For {users_of('through')}: poses on the way."
     )
     radius: Radius = Field(
         0.0,
-        description=f"Of {users_of('radius_m')}: how far from each of them, m, the TCP may leave its path to "
-        "go on without a stop; 0: it stops.",
+        description=f"For {users_of('radius_m')}: blend radius at each of them, m. Within it the TCP may "
+        "leave its path to go on without a stop. 0: it stops.",
     )
 
 
@@ -247,7 +249,7 @@ KINDS = {"name": NAMED, "named": NAMED, "joints": JOINT, "angle": ARC}
 
 
 def kind_of(value: Any) -> str:
-    """Which of `MOTION_TAGS` a motion is: by the first of `KINDS` that it has; without any to a pose."""
+    """Return which of `MOTION_TAGS` a motion is: that of the first of `KINDS` that it has, else `POSE`."""
     keys = value if isinstance(value, dict) else vars(value) if isinstance(value, BaseModel) else ()
     return next((tag for key, tag in KINDS.items() if key in keys), POSE)
 
@@ -260,11 +262,11 @@ AnyMotion = Annotated[
     Discriminator(kind_of),
 ]
 MAX_MOTIONS = 50
-"""So many are planned as one at the most."""
+"""Maximum number of motions that are planned as one."""
 
 
 class MoveSequence(RequestModel):
-    """Motions one after the other, round where one goes over into the next."""
+    """Motions one after the other, with a blend radius where one leads into the next."""
 
     model_config = example(
         {
@@ -285,6 +287,6 @@ class MoveSequence(RequestModel):
     radii: list[Radius] = Field(
         [],
         max_length=MAX_MOTIONS - 1,
-        description="For each motion but the last: how far from its end, m, the TCP may leave its path to go "
-        "on without a stop; 0: it stops. Without any it stops at each.",
+        description="Blend radius at the end of each motion but the last, m. Within it the TCP may leave its "
+        "path to go on without a stop. 0: it stops. Without radii it stops at the end of each motion.",
     )

@@ -16,14 +16,14 @@ from pydantic import (
 from pydantic_core.core_schema import CoreSchema, literal_schema, no_info_after_validator_function
 
 from cobot.motions.planners import ANY_GOAL, PLANNERS, summaries
-from cobot.types import Algorithm
+from cobot.types import PLANNED_JERK, Algorithm
 from cobot.units import MAX_POSE_ANGLE_RAD, require_angle, require_way
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 
 
 def example(body: Any) -> ConfigDict:
-    """What Swagger fills in: a request that works unedited, or an answer as it looks."""
+    """Return the example that Swagger shows: a request that works unedited, or an answer."""
     return ConfigDict(json_schema_extra={"examples": [body]})
 
 
@@ -33,7 +33,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 @dataclass(frozen=True, slots=True)
 class Within:
-    """Bounds of a number, whose error recognises another unit: see `cobot.units`."""
+    """Bounds of a number. The error recognises a value in another unit: see `cobot.units`."""
 
     require: Callable[[float, float], float]
     most: float
@@ -51,14 +51,14 @@ class Within:
 
 
 Angle = Annotated[float, Field(allow_inf_nan=False), Within(require_angle, MAX_POSE_ANGLE_RAD)]
-"""Of a pose, rad."""
+"""Angle of a pose, rad."""
 Coordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, 1000.0)]
-"""m: further than any arm reaches, so near that nothing that is computed with it overflows."""
+"""Coordinate in m. The bound is beyond the reach of any arm, and small enough that nothing overflows."""
 
 
 @dataclass(frozen=True, slots=True)
 class OneOf:
-    """A word out of a table, with the schema and the error of a `Literal`."""
+    """A word of a table, with the schema and the error of a `Literal`."""
 
     words: tuple[str, ...]
 
@@ -71,7 +71,7 @@ def _lower(value: Any) -> Any:
 
 
 def few(most: int) -> BeforeValidator:
-    """Of a dictionary: what has more entries is refused before each of them is looked at, and found wrong."""
+    """Limit the entries of a dictionary. More of them are rejected before each one is validated."""
 
     def check(value: Any) -> Any:
         if isinstance(value, dict) and len(value) > most:
@@ -90,14 +90,16 @@ AccelScale = Annotated[
     Field(
         ge=0.0,
         le=1.0,
-        description="Share of the acceleration and jerk limits (of jerk 0.8 at the most); 0 takes `speed`.",
+        description=f"Share of the acceleration and jerk limits (of the jerk at most {PLANNED_JERK:g}). 0: "
+        "the same as `speed`.",
     ),
 ]
 SynchronizationName = Annotated[
     Literal["time", "phase"],
     Field(
-        description="Of the joints in ptp. time: they start and end together, in the shortest time, in "
-        "general not straight in joint space; phase: they keep in proportion, straight in joint space."
+        description="Synchronization of the joints in ptp. time: they start and end together, in the "
+        "shortest time; the path is in general not straight in joint space. phase: the path is straight in "
+        "joint space."
     ),
 ]
 Planner = Annotated[
@@ -112,4 +114,4 @@ JointPlanner = Annotated[
     BeforeValidator(_lower),
     Field(description="As for a pose."),
 ]
-OmplAlgorithm = Annotated[Algorithm, Field(description="Of planner ompl, by OMPL's names.")]
+OmplAlgorithm = Annotated[Algorithm, Field(description="Algorithm of planner ompl, by its name in OMPL.")]
