@@ -7,10 +7,11 @@ answer. `Call` is none at all, because each one costs a tenth of what a state co
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable
-from typing import Annotated, cast
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from typing import Annotated, Any, cast, get_type_hints
 
 from fastapi import Depends, Request
+from fastapi.params import Form
 from starlette.requests import HTTPConnection
 
 from app.api.clients import MOTION_TOKEN
@@ -20,6 +21,7 @@ from app.services.rights.job import JobKind
 from app.services.rights.job_book import unknown
 from app.services.rights.ownership import Caller
 from cobot.errors import InputError, MediaTypeError, NotFoundError
+from cobot.loose_lists import RequestModel
 from cobot.strict import shown, unknown_key
 
 STOPS = "cobot.stops"
@@ -151,6 +153,16 @@ async def form_body(request: Request) -> None:
     for name in await request.form():
         if name not in valid:
             raise InputError(unknown_key(name, valid))
+
+
+def body_check(function: Callable[..., Any]) -> Callable[[Request], Awaitable[None]] | None:
+    """The check of the body that an endpoint's function takes, from its parameters; None if it takes none."""
+    for hint in get_type_hints(function, include_extras=True).values():
+        if any(isinstance(each, Form) for each in getattr(hint, "__metadata__", ())):
+            return form_body
+        if isinstance(hint, type) and issubclass(hint, RequestModel):
+            return json_body
+    return None
 
 
 Gone = Annotated[asyncio.Event, Depends(watch_for_departure)]

@@ -6,31 +6,36 @@ An endpoint is declared where it is written:
 
     @router.endpoint("GET /robot/pose", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
     async def pose(request: Request) -> PoseAnswer: ...
+
+A body is a parameter of the function: a `RequestModel`, or the fields of a form. The router adds the check of
+its media type, and the documentation of the errors that a body can cause.
 """
 
 from __future__ import annotations
 
 import asyncio
 import gc
-from collections.abc import AsyncGenerator, Callable, Coroutine, Iterator, Sequence
+from collections.abc import AsyncGenerator, Callable, Coroutine, Iterator, Mapping, Sequence
 from inspect import iscoroutinefunction
 from typing import Any, TypeVar
 
-from fastapi import APIRouter, HTTPException, Request, Response
+from fastapi import APIRouter, Depends, HTTPException, Request, Response
 from fastapi.routing import APIRoute, serialize_response
 from pydantic import BaseModel, ValidationError
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.costly import costly_turn
-from app.api.dependencies import BEGUN_S, LARGE_BYTES, STOPS, Call, services_of
+from app.api.dependencies import BEGUN_S, LARGE_BYTES, STOPS, Call, body_check, services_of
 from app.api.endpoints import WEBSOCKET, Endpoint, declare, declared
-from app.api.errors import status_of
+from app.api.errors import responses, status_of
 from app.api.json_text import decoded
 from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError
 from cobot.motions.bodies import MOTION_TAGS
 from cobot.strict import sentences, shown
 
+BODY_ERRORS = (413, 415, 422)
+"""Too large, of another media type, or invalid."""
 PIECE_BYTES, RETURNS = 1024, 128
 """See `pieces`: a piece takes at most some milliseconds."""
 Result = TypeVar("Result")
@@ -177,6 +182,19 @@ def _answering(handler: Handler) -> ASGIApp:
     return answer
 
 
+def _with_body_check(function: Callable[..., Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of a route, with the check of its body and the errors that only a body can cause."""
+    check = body_check(function)
+    if check is None:
+        return dict(options)
+    documented = responses(*BODY_ERRORS) | options.get("responses", {})
+    return {
+        **options,
+        "dependencies": [Depends(check), *options.get("dependencies", ())],
+        "responses": dict(sorted(documented.items())),
+    }
+
+
 class EndpointRouter(APIRouter):
     """Endpoints with what is declared of them."""
 
@@ -206,7 +224,7 @@ class EndpointRouter(APIRouter):
             if method == WEBSOCKET:
                 self.add_api_websocket_route(path, function)
             else:
-                self.add_api_route(path, function, methods=[method], **options)
+                self.add_api_route(path, function, methods=[method], **_with_body_check(function, options))
             return function
 
         return serve

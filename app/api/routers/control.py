@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from fastapi import Depends, Request
+from fastapi import Request
 
-from app.api.dependencies import Call, json_body
+from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.schemas import ControlAnswer, TakeControl, TakenAnswer
@@ -30,8 +30,7 @@ async def control(request: Request) -> ControlAnswer:
     "POST /robot/control",
     Role.OPERATOR,
     timeout_s=10.0,
-    responses=responses(409, 413, 415, 422),
-    dependencies=[Depends(json_body)],
+    responses=responses(409),
 )
 async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
     """Take control, renew it, or take it over. Then no other client can move the robot.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from fastapi import Depends, Request
+from fastapi import Request
 from pydantic import BaseModel, Field
 
-from app.api.dependencies import Call, json_body
+from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.services.streaming.freedrive import TIMEOUT_S, TIMEOUTS_S, FreedriveService
@@ -54,8 +54,7 @@ async def freedrive(request: Request) -> FreedriveAnswer:
     Role.OPERATOR,
     timeout_s=2.0,
     control=True,
-    responses=responses(409, 413, 415, 422, 503),
-    dependencies=[Depends(json_body)],
+    responses=responses(409, 501, 503),
 )
 async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
     """Let the arm be moved by hand: it goes where it is pushed, and stays where it is let go.

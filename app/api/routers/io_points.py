@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import Depends, Path, Request
+from fastapi import Path, Request
 from pydantic import BaseModel, Field
 
-from app.api.dependencies import Call, json_body
+from app.api.dependencies import Call
 from app.api.device_schemas import IoAnswer
 from app.api.errors import responses
 from app.api.route import EndpointRouter
@@ -53,8 +53,7 @@ async def inputs_and_outputs(request: Request) -> IoListAnswer:
     Role.OPERATOR,
     timeout_s=1.5,
     control=True,
-    responses=responses(404, 409, 413, 415, 422, 502, 503, 504),
-    dependencies=[Depends(json_body)],
+    responses=responses(404, 409, 502, 503, 504),
 )
 async def set_output(
     name: Annotated[str, Path(max_length=200, description="Of an output.")], body: SetOutput, request: Request

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated
 
-from fastapi import Depends, Path, Query, Request, Response
+from fastapi import Path, Query, Request, Response
 
 from app.api.costly import costly_turn
-from app.api.dependencies import Call, addressed, json_body
+from app.api.dependencies import Call, addressed
 from app.api.errors import responses
 from app.api.job_schemas import (
     JobAnswer,
@@ -117,8 +117,7 @@ async def speed_override(request: Request) -> SpeedOverrideAnswer:
     Role.OPERATOR,
     timeout_s=5.0,
     control=True,
-    responses=responses(409, 413, 415, 422, 503),
-    dependencies=[Depends(json_body)],
+    responses=responses(409, 503),
 )
 async def set_speed_override(body: SpeedOverrideBody, request: Request) -> SpeedOverrideAnswer:
     """Go faster or slower along the paths: the motion that runs, and all that follow. Jerk-limited.

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import Depends, Path, Query, Request, Response
+from fastapi import Path, Query, Request, Response
 
 from app.api.access import identity_of
-from app.api.dependencies import Call, Gone, json_body
+from app.api.dependencies import Call, Gone
 from app.api.errors import responses, tell
 from app.api.explanations import explained
 from app.api.goals import goal_of
@@ -51,8 +51,7 @@ from cobot.motions.forecast import Closest, Forecast
 from cobot.motions.rehearsal import Rehearsal
 
 PLAN: dict[str, Any] = {
-    "responses": responses(409, 413, 415, 422, 503),
-    "dependencies": [Depends(json_body)],
+    "responses": responses(409, 503),
 }
 
 router = EndpointRouter(tags=["plans"])
@@ -100,8 +99,7 @@ async def plan_sequence(body: PlanSequence, request: Request) -> PlanAnswer:
     timeout_s=60.0,
     control=True,
     response_model=MoveAnswer,
-    responses=responses(404, 409, 413, 415, 422, 503) | ACCEPTED,
-    dependencies=[Depends(json_body)],
+    responses=responses(404, 409, 503) | ACCEPTED,
 )
 async def execute(body: Execute, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Run a plan, if all is as it was when it was made; answers when the arm has arrived and settled."""
@@ -177,8 +175,7 @@ async def rehearse(
     "POST /robot/approve",
     Role.OPERATOR,
     timeout_s=1.5,
-    responses=responses(404, 413, 415, 422, 503),
-    dependencies=[Depends(json_body)],
+    responses=responses(404, 503),
 )
 async def approve(body: Approve, request: Request) -> KeptPlan:
     """Let an agent run a plan, once, or take that back: look at the plan first."""

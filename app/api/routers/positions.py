@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import Depends, Path, Request
+from fastapi import Path, Request
 from pydantic import Field
 
-from app.api.dependencies import Call, json_body
+from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.scene_schemas import Name
@@ -47,8 +47,7 @@ async def positions(request: Request) -> list[NamedPositionAnswer]:
     Role.OPERATOR,
     timeout_s=5.0,
     control=True,
-    responses=responses(409, 413, 415, 422, 503),
-    dependencies=[Depends(json_body)],
+    responses=responses(409, 503),
 )
 async def teach_position(body: TeachPosition, request: Request) -> NamedPositionAnswer:
     """Give a place a name, which every motion to a named position knows from now on; kept over restarts."""

@@ -7,11 +7,11 @@ from dataclasses import asdict
 from functools import partial
 from typing import Annotated, Any
 
-from fastapi import Depends, Path, Query, Request, Response
+from fastapi import Path, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from app.api.costly import costly_turn
-from app.api.dependencies import Call, json_body
+from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.recording_schemas import (
     AskedRecordingAnswer,
@@ -55,8 +55,7 @@ async def recordings(request: Request) -> RecordingsAnswer:
     "POST /recordings",
     Role.OPERATOR,
     timeout_s=120.0,
-    responses=responses(409, 413, 415, 422, 503),
-    dependencies=[Depends(json_body)],
+    responses=responses(409, 503),
 )
 async def record(body: AskRecording, request: Request) -> AskedRecordingAnswer:
     """Write the last seconds to a file, or begin or end a continuous recording.

@@ -6,11 +6,11 @@ from collections.abc import Coroutine, Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import Depends, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 
-from app.api.dependencies import Call, Gone, json_body
+from app.api.dependencies import Call, Gone
 from app.api.device_schemas import Acknowledge, AcknowledgeAnswer
 from app.api.errors import responses
 from app.api.explain_schemas import explain_of
@@ -50,8 +50,7 @@ How = Annotated[MoveQuery, Query()]
 COMPLETED = "Motion completed successfully"
 MOTION: dict[str, Any] = {
     "response_model": MoveAnswer,
-    "responses": responses(409, 413, 415, 422, 503) | ACCEPTED,
-    "dependencies": [Depends(json_body)],
+    "responses": responses(409, 503) | ACCEPTED,
 }
 
 router = EndpointRouter(tags=["robot"])
@@ -154,8 +153,7 @@ async def reset(request: Request) -> ResetAnswer:
     Role.OPERATOR,
     timeout_s=5.0,
     control=True,
-    responses=responses(409, 413, 415, 422, 503),
-    dependencies=[Depends(json_body)],
+    responses=responses(409, 503),
 )
 async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
     """Confirm that a person has compared the arm with the findings of the first contact.

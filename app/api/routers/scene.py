@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 
-from fastapi import Depends, Request
+from fastapi import Request
 
-from app.api.dependencies import Call, json_body
+from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.scene_schemas import (
@@ -48,8 +48,7 @@ async def scene(request: Request) -> SceneAnswer:
     Role.OPERATOR,
     timeout_s=10.0,
     control=True,
-    responses=responses(404, 409, 413, 415, 422, 503),
-    dependencies=[Depends(json_body)],
+    responses=responses(404, 409, 503),
 )
 async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
     """Change it, all at once or not at all.

@@ -6,9 +6,9 @@ import hashlib
 from dataclasses import asdict
 from typing import Annotated, Any
 
-from fastapi import Depends, File, Form, Query, Request, Response, UploadFile
+from fastapi import File, Form, Query, Request, Response, UploadFile
 
-from app.api.dependencies import Call, form_body
+from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.job_schemas import ACCEPTED, Wait, accepted
 from app.api.route import EndpointRouter
@@ -36,8 +36,7 @@ ACTION = "Not used; taken for compatibility and written to the log."
     timeout_s=10.0,
     control=True,
     response_model=StartedAnswer,
-    responses=responses(409, 413, 415, 422, 503) | ACCEPTED,
-    dependencies=[Depends(form_body)],
+    responses=responses(409, 503) | ACCEPTED,
 )
 async def start_sequence(
     request: Request,

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, cast
 
-from fastapi import Depends, Request
+from fastapi import Request
 
-from app.api.dependencies import Call, json_body
+from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.scene_schemas import ObjectAnswer
@@ -36,8 +36,7 @@ async def tool(request: Request) -> ToolAnswer:
     Role.PROGRAMMER,
     timeout_s=10.0,
     control=True,
-    responses=responses(409, 413, 415, 422, 503),
-    dependencies=[Depends(json_body)],
+    responses=responses(409, 503),
 )
 async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
     """Say what is on the flange, all at once or not at all.

@@ -8,9 +8,9 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Annotated, Any, cast
 
-from fastapi import Depends, File, Query, Request, Response, UploadFile
+from fastapi import File, Query, Request, Response, UploadFile
 
-from app.api.dependencies import Call, Gone, form_body, json_body
+from app.api.dependencies import Call, Gone
 from app.api.errors import responses
 from app.api.job_schemas import ACCEPTED, Wait, accepted
 from app.api.route import EndpointRouter
@@ -27,7 +27,7 @@ from cobot.types import Waypoint
 router = EndpointRouter(tags=["trajectory"])
 SEND: dict[str, Any] = {
     "response_model": SentAnswer,
-    "responses": responses(409, 413, 415, 422, 503) | ACCEPTED,
+    "responses": responses(409, 503) | ACCEPTED,
 }
 
 
@@ -37,7 +37,6 @@ SEND: dict[str, Any] = {
     timeout_s=20.0,
     control=True,
     **SEND,
-    dependencies=[Depends(json_body)],
 )
 async def send_trajectory(
     body: SendTrajectory, request: Request, gone: Gone, wait: Wait = True
@@ -64,7 +63,6 @@ async def send_trajectory(
     timeout_s=60.0,
     control=True,
     **SEND,
-    dependencies=[Depends(form_body)],
 )
 async def send_csv(
     file: Annotated[

@@ -13,7 +13,7 @@ import pytest
 from virtual import VirtualService, virtual_service
 
 from app.api.endpoints import Endpoint
-from app.api.route import EndpointRouter
+from app.api.route import CobotRoute, EndpointRouter
 from app.routes import ENDPOINTS
 from cobot.access.roles import Role
 
@@ -121,6 +121,20 @@ def test_an_unknown_job_is_not_found_whatever_is_asked_of_it(pair: VirtualServic
         for answer in answers:
             assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
             assert "there is no job 'none'" in answer.json()["detail"]
+
+
+def test_each_endpoint_with_a_body_checks_its_media_type_and_documents_what_it_refuses(
+    pair: VirtualService,
+) -> None:
+    """Oracle: which endpoints have a body by FastAPI's reading of them."""
+    routes = [each for each in pair.app.routes if isinstance(each, CobotRoute) and each.dependant.body_params]
+    assert len(routes) >= 40
+    for route in routes:
+        assert {413, 415, 422} <= route.responses.keys(), route.path
+        (method,) = route.methods
+        path = route.path.replace("{robot}", pair.name)
+        answer = pair.ask(method, path, content=b"{}", headers={"content-type": "text/plain"})
+        assert (answer.status_code, answer.json()["code"]) == (415, "media_type"), path
 
 
 @pytest.mark.parametrize(
