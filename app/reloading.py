@@ -23,7 +23,7 @@ from starlette.datastructures import State
 
 from app.robot_services import Services
 from app.routes import ENDPOINTS
-from app.services.rights.ownership import Caller
+from app.services.rights.claims import Caller
 from cobot.config import Settings, load_endpoints, load_settings
 from cobot.errors import (
     CobotError,

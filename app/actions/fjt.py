@@ -31,8 +31,9 @@ from app.actions.fjt_progress import Progress, on_path
 from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, ServoExecution
 from app.graph.actions import GoalHandle, GoalStatus
 from app.services.motion.execution import MotionService
+from app.services.rights.claims import Caller, Claim
 from app.services.rights.job import JobKind
-from app.services.rights.ownership import Caller, Claim, Ownership
+from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from app.services.streaming.servo import ServoService

@@ -12,7 +12,7 @@ import numpy as np
 from app.actions.fjt_goal import WIDER_PATH, FjtGoal, GoalViolated, PathViolated
 from app.actions.fjt_progress import Progress, on_path
 from app.graph.actions import GoalHandle
-from app.services.rights.ownership import Claim
+from app.services.rights.claims import Claim
 from app.services.state.link import RobotLink
 from app.services.streaming.servo import ServoService
 from cobot.errors import ExecutionError, MotionStopped

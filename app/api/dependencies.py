@@ -17,9 +17,9 @@ from starlette.requests import HTTPConnection
 from app.api.clients import MOTION_TOKEN
 from app.api.endpoints import Endpoint
 from app.robot_services import Services
+from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind
 from app.services.rights.job_book import unknown
-from app.services.rights.ownership import Caller
 from cobot.errors import InputError, MediaTypeError, NotFoundError
 from cobot.loose_lists import RequestModel
 from cobot.strict import shown, unknown_key

@@ -26,8 +26,8 @@ from app.mcp.departures import GONE
 from app.mcp.endpoint import STOPPED
 from app.mcp.own_rest import OwnRest
 from app.services.clients import CLIENT
+from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind
-from app.services.rights.ownership import Caller
 from cobot.access.roles import Role, acting
 from cobot.errors import BY_CODE, CobotError
 from cobot.motions.bodies import Joints, PositionName

@@ -13,9 +13,10 @@ from app.services.motion.queue import MotionQueue
 from app.services.motion.queue_moves import QueueRequest
 from app.services.programs.sequences import SequenceService
 from app.services.programs.steps import NEXT, Steps
+from app.services.rights.claims import Caller
 from app.services.rights.job import Job, JobRecord, JobState
 from app.services.rights.job_book import JobBook, unknown
-from app.services.rights.ownership import Caller, Ownership
+from app.services.rights.ownership import Ownership
 from app.services.rights.stopping import StopService
 from cobot.errors import CobotError, ConflictError, ExecutionError, MotionStopped, PlanningTimeout
 from cobot.types import RESTING

@@ -79,7 +79,9 @@ async def cancel_job(job: Id, request: Request) -> JobAnswer:
     return job_answer(await call.services.jobs.cancel(job, max(call.timeout_s - ANSWER_S, ANSWER_S)))
 
 
-@router.endpoint("POST /jobs/{job}/pause", Role.OPERATOR, timeout_s=5.0, responses=CHANGED)
+@router.endpoint(
+    "POST /jobs/{job}/pause", Role.OPERATOR, timeout_s=5.0, responses=responses(404, 409, 422, 501, 503)
+)
 async def pause_job(job: Id, request: Request, at_waypoint: AtWaypoint = None) -> JobAnswer:
     """Bring the arm to rest on its path, where the job waits; answers when it rests.
 
@@ -117,7 +119,7 @@ async def speed_override(request: Request) -> SpeedOverrideAnswer:
     Role.OPERATOR,
     timeout_s=5.0,
     control=True,
-    responses=responses(409, 503),
+    responses=responses(409, 501, 503),
 )
 async def set_speed_override(body: SpeedOverrideBody, request: Request) -> SpeedOverrideAnswer:
     """Go faster or slower along the paths: the motion that runs, and all that follow. Jerk-limited.

@@ -18,8 +18,8 @@ from app.api.samples import link
 from app.api.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
 from app.services.motion.csv_points import read_points
 from app.services.motion.trajectories import Options, StartedTrajectory
+from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind
-from app.services.rights.ownership import Caller
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.types import Waypoint

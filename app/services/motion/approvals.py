@@ -7,7 +7,7 @@ import time
 from app.services.motion.moves import Outcome
 from app.services.motion.plan import Plan
 from app.services.motion.plans import PlanService
-from app.services.rights.ownership import Caller
+from app.services.rights.claims import Caller
 from cobot.clock import Clock
 from cobot.config import McpSection
 from cobot.errors import PermissionDenied

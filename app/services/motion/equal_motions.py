@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from app.services.rights.claims import Caller, Claim
 from app.services.rights.job import JobKind
-from app.services.rights.ownership import Caller, Claim
 from app.services.rights.speed_override import SpeedOverride
 from cobot.errors import CobotError, MotionStopped
 from cobot.motions.requests import MotionRequest, RatedMove

@@ -7,7 +7,7 @@ import math
 
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import PlanRequest
-from app.services.rights.ownership import Claim
+from app.services.rights.claims import Claim
 from app.services.state.commands import ACKNOWLEDGE_S
 from app.services.state.link import POLL_S, RobotLink
 from app.services.state.robot_state import RobotState

@@ -11,7 +11,8 @@ from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals, check_radii
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import joined
-from app.services.rights.ownership import Caller, Claim, Ownership, watching
+from app.services.rights.claims import Caller, Claim, watching
+from app.services.rights.ownership import Ownership
 from cobot.clock import Clock
 from cobot.errors import CobotError, ExecutionError, InputError, PlanningError
 from cobot.motions.fence import Fence

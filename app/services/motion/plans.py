@@ -30,8 +30,8 @@ from app.services.motion.planning_tasks import (
     rehearsed,
 )
 from app.services.motion.queue_moves import QueueRequest
+from app.services.rights.claims import Caller
 from app.services.rights.job import Job
-from app.services.rights.ownership import Caller
 from cobot.access.roles import acting
 from cobot.clock import Clock
 from cobot.config import Settings

@@ -26,8 +26,9 @@ from app.services.motion.queue_line import MAX_JOINED_LEGS, QueueLine
 from app.services.motion.queue_motion import IDLE, QueueMotion
 from app.services.motion.queue_moves import MovePlanner, QueuedMove, QueueRequest
 from app.services.motion.tool_and_limits import RobotSettings
+from app.services.rights.claims import Caller, Claim
 from app.services.rights.job import Job, JobKind
-from app.services.rights.ownership import Caller, Claim, Ownership
+from app.services.rights.ownership import Ownership
 from app.services.state.link import POLL_S, RobotLink
 from cobot.errors import (
     CobotError,

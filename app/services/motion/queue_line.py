@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from app.services.motion.queue_moves import MovePlanner, QueuedMove, QueueRequest, head
+from app.services.rights.claims import Claim
 from app.services.rights.job import Job
-from app.services.rights.ownership import Claim
 from cobot.errors import CobotError, ConflictError
 from cobot.types import Array
 

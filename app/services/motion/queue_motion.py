@@ -19,8 +19,8 @@ from app.services.motion.queue_jobs import QueueJobs, report_stops
 from app.services.motion.queue_line import QueueLine
 from app.services.motion.queue_moves import Left, MovePlanner, QueuedMove, to_go
 from app.services.motion.queue_runs import Run, Runs
+from app.services.rights.claims import Claim
 from app.services.rights.job import Job
-from app.services.rights.ownership import Claim
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ExecutionError, MotionStopped
 from cobot.ipc.layout import MotionResult

@@ -12,8 +12,8 @@ from app.services.motion.goals import check_radii
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import LegRequest, begun, leg, prolonged
 from app.services.motion.tool_and_limits import RobotSettings
+from app.services.rights.claims import Claim
 from app.services.rights.job import Job
-from app.services.rights.ownership import Claim
 from cobot.clock import Clock
 from cobot.errors import CobotError, CollisionError, InputError, PlanningError
 from cobot.motions.requests import MotionRequest

@@ -13,7 +13,8 @@ from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals
 from app.services.motion.planning import PlanningService
 from app.services.motion.scene_edits import Edit, named, require_room
-from app.services.rights.ownership import Caller, Ownership
+from app.services.rights.claims import Caller
+from app.services.rights.ownership import Ownership
 from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState

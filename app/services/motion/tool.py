@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from app.services.clients import CLIENT
 from app.services.motion.planning import PlanningService
 from app.services.motion.scene import SceneService
-from app.services.rights.ownership import Caller, Ownership
+from app.services.rights.claims import Caller
+from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ConflictError, ExecutionError, InputError, LimitError
 from cobot.robot.collision import CollisionChecker, Contact

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from app.services.motion.execution import MotionService
-from app.services.rights.ownership import Caller, Claim, Ownership, watching
+from app.services.rights.claims import Caller, Claim, watching
+from app.services.rights.ownership import Ownership
 from cobot.config import PlanningSection
 from cobot.errors import CobotError, ExecutionError
 from cobot.logs import printable

@@ -12,7 +12,8 @@ import numpy as np
 
 from app.services.clients import CLIENT
 from app.services.motion.execution import STATE_TIMEOUT_S, MotionService
-from app.services.rights.ownership import BY_STOP, Caller, Claim, Ownership
+from app.services.rights.claims import Caller, Claim
+from app.services.rights.ownership import BY_STOP, Ownership
 from app.services.state.link import POLL_S, RobotLink
 from cobot import audit, logs
 from cobot.clock import Clock

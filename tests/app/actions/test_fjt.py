@@ -30,7 +30,8 @@ from app.actions.fjt_goal import FjtGoal, GoalError, read_goal
 from app.graph.actions import GoalStatus
 from app.services.motion.execution import MotionService
 from app.services.motion.planning import PlanningService
-from app.services.rights.ownership import Caller, Ownership
+from app.services.rights.claims import Caller
+from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService

@@ -9,7 +9,8 @@ from rig import Rig
 
 from app.services.motion.execution import MotionService
 from app.services.motion.planning import PlanningService
-from app.services.rights.ownership import Caller, Ownership
+from app.services.rights.claims import Caller
+from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from cobot.errors import ExecutionError
 from cobot.robot.description import RobotDescription

@@ -24,9 +24,10 @@ from hypothesis import strategies as st
 from running import WAIT_S, until
 
 from app.services.rights import job_book as books
+from app.services.rights.claims import Caller
 from app.services.rights.job import ENDS, Job, JobKind, JobRecord
 from app.services.rights.job_book import KEPT, JobBook
-from app.services.rights.ownership import Caller, Ownership
+from app.services.rights.ownership import Ownership
 from cobot.errors import CollisionError, ExecutionError, MotionStopped, UnavailableError
 from cobot.findings import Finding
 

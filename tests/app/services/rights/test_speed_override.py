@@ -17,7 +17,8 @@ from rig import Rig
 
 from app.services.motion.execution import MotionService
 from app.services.motion.planning import PlanningService
-from app.services.rights.ownership import Caller, Claim, Ownership, watching
+from app.services.rights.claims import Caller, Claim, watching
+from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from cobot.errors import (
     ConflictError,

@@ -14,7 +14,7 @@ from rig import Rig
 from second_opinion import second_robot
 from servo_bench import Bench, Run, runner
 
-from app.services.rights.ownership import Caller
+from app.services.rights.claims import Caller
 from cobot.config import Settings
 from cobot.errors import ConflictError, InputError, LimitError, UnreachableError
 from cobot.robot.description import RobotDescription
