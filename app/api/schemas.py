@@ -1,22 +1,23 @@
-"""Requests and answers as JSON: the edge where everything is checked before anything happens.
+"""Answers about the arm as JSON, and the requests that go with them.
 
-All on one page, as in the schema that is published of them; but what motions are asked for, which other
-documents hold too, is `cobot.motions.bodies`.
+Requests for motions, which other documents hold too, are in `cobot.motions.bodies`.
 """
 
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, FailFast, Field
+from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.device_schemas import DeviceAnswer
 from app.api.explain_schemas import Explain
 from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.loose_lists import RequestModel
-from cobot.motions.fields import HOME, Finite, example
+from cobot.motions.fields import HOME, example
 from cobot.strict import StrictModel
+
+WAIT = "false: answer 202 with the job at once, instead of the ordinary answer when that is known."
+"""Description of the parameter `wait`, which several requests have."""
 
 
 class MoveAnswer(BaseModel):
@@ -159,100 +160,6 @@ class NamedPositionAnswer(BaseModel):
     taught: bool = Field(description="Whether it was taught, and can be removed.")
 
 
-VALIDATE = "False skips this check; the safety layer of the real-time process stays."
-RETIME = "Slow down where the limits need it, by as much as they need; else more than 5 % is refused."
-SMOOTHING = (
-    "Maximum deviation from the curve through the points where they exceed the limits, rad; 0 "
-    "follows it exactly. Default: the setting planning.smoothing_rad."
-)
-MAX_SMOOTHING_RAD = 0.01
-MOVE_TO_START = "Go to the first point by ptp before; else the arm has to be there."
-
-
-class TrajectoryPoint(RequestModel):
-    """Where the joints are at a time. Missing rates are those of a smooth curve through all points."""
-
-    positions: list[Finite] = Field(max_length=64, description="rad, one for each joint")
-    time_from_start: Finite = Field(ge=0.0, description="s")
-    velocities: list[Finite] | None = Field(None, min_length=1, max_length=64, description="rad/s")
-    accelerations: list[Finite] | None = Field(None, min_length=1, max_length=64, description="rad/s²")
-
-
-class SendTrajectory(RequestModel):
-    """A timed joint trajectory."""
-
-    model_config = example(
-        {
-            "points": [
-                {"positions": HOME, "time_from_start": 0.0},
-                {"positions": [0.0, 0.3, 0.0, -1.2, 0.0, 1.3, 0.0], "time_from_start": 2.0},
-                {"positions": HOME, "time_from_start": 4.0},
-            ],
-            "move_to_start": True,
-        }
-    )
-
-    points: Annotated[list[TrajectoryPoint], FailFast()] = Field(
-        min_length=1, max_length=100_000, description="At strictly increasing times."
-    )
-    validate_limits: bool = Field(True, description=VALIDATE)
-    retime: bool = Field(False, description=RETIME)
-    move_to_start: bool = Field(False, description=MOVE_TO_START)
-    smoothing_rad: Finite | None = Field(None, ge=0.0, le=MAX_SMOOTHING_RAD, description=SMOOTHING)
-
-
-WAIT = "false: answer 202 with the job at once, instead of the ordinary answer when that is known."
-
-
-class CsvQuery(StrictModel):
-    """How to read a CSV file, and what to check; see SendTrajectory."""
-
-    model_config = ConfigDict(strict=False)  # a query consists of strings
-
-    separator: str | None = Field(
-        None,
-        min_length=1,
-        max_length=1,
-        description="One character. Without it that of the header: semicolons, tabs, commas or white space. "
-        "Only with semicolons may numbers have decimal commas.",
-    )
-    validate_limits: bool = Field(True, description=VALIDATE)
-    retime: bool = Field(False, description=RETIME)
-    move_to_start: bool = Field(False, description=MOVE_TO_START)
-    smoothing_rad: Finite | None = Field(None, ge=0.0, le=MAX_SMOOTHING_RAD, description=SMOOTHING)
-    wait: bool = Field(True, description=WAIT)
-
-
-class SentAnswer(BaseModel):
-    """The real-time process has verified the motion and begun it; /trajectory/logs tells its end."""
-
-    model_config = example(
-        {
-            "status": "sent",
-            "motion_id": 13,
-            "duration_s": 4.0,
-            "points": 3,
-            "note": "",
-            "blended_rad": 0.0,
-            "smoothed_rad": 0.0,
-            "stretch": 1.0,
-            "slowed_s": None,
-        }
-    )
-
-    status: Annotated[Literal["sent"], Field(description="The motion has begun.")] = "sent"
-    motion_id: int = Field(description="Its number, as in /trajectory/logs and in the state.")
-    duration_s: float = Field(description="Of the whole motion, s, the way to the start included.")
-    points: int = Field(description="How many were sent.")
-    note: str = Field("", description="What was changed and why; empty if nothing was.")
-    blended_rad: float = Field(0.0, description="How far the arm was from the first point, blended in.")
-    smoothed_rad: float = Field(0.0, description="Maximum deviation of the motion from the curve, rad.")
-    stretch: float = Field(1.0, description="Its duration in shares of that of the points.")
-    slowed_s: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="Between which times of the points it is slower than they ask for."
-    )
-
-
 LogLines = Annotated[int, Field(ge=1, le=300, description="How many lines, the newest ones.")]
 
 
@@ -294,38 +201,6 @@ class SequenceStatusAnswer(BaseModel):
     bag_path: str | None = Field(description="The recording's folder; null without one.")
 
 
-class AuditQuery(StrictModel):
-    """Which entries."""
-
-    model_config = ConfigDict(strict=False)
-
-    limit: int = Field(100, ge=1, le=1000, description="Maximum number of entries.")
-    since: datetime | None = Field(None, description="Only those of then or later; without a zone it is UTC.")
-
-
-class AuditEntry(BaseModel):
-    """An action that a client has carried out or attempted."""
-
-    model_config = ConfigDict(populate_by_name=True)
-
-    time: datetime = Field(description="When, UTC.")
-    who: str = Field(description="The name of the access token; anonymous; the user, for the command line.")
-    from_: str = Field(alias="from", description="Address and port, or cli.")
-    what: str = Field(description="Method and path; the vendor service; what a connection has done.")
-    outcome: str = Field(description="HTTP's status, or ok, or what went wrong.")
-    request: str | None = Field(None, description="The X-Request-Id, which lines of the log have too.")
-    repeated: int | None = Field(None, description="So many more of this kind followed in the same second.")
-    details: dict[str, Any] = Field({}, description="What else is known: the motion, the upload, the error.")
-
-
-class AuditAnswer(BaseModel):
-    """The newest entries, the newest of them first."""
-
-    entries: list[AuditEntry] = Field(description="The newest first.")
-    lost: int = Field(description="Entries that could not be written since the service started.")
-    problem: str = Field(description="Why nothing can be written at present; empty while all is well.")
-
-
 class StopAnswer(BaseModel):
     """What was stopped, where the arm is, how long it took."""
 
@@ -352,66 +227,3 @@ class StopAnswer(BaseModel):
         description="The category that was carried out: 2 the drives hold the arm, 1 they are off."
     )
     confirmed: bool = Field(description="Whether the device itself reports it, not cobot alone.")
-
-
-class RobotHealth(BaseModel):
-    """How a robot is; `degraded` comes with `problems`."""
-
-    status: Literal["ok", "degraded"] = Field(description="ok: there is no problem.")
-    problems: list[str] = Field(description="What is wrong, a sentence each.")
-    robot: dict[str, Any] = Field(description="The arm: mode, motion, whether it is settled.")
-    rtloop: dict[str, Any] = Field(description="The real-time process: pid, permissions, overruns.")
-    service: dict[str, Any] = Field(description="This service: pid, time since its start, who moves the arm.")
-    planning: dict[str, Any] = Field(
-        description="The planning processes: state, how many are usable and busy, how many were replaced."
-    )
-    sequence: dict[str, Any] = Field(description="The newest sequence, as in /sequences/status.")
-    session: dict[str, Any] | None = Field(description="The streaming session: number, client, mode.")
-    recorder: dict[str, Any] | None = Field(
-        description="What is recorded: the process, the continuous recording, lost cycles, files, problem."
-    )
-
-
-class HealthAnswer(RobotHealth):
-    """How the product is."""
-
-    cycle_us: dict[str, dict[str, float]] = Field(
-        description="Wake-up lateness and compute time of the cycle's phases, µs."
-    )
-    interventions: dict[str, int] = Field(description="What the safety layer caught, by kind.")
-    last_interventions_s: dict[str, float | None] = Field(
-        description="Seconds since the last one of each kind; null: there was none."
-    )
-    versions: dict[str, str] = Field(description="Of cobot and of what it stands on.")
-    robots: dict[str, RobotHealth] = Field(description="Of each robot that was asked for, by its name.")
-
-
-class LiveAnswer(BaseModel):
-    """The service runs."""
-
-    status: Literal["live"] = Field(description="Who does not live gives no answer.")
-
-
-class ReadyAnswer(BaseModel):
-    """Every robot that was asked for takes motions."""
-
-    status: Literal["ready"] = Field(description="If one is not ready, the answer is a 503 with why.")
-    robots: list[str] = Field(description="Their names.")
-
-
-class ReloadAnswer(BaseModel):
-    """What the reload has done, as sentences."""
-
-    taken_over: list[str] = Field(description="What counts from now on; empty if nothing has changed.")
-    needs_restart: list[str] = Field(description="What has changed too, and counts after a restart of cobot.")
-
-
-class RobotAnswer(BaseModel):
-    """A robot that is served."""
-
-    name: str = Field(description="For /robots/{robot}/...")
-    default: bool = Field(description="The endpoints without the name of a robot are about this one.")
-    path: str = Field(description="What its own endpoints begin with.")
-    base_frame: str = Field(description="The frame of all its poses.")
-    joint_names: list[str] = Field(description="From the base to the flange.")
-    device: DeviceAnswer | None = Field(description="What moves it; null while that cannot be read.")

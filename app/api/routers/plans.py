@@ -42,7 +42,7 @@ from app.api.routers.robot import How, check_queueing, run_motion
 from app.api.schemas import MoveAnswer
 from app.robot_services import Services
 from app.services.motion.plan import Plan
-from app.services.motion.plans import PlanOptions
+from app.services.motion.plan_attempt import PlanOptions
 from app.services.rights.job import JobKind
 from cobot.access.roles import Role
 from cobot.errors import CobotError

@@ -15,7 +15,7 @@ from app.api.dependencies import robots_of
 from app.api.device_schemas import DeviceAnswer
 from app.api.errors import responses
 from app.api.route import EndpointRouter
-from app.api.schemas import RobotAnswer
+from app.api.service_schemas import RobotAnswer
 from app.services.state.link import RobotLink
 from cobot.access.roles import Role
 from cobot.addresses import ROBOTS, address, path_below

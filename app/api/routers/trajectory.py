@@ -15,7 +15,8 @@ from app.api.errors import responses
 from app.api.job_schemas import ACCEPTED, Wait, accepted
 from app.api.route import EndpointRouter
 from app.api.samples import link
-from app.api.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
+from app.api.schemas import LogAnswer, LogQuery
+from app.api.trajectory_schemas import CsvQuery, SendTrajectory, SentAnswer
 from app.services.motion.csv_points import read_points
 from app.services.motion.trajectories import Options, StartedTrajectory
 from app.services.rights.claims import Caller

@@ -1,7 +1,4 @@
-"""Motions that are planned now and perhaps run later.
-
-Long, because making, keeping, showing and running a plan go by its life, which is here.
-"""
+"""Motions that are planned now and perhaps run later."""
 
 from __future__ import annotations
 
@@ -10,9 +7,7 @@ import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 
@@ -20,10 +15,10 @@ from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals, check_radii
 from app.services.motion.moves import MoveService, Outcome
 from app.services.motion.plan import QUEUED_TOLERANCE_RAD, Plan
+from app.services.motion.plan_attempt import MIN_COMPUTE_S, PlanAttempt, PlanOptions
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import (
     described,
-    explained,
     forecast,
     pictured,
     planned,
@@ -37,11 +32,8 @@ from cobot.clock import Clock
 from cobot.config import Settings
 from cobot.errors import (
     ConflictError,
-    InputError,
-    LimitError,
     MotionStopped,
     NotFoundError,
-    PlanningError,
     PlanningTimeout,
     UnavailableError,
 )
@@ -51,77 +43,12 @@ from cobot.motions.rehearsal import Rehearsal
 from cobot.motions.requests import MotionRequest
 from cobot.motions.stretches import Leg
 from cobot.robot.description import RobotDescription
-from cobot.robot.limits import check_positions
 from cobot.strict import shown
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
-ANSWER_S = 1.0
-"""Part of an endpoint's timeout that explaining a plan leaves for unfinished work and for the answer, s."""
-SHORTEST_S = 0.01
 DRAW_S = 10.0
-"""A picture takes a fiftieth of that; so long it waits for others, and for a process."""
-
-Result = TypeVar("Result")
-
-
-@dataclass(frozen=True, slots=True)
-class PlanOptions:
-    """The options of a plan, in addition to its motion.
-
-    Attributes:
-        start: joint angles, rad; None for where the arm is, which has to be at rest.
-        samples: how many points of the path are answered.
-        explain: if there is no plan, try what would make one.
-    """
-
-    start: list[float] | None = None
-    samples: int = 50
-    explain: bool = True
-
-
-class _Attempt:
-    """One plan in the making, within its time.
-
-    Attributes:
-        begin: where it begins, shape (dof,), rad.
-    """
-
-    def __init__(
-        self,
-        planning: PlanningService,
-        robot: RobotDescription,
-        clock: Clock,
-        asked: PlanOptions,
-        begin: Array,
-        timeout_s: float,
-        explain_s: float,
-    ) -> None:
-        self._planning, self._robot, self._clock = planning, robot, clock
-        self.asked, self.begin = asked, begin
-        self._until_s = clock.now_s() + timeout_s
-        self._explain_s = explain_s if asked.explain else 0.0
-
-    async def compute(self, work: Callable[[RobotDescription], Result]) -> Result:
-        """Have a planning process compute something."""
-        return await self._planning.compute(work, max(self._left_s(), SHORTEST_S))
-
-    async def of(self, request: MotionRequest, work: Callable[[RobotDescription], Result]) -> Result:
-        """What `work` makes of the robot; a failure is explained, if there is time."""
-        try:
-            if self.asked.start is not None and request.start is self.begin:
-                check_positions(self._robot.limits, self.begin, "start: the angle", 0.0)
-            return await self.compute(work)
-        except (PlanningError, LimitError) as exc:
-            budget_s = min(self._explain_s, self._left_s() - ANSWER_S)
-            if exc.findings and budget_s > 0.0:
-                exc.explanation = await self.compute(
-                    partial(explained, request=request, error=exc, budget_s=budget_s)
-                )
-            raise
-
-    def _left_s(self) -> float:
-        return self._until_s - self._clock.now_s()
+"""Maximum time that a picture waits for others, and for a process, s. It takes a fiftieth of that."""
 
 
 class PlanService:
@@ -170,7 +97,9 @@ class PlanService:
         check_radii(goals, radii_m)
         begin = await self._present() if asked.start is None else self._given(asked.start)
         limits = deepcopy(self._robot.limits)
-        attempt = _Attempt(self._planning, self._robot, self._clock, asked, begin, timeout_s, self._explain_s)
+        attempt = PlanAttempt(
+            self._planning, self._robot, self._clock, asked, begin, timeout_s, self._explain_s
+        )
         try:
             async with asyncio.timeout(timeout_s), self._turn:
                 found = await self._forecast(goals, radii_m, attempt)
@@ -187,7 +116,7 @@ class PlanService:
         return plan
 
     async def _forecast(
-        self, goals: Sequence[MotionRequest], radii_m: Sequence[float], attempt: _Attempt
+        self, goals: Sequence[MotionRequest], radii_m: Sequence[float], attempt: PlanAttempt
     ) -> Forecast:
         begin, samples = attempt.begin, attempt.asked.samples
         if len(goals) == 1:
@@ -308,7 +237,7 @@ class PlanService:
             ) from None
         try:
             left_s = timeout_s - (self._clock.now_s() - begun_s)
-            return await self._planning.compute(work, max(left_s, SHORTEST_S))
+            return await self._planning.compute(work, max(left_s, MIN_COMPUTE_S))
         finally:
             self._turn.release()
 
@@ -339,10 +268,9 @@ class PlanService:
         )
 
     def _given(self, start: list[float]) -> Array:
-        limits = self._robot.limits
-        if len(start) != limits.dof:
-            raise InputError(f"start must have {limits.dof} angles, got {len(start)}")
-        return np.array(start, dtype=np.float64)
+        joints = np.array(start, dtype=np.float64)
+        self._goals.require_joints(joints, name="start", checked=False)
+        return joints
 
     async def _present(self) -> Array:
         try:

@@ -20,8 +20,8 @@ from pydantic import BaseModel, ValidationError
 from app.api.plan_schemas import PlanPath
 from app.api.route import PIECE_BYTES, CobotRoute, pieces
 from app.api.scene_schemas import ChangeScene
-from app.api.schemas import SendTrajectory
 from app.api.tool_schemas import ChangeTool
+from app.api.trajectory_schemas import SendTrajectory
 from app.mcp.tools import TOOLS, plan_to_joints
 from cobot.motions.bodies import MoveJoints, MoveSequence
 

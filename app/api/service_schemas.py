@@ -1,0 +1,106 @@
+"""Answers about the service as JSON: its health, its robots, the audit and a reload."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.api.device_schemas import DeviceAnswer
+from cobot.strict import StrictModel
+
+
+class AuditQuery(StrictModel):
+    """The audit entries that a client asks for."""
+
+    model_config = ConfigDict(strict=False)
+
+    limit: int = Field(100, ge=1, le=1000, description="Maximum number of entries.")
+    since: datetime | None = Field(None, description="Only those of then or later; without a zone it is UTC.")
+
+
+class AuditEntry(BaseModel):
+    """An action that a client has carried out or attempted."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    time: datetime = Field(description="When, UTC.")
+    who: str = Field(description="The name of the access token; anonymous; the user, for the command line.")
+    from_: str = Field(alias="from", description="Address and port, or cli.")
+    what: str = Field(description="Method and path; the vendor service; what a connection has done.")
+    outcome: str = Field(description="HTTP's status, or ok, or what went wrong.")
+    request: str | None = Field(None, description="The X-Request-Id, which lines of the log have too.")
+    repeated: int | None = Field(None, description="How many more of this kind followed in the same second.")
+    details: dict[str, Any] = Field({}, description="What else is known: the motion, the upload, the error.")
+
+
+class AuditAnswer(BaseModel):
+    """The newest entries, the newest of them first."""
+
+    entries: list[AuditEntry] = Field(description="The newest first.")
+    lost: int = Field(description="Entries that could not be written since the service started.")
+    problem: str = Field(description="Why nothing can be written at present; empty while all is well.")
+
+
+class RobotHealth(BaseModel):
+    """Health of a robot; `degraded` comes with `problems`."""
+
+    status: Literal["ok", "degraded"] = Field(description="ok: there is no problem.")
+    problems: list[str] = Field(description="What is wrong, a sentence each.")
+    robot: dict[str, Any] = Field(description="The arm: mode, motion, whether it is settled.")
+    rtloop: dict[str, Any] = Field(description="The real-time process: pid, permissions, overruns.")
+    service: dict[str, Any] = Field(description="This service: pid, time since its start, who moves the arm.")
+    planning: dict[str, Any] = Field(
+        description="The planning processes: state, how many are usable and busy, how many were replaced."
+    )
+    sequence: dict[str, Any] = Field(description="The newest sequence, as in /sequences/status.")
+    session: dict[str, Any] | None = Field(description="The streaming session: number, client, mode.")
+    recorder: dict[str, Any] | None = Field(
+        description="What is recorded: the process, the continuous recording, lost cycles, files, problem."
+    )
+
+
+class HealthAnswer(RobotHealth):
+    """Health of the service and of its robots."""
+
+    cycle_us: dict[str, dict[str, float]] = Field(
+        description="Wake-up lateness and compute time of the cycle's phases, µs."
+    )
+    interventions: dict[str, int] = Field(description="What the safety layer caught, by kind.")
+    last_interventions_s: dict[str, float | None] = Field(
+        description="Seconds since the last one of each kind; null: there was none."
+    )
+    versions: dict[str, str] = Field(description="Of cobot and of the libraries that it uses.")
+    robots: dict[str, RobotHealth] = Field(description="Of each addressed robot, by its name.")
+
+
+class LiveAnswer(BaseModel):
+    """The service runs."""
+
+    status: Literal["live"] = Field(description="A service that does not run gives no answer.")
+
+
+class ReadyAnswer(BaseModel):
+    """Every robot that the request addresses accepts motions."""
+
+    status: Literal["ready"] = Field(description="If one is not ready, the answer is a 503 with why.")
+    robots: list[str] = Field(description="Their names.")
+
+
+class ReloadAnswer(BaseModel):
+    """What the reload has done, as sentences."""
+
+    taken_over: list[str] = Field(description="What counts from now on; empty if nothing has changed.")
+    needs_restart: list[str] = Field(description="What has changed too, and counts after a restart of cobot.")
+
+
+class RobotAnswer(BaseModel):
+    """A robot that is served."""
+
+    name: str = Field(description="For /robots/{robot}/...")
+    default: bool = Field(description="The endpoints without the name of a robot are about this one.")
+    path: str = Field(description="What its own endpoints begin with.")
+    base_frame: str = Field(description="The frame of all its poses.")
+    joint_names: list[str] = Field(description="From the base to the flange.")
+    device: DeviceAnswer | None = Field(description="What moves it; null while that cannot be read.")

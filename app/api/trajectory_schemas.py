@@ -1,0 +1,102 @@
+"""Trajectories through timed points as JSON: requests and answers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, FailFast, Field
+
+from app.api.schemas import WAIT
+from cobot.loose_lists import RequestModel
+from cobot.motions.fields import HOME, Finite, example
+from cobot.strict import StrictModel
+
+VALIDATE = "False skips this check; the safety layer of the real-time process stays."
+RETIME = "Slow down where the limits need it, by as much as they need; else more than 5 % is refused."
+SMOOTHING = (
+    "Maximum deviation from the curve through the points where they exceed the limits, rad; 0 "
+    "follows it exactly. Default: the setting planning.smoothing_rad."
+)
+MAX_SMOOTHING_RAD = 0.01
+MOVE_TO_START = "Go to the first point by ptp before; else the arm has to be there."
+
+
+class TrajectoryPoint(RequestModel):
+    """Where the joints are at a time. Missing rates are those of a smooth curve through all points."""
+
+    positions: list[Finite] = Field(max_length=64, description="rad, one for each joint")
+    time_from_start: Finite = Field(ge=0.0, description="s")
+    velocities: list[Finite] | None = Field(None, min_length=1, max_length=64, description="rad/s")
+    accelerations: list[Finite] | None = Field(None, min_length=1, max_length=64, description="rad/s²")
+
+
+class SendTrajectory(RequestModel):
+    """A timed joint trajectory."""
+
+    model_config = example(
+        {
+            "points": [
+                {"positions": HOME, "time_from_start": 0.0},
+                {"positions": [0.0, 0.3, 0.0, -1.2, 0.0, 1.3, 0.0], "time_from_start": 2.0},
+                {"positions": HOME, "time_from_start": 4.0},
+            ],
+            "move_to_start": True,
+        }
+    )
+
+    points: Annotated[list[TrajectoryPoint], FailFast()] = Field(
+        min_length=1, max_length=100_000, description="At strictly increasing times."
+    )
+    validate_limits: bool = Field(True, description=VALIDATE)
+    retime: bool = Field(False, description=RETIME)
+    move_to_start: bool = Field(False, description=MOVE_TO_START)
+    smoothing_rad: Finite | None = Field(None, ge=0.0, le=MAX_SMOOTHING_RAD, description=SMOOTHING)
+
+
+class CsvQuery(StrictModel):
+    """How to read a CSV file, and what to check; see SendTrajectory."""
+
+    model_config = ConfigDict(strict=False)  # a query consists of strings
+
+    separator: str | None = Field(
+        None,
+        min_length=1,
+        max_length=1,
+        description="One character. Without it that of the header: semicolons, tabs, commas or white space. "
+        "Only with semicolons may numbers have decimal commas.",
+    )
+    validate_limits: bool = Field(True, description=VALIDATE)
+    retime: bool = Field(False, description=RETIME)
+    move_to_start: bool = Field(False, description=MOVE_TO_START)
+    smoothing_rad: Finite | None = Field(None, ge=0.0, le=MAX_SMOOTHING_RAD, description=SMOOTHING)
+    wait: bool = Field(True, description=WAIT)
+
+
+class SentAnswer(BaseModel):
+    """The real-time process has verified the motion and begun it; /trajectory/logs tells its end."""
+
+    model_config = example(
+        {
+            "status": "sent",
+            "motion_id": 13,
+            "duration_s": 4.0,
+            "points": 3,
+            "note": "",
+            "blended_rad": 0.0,
+            "smoothed_rad": 0.0,
+            "stretch": 1.0,
+            "slowed_s": None,
+        }
+    )
+
+    status: Annotated[Literal["sent"], Field(description="The motion has begun.")] = "sent"
+    motion_id: int = Field(description="Its number, as in /trajectory/logs and in the state.")
+    duration_s: float = Field(description="Of the whole motion, s, the way to the start included.")
+    points: int = Field(description="How many were sent.")
+    note: str = Field("", description="What was changed and why; empty if nothing was.")
+    blended_rad: float = Field(0.0, description="How far the arm was from the first point, blended in.")
+    smoothed_rad: float = Field(0.0, description="Maximum deviation of the motion from the curve, rad.")
+    stretch: float = Field(1.0, description="Its duration in shares of that of the points.")
+    slowed_s: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
+        None, description="Between which times of the points it is slower than they ask for."
+    )

@@ -1,0 +1,83 @@
+"""One plan in the making: what it is asked for, and its time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
+
+from app.services.motion.planning import PlanningService
+from app.services.motion.planning_tasks import explained
+from cobot.clock import Clock
+from cobot.errors import LimitError, PlanningError
+from cobot.motions.requests import MotionRequest
+from cobot.robot.description import RobotDescription
+from cobot.robot.limits import check_positions
+from cobot.types import Array
+
+ANSWER_S = 1.0
+"""Part of an endpoint's timeout that explaining a plan leaves for unfinished work and for the answer, s."""
+MIN_COMPUTE_S = 0.01
+"""Minimum time that a planning process gets, s; the endpoint's timeout may be over before."""
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class PlanOptions:
+    """The options of a plan, in addition to its motion.
+
+    Attributes:
+        start: joint angles, rad; None for where the arm is, which has to be at rest.
+        samples: how many points of the path are answered.
+        explain: if there is no plan, try what would make one.
+    """
+
+    start: list[float] | None = None
+    samples: int = 50
+    explain: bool = True
+
+
+class PlanAttempt:
+    """One plan in the making, within its time.
+
+    Attributes:
+        begin: where it begins, shape (dof,), rad.
+    """
+
+    def __init__(
+        self,
+        planning: PlanningService,
+        robot: RobotDescription,
+        clock: Clock,
+        asked: PlanOptions,
+        begin: Array,
+        timeout_s: float,
+        explain_s: float,
+    ) -> None:
+        self._planning, self._robot, self._clock = planning, robot, clock
+        self.asked, self.begin = asked, begin
+        self._until_s = clock.now_s() + timeout_s
+        self._explain_s = explain_s if asked.explain else 0.0
+
+    async def compute(self, work: Callable[[RobotDescription], Result]) -> Result:
+        """Have a planning process compute something."""
+        return await self._planning.compute(work, max(self._left_s(), MIN_COMPUTE_S))
+
+    async def of(self, request: MotionRequest, work: Callable[[RobotDescription], Result]) -> Result:
+        """What `work` makes of the robot; a failure is explained, if there is time."""
+        try:
+            if self.asked.start is not None and request.start is self.begin:
+                check_positions(self._robot.limits, self.begin, "start: the angle", 0.0)
+            return await self.compute(work)
+        except (PlanningError, LimitError) as exc:
+            budget_s = min(self._explain_s, self._left_s() - ANSWER_S)
+            if exc.findings and budget_s > 0.0:
+                exc.explanation = await self.compute(
+                    partial(explained, request=request, error=exc, budget_s=budget_s)
+                )
+            raise
+
+    def _left_s(self) -> float:
+        return self._until_s - self._clock.now_s()
