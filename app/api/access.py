@@ -37,7 +37,7 @@ METHODS = ("GET", "POST", "PUT", "DELETE")
 SUBPROTOCOL = "cobot"
 TOKEN_SUBPROTOCOL = "cobot.token."
 POLICY_VIOLATION = 1008
-"""The code that closes a WebSocket whose token is valid no more."""
+"""Code that closes a WebSocket whose token is no longer valid."""
 INVALID = "the token is valid no more"
 PAGES = ("/docs", "/redoc")
 UNFRAMED = [(b"x-frame-options", b"DENY"), (b"content-security-policy", b"frame-ancestors 'none'")]

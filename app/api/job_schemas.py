@@ -35,7 +35,7 @@ class JobAnswer(BaseModel):
         "stopped), interrupted (by the end of the service)."
     )
     request: str = Field(description="What was asked for, shortened.")
-    owner: str = Field(description="Who asked.")
+    owner: str = Field(description="The client that requested it.")
     parent: str | None = Field(description="The job of the sequence that it belongs to.")
     motion_id: int | None = Field(description="Of its newest motion; null while nothing has moved.")
     progress: float = Field(

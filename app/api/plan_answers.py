@@ -96,8 +96,8 @@ class RehearsalFlaw(BaseModel):
     """The first problem of a dry run."""
 
     time_s: float = Field(description="Since the motion's start.")
-    joint: str | None = Field(description="Whose; null where it is about none.")
-    says: str = Field(description="What it is.")
+    joint: str | None = Field(description="The joint; null for a problem of the whole arm.")
+    says: str = Field(description="The problem.")
 
 
 class RehearsalAnswer(BaseModel):
@@ -126,5 +126,7 @@ class RehearsalAnswer(BaseModel):
         description="The most that each joint was from where it was commanded to be, rad; of slides m."
     )
     problem: RehearsalFlaw | None = Field(description="The first one; null: none.")
-    closest_self: PlanDistance | None = Field(description="As of the plan, of where the simulated arm was.")
+    closest_self: PlanDistance | None = Field(
+        description="As for the plan, along the path of the simulated arm."
+    )
     closest_environment: PlanDistance | None = Field(description="The same.")

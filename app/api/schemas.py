@@ -74,7 +74,7 @@ class TakeControl(RequestModel):
 
 
 class ControlAnswer(BaseModel):
-    """Who controls the robot."""
+    """The client that controls the robot."""
 
     held: bool = Field(description="Whether a client has control.")
     holder: str | None = Field(description="The name of the client's access token; anonymous without one.")

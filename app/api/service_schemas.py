@@ -50,7 +50,9 @@ class RobotHealth(BaseModel):
     problems: list[str] = Field(description="What is wrong, a sentence each.")
     robot: dict[str, Any] = Field(description="The arm: mode, motion, whether it is settled.")
     rtloop: dict[str, Any] = Field(description="The real-time process: pid, permissions, overruns.")
-    service: dict[str, Any] = Field(description="This service: pid, time since its start, who moves the arm.")
+    service: dict[str, Any] = Field(
+        description="This service: pid, time since its start, what moves the arm."
+    )
     planning: dict[str, Any] = Field(
         description="The planning processes: state, how many are usable and busy, how many were replaced."
     )

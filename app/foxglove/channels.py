@@ -26,7 +26,7 @@ LATE_S = 0.1
 
 @lru_cache(maxsize=64)
 def _messages(names: tuple[str, ...], base_frame: str, period_s: float) -> RecordMessages:
-    """Takes a second, once: for a thread. rosbags is imported for the first who looks."""
+    """Takes a second, once: for a thread. rosbags is imported when the first client connects."""
     from cobot.recording.messages import RecordMessages
 
     return RecordMessages(names, base_frame, period_s)

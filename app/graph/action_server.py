@@ -43,8 +43,8 @@ class Goal:
     """A goal from being asked for until its result is forgotten.
 
     Attributes:
-        id: as chosen by who asked.
-        asker: who that is, see `ASKER`.
+        id: the id that the client chose.
+        asker: the client, see `ASKER`.
         status, result: the result is None until it is there.
         accepted_ns: when, ns since 1970.
         accepted: done when it was accepted, or with the exception that refused it.
@@ -72,7 +72,7 @@ class ActionServer:
     """Serves one action on the graph.
 
     Args:
-        owner: whose it is; None for the service's own.
+        owner: the client that offers it; None for the service's own.
     """
 
     def __init__(self, graph: Graph, action: Action, owner: object = None) -> None:
@@ -129,7 +129,7 @@ class ActionServer:
             audit.refused(f"goal of {self.action.name}", exc.code, str(exc))
             raise
         except asyncio.CancelledError:
-            goal.handle.cancel_requested.set()  # who asked has gone
+            goal.handle.cancel_requested.set()  # its client has disconnected
             raise
         return goal
 

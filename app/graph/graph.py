@@ -206,7 +206,7 @@ class Graph(Topics):
         }
 
     def changed(self) -> None:
-        """The graph has: tell those who watch it, soon."""
+        """The graph has changed: its watchers are notified soon."""
         if self._changing is None:
             self._changing = self._loop.call_later(GRAPH_DELAY_S, self._publish_graph)
 

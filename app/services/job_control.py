@@ -96,7 +96,7 @@ class JobService:
         return self._found(number)
 
     async def cancel(self, number: str, timeout_s: float) -> JobRecord:
-        """End this job and no other, whosever it is; the arm comes to rest on its path.
+        """End this job and no other, for whichever client; the arm comes to rest on its path.
 
         One of the queue is taken out of it, and the others go on.
 

@@ -1,4 +1,4 @@
-"""Who controls the arm."""
+"""The control of the arm."""
 
 from __future__ import annotations
 
@@ -22,16 +22,11 @@ REST_S = 1.5
 
 @router.endpoint("GET /robot/control", Role.OBSERVER, timeout_s=1.5)
 async def control(request: Request) -> ControlAnswer:
-    """Who moves the robot, or alone may: with a lease, or by what moves it now."""
+    """The client that controls the robot: by a lease, or by what it moves now."""
     return ControlAnswer.model_validate(_state(Call(request).services))
 
 
-@router.endpoint(
-    "POST /robot/control",
-    Role.OPERATOR,
-    timeout_s=10.0,
-    responses=responses(409),
-)
+@router.endpoint("POST /robot/control", Role.OPERATOR, timeout_s=10.0, responses=responses(409))
 async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
     """Take control, renew it, or take it over. Then no other client can move the robot.
 

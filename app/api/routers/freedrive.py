@@ -50,11 +50,7 @@ async def freedrive(request: Request) -> FreedriveAnswer:
 
 
 @router.endpoint(
-    "POST /robot/freedrive",
-    Role.OPERATOR,
-    timeout_s=2.0,
-    control=True,
-    responses=responses(409, 501, 503),
+    "POST /robot/freedrive", Role.OPERATOR, timeout_s=2.0, control=True, responses=responses(409, 501, 503)
 )
 async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
     """Let the arm be moved by hand: it goes where it is pushed, and stays where it is let go.
@@ -74,7 +70,7 @@ async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
 
 @router.endpoint("DELETE /robot/freedrive", Role.OPERATOR, timeout_s=5.0, responses=responses(503))
 async def end_freedrive(request: Request) -> FreedriveAnswer:
-    """End it, whosever it is; answers when the arm rests."""
+    """End freedrive of any client; answers when the arm rests."""
     service = Call(request).services.freedrive
     await service.end()
     return _answer(service)

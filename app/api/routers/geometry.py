@@ -1,4 +1,4 @@
-"""What the robot looks like, for who draws it."""
+"""The shape of the robot, for clients that draw it."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ async def job(job: Id, query: Annotated[JobQuery, Query()], request: Request) ->
 
 @router.endpoint("POST /jobs/{job}/cancel", Role.OPERATOR, timeout_s=10.0, responses=CHANGED)
 async def cancel_job(job: Id, request: Request) -> JobAnswer:
-    """End a job, whosever it is: the arm comes to rest on its path; answers when it rests."""
+    """End a job of any client: the arm comes to rest on its path; answers when it rests."""
     call = Call(request)
     audit.add_details(job=job)
     return job_answer(await call.services.jobs.cancel(job, max(call.timeout_s - ANSWER_S, ANSWER_S)))

@@ -1,4 +1,4 @@
-"""For who runs the service: whether it lives, what it measures, and reading its configuration again."""
+"""For administrators: liveness, metrics and a reload of the configuration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ router = EndpointRouter(tags=["operations"])
 
 @router.endpoint("GET /health/live", Role.PUBLIC, timeout_s=1.5)
 async def live() -> LiveAnswer:
-    """The service answers: who gets no answer may restart it. It says nothing about the robots."""
+    """Whether the service runs: restart it if there is no answer. This says nothing about the robots."""
     return LiveAnswer(status="live")
 
 

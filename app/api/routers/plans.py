@@ -171,12 +171,7 @@ async def rehearse(
     return rehearsal(*await call.services.plans.rehearse(plan, gone, call.timeout_s))
 
 
-@router.endpoint(
-    "POST /robot/approve",
-    Role.OPERATOR,
-    timeout_s=1.5,
-    responses=responses(404, 503),
-)
+@router.endpoint("POST /robot/approve", Role.OPERATOR, timeout_s=1.5, responses=responses(404, 503))
 async def approve(body: Approve, request: Request) -> KeptPlan:
     """Let an agent run a plan, once, or take that back: look at the plan first."""
     services = Call(request).services

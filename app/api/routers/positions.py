@@ -43,11 +43,7 @@ async def positions(request: Request) -> list[NamedPositionAnswer]:
 
 
 @router.endpoint(
-    "POST /robot/positions",
-    Role.OPERATOR,
-    timeout_s=5.0,
-    control=True,
-    responses=responses(409, 503),
+    "POST /robot/positions", Role.OPERATOR, timeout_s=5.0, control=True, responses=responses(409, 503)
 )
 async def teach_position(body: TeachPosition, request: Request) -> NamedPositionAnswer:
     """Give a place a name, which every motion to a named position knows from now on; kept over restarts."""

@@ -51,12 +51,7 @@ async def recordings(request: Request) -> RecordingsAnswer:
     )
 
 
-@router.endpoint(
-    "POST /recordings",
-    Role.OPERATOR,
-    timeout_s=120.0,
-    responses=responses(409, 503),
-)
+@router.endpoint("POST /recordings", Role.OPERATOR, timeout_s=120.0, responses=responses(409, 503))
 async def record(body: AskRecording, request: Request) -> AskedRecordingAnswer:
     """Write the last seconds to a file, or begin or end a continuous recording.
 

@@ -149,11 +149,7 @@ async def reset(request: Request) -> ResetAnswer:
 
 
 @router.endpoint(
-    "POST /robot/acknowledge",
-    Role.OPERATOR,
-    timeout_s=5.0,
-    control=True,
-    responses=responses(409, 503),
+    "POST /robot/acknowledge", Role.OPERATOR, timeout_s=5.0, control=True, responses=responses(409, 503)
 )
 async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
     """Confirm that a person has compared the arm with the findings of the first contact.

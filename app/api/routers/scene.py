@@ -44,11 +44,7 @@ async def scene(request: Request) -> SceneAnswer:
 
 
 @router.endpoint(
-    "POST /scene",
-    Role.OPERATOR,
-    timeout_s=10.0,
-    control=True,
-    responses=responses(404, 409, 503),
+    "POST /scene", Role.OPERATOR, timeout_s=10.0, control=True, responses=responses(404, 409, 503)
 )
 async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
     """Change it, all at once or not at all.

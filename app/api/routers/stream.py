@@ -32,9 +32,10 @@ from app.api.stream_frames import (
     read_frame,
     state_frame,
 )
+from app.api.stream_stop import StreamStop
 from app.robot_services import Services
 from app.services.clients import CLIENT
-from app.services.rights.stopping import together
+from app.services.rights.stopping import Stopped
 from app.services.streaming.jog import Jog
 from app.services.streaming.sessions import Session
 from cobot import audit
@@ -75,10 +76,12 @@ class Connection:
         self._socket = socket
         self._streams = services.streams
         self._control = services.control
-        self._robots = {name: each.stopping for name, each in robots_of(socket).items()}
-        self._stop_s = float(socket.app.state.endpoints["POST /stop"].timeout_s)
-        self._stopping: asyncio.Task[None] | None = None
-        self._stop_wanted: int | None = None  # its number
+        self._stop = StreamStop(
+            {name: each.stopping for name, each in robots_of(socket).items()},
+            float(socket.app.state.endpoints["POST /stop"].timeout_s),
+            f"stopped by {self._name}",
+            self._answer_stop,
+        )
         self._timeout_s = timeout_s
         self._session: Session | None = None
         self._jog = Jog(services.robot, services.link, services.streams, self._jog_ended)
@@ -197,7 +200,7 @@ class Connection:
             case End():
                 self._required.end()
             case Stop():
-                self._stop(frame.number)
+                self._stop.begin(frame.number)
             case Control():
                 self._require_operator("control")
                 taken = await self._control.take(frame.timeout_s)
@@ -240,25 +243,8 @@ class Connection:
         self._streams.estop(self._required)
         audit.note("estop", session=self._required.number)
 
-    def _stop(self, number: int) -> None:
-        """Begin a stop without waiting for it, because the next message may be an e-stop.
-
-        A stop that comes during another one follows it. So a client that floods this connection keeps one
-        task busy, not thousands.
-        """
-        self._stop_wanted = number
-        if self._stopping is None or self._stopping.done():
-            self._stopping = asyncio.create_task(self._stop_motion())
-
-    async def _stop_motion(self) -> None:
-        """It goes on to its end when the connection is lost."""
-        reason = f"stopped by {self._name}"
-        while self._stop_wanted is not None:
-            number, self._stop_wanted = self._stop_wanted, None
-            stops = (each.stop(self._stop_s, reason) for each in self._robots.values())
-            done = together(dict(zip(self._robots, await asyncio.gather(*stops), strict=True)))
-            audit.note("stop", message=done.message)
-            self._answer("stopped", number=number, success=done.success, message=done.message)
+    def _answer_stop(self, number: int, done: Stopped) -> None:
+        self._answer("stopped", number=number, success=done.success, message=done.message)
 
     @property
     def _required(self) -> Session:

@@ -32,11 +32,7 @@ async def tool(request: Request) -> ToolAnswer:
 
 
 @router.endpoint(
-    "POST /robot/tool",
-    Role.PROGRAMMER,
-    timeout_s=10.0,
-    control=True,
-    responses=responses(409, 503),
+    "POST /robot/tool", Role.PROGRAMMER, timeout_s=10.0, control=True, responses=responses(409, 503)
 )
 async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
     """Say what is on the flange, all at once or not at all.

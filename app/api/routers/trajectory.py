@@ -32,13 +32,7 @@ SEND: dict[str, Any] = {
 }
 
 
-@router.endpoint(
-    "POST /trajectory/send",
-    Role.OPERATOR,
-    timeout_s=20.0,
-    control=True,
-    **SEND,
-)
+@router.endpoint("POST /trajectory/send", Role.OPERATOR, timeout_s=20.0, control=True, **SEND)
 async def send_trajectory(
     body: SendTrajectory, request: Request, gone: Gone, wait: Wait = True
 ) -> SentAnswer | Response:
@@ -58,13 +52,7 @@ async def send_trajectory(
     return await _send(call, caller, call.services.trajectories.send(read, options, caller))
 
 
-@router.endpoint(
-    "POST /trajectory/send_csv",
-    Role.OPERATOR,
-    timeout_s=60.0,
-    control=True,
-    **SEND,
-)
+@router.endpoint("POST /trajectory/send_csv", Role.OPERATOR, timeout_s=60.0, control=True, **SEND)
 async def send_csv(
     file: Annotated[
         UploadFile,

@@ -38,7 +38,7 @@ class Message:
 
     Attributes:
         number: 1 for the first, one more for each.
-        kind: who shows it: text, alarm, popup or notify.
+        kind: how it is shown: text, alarm, popup or notify.
         code: of an alarm, 0 for none.
     """
 
@@ -52,7 +52,7 @@ class Message:
 
 
 class Traces:
-    """Keeps the newest messages, writes each to the service's log and tells who listens."""
+    """Keeps the newest messages, writes each to the service's log and passes it to the listeners."""
 
     def __init__(self) -> None:
         self._messages: deque[Message] = deque(maxlen=CAPACITY)

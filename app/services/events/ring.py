@@ -107,7 +107,7 @@ class Events:
         on_news: called after each event, and when there will be none any more.
         closed: whether that is so.
         pacing: by which listeners are woken.
-        lost: how many events all who listened together have lost.
+        lost: total number of events that listeners have lost.
     """
 
     def __init__(self, clock: Clock = SYSTEM, capacity: int = CAPACITY) -> None:

@@ -1,4 +1,4 @@
-"""Who controls a robot: shown, taken, given back, and taken over."""
+"""The control of a robot: shown, taken, released and taken over."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cobot.errors import CobotError, ConflictError, MotionStopped
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """How it stands.
+    """The current control of a robot.
 
     Attributes:
         held: whether a client has control.

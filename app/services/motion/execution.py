@@ -41,7 +41,7 @@ WHERE = {
 
 
 class MotionService:
-    """Has motions planned and executed, for who owns the right to move.
+    """Has motions planned and executed, for the owner of the right to move.
 
     Attributes:
         scene_changed_s: when the scene was changed last, on the link's clock.

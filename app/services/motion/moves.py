@@ -39,7 +39,7 @@ class Outcome:
 
 
 class MoveService:
-    """Plans what is asked for and has it carried out, for who owns the right to move."""
+    """Plans what is asked for and has it carried out, for the owner of the right to move."""
 
     def __init__(
         self,
@@ -165,7 +165,7 @@ class MoveService:
         Args:
             trajectory: None if there is nothing to move.
             require: raises if the commanded joints, shape (dof,), rad, are not where the motion begins, or
-                anything else is not as when it was planned. Called by who owns the right to move.
+                anything else is not as when it was planned. Called by the owner of the right to move.
             fence: that the TCP may not leave.
 
         Raises:

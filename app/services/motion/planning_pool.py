@@ -274,7 +274,7 @@ class PlanningPool:
         )
 
     def _note_end(self, worker: _Worker, began: bool) -> None:
-        """Tell who waits for it, and who reads the log."""
+        """Report it to the waiting tasks and to the log."""
         ending = _ending(worker.process.wait())
         how = f"(pid {worker.process.pid}) {ending}"
         if worker.answer is not None and not worker.answer.done():

@@ -62,7 +62,7 @@ class SceneService:
     """Changes come one after the other. Each is on the disk before it counts, and counts before its answer.
 
     Attributes:
-        turn: held by who changes what the collision checker knows.
+        turn: held while something changes what the collision checker knows.
 
     Raises:
         ConfigError: the file is no scene.

@@ -21,7 +21,7 @@ class Wanted:
 
     Attributes:
         types: of events; None for all.
-        robots: whose; None for all.
+        robots: the robots whose events are wanted; None for all.
     """
 
     types: Collection[str] | None = None

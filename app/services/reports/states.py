@@ -1,4 +1,4 @@
-"""The newest state of a robot as a text, made once for all who want it at about the same time."""
+"""The newest state of a robot as a text, made once for all clients that want it at about the same time."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class StateWatch:
 
     Args:
         stale_s: a state older than this means that rtloop is silent.
-        streamer: who streams, for people.
+        streamer: the process that streams, for people.
         replaced: how many planning processes have been replaced.
     """
 

@@ -57,7 +57,7 @@ class Claim:
         stops: the link's count of stops when the claim was made.
         speed_override: of its motion.
         since_s: when it was made, on `clock`.
-        client: on whose behalf.
+        client: the client that it is for.
         job: see `Caller`.
         timeout_s, left_s: its time, and how much of it is left, s.
         motion_id: once it runs.

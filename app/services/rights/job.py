@@ -77,7 +77,7 @@ class JobRecord:
 
     Attributes:
         request: what was asked for, shortened, for people.
-        owner: who asked.
+        owner: the client that requested it.
         parent: the job of the sequence that it belongs to.
         motion_id: of its newest motion, once there is one.
         progress: share of that motion's path time, 0 to 1; of a sequence, of its waypoints.

@@ -20,7 +20,7 @@ from cobot.trajectory import Trajectory
 
 BY_STOP = "stopped by POST /stop"
 BY_COMMAND = "stopped by cobot stop"
-"""That is who adds to the counter in shared memory; the audit has the user."""
+"""`cobot stop` adds to the counter of stops in shared memory; the audit names its user."""
 
 
 class Ownership:
@@ -32,8 +32,8 @@ class Ownership:
     Attributes:
         stops: how often POST /stop was called.
         speed_override: of all motions.
-        lease: who alone may ask for motions.
-        jobs: all motions, for who follows them.
+        lease: the control lease; while a client holds it, no other may request motions.
+        jobs: the records of all motions.
         on_sequence_end: called with the token of each sequence that has ended.
     """
 
@@ -53,7 +53,7 @@ class Ownership:
 
     @property
     def owner(self) -> str | None:
-        """Who moves the arm, for people."""
+        """What moves the arm now, for people; None if nothing does."""
         if self._claim is not None:
             return str(self._claim)
         return self._sequence.name if self._sequence else self._link.streamer()

@@ -92,7 +92,10 @@ class SpeedOverride:
         await self._apply()
 
     def restore(self, fraction: float) -> None:
-        """Who had set it has no say any more. Motions begin so fast now; one held at 0 goes on."""
+        """Return to a fraction, because the control of the client that set another one has ended.
+
+        A motion that was held at 0 goes on.
+        """
         held = self._fraction == 0.0
         self._take(fraction)
         if held and not self.paused:

@@ -149,7 +149,7 @@ class StopService:
             return str(exc)
 
     async def stop_motion(self, reason: str, timeout_s: float = MOTION_STOP_S) -> None:
-        """End what moves the arm now, whosever it is; returns when it rests.
+        """End what moves the arm now, for whichever client; returns when it rests.
 
         Nothing else ends: a sequence goes on with a motion that was stopped.
 

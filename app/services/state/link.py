@@ -125,7 +125,7 @@ class RobotLink:
         return publication, None
 
     def streamer(self) -> str | None:
-        """Who streams to the arm, for people: the process that has opened the session."""
+        """The process that streams to the arm, for people; None without a session."""
         process = self.streaming_process()
         if process is None:
             return None

@@ -184,7 +184,7 @@ class FreedriveService:
         if self.state.session is None:
             raise ConflictError(f"freedrive has ended: {self.state.ended}")
         if not CLIENT.get().same(self._client):  # the client that guides the arm has to be connected
-            raise ConflictError(f"freedrive was begun by {self._client}, who alone may renew it")
+            raise ConflictError(f"freedrive was begun by {self._client}; no other client may renew it")
         self._streams.require_control()
         self._hold(timeout_s)
 

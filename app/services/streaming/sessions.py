@@ -104,7 +104,7 @@ class Session:
         """Have the arm come to rest, latched."""
         if self.ended.done():
             raise ConflictError(
-                "the session has ended: only who streams may ask for an e-stop here; POST /stop"
+                "the session has ended: only the streaming client may request an e-stop here; use POST /stop"
             )
         self._writer.estop()
 
@@ -241,7 +241,7 @@ class StreamService:
         return session
 
     def estop(self, session: Session) -> None:
-        """Have the arm come to rest, latched, on behalf of who streams."""
+        """Latch an e-stop on behalf of the streaming client; the arm comes to rest."""
         session.estop()
         self._link.events.publish("estop", what="asked for", by=str(CLIENT.get()), session=session.number)
 

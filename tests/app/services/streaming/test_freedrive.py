@@ -196,7 +196,7 @@ def test_only_who_has_begun_it_renews_it_and_not_against_who_has_the_control(run
 
         run.sleep(1.0)
         detail = refused(run.run(another()), 409)
-        assert detail == "freedrive was begun by anonymous from 127.0.0.1, who alone may renew it"
+        assert detail == "freedrive was begun by anonymous from 127.0.0.1; no other client may renew it"
         assert "under the control of" in refused(run.post(PATH, again), 409)
         assert state(run)["left_s"] < 59.5, "nobody has renewed it"
         assert run.ask("POST", PATH, json=again, headers=shown).status_code == 200
