@@ -137,6 +137,12 @@ def test_each_endpoint_with_a_body_checks_its_media_type_and_documents_what_it_r
         assert (answer.status_code, answer.json()["code"]) == (415, "media_type"), path
 
 
+@pytest.mark.parametrize("path", ["/robot/freedrive", "/robot/speed_override", "/jobs/{job}/pause"])
+def test_what_a_backend_may_be_unable_to_do_has_a_501_in_the_schema(pair: VirtualService, path: str) -> None:
+    """Oracle: where `NotSupportedError` is raised: freedrive, `SpeedOverride._require_path_clock`."""
+    assert "501" in pair.app.openapi()["paths"][path]["post"]["responses"]
+
+
 @pytest.mark.parametrize(
     ("name", "options", "reason"),
     [
