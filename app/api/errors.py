@@ -186,7 +186,7 @@ def _meant(request: Request) -> str:
         return ""
     routes = [each for each in request.app.routes if isinstance(each, Route)]
     plain = re.sub("/+", "/", path).lower()
-    if any(each.path_regex.fullmatch(plain) for each in routes):
+    if any(each.path_regex.fullmatch(plain) and not each.path_regex.fullmatch(path) for each in routes):
         return f" (did you mean {plain}?)"
     guess = difflib.get_close_matches(plain, [each.path for each in routes if "{" not in each.path], 1, 0.8)
     return f" (did you mean {guess[0]}?)" if guess else ""

@@ -109,7 +109,7 @@ class ControlService:
             if each.tell is not None:
                 each.tell(reason)
         ownership.interrupt(MotionStopped(reason))
-        stopped = await self._stopping.stop(stop_s)
+        stopped = await self._stopping.stop(stop_s, reason)
         names = " and ".join(dict.fromkeys(map(str, former))) or "a local client"
         return Taken(token, names, stopped.stopped)
 

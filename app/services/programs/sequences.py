@@ -113,6 +113,7 @@ class SequenceService:
         self._starting = False
         self._steps: Steps | None = None
         self._stopped = ""  # why the runner was told to end
+        self._error_line = ""  # the newest error that the present runner has printed
         self._process: asyncio.subprocess.Process | None = None
         self._watcher: asyncio.Task[None] | None = None
         self.status = SequenceStatus()
@@ -159,7 +160,7 @@ class SequenceService:
             raise
         finally:
             self._starting = False
-        self._process, self._stopped = process, ""
+        self._process, self._stopped, self._error_line = process, "", ""
         self._steps = Steps(answers, order.from_waypoint, self._held, hold=order.hold)
         self.status = SequenceStatus(
             status="running",
@@ -294,8 +295,8 @@ class SequenceService:
             return None
         if self._stopped:
             return MotionStopped(self._stopped)
-        said = next((line for line in reversed(self._lines) if ERROR_LINE in line), "")
-        detail = said.partition(ERROR_LINE)[2] or f"the runner ended with return code {returncode}"
+        said = self._error_line.partition(ERROR_LINE)[2]
+        detail = said or f"the runner ended with return code {returncode}"
         return ERRORS.get(returncode, ExecutionError)(detail)
 
     async def _read_log(self, stream: asyncio.StreamReader) -> None:
@@ -306,7 +307,10 @@ class SequenceService:
                 line = b"(a line too long to keep)"
             if not line:
                 return
-            self._lines.append(printable(line.decode("utf-8", "replace").rstrip(), LINE_CHARACTERS))
+            text = printable(line.decode("utf-8", "replace").rstrip(), LINE_CHARACTERS)
+            self._lines.append(text)
+            if ERROR_LINE in text:
+                self._error_line = text
 
     async def _read_progress(self, stream: asyncio.StreamReader) -> None:
         while line := await stream.readline():

@@ -219,6 +219,8 @@ def test_a_take_over_ends_the_motion_and_tells_the_former_holder(run: VirtualSer
     answer = run.post(PATH, {"force": True})
     taken = answer.json()
     assert "POST /trajectory/send" in taken["stopped"][0]
+    stop = run.get("/events?types=stop").json()["events"][-1]
+    assert stop["data"]["reason"] == "anonymous from 127.0.0.1 has taken over the control"
     assert (taken["held"], taken["what"]) == (True, None)
     request, taking_over = run.get("/audit?limit=2").json()["entries"]
     assert (request["what"], request["outcome"]) == ("POST /robot/control", "200")

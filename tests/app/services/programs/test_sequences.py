@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import sys
 
 import pytest
 from rig import Rig, no_tokens
@@ -62,4 +64,43 @@ def test_of_what_a_program_prints_in_one_line_little_is_kept(rig: Rig) -> None:
     assert first == f"{long[:LINE_CHARACTERS]}... ({len(long)} characters)"
     assert others[0] == "short"
     assert "too long to keep" in others[1]
+    link.close()
+
+
+def test_a_runner_that_is_killed_does_not_end_with_the_error_of_the_one_before(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: what each of two processes prints and does before it ends."""
+    link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
+    ownership = Ownership(link)
+    service = SequenceService(ownership, link, rig.settings.sequences, "http://robot.test", 1.0, no_tokens())
+    code = ""
+
+    async def spawn(*_: object) -> object:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-c", code, stdout=asyncio.subprocess.PIPE
+        )
+        progress = asyncio.StreamReader()
+        progress.feed_eof()
+        return process, progress, os.open(os.devnull, os.O_WRONLY)
+
+    async def error_after(program: str) -> str:
+        nonlocal code
+        code = program
+        await service.start(ORDER, ownership.stops)
+        job = ownership.sequence_job
+        assert job is not None and service._watcher is not None
+        await service._watcher
+        error = job.record().error
+        assert error is not None
+        return error.detail
+
+    async def run() -> None:
+        monkeypatch.setattr(service, "_spawn", spawn)
+        failed = await error_after("print('now error: waypoint 2/2: out of reach'); raise SystemExit(3)")
+        assert failed == "waypoint 2/2: out of reach"
+        killed = await error_after("import os; os.kill(os.getpid(), 9)")
+        assert killed == "the runner ended with return code -9"
+
+    asyncio.run(run())
     link.close()
