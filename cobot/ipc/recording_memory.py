@@ -84,7 +84,7 @@ class RecordingMemory:
             mapped = mmap.mmap(descriptor, offsets.end if history else offsets.history)
         finally:
             os.close(descriptor)
-        self.status = Block(mapped, _STATUS, RECORDER, "recorder status")
+        self.status = Block(mapped, _STATUS, RECORDER, "recorder status", "the recorder")
         self.notes = Ring(mapped, _NOTES, NOTE, NOTES)
         self.fresh = Ring(mapped, offsets.fresh, record, fresh)
         self.history = Ring(mapped, offsets.history, record, places) if history else None

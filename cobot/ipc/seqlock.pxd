@@ -17,6 +17,7 @@ cdef uint64_t xxh64(const char* at, size_t size) noexcept nogil
 
 cdef class Block:
     cdef readonly str name
+    cdef readonly str writer
     cdef readonly object data
     cdef readonly object buffer
     cdef readonly object _head

@@ -19,14 +19,18 @@ class Block:
 
     `data` is this process's private copy: a writer fills it and calls `publish`, a reader calls
     `read` and finds the newest consistent record in it; `buffer` are its bytes, shape (size,), writable.
+    `name` and `writer` (the process that publishes) are what errors call them.
     """
 
     name: str
+    writer: str
     data: np.ndarray
     buffer: np.ndarray
     _head: memoryview
     _shared: memoryview
-    def __init__(self, memory: mmap, offset: int, dtype: np.dtype, name: str) -> None: ...
+    def __init__(
+        self, memory: mmap, offset: int, dtype: np.dtype, name: str, writer: str = "its writer"
+    ) -> None: ...
     @staticmethod
     def size(dtype: np.dtype) -> int: ...
     @property

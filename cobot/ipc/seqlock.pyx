@@ -46,7 +46,7 @@ cdef extern from * nogil:
 
 
 cdef class Block:
-    def __init__(self, memory, Py_ssize_t offset, dtype, str name):
+    def __init__(self, memory, Py_ssize_t offset, dtype, str name, str writer="its writer"):
         """
         Raises:
             ValueError: beyond the mapping, or not at a multiple of 8 bytes.
@@ -54,6 +54,7 @@ cdef class Block:
         if offset < 0 or offset % 8:
             raise ValueError(f"a block begins at a multiple of 8 bytes, not at {offset}")
         self.name = name
+        self.writer = writer
         self.data = np.zeros((), dtype)
         self.buffer = np.ndarray(self.data.dtype.itemsize, np.uint8, self.data)
         # The view keeps the mapping alive.
@@ -105,7 +106,7 @@ cdef class Block:
                 return self.data
             time.sleep(0.0 if attempt < 10 else 0.0001)
         raise TornReadError(
-            f"shared memory: no consistent {self.name} in {READ_TRIES} reads; its writer may have died"
+            f"shared memory: no consistent {self.name} in {READ_TRIES} reads; {self.writer} may have died"
         )
 
     cdef unsigned long long c_sequence(self) noexcept nogil:

@@ -99,6 +99,9 @@ class MemoryRole(IntEnum):
     STREAM = 4  # who streams targets; taken by `take`, on top of the role that has mapped the memory
 
 
+_RTLOOP, _SERVICE, _STREAM = "rtloop", "the service", "the streaming client"
+"""Writers of the blocks, as errors name them."""
+
 _PAGE = 4096
 
 
@@ -162,31 +165,31 @@ class RobotMemory:
         self._map = mmap.mmap(descriptor, _file_size(self.dof, capacity))
         _users[path] += 1
         self._offset = _PAGE
-        self.state = self._block(state_dtype(self.dof), "state")
-        self.statistics = self._block(STATISTICS, "statistics")
-        self.acks = [self._block(ACK, "acknowledgement") for _ in range(RING)]
+        self.state = self._block(state_dtype(self.dof), "state", _RTLOOP)
+        self.statistics = self._block(STATISTICS, "statistics", _RTLOOP)
+        self.acks = [self._block(ACK, "acknowledgement", _RTLOOP) for _ in range(RING)]
         self._next_page()
-        self.heartbeat = self._block(HEARTBEAT, "heartbeat")
-        self.requests = self._block(REQUESTS, "requests")
+        self.heartbeat = self._block(HEARTBEAT, "heartbeat", _SERVICE)
+        self.requests = self._block(REQUESTS, "requests", _SERVICE)
         self.outside_stops, self.outside_estops = self._counter(), self._counter()
-        self.head = self._block(HEAD, "command head")
-        self.commands = [self._block(COMMAND, "command") for _ in range(RING)]
-        self.tool = self._block(TOOL, "tool")
-        self.output = self._block(OUTPUT, "output")
+        self.head = self._block(HEAD, "command head", _SERVICE)
+        self.commands = [self._block(COMMAND, "command", _SERVICE) for _ in range(RING)]
+        self.tool = self._block(TOOL, "tool", _SERVICE)
+        self.output = self._block(OUTPUT, "output", _SERVICE)
         self._next_page()
         self.slots = [self._slot(capacity) for _ in range(SLOTS)]
-        self.info = self._block(info_dtype(self.dof), "robot information")
-        self.device = self._block(DEVICE, "device")
-        self.io = self._block(IO, "inputs and outputs")
-        self.session_ack = self._block(SESSION_ACK, "session acknowledgement")
+        self.info = self._block(info_dtype(self.dof), "robot information", _RTLOOP)
+        self.device = self._block(DEVICE, "device", _RTLOOP)
+        self.io = self._block(IO, "inputs and outputs", _RTLOOP)
+        self.session_ack = self._block(SESSION_ACK, "session acknowledgement", _RTLOOP)
         self._next_page()
-        self.session = self._block(session_dtype(self.dof), "session")
-        self.stream_requests = self._block(STREAM_REQUESTS, "requests of the stream")
-        self.setpoint = self._block(setpoint_dtype(self.dof), "setpoint")
-        self.chunk = self._block(chunk_dtype(self.dof), "chunk")
-        self.point_head = self._block(POINT_HEAD, "point head")
+        self.session = self._block(session_dtype(self.dof), "session", _STREAM)
+        self.stream_requests = self._block(STREAM_REQUESTS, "requests of the stream", _STREAM)
+        self.setpoint = self._block(setpoint_dtype(self.dof), "setpoint", _STREAM)
+        self.chunk = self._block(chunk_dtype(self.dof), "chunk", _STREAM)
+        self.point_head = self._block(POINT_HEAD, "point head", _STREAM)
         point = point_dtype(self.dof)
-        self.points = [self._block(point, "servo point") for _ in range(POINTS)]
+        self.points = [self._block(point, "servo point", _STREAM) for _ in range(POINTS)]
 
     @classmethod
     def create(cls, robot: str, dof: int, period_s: float, capacity: int, url: str = "") -> RobotMemory:
@@ -292,8 +295,8 @@ class RobotMemory:
         """Remove the file; who has it mapped keeps it until they let go."""
         self.path.unlink(missing_ok=True)
 
-    def _block(self, dtype: np.dtype, name: str) -> Block:
-        block = Block(self._map, self._offset, dtype, name)
+    def _block(self, dtype: np.dtype, name: str, writer: str) -> Block:
+        block = Block(self._map, self._offset, dtype, name, writer)
         self._offset += -(-Block.size(dtype) // 64) * 64  # no two blocks share a cache line
         return block
 
@@ -306,7 +309,7 @@ class RobotMemory:
         self._offset = _aligned(self._offset)
 
     def _slot(self, capacity: int) -> Slot:
-        head = self._block(SLOT, "trajectory slot")
+        head = self._block(SLOT, "trajectory slot", _SERVICE)
         times = np.ndarray(capacity + 1, np.float64, self._map, self._offset)
         self._offset += times.nbytes
         coefficients = np.ndarray((capacity, self.dof, ORDER), np.float64, self._map, self._offset)

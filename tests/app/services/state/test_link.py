@@ -42,6 +42,17 @@ def test_what_a_dead_process_has_published_just_now_is_not_how_the_robot_is(rig:
     link.close()
 
 
+def test_a_state_whose_writer_died_while_writing_names_the_real_time_process(rig: Rig) -> None:
+    """A writer that was killed between its two increments leaves an odd sequence counter."""
+    rig.step(10)
+    link = attached(rig)
+    memory = link.memory
+    memory.state._head[0] = memory.state.sequence + 1
+    with pytest.raises(UnavailableError, match="no consistent state in 100 reads; rtloop may have died"):
+        asyncio.run(link.fresh_state(0.0))
+    link.close()
+
+
 def test_a_service_stops_the_motion_that_it_finds_under_way(rig: Rig, robot: RobotDescription) -> None:
     """Restarted so quickly that nobody has missed it, it would have the arm go on for who has lost it."""
     goal = rig.home + 0.3
