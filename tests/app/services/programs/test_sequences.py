@@ -89,7 +89,8 @@ def test_a_runner_that_is_killed_does_not_end_with_the_error_of_the_one_before(
         code = program
         await service.start(ORDER, ownership.stops)
         job = ownership.sequence_job
-        assert job is not None and service._watcher is not None
+        assert job is not None
+        assert service._watcher is not None
         await service._watcher
         error = job.record().error
         assert error is not None
