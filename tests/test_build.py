@@ -39,6 +39,7 @@ def failed(module):
     os._exit(0)
 sys.exit(", ".join(module for module in sys.argv[1:] if failed(module)) or 0)
 """
+MAX_RUN_PACKAGES = 60
 NO_COMPILER = "cobot needs a C compiler: install gcc or clang (Debian: apt-get install gcc), or set CC"
 
 
@@ -107,6 +108,13 @@ def test_dependencies_are_ranges_that_have_the_pinned_versions_in_them() -> None
         assert operators == {">=", "<"} or each.name == "mujoco-core", each  # compiled into our modules
     for each in map(Requirement, [*needed, *project["optional-dependencies"]["dev"]]):
         assert pins[each.name.lower()] in each.specifier, each
+
+
+def test_at_most_60_packages_are_installed_to_run() -> None:
+    """The oracle is the lock, of which `make run` installs the lines whose marker holds here."""
+    lines = re.findall(r"^(\S+==.+?) ?\\$", (ROOT / "requirements/run.lock").read_text(), re.M)
+    pins = list(map(Requirement, lines))
+    assert len([pin for pin in pins if pin.marker is None or pin.marker.evaluate()]) <= MAX_RUN_PACKAGES
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ import cobot
 ROOT = Path(__file__).parents[1]
 IMPORTS = re.compile(r"^[ \t]*(?:import (.+)|from ([\w.]+) import (\([^)]*\)|.+))", re.M)
 PROCESSES = ("rtloop.main", "cobot.dds.process", "cobot.launch.cli", "cobot.launch.supervisor", "app.server")
-SLOW = {"cobot.planners", "httpx", "ompl", "rich", "ruckig", "scipy"}
+SLOW = {"cobot.planners", "httpx", "ompl", "ruckig", "scipy"}
 """What only planning processes and clients need."""
 
 

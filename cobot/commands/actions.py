@@ -16,7 +16,8 @@ from cobot.client import Client
 from cobot.client.connection import Json
 from cobot.commands.completion import completion
 from cobot.commands.options import url_of
-from cobot.commands.screen import Bar, during, event_line, said, show_state, show_table, show_words
+from cobot.commands.screen import during, said, show_event, show_state, show_table, show_words
+from cobot.commands.terminal import Bar
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 from cobot.foreign import plain_lines
 
@@ -150,6 +151,7 @@ def _sequence(client: Client, chosen: argparse.Namespace) -> int:
         while True:
             status, now = client.sequence_status(), client.sequence_logs(LINES)
             if not chosen.json:
+                bar.erase()
                 show_words(before, now)
             if status["status"] != "running":
                 return status
@@ -201,15 +203,12 @@ def _jobs(client: Client, chosen: argparse.Namespace) -> int:
 
 
 def _watch(client: Client, chosen: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    console = Console(highlight=False, soft_wrap=True)
     types = chosen.types.split(",") if chosen.types else ()
     for count, event in enumerate(client.events(types, state_hz=chosen.state_hz, after=chosen.after), 1):
         if chosen.json:
             said(event)
         else:
-            console.print(event_line(event))
+            show_event(event)
         if count == chosen.count:
             break
     return EXIT_OK

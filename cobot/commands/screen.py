@@ -1,22 +1,17 @@
-"""Output of the commands for people: tables, and a progress bar while the arm moves."""
+"""What the commands print for people: state, jobs, events, and the progress of the arm."""
 
 from __future__ import annotations
 
 import json
-import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
-
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
-from rich.table import Table
-from rich.text import Text
 
 from cobot.client import Client
 from cobot.client.connection import Json
+from cobot.commands.terminal import Bar, show, show_columns
 from cobot.errors import CobotError
+from cobot.foreign import plain_text
 
 STATE_HZ = 10.0
 WARNINGS = ("log", "stop", "refused", "intervention")
@@ -32,28 +27,24 @@ def said(answer: object) -> None:
 
 
 def show_state(health: Json, joints: Json, pose: Json, control: Json, io: list[Json]) -> None:
-    console = Console(highlight=False)
     robot = health["robot"]
-    head = Text(f"{robot['name']}: {robot['mode']}", style="bold")
-    if robot["reason"]:
-        head.append(f" ({robot['reason']})", style="")
-    console.print(head)
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column("joint")
-    for name in ("position, rad", "velocity, rad/s", "effort, N·m"):
-        table.add_column(name, justify="right")
-    for row in zip(joints["name"], joints["position"], joints["velocity"], joints["effort"], strict=True):
-        table.add_row(row[0], f"{row[1]:.4f}", f"{row[2]:.4f}", f"{row[3]:.2f}")
-    console.print(table)
+    reason = f" ({_shown(robot['reason'])})" if robot["reason"] else ""
+    show(f"{robot['name']}: {robot['mode']}{reason}", "bold")
+    columns = (joints["name"], joints["position"], joints["velocity"], joints["effort"])
+    rows = [
+        (name, f"{position:.4f}", f"{velocity:.4f}", f"{effort:.2f}")
+        for name, position, velocity, effort in zip(*columns, strict=True)
+    ]
+    show_columns(("joint", "position, rad", "velocity, rad/s", "effort, N·m"), rows, right=1)
     where, turn = pose["position"], pose["orientation"]["euler_rad"]
     metres = " ".join(f"{axis} {where[axis]:.4f}" for axis in "xyz")
     angles = " ".join(f"{axis} {turn[axis]:.4f}" for axis in "abc")
-    console.print(Text(f"TCP in {pose['frame_id']}: {metres} m, {angles} rad"))
-    console.print(Text(f"control: {control['holder'] or control['what'] or 'free'}"))
+    show(f"TCP in {pose['frame_id']}: {metres} m, {angles} rad")
+    show(f"control: {_shown(control['holder'] or control['what'] or 'free')}")
     for each in io:
-        console.print(Text(f"{each['direction']} {each['name']}: {_shown(each['value'])}"))
+        show(f"{each['direction']} {each['name']}: {_shown(each['value'])}")
     for problem in health["problems"]:
-        console.print(Text(f"problem: {problem}", style="red"))
+        show(f"problem: {_shown(problem)}", "red")
 
 
 def show_table(rows: list[Json], columns: dict[str, str]) -> None:
@@ -62,22 +53,16 @@ def show_table(rows: list[Json], columns: dict[str, str]) -> None:
     Args:
         columns: heading by the name of the value.
     """
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading in columns.values():
-        table.add_column(heading)
-    for row in rows:
-        table.add_row(*(Text(_shown(row.get(name))) for name in columns))
-    Console(highlight=False).print(table)
+    cells = [[_shown(row.get(name)) for name in columns] for row in rows]
+    show_columns(list(columns.values()), cells, right=len(columns))
 
 
-def event_line(event: Json) -> Text:
-    """Format an event as one line. Empty fields are left out."""
-    told = {name: value for name, value in event["data"].items() if value not in (None, "")}
-    data = " ".join(f"{name}={_shown(value)}" for name, value in told.items())
+def show_event(event: Json) -> None:
+    """Print an event as one line. Empty fields are left out."""
+    present = {name: value for name, value in event["data"].items() if value not in (None, "")}
+    data = " ".join(f"{name}={_shown(value)}" for name, value in present.items())
     moment = str(event["time"])[11:23]
-    return Text(
-        f"{moment} {event['robot'] or '-'} {event['type']} {data}", style=LEVELS.get(event["type"], "")
-    )
+    show(f"{moment} {event['robot'] or '-'} {event['type']} {data}", LEVELS.get(event["type"], ""))
 
 
 def show_words(before: list[str], now: list[str]) -> None:
@@ -94,33 +79,6 @@ def show_words(before: list[str], now: list[str]) -> None:
             from_program = text.startswith(PROGRAM)
         if from_program and place >= len(before) - gone:
             print(text.removeprefix(PROGRAM), flush=True)
-
-
-class Bar:
-    """Progress of the arm on stderr. Prints nothing if stderr is not a terminal, or with --json."""
-
-    def __init__(self, shown: bool) -> None:
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.percentage:3.0f} %"),
-            TimeRemainingColumn(),
-            console=Console(stderr=True),
-            disable=not (shown and sys.stderr.isatty()),
-            transient=True,
-            redirect_stdout=sys.stdout.isatty(),  # to the same screen, above the bar
-        )
-        self._task: TaskID | None = None
-
-    @contextmanager
-    def showing(self, what: str) -> Iterator[Bar]:
-        with self._progress:
-            self._task = self._progress.add_task(what, total=None)
-            yield self
-
-    def update(self, done: float, total: float, what: str | None = None) -> None:
-        if self._task is not None:
-            self._progress.update(self._task, completed=done, total=total, description=what)
 
 
 def during(client: Client, work: Callable[[], Json], bar: Bar) -> Json:
@@ -169,4 +127,4 @@ def _shown(value: Any) -> str:
         return f"{value:.4g}"
     if isinstance(value, dict | list):
         return json.dumps(value)
-    return "" if value is None else str(value)
+    return "" if value is None else plain_text(value)

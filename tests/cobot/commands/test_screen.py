@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import pytest
 
-from cobot.commands.screen import MISSING, event_line, show_words
+from cobot.commands.screen import MISSING, show_event, show_table, show_words
 
 
-def test_an_event_is_a_line_without_what_is_empty_and_a_warning_has_a_colour() -> None:
+def test_an_event_is_a_line_without_empty_fields(capsys: pytest.CaptureFixture[str]) -> None:
     event = {"time": "2026-11-25T16:55:37.897123+00:00", "robot": None, "type": "refused"}
     data = {"by": "ada", "what": "POST /stop", "status": None, "reason": "", "count": 0}
-    line = event_line(event | {"data": data})
-    assert line.plain == "16:55:37.897 - refused by=ada what=POST /stop count=0"
-    assert line.style == "yellow"
-    assert not event_line(event | {"type": "job", "data": {}}).style
+    show_event(event | {"data": data})
+    assert capsys.readouterr().out == "16:55:37.897 - refused by=ada what=POST /stop count=0\n"
+
+
+def test_what_a_client_sent_cannot_control_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    """The oracle is `str.isprintable`, which is false for each control character."""
+    event = {"time": "2026-11-25T16:55:37.897123+00:00", "robot": "iiwa", "type": "log"}
+    show_event(event | {"data": {"message": "\x1b[2J\x1b]0;title\x07\r\nnext"}})
+    show_table([{"id": "\x1b[31m"}], {"id": "job"})
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3
+    assert all(map(str.isprintable, lines))
 
 
 @pytest.mark.parametrize("forgotten", [0, 1, 2])
