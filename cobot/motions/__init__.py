@@ -1,1 +1,1 @@
-"""What is asked of the planners, apart from them: whoever only asks imports no algorithm."""
+"""Requests to the planners, in a package of their own: code that only makes requests imports no algorithm."""

@@ -1,4 +1,4 @@
-"""What a whole motion keeps to beside the limits: a direction of the tool, a box, joint ranges."""
+"""Path constraints: what a whole motion keeps in addition to the limits."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from cobot.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Cone:
-    """An axis of the tool stays near a direction.
+    """Keeps an axis of the tool near a direction.
 
     Attributes:
         axis: shape (3,), unit length, in the TCP's frame.
-        within_rad: so near.
-        direction: shape (3,), unit length, in the base frame; None: where the axis points at the start.
+        within_rad: the largest angle between the two.
+        direction: shape (3,), unit length, in the base frame; None: the axis's direction at the start.
     """
 
     axis: Array
@@ -24,7 +24,7 @@ class Cone:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """The TCP stays in a box along the axes of the base frame: its corners, shape (3,), m."""
+    """Keeps the TCP in a box aligned with the base frame: its lowest and highest corner, shape (3,), m."""
 
     low: Array
     high: Array
@@ -32,10 +32,10 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Constraints:
-    """All that are given have to be kept.
+    """A motion keeps all constraints that are given.
 
     Attributes:
-        joints: by their indices, the ranges that they stay in, rad (m for a slide).
+        joints: joint index, lowest and highest position, rad (m for a slide).
     """
 
     cone: Cone | None = None

@@ -1,8 +1,7 @@
-"""A space that the TCP must not leave and a speed that it must not exceed, for the motions of programs that
-nobody watches.
+"""Limits for the motions of unattended programs: a space for the TCP and a maximum speed.
 
-The service looks at the whole motion before it begins, rtloop at where the TCP is and is about to be in every
-cycle of it.
+The service checks the whole motion before it begins. In each cycle, rtloop checks the TCP's present and next
+position.
 """
 
 from __future__ import annotations
@@ -19,16 +18,16 @@ if TYPE_CHECKING:
     from cobot.robot.chain import Chain
 
 STEP_S = 0.005
-"""How far apart the service looks at a motion; rtloop does it in each cycle."""
+"""Time between the samples that the service checks; rtloop checks each cycle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """A box in the base frame, and a speed.
+    """A box in the base frame and a maximum speed.
 
     Attributes:
         low, high: corners of the box, shape (3,), m.
-        speed_m_s: of the TCP, m/s.
+        speed_m_s: maximum speed of the TCP.
     """
 
     low: tuple[float, float, float]
@@ -36,14 +35,14 @@ class Fence:
     speed_m_s: float
 
     def values(self) -> list[float]:
-        """As in shared memory: low, high, speed."""
+        """The fence as shared memory has it: low, high, speed."""
         return [*self.low, *self.high, self.speed_m_s]
 
     def breach(self, trajectory: Trajectory, chain: Chain) -> str:
-        """Where a motion leaves it first, in words; "" if it does not.
+        """Describe where a motion first leaves the fence; "" if it stays inside.
 
         Args:
-            chain: of the arm, with the tool's TCP.
+            chain: the arm's kinematics up to the TCP.
         """
         count = int(np.ceil(trajectory.duration_s / STEP_S)) + 1
         times_s = np.linspace(0.0, trajectory.duration_s, count)
@@ -56,7 +55,7 @@ class Fence:
         return f"{times_s[first]:.2f} s into the motion {found}" if found else ""
 
     def beyond(self, place: Array, speed_m_s: float) -> str:
-        """In words how a TCP there, shape (3,), m, with this speed is beyond it; "" if it is not."""
+        """Describe how a TCP position, shape (3,), m, or speed violates the fence; "" if neither does."""
         for axis, value, low, high in zip("xyz", place, self.low, self.high, strict=True):
             if not low <= value <= high:
                 return f"the TCP would be at {axis} = {value:.4f} m, the fence is from {low:g} to {high:g} m"

@@ -1,4 +1,4 @@
-"""Timed points: what has to hold of them before they make a motion."""
+"""Timed points, and the checks that they pass before they become a motion."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from cobot.types import Array, JointLimits, Waypoint
 
 REST_TOLERANCE = 1e-6
 SHORTEST_S, LONGEST_S = 1e-9, 1e6
-"""Two points are apart by these at least and at most, and the last one is no later: far beyond what an arm
-does, so near that nothing overflows."""
+"""Minimum time between two points, and latest time of the last. An arm needs neither; both prevent
+overflow."""
 LARGEST = 1e6
-"""An angle, a velocity or an acceleration of a point is no larger, for the same reason."""
+"""Largest absolute position, velocity or acceleration of a point. It prevents overflow."""
 
 
 @dataclass(frozen=True, slots=True)
 class WaysOut:
-    """What the sender of timed points can change, in the words of its interface.
+    """Advice in error messages about timed points, in the words of the client's interface.
 
     Attributes:
-        start: of points that do not begin where the arm is.
-        rates: of points that are too fast, where the sender can have them slowed down.
-        time: of a motion that takes longer than the sender permits; `{late_s}` is by how much, s.
+        start: if the points do not begin where the arm is.
+        rates: if the points are too fast and the client can have them slowed down.
+        time: if the motion takes longer than the client permits; `{late_s}` is the excess, s.
     """
 
     start: str
@@ -48,11 +48,11 @@ FOLLOW_JOINT_TRAJECTORY = WaysOut(
 def check_first(
     point: Waypoint, start: Array, limits: JointLimits, tolerance_rad: float, *, within_limits: bool
 ) -> None:
-    """Refuse a motion by its first point, before the others are read: see `WaypointRequest`.
+    """Check the first point before the others are read: see `WaypointRequest`.
 
     Raises:
-        InputError: the motion starts now and not where the arm is.
-        LimitError: the point lies beyond the limits.
+        InputError: the first point is at time 0 and is not where the arm is.
+        LimitError: the point is beyond the position limits.
     """
     (label,) = labels_of([point], limits.dof)
     positions = np.asarray(point.positions, dtype=np.float64)
@@ -63,7 +63,7 @@ def check_first(
 
 
 def require_positions(points: Sequence[Waypoint], limits: JointLimits, labels: list[str]) -> None:
-    """All at once: there may be many."""
+    """Check all positions in one comparison, because there may be many."""
     positions = np.array([point.positions for point in points], dtype=np.float64)
     within = (limits.min_position <= positions) & (positions <= limits.max_position)
     for index in np.flatnonzero(~within.all(axis=1))[:1]:
@@ -71,7 +71,11 @@ def require_positions(points: Sequence[Waypoint], limits: JointLimits, labels: l
 
 
 def labels_of(points: Sequence[Waypoint], dof: int) -> list[str]:
-    """What to call each point; and that there are points, with a number for each joint."""
+    """The name of each point in error messages.
+
+    Raises:
+        InputError: there are no points, or one has not one number per joint.
+    """
     if not points:
         raise InputError("points: at least one is needed")
     labels = [point.label or f"point {index + 1}" for index, point in enumerate(points)]
@@ -84,10 +88,10 @@ def labels_of(points: Sequence[Waypoint], dof: int) -> list[str]:
 
 
 def require_size(points: Sequence[Waypoint], labels: list[str]) -> None:
-    """Nothing that is given exceeds `LARGEST`, whether limits are checked or not.
+    """Check that no number exceeds `LARGEST`, even if the limits are not checked.
 
     Raises:
-        InputError: naming the first that does.
+        InputError: naming the first point that does.
     """
     for name in ("positions", "velocities", "accelerations"):
         given = [(label, getattr(point, name)) for label, point in zip(labels, points, strict=True)]
@@ -100,10 +104,10 @@ def require_size(points: Sequence[Waypoint], labels: list[str]) -> None:
 
 
 def require_order(times: Array, labels: list[str]) -> None:
-    """Times from 0 to `LONGEST_S` that increase, each by `SHORTEST_S` at the least.
+    """Check that times are within 0 to `LONGEST_S` and increase by at least `SHORTEST_S`.
 
     Raises:
-        InputError: naming the first one that does not.
+        InputError: naming the first point that violates this.
     """
     if times[0] < 0.0:
         raise InputError(f"{labels[0]}: time_from_start is {times[0]} s, must not be negative")
@@ -115,7 +119,7 @@ def require_order(times: Array, labels: list[str]) -> None:
         raise InputError(
             f"{labels[index]}: time_from_start is {times[index]} s, may be up to {LONGEST_S:g} s"
         )
-    late = np.flatnonzero(np.diff(times) < SHORTEST_S / 2.0)  # which of times near the longest is rounding
+    late = np.flatnonzero(np.diff(times) < SHORTEST_S / 2.0)  # half of it: large times are rounded
     if len(late):
         index = int(late[0]) + 1
         raise InputError(

@@ -1,4 +1,4 @@
-"""What a planner is asked for, and what comes of several motions: data that travels to planning processes."""
+"""Requests to the planners and the result of blending. All are picklable and travel to planning processes."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from cobot.types import (
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """What makes an arc without a point on it.
+    """An arc that is defined without a point on it.
 
     Attributes:
         centre: shape (3,), m in the base frame.
-        axis: shape (3,), any length, in the base frame: the arc turns about it by the right hand; None for an
-            arc that leads to the goal the short way.
-        angle_rad: how far it turns about the axis; several turns too. None: it leads to the goal.
-        rise_m: how far the TCP moves along the axis meanwhile: a helix.
-        turns_tool: the hand turns with the arc instead of keeping its orientation. With an angle only.
+        axis: shape (3,), any length, in the base frame. The arc turns about it by the right-hand rule. None:
+            the shorter arc to the goal.
+        angle_rad: angle of the arc, more than one turn too. None: the arc ends at the goal.
+        rise_m: how far the TCP moves along the axis meanwhile, for a helix.
+        turns_tool: whether the tool turns with the arc instead of keeping its orientation. Needs an angle.
     """
 
     centre: Array
@@ -50,7 +50,7 @@ class Arc:
 
 @dataclass(frozen=True, slots=True)
 class TcpSpeed:
-    """How fast the TCP may be at the most along a path: m/s and rad/s; None for what the limits permit."""
+    """Maximum speed of the TCP along a path; None: as fast as the limits permit."""
 
     linear_m_s: float | None = None
     angular_rad_s: float | None = None
@@ -60,38 +60,37 @@ ANY_SPEED = TcpSpeed()
 
 
 NO_START = np.empty(0)
-"""The start of a motion that begins where the arm will be."""
+"""The start of a motion that begins wherever the arm will be by then."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionRequest:
-    """A motion from rest to rest, valid for some robot once it is made. Picklable: it travels to the planning
-    workers.
+    """A motion from rest to rest. Construction validates what does not depend on the robot. Picklable.
 
     A goal is a request whose start is not known yet: its `start` is `NO_START`.
 
     Attributes:
         start: shape (dof,), rad.
         goal: joint angles, shape (dof,), rad, or a pose of the TCP in the base frame.
-        planner: what plans it; `cobot.motions.planners` says which of the fields below it uses.
+        planner: its name; `cobot.motions.planners` lists the fields that each planner uses.
         via: shape (3,), m in the base frame: a point on the arc.
-        seed: of the planners that draw random samples.
-        timeout_s: after which a search gives up.
-        algorithm: of ompl.
+        seed: for planners that draw random samples.
+        timeout_s: time limit of a search.
+        algorithm: for planner ompl.
         synchronization: of the joints.
-        arc: instead of `via`. With an angle the goal does not count.
+        arc: replaces `via`. An arc with an angle ignores the goal.
         through: poses on the way to the goal.
-        radius_m: how far from each of them the TCP may leave its path to go on without a stop; 0: it stops.
-        tcp_speed: of a path of the TCP.
-        constraints: what the whole motion keeps to; None: nothing but the limits.
-        free_axes: the rotations of the TCP that poses do not fix, about its own axes: none, one or all three.
-        cyclic: a path of the TCP that leads back to its start ends in the joints it began with. None: full
-            circles do if they can, all others end where they lead.
-        end_joints: in which a path of the TCP to a pose ends, shape (dof,), rad; None: where it leads.
-        in_tool: all poses and points are in the TCP's frame at the start, not yet in the base frame.
+        radius_m: blend radius at these poses; 0: the TCP stops there.
+        tcp_speed: maximum speed of the TCP.
+        constraints: path constraints; None: only the limits apply.
+        free_axes: rotations of the TCP about its own axes that its poses leave free: none, one or all three.
+        cyclic: whether a closed path of the TCP ends in the joints that it began with. None: full circles do
+            if possible, other paths end in the joints that the path leads to.
+        end_joints: joints at the end of a TCP path to a pose, shape (dof,), rad; None: any.
+        in_tool: whether all poses and points are in the TCP's frame at the start instead of the base frame.
 
     Raises:
-        InputError: fields that do not fit the planner or each other.
+        InputError: fields do not fit the planner or each other.
     """
 
     start: Array
@@ -118,21 +117,21 @@ class MotionRequest:
 
     @property
     def traits(self) -> PlannerTraits:
-        """What is known of its planner."""
+        """The traits of its planner."""
         return PLANNERS[self.planner]
 
     @property
     def is_by_angle(self) -> bool:
-        """Whether it is an arc that ends where its angle leads."""
+        """Whether its end is given by the angle of an arc."""
         return self.arc is not None and self.arc.angle_rad is not None
 
     @property
     def is_relative(self) -> bool:
-        """Whether it ends elsewhere if it begins elsewhere."""
+        """Whether its end depends on its start."""
         return self.in_tool or self.is_by_angle
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
-        """The share of the joint limits that this motion may use."""
+        """The joint limits, scaled by the request."""
         scaling = self.scaling
         return robot.limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
 
@@ -142,16 +141,17 @@ class WaypointRequest:
     """A motion through timed points.
 
     Attributes:
-        start: where the arm is, shape (dof,), rad.
-        points: see `through`.
-        start_tolerance_rad: how far a first point at time 0 may be from `start`.
-        check_limits: velocity, acceleration, jerk and position limits; collisions are always checked.
-        retime: slow the motion down by as much as the rate limits need, instead of refusing it.
-        corridor_rad: how far each joint may be beside the curve through the points where that exceeds the
-            limits, shape (dof,) or one for all; 0: nothing is smoothed, and all is slowed down evenly.
-        longest_s: what `retime` may make of the duration, without `approach`.
-        approach: go to the first point by ptp before, with this scaling; None: it must be at `start`.
-        ways: what an error advises.
+        start: joint positions of the arm, shape (dof,), rad.
+        points: the timed points.
+        start_tolerance_rad: largest distance of a first point at time 0 from `start`.
+        check_limits: check position, velocity, acceleration and jerk limits; collisions are always checked.
+        retime: slow the motion down until it keeps the rate limits, instead of rejecting it.
+        corridor_rad: how far each joint may deviate where the curve through the points violates the limits,
+            shape (dof,) or one value for all joints; 0: the curve is kept and the whole motion is slowed
+            down.
+        longest_s: maximum duration after `retime`, without `approach`.
+        approach: scaling of a ptp motion to the first point; None: the first point must be at `start`.
+        ways: advice for error messages.
     """
 
     start: Array
@@ -167,7 +167,7 @@ class WaypointRequest:
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """What holds for all motions: the limits, which may be tighter than the robot's."""
+    """The limits of all motions, which may be tighter than the robot's."""
 
     limits: JointLimits
     cartesian: CartesianLimits
@@ -175,14 +175,14 @@ class Envelope:
 
 @dataclass(frozen=True, slots=True)
 class RatedMove:
-    """A motion whose velocity and acceleration are given in units. Picklable.
+    """A motion whose velocity and acceleration are given in units, not as shares of the limits. Picklable.
 
     Attributes:
-        request: the motion. Its `scaling` counts too, if it is lower.
-        velocity, acceleration: of the fastest joint, rad/s and rad/s²; for a path of the TCP those of the
-            tool's tip, m/s and m/s², which turns in proportion.
+        request: the motion. Its `scaling` applies too; the lower limit counts.
+        velocity, acceleration: of the fastest joint, rad/s and rad/s²; on a TCP path those of the TCP, m/s
+            and m/s², and its rotation is limited in proportion.
         envelope: the limits.
-        duration_s: if above 0, how long the motion takes; velocity and acceleration do not count then.
+        duration_s: if above 0, the duration of the motion; velocity and acceleration are ignored then.
     """
 
     request: MotionRequest
@@ -194,12 +194,12 @@ class RatedMove:
 
 @dataclass(frozen=True, slots=True)
 class Blended:
-    """Several motions as one.
+    """Several motions joined into one.
 
     Attributes:
-        ends_s: when each motion gives way to the next one: in the middle of their overlap.
-        blended: for each corner, whether the arm goes through without a stop.
-        used_m: for each corner, how far from it the TCP leaves its path, of the radius.
+        ends_s: when each motion gives way to the next: the middle of their blend.
+        blended: for each corner, whether the arm passes it without a stop.
+        used_m: for each corner, how far from it the TCP leaves its path; at most the blend radius.
     """
 
     trajectory: Trajectory

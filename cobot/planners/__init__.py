@@ -1,10 +1,10 @@
 """Planners: pure functions from a robot and a request to a `Trajectory`.
 
-None of them falls back on another one: what a planner cannot do is an error that says so. Only auto, which is
-asked to choose, tries several, and says in the trajectory's note which it took and why.
+Planners do not fall back to each other: what a planner cannot do is an error. Only auto tries several
+planners; the trajectory's note names the chosen one and the reason.
 
-What takes long to import, OMPL and scipy, is imported where it is used: a planning process is ready in half
-the time, and most motions, ptp, need none of it.
+OMPL and scipy are imported only when used, because importing them takes long. A planning process then starts
+in half the time, and ptp, the most frequent planner, needs neither.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ __all__ = ["MotionRequest", "WaypointRequest", "plan", "plan_waypoints"]
 
 @cache
 def function_of(planner: PlannerName) -> Callable[..., Any]:
-    """The function that plans, as the traits of the planner name it."""
+    """The planner's function, which its traits name."""
     module, name = PLANNERS[planner].function.split(":")
     return cast(Callable[..., Any], getattr(import_module(f"cobot.planners.{module}"), name))
 
 
 for _name, _traits in PLANNERS.items():
-    if not _traits.searches:  # what searches imports OMPL or scipy, when it is used
+    if not _traits.searches:  # planners that search import OMPL or scipy, when they are used
         function_of(_name)
 
 
@@ -53,13 +53,13 @@ def _held(robot: RobotDescription, request: MotionRequest) -> Held | None:
 
 
 def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """A validated motion from rest to rest, or None when the arm is already there.
+    """Plan a validated motion from rest to rest; None if the arm is already at the goal.
 
-    ompl, chomp and auto leave a start beyond a limit or in collision first, see `leave`.
+    ompl, chomp and auto first leave a start that is beyond a limit or in collision, see `leave`.
 
     Raises:
-        InputError: a goal beyond the limits, or fields that this planner does not take.
-        PlanningError: there is no such motion, or this planner does not find one.
+        InputError: a goal beyond the limits, or fields that this planner does not use.
+        PlanningError: no motion exists, or this planner does not find one.
     """
     check_for_robot(request, robot)
     if request.end_joints is not None:
@@ -80,7 +80,8 @@ def _planned(robot: RobotDescription, request: MotionRequest) -> Trajectory | No
 
 
 def _after(robot: RobotDescription, request: MotionRequest, first: Trajectory) -> MotionRequest:
-    """The request with constraints as they are from its own start on, which the way out has to keep too."""
+    """The request after the escape, with constraints relative to its original start, which bind the escape
+    too."""
     held, constraints = _held(robot, request), request.constraints
     if held is None or constraints is None:
         return request
@@ -97,7 +98,7 @@ def _after(robot: RobotDescription, request: MotionRequest, first: Trajectory) -
 
 
 def _direct(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """Along the path of the request, or the direct way to its goal."""
+    """Plan along the path of the request, or straight to its goal."""
     if request.traits.way is Way.PATH:
         trajectory = function_of(request.planner)(robot, request)
         return None if trajectory is None else _validated(robot, request, trajectory)
@@ -108,7 +109,7 @@ def _direct(robot: RobotDescription, request: MotionRequest) -> Trajectory | Non
 
 
 def _searched(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """Around obstacles, from a start that is free and within the limits."""
+    """Search around obstacles, from a start that is free of collisions and within the limits."""
     goals = joint_goals(robot, request)
     held = _held(robot, request)
     if held is not None:
@@ -125,7 +126,7 @@ def _searched(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
 
 
 def _chosen(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
-    """The first that finds a motion: ptp, then ompl."""
+    """The motion of ptp, or if ptp fails, that of ompl."""
     try:
         trajectory = _validated(robot, request, plan_ptp(robot, request, goals[0]))
         return replace(trajectory, note="auto took ptp: the direct joint motion is free")

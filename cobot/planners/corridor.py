@@ -1,7 +1,7 @@
-"""The curve that somebody asked for, and how far a motion is from it.
+"""The requested curve, and how far a motion deviates from it.
 
-The distance is Fréchet's: what passes the same places in the same order, each joint within the corridor, may
-be earlier or later there, so that slowing down is no deviation and leaving out a turn is one.
+The deviation is Fréchet's distance, joint by joint: a motion passes the same places in the same order,
+earlier or later. Slowing down is therefore no deviation; leaving out a turning point is one.
 """
 
 from __future__ import annotations
@@ -15,27 +15,29 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 PARTS = 5
-"""The curve's table has so many rows for each step."""
+"""Rows of the curve's table per step."""
 CALM_STEPS, CALM_TIMES = 1, 4
-"""The direction of the curve is that of its mean over so many steps, so many times: noise points anywhere."""
+"""Width in steps and number of the averages that smooth the curve before its direction is taken: noise has a
+random direction."""
 DENSE_STEPS = 0.5
-"""Between points that are nearer than so many steps the curve is straight: a spline exaggerates noise."""
+"""With less than this many steps per point, the curve is linear between points: a spline exaggerates
+noise."""
 STANDSTILL = 1e-2
-"""Slower than this, rad/s, a curve has no direction in which time could be shifted."""
+"""Below this speed, rad/s, a curve has no useful direction, so time is not shifted along it."""
 REFINEMENTS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class AskedCurve:
-    """A table of the curve: where it is, and where it leads, by its own time.
+    """A table of the requested curve over its own time.
 
     Attributes:
-        step_s: the step of the fitted motion for which this table was made.
-        interval_s: between two rows.
+        step_s: step of the fitted motion that this table is made for.
+        interval_s: time between two rows.
         positions: shape (m, dof), rad.
-        centres: their means over the steps before and after, of which the fit makes its corridor.
-        directions: shape (m, dof), rad/s.
-        given: times, shape (k,), and positions, shape (k, dof), that must not be missed.
+        centres: averages of the positions over one step before and after; the centre of the fit's corridor.
+        directions: velocities of the smoothed curve, shape (m, dof), rad/s.
+        given: times, shape (k,), and positions, shape (k, dof), that the motion must pass.
     """
 
     duration_s: float
@@ -56,7 +58,7 @@ class AskedCurve:
 
     @property
     def noise(self) -> Array:
-        """How far the positions are from the centres at the most, shape (dof,), rad."""
+        """The largest distance between positions and centres, shape (dof,), rad."""
         return np.asarray(np.abs(self.positions - self.centres).max(axis=0))
 
     def towards(self, times_s: Array) -> Array:
@@ -64,7 +66,7 @@ class AskedCurve:
         return self._row(self.directions, times_s)
 
     def in_order(self, times_s: Array) -> Array:
-        """The same times, none before the one before it or outside the curve."""
+        """These times, made non-decreasing and clipped to the curve."""
         return np.asarray(np.clip(np.maximum.accumulate(times_s), 0.0, self.duration_s))
 
     def _row(self, table: Array, times_s: Array) -> Array:
@@ -76,7 +78,7 @@ class AskedCurve:
 
 
 def asked_curve(motion: Trajectory, step_s: float) -> AskedCurve:
-    """The table of a motion, for a fit with this step, s."""
+    """The table of a motion, for a fit with steps of `step_s`."""
     rows = max(round(motion.duration_s / step_s), 1) * PARTS
     interval_s = motion.duration_s / rows
     rows_s, marks_s = np.linspace(0.0, motion.duration_s, rows + 1), motion.breakpoints_s
@@ -93,7 +95,7 @@ def asked_curve(motion: Trajectory, step_s: float) -> AskedCurve:
 
 
 def _calmed(rows: Array, steps: int, times: int) -> Array:
-    """The means over so many steps before and after each row, taken so many times."""
+    """The averages over `steps` steps before and after each row, taken `times` times."""
     reach, calm = steps * PARTS, rows
     for _ in range(times):
         calm = averaged(calm, 2 * reach + 1)
@@ -101,19 +103,20 @@ def _calmed(rows: Array, steps: int, times: int) -> Array:
 
 
 def shift_along(apart: Array, direction: Array) -> Array:
-    """How much later what moves in this direction is nearest to what lies so far apart, shape (n,), s."""
+    """By how much later a motion in `direction` comes nearest to a point at distance `apart`, shape (n,),
+    s."""
     square = np.einsum("ij,ij->i", direction, direction) + STANDSTILL**2
     return np.asarray(np.einsum("ij,ij->i", apart, direction) / square)
 
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """How far a motion is from the curve.
+    """How far a motion deviates from the curve.
 
     Attributes:
-        largest: of each joint anywhere, shape (dof,), rad.
-        at_knots: of each joint at each knot, shape (n, dof), rad.
-        times_s: of the curve, where each knot belongs to, in order, shape (n,).
+        largest: per joint, anywhere, shape (dof,), rad.
+        at_knots: per joint at each knot, shape (n, dof), rad.
+        times_s: the time on the curve that corresponds to each knot, in order, shape (n,).
     """
 
     largest: Array
@@ -122,11 +125,11 @@ class Deviation:
 
 
 def deviation(asked: AskedCurve, control: Array, times_s: Array, step_s: float) -> Deviation:
-    """How far the motion of a uniform spline is from the curve.
+    """How far the motion of a uniform spline deviates from the curve.
 
     Args:
-        control: its control points, shape (n, dof).
-        times_s: of the curve, where each control point belongs to, shape (n,).
+        control: control points of the spline, shape (n, dof).
+        times_s: the time on the curve that corresponds to each control point, shape (n,).
     """
     knots, matched = knots_of(control), times_s[1:-1]
     for _ in range(REFINEMENTS):
@@ -143,7 +146,7 @@ def deviation(asked: AskedCurve, control: Array, times_s: Array, step_s: float) 
 
 
 def _missed(given: Array, control: Array, step_s: float, times_s: Array) -> Array:
-    """How far a motion stays from the given positions, near these times and in this order, shape (dof,)."""
+    """How far a motion stays from the given positions, near these times and in order, shape (dof,), rad."""
     positions, velocities = spline_at(control, step_s, times_s)
     shift = shift_along(given - positions, velocities)
     nearer = np.maximum.accumulate(times_s + np.clip(shift, -step_s, step_s))

@@ -1,4 +1,4 @@
-"""Leaving a start that is beyond a joint limit or in collision, by the shortest way out."""
+"""Escape from a start that is beyond a joint limit or in collision, by the shortest way."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Synchronization
 
 SPARE_M = 1e-3
-"""The way out ends so much further away than the margin."""
+"""The escape ends this much farther away than the margin."""
 LOOK_M = 0.03
-"""Pairs no further apart than this beyond the margin are kept apart on the way."""
+"""Pairs up to this distance beyond the margin are kept apart on the way."""
 STEPS = 40
 STEP_RAD = 0.2
-"""No joint moves further in one step of the search: distances are not linear."""
+"""Largest joint step of the search, because distances are not linear in the joints."""
 DEEPER_M = 1e-4
-"""On the way out what touches may come deeper by this: distances are not straight over a straight motion."""
+"""How much deeper a contact may get on the way, because distances are not linear along a straight motion."""
 SPREADS_RAD, DRAWS, KEPT = (0.05, 0.1, 0.2, 0.4, 0.8), 60, 4
-"""So many random joint angles around the start, no joint further away than this, and how many of those that
-are free are tried."""
+"""Random samples around the start: the largest joint offset of each round, samples per round, and the number
+of free ones that are tried."""
 
 
 def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """A motion to the nearest joint angles that are within the limits and free; None if the start is.
+    """A motion to the nearest free joint angles within the limits; None if the start is free and within them.
 
-    On the way nothing that touches gets deeper, or if there is no such way, deeper than the deepest at the
-    start; nothing else comes nearer than the margin. Its `note` says why and how far.
+    On the way no contact gets deeper. If there is no such way, none gets deeper than the deepest at the
+    start. No other pair comes nearer than the margin. The `note` gives the reason and the distance.
 
     Raises:
-        CollisionError: there is no such way.
+        CollisionError: there is no way out.
     """
     start, limits = request.start, robot.limits
     inside = np.clip(start, limits.min_position, limits.max_position)
@@ -77,7 +77,7 @@ def _no_way_out(robot: RobotDescription, request: MotionRequest, inside: Array) 
 
 
 def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
-    """What each pair must keep on the way, shape (pairs,), m; and what it must at the least."""
+    """Distances that each pair must keep on the way, shape (pairs,), m: the preferred ones and the lowest."""
     margin_m = robot.collision.margin_m
     distances = robot.collision.clearance.distances(start[None], margin_m + LOOK_M)[0]
     kept = np.minimum(margin_m, distances - DEEPER_M)
@@ -85,7 +85,8 @@ def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
 
 
 def exits(robot: RobotDescription, start: Array) -> list[Array]:
-    """Free joint angles within the limits, the nearest first, that pushing leads to from around the start."""
+    """Free joint angles within the limits, nearest first, found by pushing the arm out from around the
+    start."""
     wanted_m, random = robot.collision.margin_m + SPARE_M, np.random.default_rng(1)
     limits = robot.limits
     found = _pushed_out(robot, start, start, wanted_m)
@@ -104,7 +105,7 @@ def _by_distance(found: list[Array], start: Array) -> list[Array]:
 
 
 def _pushed_out(robot: RobotDescription, start: Array, begin: Array, wanted_m: float) -> list[Array]:
-    """The free joint angles nearest to `start` that linearised problems lead to from `begin`, if they do."""
+    """The free joint angles nearest to `start`, by successive linearisation from `begin`; [] if it fails."""
     limits, clearance, joints = robot.limits, robot.collision.clearance, begin
     for _ in range(STEPS):
         distances = clearance.distances(joints[None], wanted_m + LOOK_M)[0]
@@ -127,8 +128,8 @@ def _pushed_out(robot: RobotDescription, start: Array, begin: Array, wanted_m: f
 
 
 def _shortest(rows: Array, needs: Array) -> Array | None:
-    """The shortest x with rows @ x >= needs, None if there is none: least distance programming (Lawson and
-    Hanson, "Solving Least Squares Problems", 1974, chapter 23).
+    """The shortest x with rows @ x >= needs, or None: least distance programming (Lawson and Hanson, "Solving
+    Least Squares Problems", 1974, chapter 23).
     """
     from scipy.optimize import nnls
 

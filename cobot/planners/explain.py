@@ -1,8 +1,8 @@
-"""What would make a motion work that could not be planned: found by planning it so, never by guessing.
+"""Remedies for a motion that could not be planned. Each one was planned, none is guessed.
 
-From what the checks have found follow ideas, each a change of the request: more time for the path, another
-planner, another of the joint angles that lead to the goal, another start, the nearest goal. Each is planned
-with all checks; the first of each kind that passes is what works.
+The findings of the checks lead to ideas. Each changes the request: more time for the path, another planner,
+other joint angles at the goal, another start, the nearest possible goal. Each idea is planned with all
+checks, and the first of each kind that passes is a remedy.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from cobot.types import Array, Pose, Scaling
 MAX_BRANCHES, MAX_STARTS, MAX_GOALS = 12, 40, 4
 SLOWER = (0.5, 0.2, 0.1)
 SLOWEST, LONGEST_S = 0.01, 600.0
-"""Of speed; and a motion that takes longer is none."""
+"""The lowest speed that is tried, and the longest duration of a remedy."""
 BACK = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.2)
-"""From the edge of what is reachable the goal is taken back by these shares of the way to the start, in turn:
-what is at the edge has joint angles at a limit or a straight elbow."""
+"""Shares of the way to the start by which a goal at the edge of the workspace is taken back, in this order:
+at the edge a joint is at its limit or the elbow is straight."""
 SHORT_OF, SHORTEST = (0.95, 0.8, 0.6, 0.4, 0.2), 0.05
-"""A line that ends on its way is tried up to these shares of where it ended, if that is not all too short."""
+"""Shares of the point of failure up to which a line is tried, and the shortest share of the line to offer."""
 SPREAD = 8
 ANY_END: dict[str, Any] = {"cyclic": False, "end_joints": None}
 DEFAULTS = {each.name: each.default for each in fields(MotionRequest) if each.name in BODY_FIELDS}
@@ -44,10 +44,10 @@ DEFAULTS = {each.name: each.default for each in fields(MotionRequest) if each.na
 
 @dataclass(frozen=True, slots=True)
 class Idea:
-    """What a request might be changed to.
+    """A change of the request that may make it work.
 
     Attributes:
-        first: the arm would have to go to another start first: it counts only if it can.
+        first: whether the arm must go to another start first; the idea counts only if it can.
     """
 
     kind: Kind
@@ -59,10 +59,10 @@ class Idea:
 def explain(
     robot: RobotDescription, request: MotionRequest, error: CobotError, budget_s: float
 ) -> Explanation:
-    """What makes the motion work that has failed with `error`.
+    """Find changes that make a motion work that failed with `error`.
 
     Args:
-        budget_s: after which nothing more is tried; what has begun is still finished.
+        budget_s: no idea is begun after this time; the present one is completed.
     """
     begun_s = time.monotonic()
     works: list[Remedy] = []
@@ -79,7 +79,7 @@ def explain(
             motion = _planned(robot, limited, idea)
             duration_s = 0.0 if motion is None else motion.duration_s
             if duration_s > LONGEST_S:
-                raise PlanningError(f"it would take {duration_s:.4g} s, which helps nobody")
+                raise PlanningError(f"it would take {duration_s:.4g} s, allowed is up to {LONGEST_S:g} s")
         except CobotError as exc:
             first = tried.get(idea.kind) or Failure(idea.kind, 0, idea.says, str(exc))
             tried[idea.kind] = replace(first, count=first.count + 1)
@@ -97,9 +97,9 @@ def _planned(robot: RobotDescription, request: MotionRequest, idea: Idea) -> Tra
 
 
 def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -> Iterator[Idea]:
-    """The likely ones first."""
+    """All ideas, the likely ones first."""
     checks = {found.check for found in error.findings}
-    if isinstance(error, LimitError) and _at_start(error):  # The arm is not there: somebody has written it.
+    if isinstance(error, LimitError) and _at_start(error):  # the client gave this start; the arm is elsewhere
         yield from (replace(idea, first=False) for idea in _other_starts(robot, request))
         return
     at_goal = bool(error.findings) and error.findings[0].share == 1.0
@@ -135,27 +135,25 @@ def _slower(request: MotionRequest) -> Iterator[Idea]:
 
 
 def _faster(request: MotionRequest) -> Iterator[Idea]:
-    """What has no time profile may have been asked for with an all but impossible acceleration."""
+    """A missing time profile may be due to an acceleration scale near 0."""
     scaling = request.scaling
     if scaling.acceleration < scaling.speed:
-        yield Idea(
-            "faster", {"scaling": Scaling(scaling.speed)}, "with accel_scale 0, which is that of speed"
-        )
+        yield Idea("faster", {"scaling": Scaling(scaling.speed)}, "with accel_scale 0, the same as the speed")
 
 
 def _freer(request: MotionRequest) -> Iterator[Idea]:
-    """An arm that cannot turn its tool in every direction reaches more where a rotation is free."""
+    """With a free rotation, an arm with too few joints for every orientation reaches more poses."""
     for axes in freer(request.free_axes):
         yield Idea("free_axes", {"free_axes": axes}, f"with free_axes [{', '.join(axes)}]")
 
 
 def _is_the_path(request: MotionRequest) -> bool:
-    """Whether there is no more to a request than its path, so that another way to its end is no help."""
+    """Whether the path itself is requested, so that another way to its end is no help."""
     return bool(request.through) or request.is_by_angle
 
 
 def _other_planners(request: MotionRequest) -> Iterator[Idea]:
-    """Those that go around what is in the way, from a start that must be left too."""
+    """A planner that goes around obstacles and can leave an invalid start."""
     if _is_the_path(request):
         return
     planner = request.traits.alternative
@@ -164,12 +162,12 @@ def _other_planners(request: MotionRequest) -> Iterator[Idea]:
 
 
 def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) -> dict[str, Any]:
-    """Another planner, at the same shares of the limits, without the fields that not every planner uses."""
+    """Changes for another planner: the same scaling, without the fields that not every planner uses."""
     return {"planner": planner, "scaling": request.scaling, **DEFAULTS, **ANY_END}
 
 
 def _other_branches(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
-    """Of ptp, which goes to the nearest joint angles of a pose: the others."""
+    """For ptp to a pose: the joint angles that it did not choose."""
     if request.traits.way is not Way.DIRECT or not isinstance(request.goal, Pose):
         return
     try:
@@ -181,8 +179,8 @@ def _other_branches(robot: RobotDescription, request: MotionRequest) -> Iterator
 
 
 def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
-    """Out of limits and collisions, if the start is; for a path other joint angles with the TCP where it is,
-    those to which the arm can go first.
+    """For an invalid start: the nearest valid ones. For a path: other joint angles at the same TCP pose that
+    the arm can go to first.
     """
     limits = robot.limits
     inside = np.clip(request.start, limits.min_position, limits.max_position)
@@ -209,7 +207,7 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
 
 
 def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
-    """The nearest that can be: within the limits, in reach and free; the way there may need a search."""
+    """The nearest goals within the limits, in reach and free. The way there may need a search."""
     for goal, says in _near_goals(robot, request):
         if not request.traits.follows_path:
             yield Idea("goal", {"goal": goal}, f"to the nearest goal that is possible, {says}")
@@ -236,7 +234,7 @@ def _near_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[tup
 
 
 def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Iterator[Array]:
-    """Free joint angles with the TCP near a pose that cannot be reached, or only in collision."""
+    """Free joint angles with the TCP near a pose that is out of reach or in collision."""
     descent = nearest_to(robot.model, goal, request.start, request.seed, request.free_axes)
     nearest = descent.joints
     if request.traits.follows_path and descent.solved:
@@ -249,12 +247,12 @@ def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) ->
 
 
 def _as_written(pose: Pose) -> Pose:
-    """The pose that comes back from the angles that a client writes."""
+    """The pose that results when a client sends it as angles."""
     return pose_from_abc(*pose.position.tolist(), *abc_from_quaternion(pose.quaternion))
 
 
 def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError) -> Iterator[Idea]:
-    """Of a line, what is before where it failed."""
+    """For a line: its part before the failure."""
     shares = [found.share for found in error.findings if found.share]
     if request.planner is not PlannerName.LIN or not shares or not isinstance(request.goal, Pose):
         return

@@ -1,4 +1,4 @@
-"""A motion is planned and described, before anybody decides to run it."""
+"""Forecasts: the properties of a planned motion before it runs."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 FARTHEST_M = 1.0
-"""Distances beyond this are not looked for: nobody plans around what is so far away."""
+"""Largest distance that is computed; farther objects do not matter for planning."""
 DISTANCE_SAMPLES = 200
 
 
 def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
-    """Plan as `plan` does, and say what the motion will be like; raises as `plan` does."""
+    """Plan as `plan` does and describe the motion; raises as `plan` does."""
     return described(robot, plan(robot, request), request.start, samples)
 
 
 def described(robot: RobotDescription, trajectory: Trajectory | None, start: Array, samples: int) -> Forecast:
-    """What a planned motion will be like.
+    """The forecast of a planned motion.
 
     Args:
-        trajectory: None if there is nothing to move.
-        start: where the arm stands, shape (dof,), rad.
-        samples: how many points of the path are wanted, evenly over the time, both ends included.
+        trajectory: None if the arm is already at the goal.
+        start: joint positions of the arm, shape (dof,), rad.
+        samples: number of points of the path, evenly spaced in time, with both ends.
     """
     if trajectory is None:
         times, joints = np.zeros(1), np.array(start)[None]
@@ -64,7 +64,7 @@ def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array)
 
 
 def rehearsed(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
-    """How near a motion came to anything on a simulated robot; what has touched is a flaw of it."""
+    """The shortest distances of a simulated run; a contact is a flaw."""
     distances = _distances(robot, run.positions)
     flaw = run.flaw
     touching = np.flatnonzero((distances <= 0.0).any(axis=1))
@@ -76,7 +76,7 @@ def rehearsed(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
 
 
 def _distances(robot: RobotDescription, rows: Array) -> Array:
-    """Of each pair that may touch, for each row of joints, shape (n, pairs), m: `FARTHEST_M` at most."""
+    """The distance of each pair in each row of joints, shape (n, pairs), m, at most `FARTHEST_M`."""
     checker = robot.collision
     if not checker.pairs:
         return np.zeros((len(rows), 0))
@@ -84,7 +84,7 @@ def _distances(robot: RobotDescription, rows: Array) -> Array:
 
 
 def _closest(robot: RobotDescription, distances: Array) -> tuple[Closest | None, Closest | None]:
-    """Of the robot with itself, and with what is around it."""
+    """The closest pair of the robot's own bodies, and that of the robot and its surroundings."""
     checker = robot.collision
     own = np.array([checker.is_own(pair) for pair in range(len(checker.pairs))], dtype=bool)
     found: list[Closest | None] = []

@@ -11,16 +11,16 @@ from cobot.robot.limits import check_positions
 from cobot.types import Array, Pose
 
 SPREAD = 8
-"""So many are looked at in each interval of the arm angle."""
+"""Configurations that are checked in each interval of the arm angle."""
 
 
 def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
-    """All that are known, shape (n, dof), rad, free of collisions, the nearest to the start first.
+    """All known goals, shape (n, dof), rad, free of collisions, the nearest to the start first.
 
     Raises:
         LimitError: joint angles beyond the limits.
         UnreachableError: no joint angles lead to the pose.
-        CollisionError: none of them is free; with what the nearest one touches.
+        CollisionError: all are in collision; the message names what the nearest one touches.
     """
     goal = request.goal
     if not isinstance(goal, Pose):
@@ -38,10 +38,10 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
 
 
 def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> Array:
-    """Further free configurations of a pose, shape (n, dof), the more the higher the number; maybe none.
+    """Further free configurations of a pose, shape (n, dof), possibly none; a higher `number` gives more.
 
-    An arm with more joints than the pose needs has configurations without end, and those that are known may
-    all be where no free way leads.
+    An arm with more joints than the pose needs has infinitely many configurations, and a free way may lead to
+    none of the known ones.
     """
     assert isinstance(request.goal, Pose)
     seed = request.seed + 1009 * number
@@ -57,7 +57,7 @@ def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> 
 
 
 def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:
-    """The nearest free joint angles alone, shape (dof,); raises as `joint_goals`."""
+    """Only the nearest free joint angles, shape (dof,); raises as `joint_goals` does."""
     free = request.free_axes
     if isinstance(request.goal, Pose) and (free or not _at(robot, request.start, request.goal)):
         joints = inverse(robot.model, request.goal, request.start, random_seed=request.seed, free=free)
@@ -67,7 +67,7 @@ def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:
 
 
 def _configurations(robot: RobotDescription, pose: Pose, request: MotionRequest) -> Array:
-    """Of the inverse kinematics, the nearest to the start first."""
+    """The inverse kinematics' solutions, the nearest to the start first."""
     model, seed, free = robot.model, request.seed, request.free_axes
     found = [inverse(model, pose, request.start, random_seed=seed, free=free)]
     found += inverse_all(model, pose, request.start, spread=SPREAD, random_seed=seed, free=free)

@@ -1,6 +1,6 @@
 """Motions whose velocity and acceleration are given in units, not as shares of the limits.
 
-A motion that is told how fast it may be keeps the robot's limits too: the lower one counts, joint by joint.
+The robot's limits apply too: for each joint the lower limit counts.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from cobot.types import CartesianLimits, JointLimits
 MAX_DURATION_S = 86_400.0
 SLOWEST, PLACES = 1e-4, 200
 ROUNDING = 1e-6
-"""A duration may fall short of the shortest possible time by this share of it: rounding."""
+"""Relative tolerance for a duration below the shortest possible one, because of rounding."""
 
 
 def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
-    """The validated motion with its limits, or None when the arm is already there.
+    """Plan and validate a motion, with its limits; None if the arm is already at the goal.
 
-    One with a duration has such limits that it takes about as long also between others, at an even speed.
+    The limits of a motion with a duration are chosen so that it takes about as long when it is blended.
 
     Raises:
-        InputError: a velocity or an acceleration that is not above 0, a duration that is too short, with the
-            shortest possible one; and what `plan` raises.
+        InputError: a velocity or an acceleration that is not above 0; a duration that is too short, with the
+            shortest possible one; also as `plan` does.
         LimitError: a duration beyond `MAX_DURATION_S`.
-        PlanningError: see `plan`.
+        PlanningError: as `plan` does.
     """
     request, joint_space = move.request, not move.request.traits.follows_path
     timed = move.duration_s > 0.0
     if move.duration_s > MAX_DURATION_S:
-        raise LimitError(f"duration is {move.duration_s:g} s, possible is up to {MAX_DURATION_S:g} s")
+        raise LimitError(f"duration is {move.duration_s:g} s, allowed is up to {MAX_DURATION_S:g} s")
     if not timed:
         for name, value in (("v", move.velocity), ("a", move.acceleration)):
             if value <= 0.0:
@@ -80,7 +80,8 @@ def with_envelope(robot: RobotDescription, envelope: Envelope) -> RobotDescripti
 
 
 def slowed_joints(limits: JointLimits, velocity: float, acceleration: float) -> JointLimits:
-    """No joint faster than `velocity`, rad/s; the jerk in proportion to the acceleration, rad/s²."""
+    """Limit each joint to `velocity`, rad/s, and `acceleration`, rad/s²; the jerk is reduced in
+    proportion."""
     share = np.minimum(1.0, acceleration / limits.max_acceleration)
     return replace(
         limits,
@@ -91,7 +92,8 @@ def slowed_joints(limits: JointLimits, velocity: float, acceleration: float) -> 
 
 
 def slowed_tcp(limits: CartesianLimits, velocity: float, acceleration: float) -> CartesianLimits:
-    """The TCP no faster than `velocity`, m/s; jerk and the rates of turning in proportion."""
+    """Limit the TCP to `velocity`, m/s, and `acceleration`, m/s²; jerk and rotation are reduced in
+    proportion."""
     faster = min(1.0, velocity / limits.max_linear_velocity)
     harder = min(1.0, acceleration / limits.max_linear_acceleration)
     return limits.scaled(faster, harder, harder)

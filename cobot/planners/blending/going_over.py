@@ -1,4 +1,4 @@
-"""From the times of one motion to those of another on the same path, with no jump in the acceleration."""
+"""Transition between two motions on the same path with different timing, without a jump in acceleration."""
 
 from __future__ import annotations
 
@@ -21,32 +21,33 @@ from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, JointLimits
 
 WIDTHS_S = (0.2, 0.3, 0.15, 0.45)
-"""How long going over takes; tried in this order."""
+"""Durations of the transition, in the order in which they are tried."""
 BEGINS = 6
-"""So many windows of each width are tried, from the earliest possible on."""
+"""Number of start times that are tried for each duration, from the earliest possible one on."""
 KNOT_S, LOOK_S = 0.01, 0.004
-"""Between the ends of two quintics of a window, and between the times at which its limits are looked at."""
+"""Time between the knots of a transition, and between the samples at which its limits are checked."""
 JERK = 1.15
-"""Of the limit of jerk, what a window may use: less than the arm may, of which plans use 0.8."""
+"""Share of the jerk limit that a transition may use. Plans use 0.8 of what the arm permits, so this is still
+less than the arm's limit."""
 TOLERANCE = 1e-9
 STEP = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
-"""From 0 to 1, with no velocity and no acceleration at either end."""
+"""The smoothest quintic from 0 to 1: velocity and acceleration are 0 at both ends."""
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """A trajectory, and the parameter of its path as a motion of its own, from `since_s` of it on."""
+    """A trajectory and its path parameter over time, which begins at `since_s` of the trajectory."""
 
     trajectory: Trajectory
     progress: Trajectory
     since_s: float = 0.0
 
     def places(self, times_s: Array, derivative: int = 0) -> Array:
-        """The parameter at times of the trajectory, shape (n,)."""
+        """The path parameter, or its derivative, at times of the trajectory, shape (n,)."""
         return np.asarray(self.progress.sample(times_s - self.since_s, derivative)[:, 0])
 
     def time_of(self, place: float) -> float:
-        """When the parameter has a value."""
+        """The time at which the path parameter has this value."""
         knots = self.progress.breakpoints_s
         time_s = float(np.interp(place, self.progress.sample(knots)[:, 0], knots))
         off = float(place - self.progress.sample([time_s])[0, 0])
@@ -66,17 +67,17 @@ class LimitedPath:
     def of(
         cls, robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[Corner]
     ) -> LimitedPath:
-        """Of motions that have round corners."""
+        """The path of motions with blends, and its limits."""
         path, zones, _ = path_of(robot, legs, paths, corners)
         limits, of_tcp = largest(robot, legs)
         return cls(path, Coordinates(robot.model, path, limits, of_tcp, zones=zones), limits)
 
     def holds(self, robot: RobotDescription, law: Array, window: Trajectory) -> bool:
-        """Whether a motion along the path keeps the limits.
+        """Whether a transition keeps the limits.
 
         Args:
-            law: the path's parameter and its three derivatives by time, shape (4, n).
-            window: the motion.
+            law: the path parameter and its three derivatives over time, shape (4, n).
+            window: the transition.
         """
         if law[1].min() <= 0.0:
             return False
@@ -101,15 +102,15 @@ class LimitedPath:
 def gone_over(
     robot: RobotDescription, course: LimitedPath, old: Timing, new: Timing, until: float, from_s: float
 ) -> tuple[Trajectory, float, float] | None:
-    """A trajectory that begins as the one and ends as the other, bit for bit.
+    """A trajectory that begins as the old one and ends as the new one, bit for bit.
 
     Args:
-        until: the parameter up to which their paths are the same.
-        from_s: from this time of the old one on it may change.
+        until: path parameter up to which both paths are the same.
+        from_s: time of the old trajectory before which it must not change.
 
     Returns:
-        The whole, the time in it at which the new one would have begun, and from when on it is the new one;
-        None if no window keeps the limits.
+        The trajectory, the time in it at which the new one would have begun, and the time from which it is
+        the new one; None if no transition keeps the limits.
     """
     until_s = old.time_of(until)
     for width_s in WIDTHS_S:
@@ -128,7 +129,8 @@ def _through(
     until: float,
     window: tuple[float, float],
 ) -> tuple[Trajectory, float, float] | None:
-    """`gone_over` by a window that begins about at a time and is about so wide."""
+    """The result of `gone_over` for a transition of about this begin and duration, `window`; None if it
+    fails."""
     first = int(np.searchsorted(old.trajectory.breakpoints_s, window[0]))
     begin_s = float(old.trajectory.breakpoints_s[first])
     middle_s = begin_s + 0.5 * window[1]
@@ -170,8 +172,8 @@ def _through(
 
 
 def _law(old: Timing, new: Timing, begin_s: float, ahead_s: float, width_s: float, times_s: Array) -> Array:
-    """The parameter and its three derivatives at times of a window, shape (4, n): the old motion's, then more
-    and more those of the new one at times that are so far ahead."""
+    """The path parameter and its three derivatives during a transition, shape (4, n): a weighted mean that
+    goes from the old motion to the new one, whose time is ahead by `ahead_s`."""
     mine = [old.places(begin_s + times_s, k) for k in range(4)]
     apart = [new.places(begin_s + ahead_s + times_s, k) - mine[k] for k in range(4)]
     share = [STEP.deriv(k)(times_s / width_s) / width_s**k for k in range(4)]

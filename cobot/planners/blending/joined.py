@@ -1,9 +1,8 @@
-"""Motions joined to one that goes through their ends without a stop, within a radius of each.
+"""Blending: several motions become one that passes their corners without a stop, within a radius.
 
-Around a corner the joints' path of the one motion is cut where its TCP comes within the radius, that of the
-next where it leaves it; a quintic in joint space that meets both with two derivatives is between. The whole
-is timed as one path, under the limits of the first motion up to the middle of the round corner, and of the
-next one from there on.
+At a corner the first path is cut where the TCP enters the radius, and the second where the TCP leaves it. A
+quintic in joint space connects them with two continuous derivatives. The whole path is timed at once. The
+limits of the first motion apply up to the middle of the blend, and those of the second from there on.
 """
 
 from __future__ import annotations
@@ -30,26 +29,25 @@ from cobot.trajectory_parts import cut
 from cobot.types import Array
 
 SHARES = (1.0, 0.8, 0.6, 0.4, 0.2, 0.1)
-"""Of what the radius permits; tried in this order until the round corner is possible."""
+"""Shares of the blend radius, in the order in which they are tried until a blend is possible."""
 BETWEEN_CORNERS, AT_AN_END = 0.49, 0.95
-"""Of a motion, the share that one round corner may take: of both its ends, or where it has but one."""
+"""Share of a motion that one blend may take: with blends at both ends, and with only one."""
 INSIDE = 0.998
-"""Of the radius: what may lie between the places that are looked at."""
+"""Share of the radius that samples of the blend may reach; the rest is for the curve between them."""
 SAMPLES = 400
 MIN_RADIUS_M = 1e-6
-"""Less is none: no arm is as exact, and rounding decides where the corner is."""
+"""A smaller blend radius counts as 0: no arm is that accurate, and rounding would decide the blend."""
 TOLD = 0.9
-"""A corner that uses less than this share of its radius is told."""
+"""A note reports blends that use less than this share of their radius."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Motions as one between two stops.
+    """The motions between two stops, joined.
 
     Attributes:
-        blended: what came of them.
-        path, progress: where it leads, and the path's parameter over its time; None where the motions stop
-            at each corner after all.
+        blended: the joined motion.
+        path, progress: its path, and the path parameter over time; None if the arm stops at each corner.
     """
 
     blended: Blended
@@ -58,21 +56,21 @@ class Part:
 
 
 def leg_of(robot: RobotDescription, request: MotionRequest, motion: Trajectory) -> Leg:
-    """A motion with the limits of its request."""
+    """A motion with its limits."""
     of_tcp = tcp_limits(robot, request) if request.traits.follows_path else None
     return Leg(motion, request.scaled_limits(robot), of_tcp, request.constraints)
 
 
 def joined(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]) -> Blended:
-    """One motion through all of them, which stops at a corner only if it has no radius, or if rounding it is
-    impossible or saves no time.
+    """One motion through all legs. It stops at a corner without a radius, or where blending is impossible or
+    saves no time.
 
     Args:
-        legs: each begins where the one before ends.
-        radii_m: one less: how far from each corner the TCP may leave its path.
+        legs: each begins where the previous one ends.
+        radii_m: blend radius of each corner, one fewer than legs.
 
     Raises:
-        InputError: another number of radii, or one that is negative.
+        InputError: the wrong number of radii, or a negative one.
         PlanningError: see `time_optimal`.
     """
     check_radii(legs, radii_m)
@@ -105,15 +103,15 @@ def check_radii(legs: Sequence[Leg], radii_m: Sequence[float]) -> None:
         raise InputError(f"radii: {len(legs)} motions have {len(legs) - 1} corners, got {len(radii_m)} radii")
     for index, radius in enumerate(radii_m):
         if not 0.0 <= radius < np.inf:
-            raise InputError(f"radii[{index}]: is {radius:g} m, possible is 0 and above")
+            raise InputError(f"radii[{index}]: is {radius:g} m, must be 0 or more")
 
 
 def told(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]:
-    """What to say of corners that do not use their radius."""
+    """Notes on corners that do not use their radius."""
     return [
-        f"motion {number}: of its radius of {1e3 * radius:.4g} mm {1e3 * used:.3g} mm are used"
+        f"motion {number}: its blend uses {1e3 * used:.3g} mm of its radius of {1e3 * radius:.4g} mm"
         if used > 0.0
-        else f"motion {number}: it stops at its end, which cannot be rounded within {1e3 * radius:.4g} mm"
+        else f"motion {number}: stops at its end, because no blend is possible within {1e3 * radius:.4g} mm"
         for number, (radius, used) in enumerate(zip(radii_m, used_m, strict=True), start=1)
         if used < TOLD * radius
     ]
@@ -122,11 +120,11 @@ def told(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]:
 def corners_of(
     robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], radii_m: Sequence[float]
 ) -> list[Corner | None]:
-    """The round corners between paths; None where there has to be a stop.
+    """The blends between paths; None where the arm must stop.
 
     Args:
-        paths: of these legs.
-        radii_m: of the corner before the first path, of those between them, and of the one after the last.
+        paths: those of the legs.
+        radii_m: blend radii before the first path, between the paths, and after the last.
     """
     found = []
     for index, (first, second) in enumerate(pairwise(paths), start=1):
@@ -150,8 +148,8 @@ def _corner(
     free: tuple[float, float],
     helds: tuple[Held | None, Held | None],
 ) -> Corner | None:
-    """The largest of `SHARES` that stays within the radius and the limits, touches nothing and keeps the
-    constraints: up to its middle those of the first motion, from there on those of the second one.
+    """The largest blend of `SHARES` within the radius and the limits that is free of collisions and keeps the
+    constraints: the first half those of the first motion, the second half those of the second.
     """
     middle = robot.model.forward(second.at(np.zeros(1))[0]).position
     along = [np.linspace(0.0, most, SAMPLES + 1) for most in free]
@@ -160,7 +158,7 @@ def _corner(
         for path, places in ((first, first.length - along[0]), (second, along[1]))
     ]
     ways = [_within(*each, INSIDE * radius_m) for each in zip(along, away, strict=True)]
-    if min(ways) <= 0.0:  # the two motions' ends are farther apart, by rounding
+    if min(ways) <= 0.0:  # rounding put the ends of the motions farther apart than the radius
         return None
     for share in SHARES:
         before, after = share * ways[0], share * ways[1]
@@ -199,7 +197,7 @@ def _within(places: Array, away: Array, radius_m: float) -> float:
 
 
 def _curve(first: Path, second: Path, before: float, after: float) -> Trajectory:
-    """Over the path's parameter instead of time."""
+    """The blend over the path parameter instead of time."""
     begin, end = first.derivatives(np.array([first.length - before])), second.derivatives(np.array([after]))
     position, velocity, acceleration, _ = np.concatenate([begin, end], axis=1)
     return from_hermite(np.array([0.0, before + after]), position, velocity, acceleration)
@@ -213,10 +211,10 @@ def part_of(
     *,
     one_law: bool = False,
 ) -> Part:
-    """Motions with all corners round; with stops if that is not slower.
+    """The motions with all their blends, or with stops if blending is no faster.
 
     Args:
-        one_law: give also a single motion the time law of those that have corners.
+        one_law: also time a single motion as a path with blends.
     """
     stopping = with_stops(legs)
     if not corners and not one_law:
@@ -241,7 +239,7 @@ def part_of(
 
 
 def _between(motion: Trajectory, times_s: Array) -> list[Array]:
-    """What is looked at of a motion before, between and after some times, shape (n, dof) each."""
+    """Samples of a motion, split at some times, shape (n, dof) each."""
     count = min(MAX_LOOKS, int(motion.duration_s / LOOK_S) + 2)
     looks_s = np.linspace(0.0, motion.duration_s, count)
     return np.split(motion.sample(looks_s), np.searchsorted(looks_s, times_s))
@@ -253,7 +251,7 @@ def _breaks(robot: RobotDescription, leg: Leg, rows: Array) -> bool:
 
 
 def with_stops(legs: Sequence[Leg]) -> Blended:
-    """One motion after the other."""
+    """The motions in sequence, with a stop at each corner."""
     whole = legs[0].motion
     ends = [whole.duration_s]
     for leg in legs[1:]:
@@ -266,7 +264,7 @@ def with_stops(legs: Sequence[Leg]) -> Blended:
 def path_of(
     robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[Corner]
 ) -> tuple[Path, Zones, Array]:
-    """The path with its round corners, its zones, and where the corners' middles are."""
+    """The path with its blends, its zones of limits, and the path parameter in the middle of each blend."""
     parts: list[Trajectory] = []
     for index, path in enumerate(paths):
         begin = corners[index - 1].after if index else 0.0

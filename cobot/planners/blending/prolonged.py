@@ -1,12 +1,12 @@
-"""Motions that follow one which is under way, without a stop: what is handed over already stays as it is.
+"""Motions appended to one that is under way, without a stop. What rtloop already has does not change.
 
-The motions since the last stop are joined anew with those that follow, see `joined`. Both have the same path
-up to the corner where the first ended, and nearly the same times as long as it did not slow down for its end.
-So on a window before that corner, the times go over from those of the one to those of the other: what is
-before the window is the motion under way, bit for bit, what is after it the new one. Where no window keeps
-the limits, since the arm is too near to its end, it stops there, and goes on at once.
+The motions since the last stop are joined again together with the new ones, see `joined`. The old and the new
+motion have the same path up to the corner where the old one ended, and nearly the same timing until the old
+one slows down for its end. In a window before that corner the timing changes from the old to the new one.
+Before the window the result is the old motion, bit for bit; after it, the new one. If no window keeps the
+limits because the arm is too near the end, the arm stops there and continues at once.
 
-A motion that may be prolonged so keeps a little reserve for the window.
+A motion that can be extended keeps a small reserve for the window.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from cobot.trajectory import Trajectory
 from cobot.trajectory_parts import rest_at
 
 RESERVE = (0.998, 0.98, 0.92)
-"""Of the limits of velocity, acceleration and jerk: what a motion that may be prolonged uses at the most."""
+"""Shares of the velocity, acceleration and jerk limits that a motion uses if it can be extended."""
 KEPT_S = 3.0
-"""Motions that have ended so long before are not joined anew: what comes now does not depend on them."""
+"""Motions that ended longer ago than this are not joined again: the new motions do not depend on them."""
 
 
 def begun(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
-    """Motions from rest as one, which stops where there is no radius or the corner cannot be round.
+    """Join motions from rest; the arm stops where the radius is 0 or blending is impossible.
 
     Args:
-        legs: each begins where the one before ends.
-        radii_m: how far from the end of each the TCP may leave its path to go on; of the last one too.
+        legs: each begins where the previous one ends.
+        radii_m: blend radius at the end of each leg, the last one included.
 
     Raises:
-        InputError: see `joined`.
+        InputError: as `joined`.
     """
     check_radii(legs, radii_m[:-1])
     return _following(robot, None, legs, radii_m)
@@ -53,11 +53,11 @@ def prolonged(
     now_s: float,
     from_s: float,
 ) -> Stretch:
-    """The same up to a path time at the least, and then further motions; see `begun`.
+    """Append motions to one that is under way, without changing it before `from_s`; see `begun`.
 
     Args:
-        now_s: a path time that is passed already: what is before it is left out.
-        from_s: before this path time nothing changes.
+        now_s: present path time; the result leaves out what is before it.
+        from_s: path time before which nothing changes.
     """
     check_radii(legs, radii_m[:-1])
     found = None
@@ -81,7 +81,7 @@ def prolonged(
 def _following(
     robot: RobotDescription, before: Stretch | None, legs: Sequence[Leg], radii_m: Sequence[float]
 ) -> Stretch:
-    """Motions after a stop: at the end of what is under way, if anything is."""
+    """Motions from a stop: the end of `before`, if there is one."""
     paths = [Path.of_trajectory(leg.motion) for leg in legs]
     corners = corners_of(robot, legs, paths, [0.0, *radii_m])
     stops = [index for index, corner in enumerate(corners, start=1) if corner is None]
@@ -117,7 +117,7 @@ def _part(
     reserve: bool,
     one_law: bool,
 ) -> Part:
-    """Without a stop where that is possible."""
+    """The motions, without stops where possible."""
     slower = [_reserved(robot, leg) for leg in legs] if reserve else legs
     try:
         return part_of(robot, slower, paths, corners, one_law=one_law)
@@ -133,7 +133,7 @@ def _reserved(robot: RobotDescription, leg: Leg) -> Leg:
 def _rounded(
     robot: RobotDescription, under_way: Stretch, legs: Sequence[Leg], radii_m: Sequence[float], from_s: float
 ) -> Stretch | None:
-    """Without a stop at the end of what is under way; None if that is impossible."""
+    """The motions without a stop at the end of what is under way; None if that is impossible."""
     left_out = _left_out(under_way, from_s)
     all_legs = [*under_way.legs[left_out:], *legs]
     radii = [*under_way.radii_m[left_out:], *radii_m]
@@ -175,7 +175,7 @@ def _rounded(
 
 
 def _timing(under_way: Stretch, left_out: int) -> Timing:
-    """Of the motion under way, with the parameter of the path without its first motions."""
+    """The timing of the motion under way, on the path without its first motions."""
     progress = under_way.progress
     assert progress is not None
     coefficients = progress.coefficients.copy()
@@ -185,7 +185,7 @@ def _timing(under_way: Stretch, left_out: int) -> Timing:
 
 
 def _left_out(under_way: Stretch, from_s: float) -> int:
-    """How many of the motions since the last stop need not be joined anew."""
+    """How many of the motions since the last stop need not be joined again."""
     assert under_way.progress is not None
     place = float(under_way.progress.sample([from_s - under_way.since_s])[0, 0])
     ends = under_way.ends_s[len(under_way.ends_s) - len(under_way.legs) :]

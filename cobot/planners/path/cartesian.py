@@ -1,8 +1,8 @@
-"""Following a path of the TCP: what lin and circ have in common.
+"""Joint motion along a TCP path, which lin and circ share.
 
-First the joints go on from where they stand, each pose from the one before. Where that leads to a limit, a
-singularity or a collision, or takes much longer than the TCP would need, an S-R-S arm's arm angle is planned
-along the path (`cobot/planners/path/redundancy.py`).
+First each pose is solved from the joints of the previous one. If that leads to a limit, a singularity or a
+collision, or takes much longer than the TCP would need, the arm angle of an S-R-S arm is planned along the
+path (`cobot/planners/path/redundancy.py`).
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ from cobot.types import Array, CartesianLimits
 
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 FAR = 0.5
-"""Where some configurations come beyond this share of a path, more of them may find the rest; at more places
-too, where they have come to its end by ways that no smooth one could be made of."""
+"""If some configurations get beyond this share of the path, more of them may reach the end. If they reach the
+end, but by ways that cannot be made smooth, more places are tried too."""
 SLOW = 2.5
-"""A motion that takes so many times as long as the TCP alone would is compared with one of the graph."""
+"""A motion slower than the TCP's limits require by this factor is compared with one found by the graph."""
 
 
 def follow(
     robot: RobotDescription, request: MotionRequest, path: TcpPath, end: Array | None = None
 ) -> Trajectory | None:
-    """A trajectory whose TCP stays within `LARGEST_DEVIATION_*` of the path; None if the path is a point.
+    """Plan a motion whose TCP stays within `LARGEST_DEVIATION_*` of the path; None if the path is a point.
 
     Args:
-        end: the joints in which it ends, shape (dof,), with the TCP at the end of the path; None: any.
+        end: joints at the end of the motion, shape (dof,), with the TCP at the end of the path; None: any.
 
     Raises:
-        UnreachableError: saying at what percentage of the path which joint cannot go on.
-        CollisionError: what would be touched.
-        PlanningError: the joints cannot follow at a useful speed, or not accurately enough.
+        UnreachableError: a joint cannot follow the path; names the joint and the share of the path.
+        CollisionError: the motion touches something.
+        PlanningError: the joints cannot follow at a useful speed or accurately enough.
     """
     if path.length_m < STANDING_M and path.angle_rad < STANDING_RAD:
         return None
@@ -73,7 +73,7 @@ def follow(
         motions = [_timed(robot, request, other, tcp), *([] if motion is None else [motion])]
         return min(motions, key=lambda one: one.duration_s)
     if motion is None and simple is not None:
-        return _timed(robot, request, simple, tcp)  # What it touches is said by the check of all motions.
+        return _timed(robot, request, simple, tcp)  # the final check reports what it touches
     if motion is None:
         assert reason is not None
         raise _refused(robot.model.kinematics(path.free), reason, reached, end)
@@ -81,25 +81,25 @@ def follow(
 
 
 def _stands(joint_path: Path) -> bool:
-    """Whether the joints need not move: the TCP only turns where it is free to, or by less than counts."""
+    """Whether no joint needs to move, because the TCP only turns about free axes or by a negligible angle."""
     places = joint_path.at(np.linspace(0.0, joint_path.length, PLACES))
     return is_there(places[0], places)
 
 
 def _refused(arm: Arm, reason: CobotError, reached: float, end: Array | None) -> UnreachableError:
-    """Why neither the simple way nor any other configuration of a redundant arm leads to the end."""
+    """The error if neither the simple way nor any other configuration of a redundant arm reaches the end."""
     if not arm.redundant:
         return UnreachableError(str(reason), findings=reason.findings)
     if arm.arm_angle is not None:
-        more = f"no arm angle leads further than {100 * reached:.0f} % of the path"
+        more = f"no arm angle leads beyond {100 * reached:.0f} % of the path"
         if reached >= 1.0:
-            more = "no other arm angles lead along the path without touching something"
+            more = "no other arm angles lead along the path without a collision"
     else:
-        more = f"no other joints that were looked for lead further than {100 * reached:.0f} % of the path"
+        more = f"no other joint angles that were tried lead beyond {100 * reached:.0f} % of the path"
         if reached >= 1.0:
-            more = "the other joints that were looked for lead along it only with a jump or a collision"
+            more = "the other joint angles that were tried lead to its end only with a jump or a collision"
     if end is not None:
-        more += " to the joints in which it has to end"
+        more += ", with the required joint angles at its end"
     findings = [*reason.findings, Finding("redundancy", "share of the path", reached, 1.0, "", reached)]
     return UnreachableError(f"{reason}; {more}", findings=findings)
 
@@ -121,7 +121,7 @@ def tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimi
 
 
 def _shortest_s(path: TcpPath, limits: CartesianLimits) -> float:
-    """How long the TCP's own limits make the path take, whatever the joints do."""
+    """The shortest duration under the TCP's own limits, whatever the joints need."""
     times = []
     for way, velocity, acceleration, jerk in (
         (
@@ -149,7 +149,8 @@ def _is_free(robot: RobotDescription, joint_path: Path) -> bool:
 def _redundant(
     robot: RobotDescription, start: Array, path: TcpPath, meshes: int, end: Array | None
 ) -> tuple[Path | None, float]:
-    """A free path of the joints by planning the arm angle, from coarse to fine, and how far any leads."""
+    """A collision-free joint path by planning the arm angle, from coarse to fine, and the share that any
+    reached."""
     reached = 0.0
     arm = robot.model.kinematics(path.free)
     if arm.arm_angle is None:
@@ -172,7 +173,7 @@ def _redundant(
 def _by_particles(
     robot: RobotDescription, start: Array, path: TcpPath, end: Array | None
 ) -> tuple[Path | None, float]:
-    """The same for an arm without an arm angle."""
+    """The result of `_redundant` for an arm without an arm angle."""
     reached = 0.0
     for count, factor in ((FEW, 1), (MANY, 1), (FEW, FINER), (MANY, FINER)):
         if count == MANY and reached < (FAR if factor == 1 else 1.0):
@@ -197,7 +198,7 @@ def _along(
     profile: Profile,
     end: Array | None,
 ) -> Path | None:
-    """The joints' path with these arm angles, if they lead to the end."""
+    """The joint path with these arm angles; None if it does not reach the end."""
     rows = profile.rows(shares[1:])
     if rows is None:
         return None

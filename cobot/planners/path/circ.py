@@ -1,4 +1,4 @@
-"""Arcs of the TCP: through a point, about a centre, or by an angle about an axis, helices too."""
+"""TCP arcs: through a point, about a centre, or by an angle about an axis; also full circles and helices."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from cobot.types import Array, Pose
 
 NEAREST_POINTS_M = 1e-3
 EQUAL_RADII_M = 1e-3
-"""A goal may be so much nearer to the centre than the start, or beside the plane: it is approached evenly."""
+"""Tolerance for the difference of the radii at start and goal, and for a goal outside the plane; the path
+compensates for it evenly."""
 PLACE_RAD, MAX_PLACES = 0.2, 400
 SMALLEST_SINE = 1e-3
-"""Three points are as good as on a line when the sine of the angle at `via` is smaller."""
+"""If the sine of the angle at `via` is smaller, the three points count as collinear."""
 
 
 def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """An arc from the present pose of the TCP: through `via` or about `arc.centre` to the goal pose, or about
-    an axis by an angle.
+    """An arc from the present pose of the TCP: through `via` to the goal, about `arc.centre` to the goal, or
+    by an angle about an axis.
 
     Raises:
-        PlanningError: what is given defines no circle, or from `follow` and `end_of`.
+        PlanningError: the request defines no circle; also as `follow` and `end_of`.
     """
     assert isinstance(request.goal, Pose)
     start = robot.model.forward(request.start)
@@ -52,7 +53,8 @@ def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
 def _by_angle(
     robot: RobotDescription, request: MotionRequest, given: Arc, angle: float, start: Pose
 ) -> Trajectory | None:
-    """An arc about an axis; full turns end in the joints they began with, unless others are asked for."""
+    """An arc about an axis. Full turns end in the joints that they began with, unless the request says
+    otherwise."""
     turns = None if request.cyclic is False or request.end_joints is not None else full_turns(start, given)
     if turns is not None:
         path = helix(start, given, turns)
@@ -62,23 +64,24 @@ def _by_angle(
 
 
 def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:
-    """About a centre to the goal: about the axis by the right hand, or without one the short way.
+    """An arc about a centre to the goal: about the axis by the right-hand rule, or without an axis the
+    shorter way.
 
     Raises:
-        PlanningError: start and goal are not as far from the centre, or define no plane with it.
+        PlanningError: start and goal are not equally far from the centre, or the three define no plane.
     """
     x, to_goal = start.position - given.centre, goal.position - given.centre
     radii = np.linalg.norm(x), np.linalg.norm(to_goal)
     if min(radii) < NEAREST_POINTS_M or abs(radii[0] - radii[1]) > EQUAL_RADII_M:
         raise PlanningError(
             f"circ: the start is {1e3 * radii[0]:.2f} mm from the centre, the goal {1e3 * radii[1]:.2f} mm"
-            f"; they may differ by {1e3 * EQUAL_RADII_M:g} mm, the least is {1e3 * NEAREST_POINTS_M:g} mm",
+            f"; they may differ by {1e3 * EQUAL_RADII_M:g} mm, the smallest is {1e3 * NEAREST_POINTS_M:g} mm",
             findings=[_shape("difference of the radii", float(abs(radii[0] - radii[1])), EQUAL_RADII_M)],
         )
     normal = np.cross(x, to_goal) if given.axis is None else given.axis / np.linalg.norm(given.axis)
     if given.axis is None and np.linalg.norm(normal) < SMALLEST_SINE * radii[0] * radii[1]:
         raise PlanningError(
-            "circ: start, centre and goal are on one line: an axis has to say in which plane the arc is, "
+            "circ: start, centre and goal are on one line; send an axis, which defines the plane of the arc, "
             "or via, a point on it",
             findings=[_shape("sine of the arc", _sine(normal, x, to_goal), SMALLEST_SINE, "")],
         )
@@ -86,8 +89,8 @@ def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD)
     for name, way in (("start", x), ("goal", to_goal)):
         if abs(way @ axis) > EQUAL_RADII_M:
             raise PlanningError(
-                f"circ: the {name} is {1e3 * abs(way @ axis):.2f} mm beside the plane that the axis has at "
-                f"the centre, allowed are {1e3 * EQUAL_RADII_M:g} mm",
+                f"circ: the {name} is {1e3 * abs(way @ axis):.2f} mm outside the plane through the centre "
+                f"that the axis defines, allowed are {1e3 * EQUAL_RADII_M:g} mm",
                 findings=[_shape("distance from the plane", abs(way @ axis), EQUAL_RADII_M)],
             )
     angle = float(np.arctan2(to_goal @ np.cross(axis, x), to_goal @ x) % (2.0 * np.pi))
@@ -102,14 +105,14 @@ def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD)
 
 
 def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
-    """By an angle, rad, about the axis through the centre; full circles and helices too.
+    """An arc by an angle, rad, about the axis through the centre; also full circles and helices.
 
     Raises:
-        PlanningError: there is no axis, or the TCP is on it.
+        PlanningError: the axis is missing, or the TCP is on it.
     """
     if given.axis is None or np.linalg.norm(given.axis) < SMALLEST_SINE:
         raise PlanningError(
-            "circ: axis: is missing or zero; an arc by an angle turns about it",
+            "circ: axis: is missing or zero; an arc by an angle needs one",
             findings=[_shape("length of the axis", 0.0, SMALLEST_SINE, "")],
         )
     axis = given.axis / np.linalg.norm(given.axis)
@@ -118,8 +121,8 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
     radius = float(np.linalg.norm(x))
     if radius < NEAREST_POINTS_M:
         raise PlanningError(
-            f"circ: the TCP is {1e3 * radius:.2f} mm from the axis, an arc needs "
-            f"{1e3 * NEAREST_POINTS_M:g} mm at least",
+            f"circ: the TCP is {1e3 * radius:.2f} mm from the axis, an arc needs at least "
+            f"{1e3 * NEAREST_POINTS_M:g} mm",
             findings=[_shape("distance from the axis", radius, NEAREST_POINTS_M)],
         )
     turn = angle * axis if given.turns_tool else np.zeros(3)
@@ -133,18 +136,19 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
 
 
 def _shape(quantity: str, value: float, limit: float, unit: str = "m") -> Finding:
-    """Why points define no arc."""
+    """The finding for points that define no arc."""
     return Finding("path", quantity, float(value), limit, unit)
 
 
 def _sine(normal: Array, first: Array, second: Array) -> float:
-    """Of the angle between two vectors whose cross product is `normal`; 0 if one of them is."""
+    """Sine of the angle between two vectors whose cross product is `normal`; 0 if either is the zero
+    vector."""
     size = float(np.linalg.norm(first) * np.linalg.norm(second))
     return float(np.linalg.norm(normal)) / size if size > 0.0 else 0.0
 
 
 def _circle(centre: Array, x: Array, axis: Array, angle: float, rise: Array, shares: Array) -> Array:
-    """Positions, shape (n, 3), after shares of an angle from `x` on, and of a rise."""
+    """Positions, shape (n, 3), at shares of an angle from `x` and of a rise along the axis."""
     angles, part = angle * shares[:, None], shares[:, None]
     return np.asarray(centre + np.cos(angles) * x + np.sin(angles) * np.cross(axis, x) + part * rise)
 
@@ -154,7 +158,7 @@ def _places(angle: float) -> int:
 
 
 def arc(start: Pose, via: Array, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:
-    """The path itself.
+    """The path of an arc through three points.
 
     Raises:
         PlanningError: two of the points coincide, or all three are on one line.

@@ -1,4 +1,4 @@
-"""From joint angles at some places of a path to a smooth path of the joints that keeps to it everywhere."""
+"""A smooth joint path through joint angles at places of a TCP path; it follows that path in between too."""
 
 from __future__ import annotations
 
@@ -16,41 +16,45 @@ from cobot.types import Array, JointLimits
 LARGEST_DEVIATION_M = 5e-5
 LARGEST_DEVIATION_RAD = np.radians(0.01)
 PATH_SHARE = 0.4
-"""Of the deviation, what the joints' path may have; the rest is for the time law's quintics."""
+"""Share of the allowed deviation that the joint path may use; the rest is for the time parameterization."""
 POSE_SHARE = 0.5 * PATH_SHARE
-"""Of the deviation, what the joints may have at the places of an arm that comes near most poses only."""
+"""Share of the allowed deviation at the places themselves, for an arm that reaches most poses
+approximately."""
 BETWEEN = np.array([0.25, 0.5, 0.75])
-"""Where in each interval between places the deviation is looked at."""
+"""Where in each interval between places the deviation is checked."""
 AT_ENDS = np.array([0.03, 0.08, 0.15])
-"""And in the first, from its beginning, and the last, from its end: a spline swings there soonest."""
+"""Additional checks from the path's beginning in the first interval and from its end in the last: there a
+spline overshoots first."""
 EVEN_STEP_RAD = 0.25
-"""Where the joints turn further than this between even places, their own way is the path's parameter."""
+"""If the joints turn further than this between even places, the parameter is the joints' distance instead."""
 LARGEST_STEP_RAD = 0.12
 THIN = 0.4
-"""Places are no nearer to each other than this share of the mean, or of `LARGEST_STEP_RAD`."""
+"""Minimum distance between places, as a share of their mean distance or of `LARGEST_STEP_RAD`."""
 SHORTEST_SHARE = 1e-9
-"""Joints that turn further between two places this near to each other jump: the path is singular there."""
+"""If joints still turn too far between places this close, they jump: the path is singular there."""
 SHARE_RAD = 0.1
-"""What the whole path counts as in its parameter, beside the joints' way, so that it always increases."""
+"""Contribution of the whole TCP path to the parameter, next to that of the joints, so that it always
+increases."""
 SWINGING = 1.5
-"""A curve through the places that is so many times as long as its chords swings beside them."""
+"""If a curve through the places is longer than its chords by this factor, it oscillates between them."""
 MAX_PLACES = 1500
 ROUNDS = 12
 INSIDE_RAD = 1e-6
-"""The joints stay so far from limits, if they begin there: the time law's quintics are near this path."""
+"""Distance from joint limits, if the joints begin there: time parameterization deviates a little from the
+path."""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 JointsAt = Callable[[float, Array], Array | None]
-"""Joint angles at a share of the path near given ones; None if there are none."""
+"""Joint angles at a share of the path near given ones, or None."""
 
 
 def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, joints_at: JointsAt) -> Path:
-    """A path of the joints through rows, shape (n, dof), at shares, shape (n,), and more where it needs them.
+    """A joint path through rows, shape (n, dof), at shares, shape (n,), with more places where it needs them.
 
-    It is within the joints' limits everywhere, and its TCP within `LARGEST_DEVIATION_*` of the path.
+    It stays within the joint limits, and its TCP within `LARGEST_DEVIATION_*` of the TCP path.
 
     Raises:
-        UnreachableError: the joints jump, there are none somewhere, or more than `MAX_PLACES` are needed.
+        UnreachableError: the joints jump, a place has no joint angles, or `MAX_PLACES` are not enough.
     """
     if len(rows) > 1 and np.abs(np.diff(rows, axis=0)).max() <= EVEN_STEP_RAD and _is_even(shares):
         joint_path = Path.through_even(rows)
@@ -79,7 +83,7 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
 def at_limit_of(
     where: str, limits: JointLimits, joint: int, value: float, limit: float, share: float
 ) -> UnreachableError:
-    """A joint that a path drives into its limit."""
+    """The error for a path that drives a joint into its limit."""
     name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(
         f"{where} {name} reaches its limit of {limit:.4f} {unit}",
@@ -88,7 +92,7 @@ def at_limit_of(
 
 
 def jump_of(where: str, limits: JointLimits, joint: int, step: float, share: float) -> UnreachableError:
-    """A joint that could follow a path only by a jump."""
+    """The error for a path that a joint could follow only by a jump."""
     name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(
         f"{where} {name} would have to jump by {step:.2f} {unit}: the path leads through a singularity",
@@ -112,7 +116,7 @@ def _is_even(shares: Array) -> bool:
 def _without_jumps(
     path: TcpPath, robot: RobotDescription, shares: Array, rows: Array, joints_at: JointsAt
 ) -> tuple[Array, Array]:
-    """More places where the joints turn far between two."""
+    """Add places where the joints turn far between two places."""
     while True:
         steps = np.abs(np.diff(rows, axis=0))
         far = steps.max(axis=1) > LARGEST_STEP_RAD
@@ -127,7 +131,7 @@ def _without_jumps(
 
 
 def _thinned(shares: Array, rows: Array) -> tuple[Array, Array]:
-    """Without places that are much nearer to each other than most: a spline through such ones swings."""
+    """Remove places that are much closer together than most: a spline through them would overshoot."""
     steps = _chords(shares, rows)
     least = THIN * min(LARGEST_STEP_RAD, float(steps.sum()) / len(steps))
     kept, gone = [0], 0.0
@@ -145,7 +149,7 @@ def _thinned(shares: Array, rows: Array) -> tuple[Array, Array]:
 def _halved(
     path: TcpPath, shares: Array, rows: Array, which: Array, joints_at: JointsAt
 ) -> tuple[Array, Array]:
-    """With a place in the middle of these intervals, a mask of shape (n - 1,)."""
+    """Add a place in the middle of the intervals that `which` selects, a mask of shape (n - 1,)."""
     chosen = np.flatnonzero(which)
     if len(rows) + len(chosen) > MAX_PLACES:
         raise _inaccurate(path)
@@ -155,7 +159,7 @@ def _halved(
         joints = joints_at(float(share), 0.5 * (rows[index] + rows[index + 1]))
         if joints is None:
             raise UnreachableError(
-                f"{path.name}: at {100 * share:.1f} % of the path no joint angles within the limits go on",
+                f"{path.name}: at {100 * share:.1f} % of the path no joint angles are within the limits",
                 findings=[Finding("reach", "share of the path", float(share), 1.0, "", float(share))],
             )
         found.append(joints)
@@ -163,9 +167,9 @@ def _halved(
 
 
 def _lengths(shares: Array, rows: Array) -> Array:
-    """The way to each place, of the joints and, a little, of the path: chords, then twice the true arcs.
+    """The parameter of each place: chords of joints and, a little, of the path, refined twice to arc lengths.
 
-    Chords alone where a curve through the places would swing far out, until there are more places.
+    Chords alone are used where a curve through the places would oscillate, until there are more places.
     """
     points = np.column_stack([rows, SHARE_RAD * shares])
     parameters = np.concatenate([[0.0], np.cumsum(_chords(shares, rows))])
@@ -190,7 +194,7 @@ def _chords(shares: Array, rows: Array) -> Array:
 def _spoiled(
     robot: RobotDescription, path: TcpPath, joint_path: Path, parameters: Array, shares: Array, start: Array
 ) -> Array:
-    """In which of the intervals between places the path leaves a limit, or its TCP the TCP's path."""
+    """In which intervals the joint path leaves a limit or its TCP leaves the TCP path."""
     steps = np.diff(parameters)
     inner = np.concatenate(
         [
@@ -201,7 +205,8 @@ def _spoiled(
     )
     there = inner
     if parameters is not shares:
-        # Beyond its ends a path would go on as a line does, and the TCP would not be found beside it.
+        # Clipped: beyond its ends the path is extrapolated as a line, which would hide a deviation of the
+        # TCP.
         there = np.clip(spline_through(parameters, shares[:, None])(inner)[:, 0], 0.0, 1.0)
     poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
     far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * LARGEST_DEVIATION_M

@@ -1,9 +1,8 @@
-"""Joints along a path of the TCP, for arms with more joints than a pose needs and no arm angle.
+"""Joint paths along a TCP path, for arms with more joints than a pose needs and no arm angle.
 
-A set of configurations is carried along the path: each has neighbours drawn about it in its null space, those
-that are free and near a configuration of the place before are kept, and each remembers the cheapest way to it
-(a particle filter whose ways are found by dynamic programming). The cheapest way to the end is then made
-smooth.
+A particle filter carries a set of configurations along the path. At each place, neighbours are drawn from
+their null space. Those that are free and near a configuration of the previous place are kept, each with the
+cheapest way to it (dynamic programming). The cheapest way to the end is then smoothed.
 """
 
 from __future__ import annotations
@@ -18,30 +17,32 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array
 
 FEW, MANY = 120, 360
-"""So many configurations are carried along, and if these find no way that is free, so many."""
+"""Number of configurations; the second is used if the first finds no free way."""
 FINER = 4
-"""Through a narrow passage, beside a limit, they are carried at so many times more places."""
+"""Factor for the number of places, for a narrow passage near a limit."""
 SPREADS_RAD = (0.02, 0.08, 0.25)
-"""Of what is drawn about a configuration, by turns."""
+"""Standard deviations for drawing neighbours, in turn."""
 NEAR_SHARE = 0.1
-"""Configurations nearer to a limit than this share of the range cost more, up to one full step."""
+"""Configurations nearer to a limit than this share of the range cost more, at most as much as one full
+step."""
 STEP_RAD = 0.3
-"""No joint turns further from place to place."""
+"""Largest joint step between places."""
 PLACE_M, PLACE_RAD, MAX_PLACES = 0.015, 0.1, 200
 INSIDE_RAD = 8e-3
-"""From limits, unless the start is nearer: the splines between places need some room, between finer ones
-less."""
+"""Distance from limits, unless the start is nearer: room for the splines between places. Finer places need
+less.
+"""
 STEPS = 30
 SMOOTHINGS = (60, 15, 4)
-"""So often each configuration is drawn to the middle of its neighbours; less where the smooth way touches."""
+"""Number of smoothing rounds; the next smaller one is used if the smoothed way touches something."""
 
 
 class Particles:
-    """The ways of the joints along one path from one start; the same for the same count.
+    """Joint paths along one TCP path from one start. Equal arguments give equal results.
 
     Attributes:
-        shares: of the path, where there are configurations, shape (n,).
-        reached: the share of the path to which joints lead.
+        shares: places on the path, as shares of it, shape (n,).
+        reached: share of the path that the joints reach.
     """
 
     def __init__(
@@ -53,8 +54,8 @@ class Particles:
         factor: int = 1,
         end: Array | None = None,
     ) -> None:
-        """count: of the configurations. factor: of the number of places. end: the joints in which all ways
-        end, shape (dof,); None: any.
+        """count: number of configurations. factor: multiplies the number of places. end: joints in which all
+        ways end, shape (dof,); None: any.
         """
         self._robot, self._arm = robot, robot.model.kinematics(path.free)
         self._count, self._random = count, np.random.default_rng(count)
@@ -69,7 +70,8 @@ class Particles:
         self._way = self._carried(start)
 
     def ways(self) -> Iterator[Array]:
-        """Joints at all shares, shape (n, dof), from the smoothest way on; none if none leads to the end."""
+        """Joints at all shares, shape (n, dof), the smoothest way first; nothing if no way reaches the
+        end."""
         for count in SMOOTHINGS if self._way is not None else ():
             yield self._smooth(count)
 
@@ -97,9 +99,9 @@ class Particles:
         return np.array([rows[index] for rows, index in zip(history, way[::-1], strict=True)])
 
     def _around(self, rows: Array, costs: Array, pose: Array, left: int) -> Array:
-        """Free configurations at a pose, from all rows and from draws about them, the cheaper the more.
+        """Free configurations at a pose, drawn near `rows`, more near the cheap ones.
 
-        Where the end is given, every other one is drawn towards it, by one of the steps that are left.
+        If the end is given, every second one is moved towards it, by one of the `left` remaining steps.
         """
         if self._end is not None and left == 1:
             return self._end[None]
@@ -121,7 +123,7 @@ class Particles:
         return self._arm.descend(pose, near, STEPS, within=(self._low, self._high), share=POSE_SHARE)
 
     def _nearness(self, rows: Array) -> Array:
-        """What limits cost that are near."""
+        """The cost of being near joint limits."""
         room = np.minimum(rows - self._low, self._high - rows) / (self._high - self._low)
         near = np.clip(1.0 - room / NEAR_SHARE, 0.0, 1.0)
         return np.asarray((near**2).sum(axis=1) * (STEP_RAD / self._robot.limits.max_velocity.max()) ** 2)

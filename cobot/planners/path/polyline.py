@@ -1,9 +1,9 @@
-"""Straight lines of the TCP from pose to pose, with round corners.
+"""Straight TCP lines from pose to pose, with blends.
 
-Each leg has a progress over the path's parameter, and the TCP is where all progresses together have brought
-it: the positions add up, the orientations turn one after the other. At a round corner the progress of the one
-leg ends while that of the next begins, each a quintic that goes on from its even part with two derivatives,
-so the corner is a quintic Bezier curve that stays between its legs.
+Each leg has a progress over the path parameter, and the TCP pose is the sum of all progresses: positions add
+up, orientations turn one after the other. In a blend the progress of one leg ends while that of the next
+begins. Each is a quintic with two continuous derivatives, so the blend is a quintic Bezier curve that stays
+between its legs.
 """
 
 from __future__ import annotations
@@ -24,20 +24,21 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 
 METRES_PER_RAD = 0.3
-"""What a turn counts beside a way where a leg's length is needed."""
+"""Length that a rotation by 1 rad counts as, where a leg needs one length."""
 PLACES_PER_CORNER = 12
 MAX_PLACES = 400
 LARGEST_SHARE = 0.5
-"""Of a leg that a corner may take; the others are its neighbour's."""
+"""Largest share of a leg that a blend may take; the rest is for the other corner."""
 
 
 def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """From the present pose through all of `request.through` to the goal; None if it is there already.
+    """Plan from the present pose through all of `request.through` to the goal; None if the arm is already
+    there.
 
-    With a radius it goes through without a stop, else it stops at each pose.
+    With a radius the TCP passes the poses without a stop, otherwise it stops at each.
 
     Raises:
-        PlanningError: from `follow`, saying on which leg, and from `end_of`.
+        PlanningError: as `follow`, naming the leg, and as `end_of`.
     """
     assert isinstance(request.goal, Pose)
     poses = [robot.model.forward(request.start)]
@@ -63,7 +64,7 @@ def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory
 
 
 def _apart(poses: list[Pose]) -> list[Pose]:
-    """Without those that are where the one before is."""
+    """The poses without those that equal the previous one."""
     kept = poses[:1]
     for pose in poses[1:]:
         across = np.linalg.norm(pose.position - kept[-1].position)
@@ -75,12 +76,12 @@ def _apart(poses: list[Pose]) -> list[Pose]:
 def rounded(
     poses: list[Pose], radius_m: float, name: str = "polyline", least_rad: float = quaternion.SMALL_RAD
 ) -> TcpPath:
-    """The path itself: it leaves the legs within `radius_m` of the poses between start and goal."""
+    """The path with blends: it leaves the legs only within `radius_m` of the poses between start and goal."""
     ways = np.array([b.position - a.position for a, b in pairwise(poses)])
     turns = np.array([turn_between(a, b) for a, b in pairwise(poses)])
     lengths, angles = np.linalg.norm(ways, axis=1), np.linalg.norm(turns, axis=1)
     sizes = np.maximum(np.maximum(lengths, METRES_PER_RAD * angles), STANDING_M)
-    # So much of each leg, in the parameter, is round at the corner after it: the same on both sides.
+    # The part of each leg, in the parameter, that belongs to the blend at its end: the same on both sides.
     free = np.minimum(LARGEST_SHARE, radius_m / np.maximum(lengths, 1e-9)) * sizes
     corners = np.concatenate([[0.0], np.minimum(free[:-1], free[1:]), [0.0]])
     ends = np.cumsum(sizes)
@@ -103,7 +104,8 @@ def rounded(
 
 
 def _progress(since: Array, size: float, first: float, last: float) -> Array:
-    """From 0 to 1 over a leg's size, even but for its round ends, which reach beyond it by as much."""
+    """Progress from 0 to 1 over a leg: even, except for its blends, which extend beyond the leg by as
+    much."""
     progress = np.clip(since / size, 0.0, 1.0)
     for round_m, inside in ((first, since), (last, size - since)):
         if round_m > 0.0:

@@ -1,9 +1,10 @@
-"""The arm angle along a path: what an S-R-S arm may choose freely while its hand keeps to the path.
+"""Planning the arm angle of an S-R-S arm along a TCP path: the one freedom that such a path leaves.
 
-A graph has the arm angles at even places of the path as its nodes; a motion of the joints from one place to
-the next is an edge, if no joint turns too far for it to be continuous. The cheapest way through the graph is
-smoothed as far as limits and surroundings permit, and becomes a spline of the arm angle. The branch of the
-inverse kinematics is that of the start: it changes only where axes align, at single points of the graph.
+The nodes of a graph are arm angles at even places of the path. Two nodes of neighbouring places have an edge
+if no joint turns too far between them for the motion to be continuous. The cheapest way is smoothed as far as
+limits and surroundings permit, and becomes a spline of the arm angle. The branch of the inverse kinematics
+stays that of the
+start: it could change only where axes align, at single points of the graph.
 """
 
 from __future__ import annotations
@@ -27,26 +28,27 @@ if TYPE_CHECKING:
 PLACE_M, PLACE_RAD = 0.015, 0.06
 MIN_PLACES, MAX_PLACES = 24, 128
 NEAR_LIMIT_RAD, AT_LIMIT = 0.1, 0.5
-"""Nearer to a limit than the former a node costs up to the latter, as a path all along would in s²."""
+"""Distance from a joint limit at which a node begins to cost, and the cost at the limit: what a path that
+stays there all along would cost, in s²."""
 ALIGNED_RAD = 0.02
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1, 0.0)
-"""How much less than being off the graph's way it counts that the arm angle bends."""
+"""Weights of the arm angle's bending, relative to its distance from the graph's way; tried in this order."""
 PULLS, EDGE, HELD = 8, 0.15, 1e9
-"""What leaves the corridor is drawn back so often, to this share of the way from the edge to the graph's way;
-the start is held by so much."""
+"""Number of rounds in which points outside the corridor are drawn back; how far inside it, as a share of the
+way from the edge to the graph's way; and the weight that holds the start."""
 DEGREE = 5
 MARGIN_RAD = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """How fine the graph is.
+    """Resolution of the graph.
 
     Attributes:
-        factor: of the number of places.
-        angles: so many in a full turn.
-        window: the arm angle changes by so many of them from place to place at the most.
-        step_rad: a joint turns no further from place to place.
+        factor: multiplies the number of places.
+        angles: arm angles per full turn.
+        window: largest change of the arm angle between places, in these steps.
+        step_rad: largest joint step between places.
     """
 
     factor: int
@@ -60,12 +62,12 @@ MESHES = Mesh(1, 72, 6, 0.6), Mesh(2, 180, 12, 0.5), Mesh(4, 360, 20, 0.4)
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """The arm angle over the share of the path.
+    """The arm angle along the path.
 
     Attributes:
-        arm, path: of which arm, along which path.
-        branch: of the inverse kinematics.
-        spline: over [0, 1], rad.
+        arm, path: the arm and the path that it follows.
+        branch: branch of the inverse kinematics.
+        spline: arm angle over the share of the path, [0, 1], rad.
     """
 
     arm: SrsArm
@@ -78,7 +80,7 @@ class Profile:
         return self.arm.joints(pose, float(self.spline(share)), self.branch)
 
     def rows(self, shares: Array) -> Array | None:
-        """Joints, shape (n, dof), at shares, shape (n,); None if there are none somewhere."""
+        """Joints, shape (n, dof), at shares, shape (n,); None if a share has no joints."""
         found = [
             self.arm.joints(pose, float(angle), self.branch)
             for pose, angle in zip(self.path.poses(shares), self.spline(shares), strict=True)
@@ -87,7 +89,7 @@ class Profile:
 
 
 class Graph:
-    """Of one path, from where the arm stands."""
+    """The graph of one path and one start."""
 
     def __init__(
         self,
@@ -97,7 +99,7 @@ class Graph:
         mesh: Mesh,
         end: Array | None = None,
     ) -> None:
-        """end: the joints in which all ways end, shape (dof,), at the end of the path; None: any."""
+        """end: joints in which all ways end, shape (dof,), at the end of the path; None: any."""
         arm = robot.model.inverse_kinematics.arm_angle
         assert arm is not None
         self._robot, self._arm, self._path, self._mesh = robot, arm, path, mesh
@@ -116,14 +118,14 @@ class Graph:
         self.reached = 0.0
 
     def profiles(self, free: bool) -> Iterator[Profile]:
-        """Smoother ones first, of each branch that the start is at; see `_cheapest`."""
+        """The profiles of each branch at the start, smoothest first; see `_cheapest`."""
         from scipy.interpolate import BSpline
 
         for branch in self._branches:
             angles = self._cheapest(branch, free)
             if angles is not None:
                 corridor = self._corridor(angles[1:], branch, free)
-                if self._end is not None:  # The last node stands for the end itself.
+                if self._end is not None:  # the last node stands for the end itself
                     angles[-1] += (self._end[0] - angles[-1] + np.pi) % (2.0 * np.pi) - np.pi
                 for smoothness in SMOOTHNESS:
                     curve = _smooth_within(angles, corridor, smoothness, self._end is not None)
@@ -131,14 +133,14 @@ class Graph:
                     yield Profile(self._arm, self._path, branch, spline)
 
     def is_cut(self) -> bool:
-        """Whether there is no arm angle at all at some place, so that no finer graph leads to the end."""
+        """Whether some place has no arm angle at all, so that no finer graph reaches the end."""
         poses = self._path.poses(self.shares[1:])
         return all(
             any(len(self._arm.intervals(pose, branch)) == 0 for pose in poses) for branch in self._branches
         )
 
     def _lead_to(self, end: Array) -> None:
-        """Let the node next to the end be the end, and the only one there."""
+        """Move the node nearest to the end to the end, and remove all others there."""
         assert self._end is not None
         angle, branch = self._end
         self._rows[-1] = np.nan
@@ -146,7 +148,8 @@ class Graph:
         self._rows[-1, round((angle + np.pi) / step) % len(self._angles), branch] = end
 
     def _corridor(self, angles: Array, branch: int, free: bool) -> Array:
-        """The lowest and highest arm angles, shape (2, n), to which all nodes from the given one are good."""
+        """The lowest and highest arm angles, shape (2, n), with only valid nodes from the given angle to
+        them."""
         good = np.isfinite(self._costs(self._rows[:, :, branch]))
         if free:
             good &= self._are_free(branch)
@@ -160,16 +163,16 @@ class Graph:
         return np.array(bounds)
 
     def _branches_at(self, start: Array) -> list[int]:
-        """That of the start, and where axes nearly align those beyond."""
+        """The branch of the start, and where axes nearly align, the neighbouring branches too."""
         aside = ALIGNED_RAD * np.eye(len(start))
         others = {self._arm.of(joints)[1] for joints in (*(start + aside), *(start - aside))}
         own = self._arm.of(start)[1]
         return [own, *sorted(others - {own})]
 
     def _cheapest(self, branch: int, free: bool) -> Array | None:
-        """The arm angles at all places, shape (n + 1,), unwound; None if no way leads to the end.
+        """The arm angles at all places, shape (n + 1,), unwound; None if no way reaches the end.
 
-        free: only through nodes that touch nothing.
+        free: use only nodes that are free of collisions.
         """
         rows = self._rows[:, :, branch]
         costs = self._costs(rows)
@@ -184,7 +187,7 @@ class Graph:
         return np.unwrap(np.concatenate([[angle], self._angles[indices]]))
 
     def _costs(self, rows: Array) -> Array:
-        """Of nodes, shape (n, m); infinite where there are no joints."""
+        """The cost of nodes, shape (n, m); infinite where there are no joints."""
         limits = self._robot.limits
         margin = np.minimum(rows - limits.min_position, limits.max_position - rows)
         near = np.clip(1.0 - margin / NEAR_LIMIT_RAD, 0.0, None)
@@ -201,11 +204,11 @@ class Graph:
 
 
 def _smooth_within(angles: Array, corridor: Array, smoothness: float, to_end: bool) -> tuple[Array, Array]:
-    """Knots and control points of a spline near angles at even places that begins at the first of them, and
-    ends at the last of them if that is asked for.
+    """Knots and control points of a spline near angles at even places. It begins at the first angle and, with
+    `to_end`, ends at the last.
 
-    Whittaker's smoothing: the squared distances to the angles and squared second differences are least. What
-    leaves the corridor, shape (2, n - 1), is drawn to its edge, harder and harder.
+    Whittaker's smoothing minimises the squared distances to the angles plus squared second differences.
+    Points outside the corridor, shape (2, n - 1), are drawn to its edge with increasing weight.
     """
     count = len(angles)
     knots = np.concatenate([np.zeros(DEGREE), np.linspace(0.0, 1.0, count - DEGREE + 1), np.ones(DEGREE)])

@@ -1,10 +1,9 @@
 """CHOMP: covariant Hamiltonian optimisation (Zucker et al. 2013, doi 10.1177/0278364913488805).
 
-A path is bent until it is free: the gradient of the obstacle cost, from exact signed distances, pushes points
-of it away from what they touch, and the covariant step, A⁻¹ times the gradient, spreads every push smoothly
-over the whole path. It starts from the straight line in joint space, to one goal after the other, then from a
-path of ompl's, which it makes smoother. What it ends with is proven free between its points too, or it gets
-more.
+A path is bent until it is free of collisions. The gradient of the obstacle cost, from exact signed distances,
+pushes its points away from obstacles. The covariant step, A⁻¹ times the gradient, spreads every push smoothly
+over the whole path. The search starts from the straight line in joint space to each goal in turn, then from a
+path of ompl, which it smooths. The result is proven free between its points too, or gets more points.
 """
 
 from __future__ import annotations
@@ -29,15 +28,15 @@ from cobot.types import RRT_CONNECT, Array
 POINTS, MAX_POINTS = 40, 100
 ITERATIONS = 120
 LOOK = 5
-"""The path is looked at after so many iterations."""
+"""Iterations between two checks of the path."""
 SMOOTHING = 40
-"""A path of ompl's, which is free before, is made smoother by so many."""
+"""Minimum number of iterations for a path from ompl, which is already free, to make it smoother."""
 CLEARANCE_M = 0.04
 """ε of the paper's equation 21: obstacles push from this distance on."""
 SPARE_M = 1e-3
-"""The path keeps so much further away than the margin, where its ends do: room for the spline through it."""
+"""How much farther away than the margin the path stays, if its ends do: room for the spline through it."""
 PUSHED_M = 3e-3
-"""Nearer than what is required and this the push is full: what is between two points needs room too."""
+"""The push is full below the required distance plus this: the path between two points needs room too."""
 SMOOTHNESS_WEIGHT = 0.05
 STEP_RAD = 0.03
 """The largest change of a joint in one iteration."""
@@ -46,13 +45,13 @@ Factor = tuple[Array, bool]
 
 
 def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
-    """A smooth motion near the straight line in joint space to one of the goals, or near a path of ompl's.
+    """A smooth motion near the straight line in joint space to one of the goals, or near a path of ompl.
 
-    Its `note` says so if it is the latter.
+    Its `note` reports the latter.
 
     Raises:
-        PlanningError: every descent ended in a path that still touches something; with what, where, how deep.
-        PlanningTimeout: it took longer than the request allows.
+        PlanningError: every descent ended in a path that touches something; reports what, where and how deep.
+        PlanningTimeout: the time limit of the request is exceeded.
     """
     deadline_s = time.monotonic() + request.timeout_s
     problem: CollisionError | None = None
@@ -68,7 +67,7 @@ def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) ->
         else:
             return replace(motion, note=note)
     raise PlanningError(
-        f"chomp: found no free path near the straight one: {problem}",
+        f"chomp: found no free path near the straight line: {problem}",
         findings=() if problem is None else problem.findings,
     )
 
@@ -76,7 +75,7 @@ def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) ->
 def _starts(
     robot: RobotDescription, request: MotionRequest, goals: Array, deadline_s: float
 ) -> Iterator[tuple[str, Array]]:
-    """What to say of each path to start from, and its corners, shape (n, dof)."""
+    """The note and the corners, shape (n, dof), of each path to start from."""
     start = np.clip(request.start, robot.limits.min_position, robot.limits.max_position)
     for goal in goals[:STRAIGHT_STARTS]:
         yield "", np.array([start, goal])
@@ -87,16 +86,16 @@ def _starts(
         corners = find_path(robot, replace(request, timeout_s=left_s, algorithm=RRT_CONNECT), goals)
     except PlanningTimeout:
         return
-    yield "chomp started from a path of ompl's: near the straight one it found none", corners
+    yield "chomp started from a path of ompl: it found none near the straight line", corners
 
 
 def _optimised(
     robot: RobotDescription, corners: Array, least_iterations: int, deadline_s: float, timeout_s: float
 ) -> tuple[Array | None, CollisionError | None]:
-    """A free polyline, shape (n, dof), with these ends; or None, and what is in the way.
+    """A free polyline, shape (n, dof), with these ends; or None and the obstacle.
 
     Raises:
-        PlanningTimeout: see `plan_chomp`.
+        PlanningTimeout: as `plan_chomp`.
     """
     ends = robot.collision.clearance.distances(corners[[0, -1]], 1.0).min(initial=1.0)
     margin_m = robot.collision.margin_m
@@ -123,7 +122,8 @@ def _descended(
     deadline_s: float,
     timeout_s: float,
 ) -> tuple[Array, Array | None]:
-    """The points after the descent, and the last of them between which the straight motions were free."""
+    """The points after the descent, and the last points that were free, with the straight motions between
+    them."""
     limits, count = robot.limits, len(points)
     stiffness, factor = _smoothness(count)
     pull = _pull(points[0], points[-1], count)
@@ -146,12 +146,12 @@ def _descended(
         inner -= step * min(STEP_RAD / largest, 1.0 / weight)
         _into_limits(inner, limits.min_position, limits.max_position, factor)
         if iteration % 40 == 39:
-            weight *= 0.3  # what still touches counts for more
+            weight *= 0.3  # collisions count for more
     return points, free
 
 
 def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> CollisionError:
-    """What is deepest, where, and how deep."""
+    """The error that reports the deepest contact and its place."""
     points = _doubled(_doubled(points))
     distances = clearance.distances(points, 1.0)
     row, pair = np.unravel_index(int(distances.argmin()), distances.shape)
@@ -165,7 +165,7 @@ def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> C
 
 
 def _sampled(corners: Array) -> Array:
-    """`POINTS` evenly spaced points along a polyline, and its corners: it stays what it is."""
+    """`POINTS` evenly spaced points along a polyline, and its corners, so that its shape stays the same."""
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     places = np.union1d(np.linspace(0.0, reached[-1], POINTS), reached)
     return np.stack([np.interp(places, reached, column) for column in corners.T], axis=1)
@@ -187,15 +187,15 @@ def _smoothness(count: int) -> tuple[Array, Factor]:
 
 
 def _pull(start: Array, goal: Array, count: int) -> Array:
-    """b: what the ends, at rest, add to the gradient."""
+    """b of the gradient: the contribution of the ends, which are at rest."""
     difference = _differences(count)
     ends = np.outer(difference[:, 0], start) + np.outer(difference[:, -1], goal)
     return np.asarray(difference[:, 1:-1].T @ ends)
 
 
 def _differences(count: int) -> Array:
-    """The second differences of so many points, of a path that rests at both ends: the point before the first
-    one equals it, and the one behind the last one likewise.
+    """Second differences of `count` points of a path that rests at both ends: it continues beyond each end
+    with a point equal to the end.
     """
     difference = np.zeros((count, count))
     for row in range(count):
@@ -205,7 +205,7 @@ def _differences(count: int) -> Array:
 
 
 def _into_limits(inner: Array, low: Array, high: Array, factor: Factor) -> None:
-    """Joint limits by the paper's section 4.3: the violation is smoothed by A⁻¹ and taken off, in place."""
+    """Apply joint limits in place as in the paper's section 4.3: subtract the violation, smoothed by A⁻¹."""
     for _ in range(20):
         violation = np.where(inner > high, inner - high, np.where(inner < low, inner - low, 0.0))
         if not violation.any():

@@ -1,11 +1,10 @@
-"""ompl under constraints: as RRTConnect, on the surface where the constraints hold.
+"""Planner ompl under constraints: RRTConnect on the surface where the constraints hold.
 
-Each small step towards a random configuration, and towards the other tree, is brought back to where the
-constraints hold by Newton's method (D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner, "Manipulation
-planning on constraint manifolds", 2009). The tree that has grown less grows next, half of the times towards a
-place near one that it has: from within a shelf, nearly all that is far away lies behind boards. The path is
-made shorter by such steps between two of its places, and evener by drawing each place to the middle of its
-neighbours.
+Newton's method projects each small step, towards a random configuration or the other tree, back to that
+surface (D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner, "Manipulation planning on constraint
+manifolds", 2009). The smaller tree grows next. Half of the targets are near a node of that tree: from within
+a shelf, nearly all distant targets are behind boards. The path is shortened by such steps between two of its
+places, and evened by moving each place to the middle of its neighbours.
 """
 
 from __future__ import annotations
@@ -27,15 +26,16 @@ from cobot.types import Array, PlannerName
 
 STEP_RAD = 0.15
 PROGRESS = 0.2
-"""A step that brings the arm nearer to where it goes by less than this share of a step leads nowhere."""
+"""A step must bring the arm nearer to its target by at least this share of the step."""
 SIDESTEP = 3.0
-"""Nor does one that is so many times as long as was asked for."""
+"""A projected step may be longer than the requested one by at most this factor."""
 NEARBY, NEARBY_RAD = 0.5, 0.25
-"""This share of what a tree grows towards is near a place of its own, by so much (1 σ); the rest is anywhere.
-"""
+"""Share of the targets that are near a node of the tree, and their standard deviation; the others are
+anywhere."""
 SEARCHES = 4
 MUCH_WORK = 100_000
-"""No search is begun after so many configurations looked at: the same seed shall give the same path."""
+"""No search begins after this many collision checks. A count instead of a time: one seed must give one
+path."""
 SHORTCUTS, EVENINGS = 150, 25
 EVEN_STEP_RAD = 0.08
 
@@ -44,8 +44,8 @@ def plan_constrained(robot: RobotDescription, request: MotionRequest, goals: Arr
     """A smooth motion to one of the goals, shape (n, dof), which are free and keep the constraints.
 
     Raises:
-        PlanningTimeout: no path within the request's time.
-        CollisionError, PlanningError: the smoothed path touches something, or breaks a constraint.
+        PlanningTimeout: no path was found within the request's time.
+        CollisionError, PlanningError: the smoothed path touches something or violates a constraint.
     """
     room_m = room(robot, np.vstack([request.start, goals]))
     with robot.collision.keeping(room_m) as clearance:
@@ -72,7 +72,7 @@ def plan_constrained(robot: RobotDescription, request: MotionRequest, goals: Arr
 
 
 class _Tree:
-    """Places, each with the one that it was reached from."""
+    """A search tree: places, each with its parent."""
 
     def __init__(self, roots: Array) -> None:
         self._rows = np.array(roots)
@@ -90,7 +90,7 @@ class _Tree:
         return int(np.einsum("ij,ij->i", away, away).argmin())
 
     def add(self, parent: int, places: list[Array]) -> int:
-        """A chain of places; the index of its last one."""
+        """Add a chain of places and return the index of the last one."""
         for place in places:
             if self._count == len(self._rows):
                 self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
@@ -100,7 +100,7 @@ class _Tree:
         return parent
 
     def back(self, index: int) -> list[Array]:
-        """The places from this one to its root."""
+        """The places from this one back to its root."""
         way = []
         while index >= 0:
             way.append(self[index].copy())
@@ -109,7 +109,7 @@ class _Tree:
 
 
 class _Steps:
-    """One problem."""
+    """The search for one request."""
 
     def __init__(self, held: Held, clearance: Clearance, request: MotionRequest) -> None:
         self._held = held
@@ -119,7 +119,7 @@ class _Steps:
         self.trees: tuple[_Tree, _Tree]
 
     def paths(self, start: Array, goals: Array) -> list[list[Array]]:
-        """Some paths, after an easy one more than after one that took much work."""
+        """Several paths; fewer if the first ones took much work."""
         end_s, begun = time.monotonic() + self._timeout_s, self._clearance.evaluations
         found: list[list[Array]] = []
         while len(found) < SEARCHES and (way := self._connected(start, goals, end_s)):
@@ -129,7 +129,7 @@ class _Steps:
         return found
 
     def _connected(self, start: Array, goals: Array, end_s: float) -> list[Array] | None:
-        """The places of a path, each a step from the one before."""
+        """The places of a path, each one step from the previous one; None if the time is over."""
         self.trees = near, far = _Tree(start[None]), _Tree(goals)
         roots, target = len(goals) - 1, goals[0]
         while time.monotonic() < end_s:
@@ -157,7 +157,7 @@ class _Steps:
         return np.clip(place + self._random.normal(0.0, NEARBY_RAD, len(place)), low, high)
 
     def _shortened(self, way: list[Array]) -> list[Array]:
-        """With detours cut off where steps lead straight from one place to another."""
+        """Shorten a path wherever steps lead straight from one place to another."""
         for _ in range(SHORTCUTS):
             if len(way) < 3:
                 break
@@ -168,7 +168,7 @@ class _Steps:
         return way
 
     def evened(self, way: list[Array]) -> Array:
-        """Places in short steps, each drawn to the middle of its neighbours, shape (n, dof)."""
+        """The path in short steps, with each place moved to the middle of its neighbours, shape (n, dof)."""
         reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
         count = max(3, int(np.ceil(reached[-1] / EVEN_STEP_RAD)) + 1)
         even = np.linspace(0.0, reached[-1], count)
@@ -187,7 +187,7 @@ class _Steps:
         return rows
 
     def _toward(self, here: Array, target: Array) -> tuple[list[Array], bool]:
-        """Steps from one configuration towards another, as far as they lead, and whether that is there."""
+        """Steps from one configuration towards another, as far as possible, and whether they arrive."""
         places: list[Array] = []
         while True:
             way = target - here

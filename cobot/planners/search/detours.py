@@ -1,8 +1,9 @@
-"""Ways without detours: of some paths that a search has found, a shorter one.
+"""Removal of detours: a shorter path from several that a search has found.
 
-Such a path leads through whatever gap was found first, and far round what is in the way; cuts shorten it only
-within that. Here the corners of several paths become one roadmap, whose shortest way takes the best part of
-each, and configurations drawn about that way another one, again and again.
+Such a path leads through the gap that was found first, and far around obstacles; cuts shorten it only within
+that gap. Here the corners of several paths form one roadmap, whose shortest way combines the best part of
+each. Then configurations are drawn around that way, and the next roadmap contains them, until the path no
+longer improves.
 """
 
 from __future__ import annotations
@@ -18,27 +19,28 @@ from cobot.robot.clearance import Clearance
 from cobot.types import Array
 
 STEP_RAD = 0.8
-"""Two nodes on a path are no further apart."""
+"""Largest distance between two nodes on a path."""
 DRAWS, FINE_RAD = 100, 0.2
-"""So many configurations are drawn about a way, about places so near to each other."""
+"""Number of configurations that are drawn around a path, and the spacing of the places that they are drawn
+from."""
 SPREADS_RAD = (0.6, 0.4, 0.2)
-"""How far from it, round by round: the standard deviation of each joint."""
+"""Standard deviation of each joint for drawing, round by round."""
 STALLS = 2
-"""So many rounds without a gain, of this share, end it."""
+"""The search ends after this many rounds with a relative gain below `GAIN`."""
 GAIN = 0.01
 ROUND_WORK = 10_000
-"""No more configurations are looked at in a round."""
+"""Maximum number of collision checks in a round."""
 
 
 def without_detours(
     clearance: Clearance, paths: Sequence[Array], goals: Array, bounds: tuple[Array, Array], seed: int
 ) -> Array:
-    """A free polyline that is no longer than the shortest of these.
+    """A free polyline that is no longer than the shortest of the given paths.
 
     Args:
-        paths: free, at least one, each from the same start to one of the goals, shape (n, dof).
+        paths: at least one; free, each from the same start to one of the goals, shape (n, dof).
         goals: shape (k, dof).
-        bounds: the least and the greatest joint angles, shape (dof,) each.
+        bounds: the lowest and the highest joint angles, shape (dof,) each.
     """
     random = np.random.default_rng(seed)
     best = min(paths, key=length)
@@ -60,7 +62,7 @@ def without_detours(
 def _drawn(
     way: Array, goals: Array, bounds: tuple[Array, Array], spread_rad: float, random: np.random.Generator
 ) -> Array:
-    """Configurations about a way, through which a shorter one may pass, shape (n, dof)."""
+    """Configurations around a path through which a shorter one may pass, shape (n, dof)."""
     places = divided(way, FINE_RAD)
     drawn = places[random.integers(len(places), size=DRAWS)]
     drawn = np.clip(drawn + spread_rad * random.normal(size=drawn.shape), *bounds)
@@ -69,7 +71,7 @@ def _drawn(
 
 
 def divided(corners: Array, step_rad: float) -> Array:
-    """A polyline with more corners: none further than this from the one before."""
+    """A polyline with corners added until none is farther than `step_rad` from the previous one."""
     parts = [corners[:1]]
     for begin, end in pairwise(corners):
         count = max(1, int(np.ceil(np.linalg.norm(end - begin) / step_rad)))
@@ -78,5 +80,5 @@ def divided(corners: Array, step_rad: float) -> Array:
 
 
 def length(corners: Array) -> float:
-    """Of a polyline, shape (n, dof)."""
+    """The length of a polyline, shape (n, dof)."""
     return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())

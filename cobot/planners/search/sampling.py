@@ -1,8 +1,8 @@
-"""ompl: a free polyline in joint space by sampling, for goals that no direct motion reaches.
+"""Planner ompl: a free polyline in joint space by sampling, for goals that no direct motion reaches.
 
-RRTConnect is compiled here; the other planners are OMPL's, which calls compiled checks through its binding. A
-motion between two configurations is proven free as a whole, see `cobot.robot.clearance`: there is no
-resolution to choose.
+RRTConnect is compiled in this project. The other planners are OMPL's, which call compiled checks through its
+binding. A motion between two configurations is proven free as a whole, see `cobot.robot.clearance`, so there
+is no resolution to choose.
 """
 
 from __future__ import annotations
@@ -24,43 +24,43 @@ from cobot.robot.description import RobotDescription
 from cobot.types import RRT_CONNECT, Algorithm, Array, Pose
 
 SPARE_M = 1e-3
-"""A polyline keeps so much further away than the margin, where its ends do: room for rounding its corners."""
+"""How much farther away than the margin a polyline stays, if its ends do: room for blending its corners."""
 RANGE_RAD = 2.0
-"""No node of RRTConnect is further from the one before it."""
+"""Largest distance between a node of RRTConnect and its parent."""
 FIRST_ATTEMPTS = 1000
-"""Where no path is found with so many attempts to add a node, more configurations of the goal are looked for,
-and so on, each time with half as many attempts more."""
+"""Attempts to add a node before more configurations of the goal are searched; each time there are half as
+many attempts more."""
 DIRECT = 1.25
-"""A path that is no longer than so many times the way without obstacles needs no better one."""
+"""A path that is no longer than the direct way by this factor is not improved."""
 ROUNDS, PATHS = 6, 2
-"""For one that is longer there are so many rounds, which take the detours out of so many paths together."""
+"""Number of rounds for a longer path, and number of paths whose detours each round removes together."""
 SHARES = (0.1, 0.25, 0.4)
-"""A search for another path is confined to what is longer than the direct way by such a share, in turn, of
-what the best path is: the smaller the room, the sooner it finds the way that is there."""
+"""Shares of the best path's excess over the direct way that another path may have, in turn: the smaller the
+space, the sooner a search finds a way within it."""
 SEARCHES, ATTEMPTS = 6, 3000
-"""A round has no more searches, each of which tries no more often to add a node."""
+"""Maximum number of searches in a round, and of attempts to add a node in each."""
 MUCH_WORK, MUCH_LONGER = 150_000, 0.5
-"""No search is begun after so many configurations looked at, some 0.4 s, where the path is longer than the
-direct way by this share of it, or more; where it is by less, after so much fewer. No times: the same seed
-shall give the same path."""
+"""Maximum number of collision checks, about 0.4 s, after which no search begins, if the path is longer than
+the direct way by at least the second share; proportionally fewer if it is shorter. A count instead of a time:
+one seed must give one path."""
 ROUNDING_RAD = 1e-9
 IMPROVING_S = 1.0
-"""OMPL's planners that go on to make their path shorter are given so long after they have found one, s."""
+"""Time for OMPL's optimising planners to shorten their path after they have found one."""
 SLICE_S = 0.05
-"""... and are looked at so often."""
+"""Interval at which their progress is checked."""
 NOT_IMPROVING = frozenset({"RRT", "FMT", "BFMT", "KPIECE1", "BKPIECE1", "LBKPIECE1"})
 
 util.setLogLevel(util.LogLevel.LOG_NONE)
-util.RNG.setSeed(
-    1
-)  # one per process: of OMPL's own planners a worker's sequence is repeatable, not a single plan
+# One generator per process: of OMPL's planners, a worker's sequence of plans is repeatable, a single plan
+# not.
+util.RNG.setSeed(1)
 
 
 def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> Array:
     """The corners of a free polyline from the start to one of the goals, shape (n, dof).
 
     Raises:
-        PlanningTimeout: none found within the request's time.
+        PlanningTimeout: no path was found within the request's time.
     """
     limits = robot.limits
     start = np.clip(request.start, limits.min_position, limits.max_position)
@@ -80,8 +80,8 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
 def _connected(
     robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, request: MotionRequest
 ) -> Array | None:
-    """The first path, if that is near the direct way; else the shortest of some, and of the ways together
-    that they have found, see `without_detours`.
+    """The first path if it is close to the direct way; otherwise the shortest of several and of their
+    combination, see `without_detours`.
     """
     bounds = robot.limits.min_position, robot.limits.max_position
     deadline_s = time.monotonic() + request.timeout_s
@@ -92,7 +92,7 @@ def _connected(
         return None
     away = np.linalg.norm(goals - start, axis=1)
     direct_rad, best = float(away.min()), shortened(clearance, found, seed)
-    paths, begun = [best], clearance.evaluations  # the first path may have been hard to find
+    paths, begun = [best], clearance.evaluations  # the work for the first path does not count
 
     def is_enough() -> bool:
         return len(best) == 2 or length(best) <= DIRECT * direct_rad
@@ -130,8 +130,8 @@ def _first(
     request: MotionRequest,
     seed: int,
 ) -> tuple[Array | None, Array]:
-    """A path, and the goals that are known then: where none is found soon, an arm with more joints than a
-    pose needs is given more configurations of its goal, as no free way may lead to the first ones.
+    """The first path and the goals known by then. If no path is found soon, an arm with more joints than the
+    pose needs gets more goal configurations, because no free way may lead to the first ones.
     """
     deadline_s = time.monotonic() + request.timeout_s
     bounds = robot.limits.min_position, robot.limits.max_position
@@ -148,7 +148,7 @@ def _first(
 
 
 def room(robot: RobotDescription, ends: Array) -> float:
-    """How far a polyline with these ends can keep away from everything, m: no more than they do."""
+    """The distance, m, that a polyline with these ends can keep from everything: at most that of its ends."""
     margin_m = robot.collision.margin_m
     nearest = robot.collision.clearance.distances(ends, margin_m + SPARE_M).min(initial=margin_m + SPARE_M)
     return float(max(margin_m, nearest - 1e-9))
@@ -160,7 +160,7 @@ def _failure(request: MotionRequest, goals: Array) -> str:
 
 
 class _Motions(base.MotionValidator):  # type: ignore[misc]
-    """Says of a straight joint motion whether it is free, its goal included."""
+    """OMPL's check whether a straight joint motion, its goal included, is free."""
 
     def __init__(self, information: base.SpaceInformation, clearance: Clearance) -> None:
         super().__init__(information)
@@ -171,7 +171,7 @@ class _Motions(base.MotionValidator):  # type: ignore[misc]
 
 
 class _Search:
-    """One problem as OMPL sees it."""
+    """One planning problem, set up for OMPL."""
 
     def __init__(
         self, robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, algorithm: Algorithm
@@ -187,7 +187,7 @@ class _Search:
         space.setBounds(bounds)
         self._setup = geometric.SimpleSetup(space)
         information = self._setup.getSpaceInformation()
-        self._motions = _Motions(information, clearance)  # OMPL keeps no reference of ours
+        self._motions = _Motions(information, clearance)  # OMPL holds no reference to it
         information.setMotionValidator(self._motions)
         self._setup.setStateValidityChecker(clearance.is_free)
         self._setup.setStartState(_state(space, start))
@@ -198,7 +198,7 @@ class _Search:
         self._setup.setPlanner(getattr(geometric, algorithm)(information))
 
     def run(self, left_s: float) -> Array | None:
-        """The corners of a path, shape (n, dof), if one is found within this time."""
+        """The corners of a path, shape (n, dof); None if none is found within this time."""
         self._setup.clear()
         begun_s = time.monotonic()
         self._setup.solve(min(SLICE_S, left_s) if self._improves else left_s)

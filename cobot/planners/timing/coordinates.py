@@ -1,4 +1,4 @@
-"""What is limited along a path, and how it changes with the path's parameter: the joints, and the TCP."""
+"""The limited quantities along a path, of joints and TCP, and their derivatives by the path parameter."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array, CartesianLimits, JointLimits
 
 LOOKS = 33
-"""At so many places of a path it is decided in which directions the TCP's motion is looked at."""
+"""Number of places of the path that decide the directions in which the TCP's motion is limited."""
 STILL, STILL_BESIDE = 1e-9, 1e-4
-"""A part of the TCP's motion that is less than these, per unit of the path and beside the other part (rad for
-m), is what the joints' path deviates from the line: it is limited in speed alone."""
+"""A part of the TCP's motion, linear or angular, below these, per unit of the path and relative to the other
+part (rad for m), is only the deviation of the joint path from the line: only its speed is limited."""
 DIRECTIONS = np.pi / 8.0 * np.array([-3.0, -1.0, 1.0, 3.0])
-"""A vector is limited along these directions, rad from its tangent: an octagon within the circle, with
-corners on the tangent and on the normal, where it is exact. In between it lacks 8 % at the most."""
+"""A vector is limited along these directions, rad from its tangent: an octagon within the circle. Its corners
+are on the tangent and on the normal, where it is exact; in between it gives away at most 8 %."""
 NEARLY_STRAIGHT = 0.01
-"""Where the normal acceleration at full speed stays below this share of the limit, the tangent alone counts.
-"""
+"""If the normal acceleration at full speed is below this share of the limit, only the tangent is limited."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +28,9 @@ class Zones:
     """Limits that change along a path.
 
     Attributes:
-        ends: shape (n,), of the path's parameter: where each zone ends.
-        shares: shape (3, n, dof + 2), of the path's limits of velocity, acceleration and jerk: of each joint,
-            of the TCP's linear and of its angular ones.
+        ends: path parameter at the end of each zone, shape (n,).
+        shares: shape (3, n, dof + 2): shares of the path's velocity, acceleration and jerk limits, for each
+            joint and for the TCP's linear and angular motion.
     """
 
     ends: Array
@@ -43,11 +42,11 @@ class Zones:
 
 
 class Coordinates:
-    """The joints, and after them the directions in which the TCP's velocity may change.
+    """The limited quantities: the joints, then the directions in which the TCP's velocity may change.
 
     Attributes:
-        path, limits: what they are of.
-        max_acceleration, max_jerk: shape (m,), of each coordinate, per s² and s³.
+        path, limits: the path and the joint limits.
+        max_acceleration, max_jerk: limits of each coordinate, shape (m,), per s² and s³.
     """
 
     def __init__(
@@ -97,7 +96,8 @@ class Coordinates:
 
     def at(self, places: Array) -> tuple[Array, Array, Array]:
         """At places of the path: the joints and their derivatives by s, shape (4, n, dof); the derivatives of
-        all coordinates, (3, n, m); and the least time per s, shape (n,), that the velocities allow."""
+        all coordinates, (3, n, m); and the shortest time per s, shape (n,), that the velocity limits
+        allow."""
         joints = self.path.derivatives(places)
         fastest = np.empty((len(places), len(self._max_velocity)))
         fastest[:] = self._max_velocity
@@ -108,11 +108,12 @@ class Coordinates:
 
     @property
     def zones(self) -> int:
-        """In how many zones the limits differ."""
+        """Number of zones with different limits."""
         return 1 if self._zones is None else len(self._zones.ends)
 
     def shares(self, places: Array) -> Array:
-        """Of the limits of velocity, acceleration and jerk there, of each coordinate, shape (3, n, m)."""
+        """Shares of the velocity, acceleration and jerk limits at places, for each coordinate, shape (3, n,
+        m)."""
         if self._zones is None:
             return np.ones((3, len(places), len(self._columns)))
         return np.asarray(self._zones.at(places)[:, :, self._columns])
@@ -123,11 +124,11 @@ PARTS = 2
 
 
 class _Tcp:
-    """The linear or the angular motion of the TCP: a vector whose length is limited.
+    """The linear or angular motion of the TCP: a vector whose length is limited.
 
     Attributes:
-        directions: rad, from its tangent to its normal, in which it is looked at.
-        velocity, acceleration, jerk: its limits, the latter two in each of these directions.
+        directions: directions in which it is limited, rad from its tangent towards its normal.
+        velocity, acceleration, jerk: limits; the latter two in each of these directions.
     """
 
     def __init__(

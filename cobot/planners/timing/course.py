@@ -1,4 +1,4 @@
-"""Timed points as a course: arrays with a name for each of them, and the curve through them."""
+"""A course: timed points as arrays, with a name for each, and the curve through them."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from cobot.types import Array, JointLimits, Waypoint
 
 PRESENT = "the present position"
 BLEND_SHARE = 0.05
-"""What is blended in takes no more than this share of each limit, where the motion is long enough."""
+"""Share of each limit that blending out an offset may use, if the motion is long enough."""
 TELL_RAD = 1e-6
-"""An offset at the start that is smaller is not worth telling: no encoder shows it."""
+"""Smaller offsets at the start are not reported: no encoder shows them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """The points as arrays, the present position included where it is one of them.
+    """The points as arrays, including the present position if it is one of them.
 
     Attributes:
         times_s, positions: shape (n,), and (n, dof), rad.
-        labels: what each is called.
-        points: for the rates that they give.
-        changes: what has been blended in.
+        labels: name of each point in error messages.
+        points: the points, for their velocities and accelerations.
+        changes: the offset that was blended out.
     """
 
     times_s: Array
@@ -61,8 +61,8 @@ class Course:
         if blended.blended_rad <= TELL_RAD:
             return motion
         note = (
-            f"the arm was {blended.blended_rad:.1e} rad beside the first point, blended in within "
-            f"{blended.blended_s:.3f} s"
+            f"the arm was {blended.blended_rad:.1e} rad away from the first point; this is blended out "
+            f"within {blended.blended_s:.3f} s"
         )
         return replace(motion, note=note, changes=blended)
 
@@ -78,7 +78,7 @@ def course_of(
     start_tolerance_rad: float,
     ways: WaysOut = REST,
 ) -> Course:
-    """See `through`."""
+    """The course of these points; arguments and errors as in `through`."""
     labels = labels_of(points, limits.dof)
     times = np.array([point.time_from_start_s for point in points])
     positions = np.array([point.positions for point in points], dtype=np.float64)
@@ -99,22 +99,22 @@ def through(
 ) -> tuple[Trajectory, list[str]]:
     """Quintics through the points at their times, from rest to rest.
 
-    A first point at time 0 must be where the arm is; what it is off fades away over the first points. When
-    the first time is later, the present position at time 0 is the point before it. Velocities and
-    accelerations that a point does not give are those of the clamped cubic spline through all points.
+    A first point at time 0 must be where the arm is; a small offset is blended out over the first points. If
+    the first time is later, the present position is added as a point at time 0. Velocities and accelerations
+    that a point does not give are those of the clamped cubic spline through all points.
 
     Returns:
         The trajectory, and a name for each of its breakpoints.
 
     Raises:
-        InputError: no points, times that do not increase, a start elsewhere, ends that are not at rest.
+        InputError: no points, times that do not increase, a start elsewhere, or ends that are not at rest.
     """
     course = course_of(points, start, limits, start_tolerance_rad)
     return course.motion(), course.labels
 
 
 def _blended(course: Course, start: Array, limits: JointLimits) -> Course:
-    """The same course from where the arm is: the offset fades away with the least jerk that a quintic has."""
+    """The course from where the arm is: the offset is blended out by the quintic with the least jerk."""
     offset = start - course.positions[0]
     off = np.abs(offset)
     if not off.any():

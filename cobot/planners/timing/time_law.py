@@ -1,9 +1,9 @@
-"""How fast to run along a path: as fast as velocity, acceleration, jerk and torque allow at each place.
+"""Time parameterization: along a path as fast as velocity, acceleration, jerk and torque limits allow.
 
-A first law, see `reference_motion`, divides the motion into cells of about the same time. The rate at which
-it is run is then optimised under all limits at once, see `fastest_rate`; the motion becomes one quintic per
-cell. Where its true extrema are beyond a limit between the places that were looked at, the limit is tightened
-there and the rate optimised again; the little that is left is taken out by stretching the whole.
+A first timing, see `reference_motion`, divides the motion into cells of about equal duration. Its rate is
+then optimised under all limits at once, see `fastest_rate`, and the motion becomes one quintic per cell.
+Where its true extrema between the checked places exceed a limit, the limit is tightened there and the rate is
+optimised again. Stretching the whole motion removes the small remainder.
 """
 
 from __future__ import annotations
@@ -43,34 +43,35 @@ from cobot.types import PLANNED_ACCELERATION, Array, CartesianLimits, JointLimit
 
 MIN_CELLS, MAX_CELLS = 64, 1000
 CELLS_PER_BUILD_UP, FINER_CELLS = 8, 32
-"""Cells in the time in which a full acceleration builds up; the latter where the path changes within few of
-them."""
+"""Cells per time in which a full acceleration builds up; the second value is for a path that changes within a
+few of them."""
 PLACES = 100
-"""The first law looks at so many places of a path at the least."""
+"""Minimum number of places of a path that the first timing checks."""
 GAP = 5e-4
-"""The optimisation ends when no more than this share of the duration is left to gain."""
+"""The optimisation ends when at most this share of the duration is left to gain."""
 ITERATIONS = 60
 LONGEST_S = 1e9
-"""Thirty years: beyond that the powers of a time leave the range of numbers."""
+"""Longest duration, about thirty years: powers of longer times overflow."""
 ROUNDS, MAX_ROUNDS = 3, 8
 TIGHT = 1.003
-"""A motion that its extrema would stretch by more is optimised again, up to so many times;
-one more for each zone after the first, the latter at the most."""
+"""A motion that its extrema would stretch by more than `TIGHT` is optimised again, up to `ROUNDS` times, plus
+one for each zone after the first, at most `MAX_ROUNDS`."""
 COARSE = 1.02
-"""A motion that its extrema would stretch by more is divided into more cells."""
+"""A motion that its extrema would stretch by more than this is divided into more cells."""
 UNBOUNDED = 1e9
 ENDING_CELLS = 2
-"""At either end the jerk is looked at in the middle of so many cells too: from rest it changes most."""
+"""At both ends of the path the jerk is also limited in the middle of this many cells: from rest it changes
+most."""
 
 
 @dataclass(frozen=True, slots=True)
 class Timed:
-    """A path with its times.
+    """A path with its time parameterization.
 
     Attributes:
-        trajectory: from rest to rest.
-        make_progress: see `progress`, which most callers do not need.
-        stretched: by how much its true extrema made it longer.
+        trajectory: the motion from rest to rest.
+        make_progress: computes `progress`, which most callers do not need.
+        stretched: factor by which its true extrema made it longer.
     """
 
     trajectory: Trajectory
@@ -79,7 +80,7 @@ class Timed:
 
     @property
     def progress(self) -> Trajectory:
-        """One coordinate, the path's parameter, at the same times."""
+        """The path parameter as a one-dimensional trajectory over the same time."""
         return self.make_progress()
 
 
@@ -90,16 +91,15 @@ def time_optimal(
     tcp_limits: CartesianLimits | None = None,
     zones: Zones | None = None,
 ) -> Timed:
-    """A path from rest to rest, near the time optimum under the limits of the joints, of the TCP if there are
-    any, and of the drives' efforts with what the model carries.
+    """Time a path from rest to rest, close to the optimum under the limits of the joints, of the TCP if
+    given, and of the drives' efforts with the model's load.
 
-    Of the robot's acceleration limits it uses `PLANNED_ACCELERATION` at the most, whatever `limits` say.
-    Of the efforts it uses what `cobot.planners.effort_reserve` allows. They take part in the optimisation if
-    the motion without them needs more than `PLANNED_EFFORT`. `zones` are where the limits are
-    lower than these.
+    At most `PLANNED_ACCELERATION` of the robot's acceleration limits is used, whatever `limits` are. Of the
+    efforts, what `cobot.planners.effort_reserve` allows is used; they take part in the optimisation only if
+    the motion without them needs more than `PLANNED_EFFORT`. `zones` are parts of the path with lower limits.
 
     Raises:
-        PlanningError: the efforts do not suffice to hold the arm somewhere on the path, or limits are too
+        PlanningError: the efforts do not suffice to hold the arm somewhere on the path, or the limits are too
             small for any motion.
     """
     limits = with_room(robot, limits)
@@ -110,7 +110,7 @@ def time_optimal(
 
 
 def with_room(robot: RobotDescription, limits: JointLimits) -> JointLimits:
-    """The limits with no more than `PLANNED_ACCELERATION` of the robot's accelerations."""
+    """The limits, with at most `PLANNED_ACCELERATION` of the robot's acceleration limits."""
     room = PLANNED_ACCELERATION * robot.limits.max_acceleration
     if (limits.max_acceleration <= room).all():
         return limits
@@ -119,7 +119,7 @@ def with_room(robot: RobotDescription, limits: JointLimits) -> JointLimits:
 
 
 def _first_law(coordinates: Coordinates, per_build_up: int, most_cells: int) -> Array:
-    """The control points of s(τ): as fast as velocities and accelerations allow, smoothed."""
+    """The control points of s(τ) for a smoothed motion as fast as velocity and acceleration limits allow."""
     length, pieces = coordinates.path.length, len(coordinates.path.coefficients)
     places = np.linspace(0.0, length, max(PLACES, 3 * pieces) + 1)
     _, (first, second, third), slowness = coordinates.at(places)
@@ -135,7 +135,8 @@ def _first_law(coordinates: Coordinates, per_build_up: int, most_cells: int) -> 
 
 
 def _solved(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Array]) -> Timed:
-    """The fastest motion by the first of these laws, or by the next one, of more cells, if that is coarse."""
+    """The fastest motion with the first of these timings, or with the next, of more cells, if that is too
+    coarse."""
     limits = coordinates.limits
     with np.errstate(all="ignore"):
         try:
@@ -159,7 +160,8 @@ def _solved(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Ar
 
 
 class _Problem:
-    """The first law, and all that is limited where it is looked at: at knots, and in the middles of cells."""
+    """One optimisation: the first timing and all limited quantities at its knots and in the middle of its
+    cells."""
 
     def __init__(self, robot: RobotDescription, coordinates: Coordinates, points: Array) -> None:
         """points: the control points of s(τ)."""
@@ -173,7 +175,7 @@ class _Problem:
         knots, places, ending = _looks(self._cells)
         self._joints, self._law = joints, law
         self._knots, self._at_knots = law[:, knots], joints[:, knots]
-        # Of accelerations, and of the velocities' squares.
+        # Rows for accelerations and squared velocities.
         first, second, _ = chained(derivatives, law, coordinates.max_acceleration)
         speed = (slowness * law[1])[:, None] ** 2
         self._accelerations = (
@@ -181,7 +183,7 @@ class _Problem:
             np.concatenate([second, speed], axis=1),
         )
         self._efforts: tuple[Array, ...] = ()
-        # Of jerks, at both ends of each cell, and in the middle of the first and the last ones.
+        # Rows for jerks, at both ends of each cell, and in the middle of the first and last cells.
         jerks = np.concatenate([begins, ends, middles[:, ending]], axis=1)
         self._jerks = chained(derivatives[:, places], jerks, coordinates.max_jerk)
         shares = coordinates.shares(law[0])
@@ -190,7 +192,7 @@ class _Problem:
         self._tightened = self._shares[1:].copy()
 
     def refined(self, best: Timed) -> Timed:
-        """The same with limits tightened where the extrema are beyond them, until there is no more to it."""
+        """Solve again, with limits tightened where extrema exceed them, until this gains nothing."""
         for _ in range(min(ROUNDS + self._coordinates.zones - 1, MAX_ROUNDS)):
             if best.stretched <= TIGHT:
                 break
@@ -200,13 +202,14 @@ class _Problem:
         return best
 
     def solved(self) -> Timed:
-        """The fastest motion that keeps the limits where it is looked at, stretched to keep them anywhere."""
+        """The fastest motion that keeps the limits at the checked places, stretched to keep them
+        everywhere."""
         bounded = [self._acceleration_rows(), self._jerk_rows()]
         rate, _, _ = fastest_rate(self._cells, _duration(self._cells), bounded, GAP, ITERATIONS)
         return self._timed(rate)
 
     def _acceleration_rows(self) -> Stations:
-        """Of accelerations, velocities and torques, at knots and in the middle of the cells."""
+        """The bounds of accelerations, velocities and efforts, at knots and in the middle of cells."""
         cells, base = acceleration_stations(self._cells)
         high = self._tightened[0, cells]
         one = np.ones((len(high), 1))
@@ -223,11 +226,11 @@ class _Problem:
         return Stations(cells, base, first, second, third, -high, high)
 
     def limit_efforts(self) -> None:
-        """Have the efforts count: what holds the arm, what accelerates it along the path, and what its curve
-        costs.
+        """Include the efforts: those to hold the arm, to accelerate it along the path, and for the path's
+        curvature.
 
         Raises:
-            PlanningError: the arm cannot even be held somewhere.
+            PlanningError: the arm cannot be held somewhere on the path.
         """
         dynamics, limits = self._robot.model.dynamics, self._limits
         joints, still = self._joints, np.zeros_like(self._joints[0])
@@ -241,16 +244,16 @@ class _Problem:
         self._efforts = first, second, -allowed - share, allowed - share
 
     def _timed(self, rate: Array) -> Timed:
-        """As quintics that meet path and rate in value and two derivatives at the knots."""
+        """The motion as quintics that match path and rate in value and two derivatives at the knots."""
         times, squares, slopes = times_of(rate)
         first, second, _ = chained(self._at_knots[1:], self._knots)
-        first[[0, -1]] = second[[0, -1]] = 0.0  # At rest, whatever was rounded.
+        first[[0, -1]] = second[[0, -1]] = 0.0  # exactly at rest, despite rounding
         coefficients = hermite(times, *states(self._at_knots[0], first, second, squares, slopes))
         used = self._used(times, coefficients)
         stretched = max(float((used.max(axis=(1, 2)) ** (1.0 / np.arange(1, 4))).max()), 1.0)
-        if stretched > TIGHT:  # Lower limits in the cells in which the true extrema are beyond them.
+        if stretched > TIGHT:  # tighten the limits of cells whose true extrema exceed them
             self._tightened[:, :, : self._path.dof] /= np.maximum(used[1:], 1.0)
-        # Slowed down evenly by just so much that the rate limits of each cell hold.
+        # Slowed down evenly, just enough to keep the rate limits of each cell.
         kept = Trajectory(times * stretched, coefficients / stretched ** np.arange(ORDER))
         place, *rates = self._knots[:3, :, None]
         squares, slopes = squares / stretched**2, slopes / stretched**2
@@ -258,8 +261,8 @@ class _Problem:
         return Timed(kept, progress, stretched)
 
     def _used(self, times: Array, coefficients: Array) -> Array:
-        """Of the limits of velocity, acceleration and jerk in each cell, shape (3, cells, dof): exact where
-        it is more than 1, else a bound."""
+        """Used share of the velocity, acceleration and jerk limits in each cell, shape (3, cells, dof): exact
+        above 1, otherwise an upper bound."""
         limits = (self._limits.max_velocity, self._limits.max_acceleration, self._limits.max_jerk)
         bounds = np.array(limits)[:, None] * self._shares[:, :, : self._path.dof]
         return np.asarray(greatest_rates(coefficients, np.diff(times), bounds) / bounds)
@@ -267,8 +270,8 @@ class _Problem:
 
 @lru_cache(maxsize=32)
 def _looks(cells: int) -> tuple[Integers, Integers, Integers]:
-    """Of the beginnings of all cells, their middles, and the end: which are the knots, and where the jerk is
-    looked at; and in the middles of which cells it is."""
+    """Among the begins of all cells, their middles and the end: indices of the knots, indices at which the
+    jerk is limited, and the cells in whose middle it is limited too."""
     knots = np.append(np.arange(cells), 2 * cells)
     ending = np.append(np.arange(ENDING_CELLS), np.arange(cells - ENDING_CELLS, cells))
     return knots, np.concatenate([knots[:-1], knots[1:], cells + ending]), ending
@@ -283,7 +286,7 @@ def _duration(cells: int) -> Stations:
 
 
 def _require_held(held: Array, places: Array, limits: JointLimits) -> None:
-    """places: of the path, as shares, shape (n,)."""
+    """Check that the efforts suffice to hold the arm. places: shares of the path, shape (n,)."""
     share = np.abs(held) / limits.max_effort
     place, joint = np.unravel_index(int(share.argmax()), share.shape)
     if share[place, joint] >= MAX_HOLDING_EFFORT:

@@ -1,11 +1,11 @@
-"""Timed motions of others, which know no jerk or are rounded, as the nearest ones that an arm can follow.
+"""Fitting timed motions of clients, which ignore jerk or are rounded, to motions that an arm can follow.
 
-Whoever plans with velocities and accelerations alone jumps in acceleration, and whoever writes a spreadsheet
-rounds. Both is a matter of milliradians, but the jerk of it is without bounds: to slow the whole motion down
-until that holds costs many times its duration. Instead the motion may be beside the curve within a corridor,
-and slower only where it has to be. First moving averages are tried, which cost nothing and keep every bound
-that the points keep; then `jerk_fit`, in rounds: after each the curve's time runs slower where a bound is
-still exceeded.
+Planners that limit only velocity and acceleration jump in acceleration; files contain rounded numbers. Both
+mean deviations of milliradians, but unbounded jerk. Slowing the whole motion down until the jerk limit holds
+would multiply its duration. Instead the motion may deviate from the curve within a corridor and is slower
+only where necessary. First moving averages are tried: they are cheap and keep every bound that the points
+keep. Then `jerk_fit` runs in rounds; after each, the curve's time is slowed down where a bound is still
+exceeded.
 """
 
 from __future__ import annotations
@@ -25,28 +25,29 @@ from cobot.types import Array, JointLimits
 STEPS_TO_FULL_ACCELERATION = 10
 MIN_STEPS, MAX_STEPS = 40, 60_000
 MUCH_SLOWER = 1.5
-"""What has to be slower by this factor on the whole gets steps of the time that it will take."""
+"""A motion that must be slower by this factor overall gets steps for its expected duration."""
 AVERAGES = [(3, 1), (5, 1), (7, 3), (10, 1), (10, 5), (14, 1), (14, 7), (20, 1)]
-"""Over so many steps: once over the first number, twice over the second."""
+"""Widths of the moving averages in steps: the first is applied once, the second twice."""
 TOO_FAR = 1.5
-"""Longer averages than one that leaves the corridor by this factor are not tried."""
+"""After an average that leaves the corridor by this factor, longer ones are not tried."""
 ROUNDS, TURNS, WORK = 16, 200, 2_500_000
-"""At the most so many rounds of so many turns, and so many turns times control points in all."""
+"""Maximum number of rounds, of turns per round, and of turns times control points in total."""
 USUAL_ROUNDS, MIN_TURNS = 8, 30
-"""What is long has less turns a round, so that it has rounds at all."""
+"""A long motion gets fewer turns per round, so that several rounds remain possible."""
 PER_DEVIATION = 0.08
-"""Where the motion leaves the corridor, time is stretched by this power of how far it does: carefully, as the
-turns that are still to come bring most of it back.
+"""Where the motion leaves the corridor, time is stretched by this power of the excess: carefully, because the
+remaining turns reduce most of it.
 """
 INNER, MIN_INNER = 0.85, 0.2
-"""The share of the corridor that the fit's control points may use, less what the noise takes of it."""
+"""Share of the corridor that the fit's control points may use, less the part that noise takes."""
 AS_ASKED = 1.002
-"""What lasts no longer than so many times the asked duration is not improved."""
+"""A motion that takes no longer than this multiple of the requested duration is not improved."""
 NEAR, SMOOTH = 7, 3.0
-"""Where a bound is exceeded, time is stretched over so many control points, smoothly over so many more."""
+"""Where a bound is exceeded, time is stretched over the first number of control points, and smoothly over the
+second number more."""
 ROUNDING_RAD = 1e-9
 HASTE = 0.97
-"""Where nothing is exceeded, time may be won back by this factor a round, up to what was asked."""
+"""Factor per round by which time is regained where no bound is exceeded, down to the requested duration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +55,8 @@ class Fitted:
     """A motion within all bounds.
 
     Attributes:
-        off_rad: the most that any joint is beside the curve.
-        times_s: of the curve, at each of the motion's breakpoints.
+        off_rad: the largest deviation of any joint from the curve.
+        times_s: the time on the curve that corresponds to each breakpoint of the motion.
     """
 
     motion: Trajectory
@@ -64,17 +65,17 @@ class Fitted:
 
 
 def fitted(asked: Trajectory, limits: JointLimits, corridor: Array, longest_s: float) -> Fitted | None:
-    """The shortest motion found that is within the limits and within the corridor around the asked one.
+    """The shortest motion found that keeps the limits and stays in the corridor around the requested one.
 
-    It is never shorter than what was asked for.
+    It is never shorter than the requested motion.
 
     Args:
-        asked: from rest to rest.
-        corridor: how far each joint may be beside it, shape (dof,), rad.
-        longest_s: what lasts longer is of no use.
+        asked: the requested motion, from rest to rest.
+        corridor: largest deviation of each joint, shape (dof,), rad.
+        longest_s: longest useful duration.
 
     Returns:
-        None if there is none within the corridor, or none as short as `longest_s`, as is clear beforehand.
+        None if no motion stays in the corridor, or if none can be as short as `longest_s`.
     """
     search = _Fitting(asked, limits, corridor)
     if search.least_s > longest_s:
@@ -86,11 +87,11 @@ def fitted(asked: Trajectory, limits: JointLimits, corridor: Array, longest_s: f
 
 
 class _Fitting:
-    """Better and better motions along one curve.
+    """Successively better motions along one curve.
 
     Attributes:
-        best: the shortest one so far that is within the corridor.
-        least_s: no motion within the velocities is shorter than this.
+        best: the shortest motion in the corridor so far.
+        least_s: lower bound of the duration, from the velocity limits.
     """
 
     def __init__(self, asked: Trajectory, limits: JointLimits, corridor: Array) -> None:
@@ -106,7 +107,7 @@ class _Fitting:
         self.best: Fitted | None = None
 
     def steps(self) -> Iterator[None]:
-        """Each time one more has been tried."""
+        """Try one candidate after the other, and yield after each."""
         start = self._sampled()
         for counts in AVERAGES:
             control, times_s = (self._averages(each, counts) for each in start)
@@ -117,7 +118,7 @@ class _Fitting:
         yield from self._rounds()
 
     def _sampled(self) -> tuple[Array, Array]:
-        """The curve's means over each step, and its times, with rest at both ends."""
+        """The curve's averages over each step, and their times, with rest at both ends."""
         curve = self._curve
         rows_s = np.linspace(0.0, curve.duration_s, len(curve.positions))
         means, times_s = (averaged(each, PARTS)[PARTS // 2 :: PARTS] for each in (curve.positions, rows_s))
@@ -142,7 +143,7 @@ class _Fitting:
         belongs_s, share, work = grid_s, most, 0
         for _ in range(ROUNDS):
             if MIN_TURNS * float(slowness.mean()) * curve.duration_s > WORK * self._step_s:
-                return  # else who asks for a lot too much takes all memory
+                return  # an excessive request would take all memory
             times_s, step_s = self._clock(grid_s, slowness)
             turns = int(np.clip(WORK / (USUAL_ROUNDS * len(times_s)), MIN_TURNS, TURNS))
             work += turns * len(times_s)
@@ -158,10 +159,10 @@ class _Fitting:
             slowness = self._slower(slowness, grid_s, belongs_s, needed)
 
     def _clock(self, grid_s: Array, slowness: Array) -> tuple[Array, float]:
-        """Which times of the curve the control points belong to, shape (n,), and their step.
+        """The time on the curve that corresponds to each control point, shape (n,), and their step.
 
         Args:
-            slowness: how much longer than the curve the motion takes at each of its times `grid_s`.
+            slowness: factor by which the motion is slower than the curve at each of its times `grid_s`.
         """
         clock_s = grid_s[1] * np.concatenate([[0.0], np.cumsum(0.5 * (slowness[1:] + slowness[:-1]))])
         steps = round(clock_s[-1] / self._step_s)
@@ -169,7 +170,7 @@ class _Fitting:
         return np.interp(step_s * np.arange(-1.0, steps + AT_REST - 1), clock_s, grid_s), step_s
 
     def _first_slowness(self, grid_s: Array) -> Array:
-        """What the velocities and the accelerations need, as far as they are no noise."""
+        """The slowness that the velocity and acceleration limits need, without noise."""
         from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
         velocity = self._curve.towards(grid_s)
@@ -189,16 +190,16 @@ class _Fitting:
         return np.maximum(slowness * np.interp(grid_s, belongs_s, smooth), 1.0)
 
     def _in_range(self, control: Array) -> bool:
-        """Whether the control points, and so all of the motion, are within the joints' ranges."""
+        """Whether the control points, and therefore the whole motion, are within the joint ranges."""
         low, high = self._limits.min_position - ROUNDING_RAD, self._limits.max_position + ROUNDING_RAD
         return bool(((low <= control) & (control <= high)).all())
 
     def _judge(self, control: Array, times_s: Array, step_s: float | None = None) -> tuple[Array, float]:
-        """Keep the motion if it is better; it is stretched by what is missing to its bounds.
+        """Stretch the motion until it keeps its bounds, and keep it if it is the best so far.
 
         Returns:
-            By which factor the time around each control point has to be stretched, shape (n,), so that bounds
-            and corridor hold, and which share of the corridor is used.
+            The factor by which the time around each control point must be stretched, shape (n,), so that
+            bounds and corridor hold, and the used share of the corridor.
         """
         step_s = self._curve.step_s if step_s is None else step_s
         needed = stretch_needed(control, step_s, self._limits)

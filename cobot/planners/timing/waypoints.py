@@ -1,4 +1,4 @@
-"""Timed joint waypoints: a twice continuously differentiable motion through all of them."""
+"""Timed joint waypoints: a motion through all of them, with two continuous derivatives."""
 
 from __future__ import annotations
 
@@ -29,24 +29,25 @@ from cobot.types import Array, JointLimits, PlannerName
 __all__ = ["plan_waypoints", "through"]
 
 UNASKED_STRETCH = 1.05
-"""A motion may take this many times as long as its points say before anybody has to be asked."""
+"""A motion may take longer than its points specify by this factor without the client's permission."""
 ASIDE = 0.1
-"""The share of a delay that does not count, before and after, where it is said when a motion is slower."""
+"""Share of a delay, at its begin and at its end, that is left out of the reported slow interval."""
 FEW = 5_000
-"""Of more points than this it is not tried first whether slowing down evenly is enough: that takes long."""
+"""With more points than this, slowing down evenly is not tried first, because it takes long."""
 
 
 def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Trajectory:
-    """The validated motion. Its `note` and `changes` say what is not as the points ask for.
+    """Plan and validate a motion. Its `note` and `changes` report deviations from the points.
 
-    Points beyond the rate limits are, in this order: cleaned of their rounding, see `rounding`; followed
-    within the request's corridor, see `timed_fit`; slowed down evenly, if there is no corridor. What then
-    needs more than the drives have, with what the arm carries, is slowed down evenly too.
+    If the points exceed the rate limits, three remedies are tried in this order. Their rounding is removed,
+    see `rounding`. The motion deviates within the request's corridor, see `timed_fit`. Without a corridor,
+    the whole motion is slowed down evenly. If it then exceeds the drives' efforts, with the load, it is
+    slowed down evenly too.
 
     Raises:
-        InputError: the points do not make a motion, see `through`.
-        LimitError: naming the points between which a joint exceeds a limit, or where its effort does.
-        CollisionError: see `CollisionChecker.check_trajectory`.
+        InputError: the points do not define a motion, see `through`.
+        LimitError: a limit is exceeded; names the points, or the place of an excessive effort.
+        CollisionError: as `CollisionChecker.check_trajectory`.
     """
     limits = robot.limits
     labels = labels_of(request.points, limits.dof)
@@ -74,10 +75,10 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
 
 
 def _within_limits(course: Course, limits: JointLimits, request: WaypointRequest) -> Trajectory:
-    """The motion through the points if it keeps the limits, else the nearest to it that does.
+    """The motion through the points if it keeps the limits, otherwise the nearest motion that does.
 
     Raises:
-        LimitError: there is none, or none that the request permits.
+        LimitError: there is none that the request permits.
     """
     asked = motion = course.motion()
     excess = _excess(motion, limits, course.labels)
@@ -107,10 +108,10 @@ def _within_limits(course: Course, limits: JointLimits, request: WaypointRequest
 def _within_efforts(
     robot: RobotDescription, motion: Trajectory, asked_s: float, request: WaypointRequest
 ) -> Trajectory:
-    """The motion if the drives suffice for it, else the same slowed down evenly.
+    """The motion if the drives suffice for it, otherwise the motion slowed down evenly.
 
     Raises:
-        LimitError: that does not help, or takes longer than the request permits.
+        LimitError: slowing down does not help, or takes longer than the request permits.
     """
     try:
         check_efforts(robot.model, motion, robot.limits)
@@ -124,7 +125,7 @@ def _within_efforts(
     if not request.check_limits:
         return motion
     if slower is None:
-        raise LimitError(f"{excess}; no speed helps, as holding the arm takes too much already") from excess
+        raise LimitError(f"{excess}; no speed helps, because holding the arm takes too much") from excess
     raise _with_way_out(excess, asked_s, slower, request) from excess
 
 
@@ -141,15 +142,15 @@ def _excess(motion: Trajectory, limits: JointLimits, labels: list[str] | None) -
 
 
 def _without_rounding(course: Course, motion: Trajectory) -> Trajectory | None:
-    """The motion through the points without their rounding, if that can be told."""
+    """The motion through the points without their rounding; None if the rounding is not recognisable."""
     found = smoothed(course.times_s, course.positions)
     if found is None:
         return None
     positions, unit = found
     off_rad = float(np.abs(positions - course.positions).max())
     note = (
-        f"the points were smoothed by up to {off_rad:.1e} rad, within the {unit:.0e} rad to which they "
-        "are rounded: the jerk of the rounding would be beyond the limits"
+        f"the points were smoothed by up to {off_rad:.1e} rad, within their rounding of {unit:.0e} rad, "
+        "because the jerk of the rounding exceeds the limits"
     )
     cleaned = replace(course, positions=positions).motion()
     return _noted(cleaned, note, replace(motion.changes, smoothed_rad=off_rad))
@@ -163,8 +164,8 @@ def _followed(
     longest_s: float,
     excess: LimitError,
 ) -> Trajectory:
-    """The asked motion within a corridor, or the cleaned one slowed down evenly, whichever is shorter."""
-    inside = in_range(cleaned, limits)  # no slowness brings a joint back into its range
+    """The requested motion within a corridor, or the cleaned one slowed down evenly, whichever is shorter."""
+    inside = in_range(cleaned, limits)  # slowing down does not bring a joint back into its range
     even = _slowed_evenly(cleaned, limits) if asked.segments <= FEW else None
     if even is not None and inside and even.duration_s <= AS_ASKED * asked.duration_s:
         return even
@@ -180,7 +181,7 @@ def _followed(
         stretch=found.motion.duration_s / asked.duration_s,
         slowed_s=slowed_s,
     )
-    note = f"the motion is up to {found.off_rad:.1e} rad beside the curve through the points"
+    note = f"the motion deviates by up to {found.off_rad:.1e} rad from the curve through the points"
     if slowed_s is not None:
         note += (
             f" and takes {found.motion.duration_s:.3f} s instead of {asked.duration_s:.3f} s, "
@@ -195,7 +196,7 @@ def _slowed_evenly(motion: Trajectory, limits: JointLimits) -> Trajectory:
 
 
 def _evenly(motion: Trajectory, slower: Trajectory, why: str = "") -> Trajectory:
-    """What was slowed down as a whole, and says so."""
+    """The slower motion, with a note."""
     asked_s = motion.duration_s / motion.changes.stretch
     changes = replace(motion.changes, stretch=slower.duration_s / asked_s, slowed_s=(0.0, asked_s))
     note = f"the whole motion was slowed down from {motion.duration_s:.3f} s to {slower.duration_s:.3f} s"
@@ -203,7 +204,8 @@ def _evenly(motion: Trajectory, slower: Trajectory, why: str = "") -> Trajectory
 
 
 def _slowed(found: Fitted, duration_s: float) -> tuple[float, float] | None:
-    """Between which of the points' times the motion falls behind them, but for a little at either end."""
+    """The interval, in the points' times, in which the motion falls behind them, without a little at either
+    end."""
     late_s = found.motion.duration_s - duration_s
     if late_s <= (AS_ASKED - 1.0) * duration_s:
         return None
@@ -220,7 +222,7 @@ def _noted(motion: Trajectory, note: str, changes: Changes) -> Trajectory:
 def _with_way_out(
     excess: LimitError, asked_s: float, possible: Trajectory | None, request: WaypointRequest
 ) -> LimitError:
-    """The same with what would help, and how long the motion would then take."""
+    """The error with advice, and the duration that the motion would then have."""
     sentence = str(excess)
     if f"between {PRESENT} and" in sentence and request.approach is None and not request.retime:
         return LimitError(f"{sentence}; {request.ways.start}")
@@ -233,5 +235,5 @@ def _with_way_out(
         return excess
     late_s = math.ceil(1e3 * (possible.duration_s - asked_s)) / 1e3
     way = f": {request.ways.time.format(late_s=late_s)}" if request.ways.time else ""
-    allowed = f"no more than {request.longest_s:.3f} s are allowed{way}"
+    allowed = f"up to {request.longest_s:.3f} s are allowed{way}"
     return LimitError(f"{sentence}; within the limits it takes {takes}, and {allowed}")

@@ -549,8 +549,8 @@ def test_what_moveit_plans_without_jerk_takes_its_time_and_the_result_says_what_
         motion_s = stand.link.state().path_duration_s
         assert motion_s <= (1.2 if share == 1.0 else 1.05) * planned_s
         said = result["error_string"]
-        assert "1.0e-05 rad beside the first point, blended in within" in said
-        assert "rad beside the curve through the points" in said
+        assert "1.0e-05 rad away from the first point; this is blended out within" in said
+        assert "rad from the curve through the points" in said
         assert ("takes" in said) == (motion_s > 1.002 * planned_s), said
         np.testing.assert_allclose(stand.rig.commanded[-1], goal_joints, atol=1e-9)
         assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6

@@ -164,7 +164,7 @@ def test_neighbours_share_what_lies_between_them(robot: RobotDescription) -> Non
     motions = square(robot)
     motion = joined(robot, motions, [0.5, 0.5])
     assert motion.blended == (True, True)
-    assert "motion 1: of its radius of 500 mm" in motion.trajectory.note
+    assert "of its radius of 500 mm" in motion.trajectory.note
     require_path_ends(motions, motion)
 
 
@@ -191,7 +191,7 @@ def test_where_the_way_through_the_corner_touches_something_it_is_rounded_less_o
     ("radii", "message"),
     [
         ([0.05], r"radii: 3 motions have 2 corners, got 1 radii"),
-        ([0.05, -0.1], r"radii\[1\]: is -0.1 m, possible is 0 and above"),
+        ([0.05, -0.1], r"radii\[1\]: is -0.1 m, must be 0 or more"),
         ([float("nan"), 0.0], r"radii\[0\]: is nan m"),
     ],
 )

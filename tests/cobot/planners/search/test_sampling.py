@@ -142,7 +142,7 @@ def test_chomp_that_finds_nothing_names_the_bodies_and_does_not_become_another_p
     monkeypatch.setattr(sampling, "find_path", find_none)
     with pytest.raises(PlanningError) as caught:
         planned(wall(robot, tmp_path), "chomp", *sides(robot))
-    pattern = r"chomp: found no free path near the straight one: .* still at -?\d+ mm; try ompl"
+    pattern = r"chomp: found no free path near the straight line: .* still at -?\d+ mm; try ompl"
     assert re.match(pattern, str(caught.value))
     assert re.search(r"after \d+ % of the path link\d and post still at", str(caught.value))
 
@@ -152,7 +152,7 @@ def test_chomp_that_finds_nothing_near_the_straight_path_starts_from_one_of_ompl
 ) -> None:
     there = wall(robot, tmp_path)
     motion = planned(there, "chomp", *sides(robot))
-    assert motion.note == "chomp started from a path of ompl's: near the straight one it found none"
+    assert motion.note == "chomp started from a path of ompl: it found none near the straight line"
     contacts = Contacts(file=tmp_path / "changed.xml")
     for joints in motion.sample(np.linspace(0.0, motion.duration_s, 2000)):
         assert not contacts.bodies(joints), joints

@@ -303,7 +303,10 @@ def test_an_offset_at_the_start_fades_away_and_takes_little_of_the_limits(
     assert (moved.duration_s, changes.stretch, changes.smoothed_rad) == (4.0, 1.0, 0.0)
     assert changes.blended_rad == pytest.approx(0.009)
     assert 0.3 < changes.blended_s < 1.0
-    assert f"9.0e-03 rad beside the first point, blended in within {changes.blended_s:.3f} s" in moved.note
+    assert (
+        f"9.0e-03 rad away from the first point; this is blended out within {changes.blended_s:.3f} s"
+        in moved.note
+    )
     grid = np.linspace(0.0, 4.0, 4001)
     apart = moved.sample(grid) - still.sample(grid)
     assert apart[0] == pytest.approx(np.eye(DOF)[0] * 0.009, abs=1e-12)
