@@ -1,4 +1,4 @@
-"""Reading what others have written: YAML and JSON documents, strictly, with errors that help."""
+"""Strict reading of YAML and JSON documents from users, with helpful errors."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pydantic import BaseModel, ConfigDict, model_validator
 
 SHOWN_CHARACTERS = 80
 LONG_CHARACTERS = 40
-"""A longer text is not counted at a glance, so an error says how long it is."""
+"""An error states the length of a longer text, because people cannot count it at a glance."""
 SHOWN_ERRORS = 10
 
 
 class _Brief(reprlib.Repr):
-    """JSON's words for values. Of a list of a million items, only what is shown is written."""
+    """Formats values in JSON's words. Of a list of a million items it formats only those that are shown."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -47,20 +47,20 @@ MUST_BE = {
     "string_type": "a string",
     "tuple_type": "a list",
 }
-"""JSON's word for what pydantic's types of errors miss."""
+"""JSON's names of the expected types, by pydantic's types of errors."""
 LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", "at most")}
-"""Which bound a list or an object breaks, by pydantic's types of errors, and how a sentence begins."""
+"""The violated bound of a list or an object and the words for it, by pydantic's types of errors."""
 
 
 class StrictModel(BaseModel):
-    """Numbers are numbers, and nothing is unknown."""
+    """A model that converts no types and rejects unknown keys."""
 
     model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod
     def _refuse_unknown(cls, content: Any) -> Any:
-        """Pydantic refuses an extra key too, but does not say which ones are valid."""
+        """Pydantic rejects an extra key too, but does not list the valid ones."""
         if isinstance(content, dict):
             for key in content:
                 if key not in cls.model_fields:
@@ -69,7 +69,7 @@ class StrictModel(BaseModel):
 
 
 def unknown_key(name: str, valid: list[str]) -> str:
-    """The sentence for a key that nobody knows: what may have been meant, and the valid ones."""
+    """The sentence about an unknown key, with the likely meaning and the valid keys."""
     guess = difflib.get_close_matches(name, valid, 1) if len(name) <= SHOWN_CHARACTERS else []
     hint = f" (did you mean {guess[0]!r}?)" if guess else ""
     return f"unknown key {shown(name)}{hint}; valid are: {', '.join(valid)}"
@@ -79,7 +79,7 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
     """One of pydantic's errors as `place: what is wrong, got value`.
 
     Args:
-        ignored: parts of the place that mean nothing to the document's author.
+        ignored: parts of the place that mean nothing to the author of the document.
     """
     place = ""
     for part in error["loc"]:
@@ -109,32 +109,32 @@ def _requirement(kind: str, error: Mapping[str, Any]) -> str:
 
 
 def _key(name: str) -> str:
-    """As it stands, unless it is long or acts on a terminal: it may be the client's own."""
+    """The key, formatted only if it is long or acts on a terminal, because it may come from a client."""
     return name if len(name) <= SHOWN_CHARACTERS and name.isprintable() else shown(name)
 
 
 def sentences(errors: Sequence[Mapping[str, Any]], *, ignored: tuple[str, ...] = ()) -> str:
-    """The first of pydantic's errors, and how many more there are."""
+    """The first of pydantic's errors, and the number of further ones."""
     each = dict.fromkeys(sentence(error, ignored=ignored) for error in errors[:SHOWN_ERRORS])
     more = [f"and {len(errors) - SHOWN_ERRORS} more"] if len(errors) > SHOWN_ERRORS else []
     return "; ".join([*each, *more])
 
 
 def without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """For `json.loads(object_pairs_hook=...)`, which by itself lets a second key win silently.
+    """For `json.loads(object_pairs_hook=...)`, which on its own silently uses the last of equal keys.
 
     Raises:
-        ValueError: a key stands twice; where an arm goes must not depend on which one counts.
+        ValueError: a key occurs twice; the arm's target must not depend on which one counts.
     """
     content = dict(pairs)
     if len(content) < len(pairs):
         counts = Counter(name for name, _ in pairs)
         twice = next(name for name, count in counts.items() if count > 1)
-        raise ValueError(f"the key {shown(twice)} stands twice in one object")
+        raise ValueError(f"the key {shown(twice)} occurs twice in one object")
     return content
 
 
 def shown(value: object) -> str:
-    """A value in an error message, cut to a readable length."""
+    """A value for an error message, cut to a readable length."""
     text = repr(value) if isinstance(value, str) else _BRIEF.repr(value)
     return text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."

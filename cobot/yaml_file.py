@@ -1,4 +1,4 @@
-"""YAML files, read strictly."""
+"""Strict reading of YAML files."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from cobot.errors import ConfigError
 
 
 def read_yaml(path: Path) -> Any:
-    """A YAML file's content; a key that stands twice in a mapping is an error.
+    """Read a YAML file; a duplicate key in a mapping is an error.
 
     Raises:
-        ConfigError: missing, unreadable or malformed.
+        ConfigError: the file is missing, unreadable or malformed.
     """
     try:
         return _load(path.read_text(encoding="utf-8"))
@@ -25,19 +25,20 @@ def read_yaml(path: Path) -> Any:
         raise ConfigError(f"{path}: no such file") from exc
     except (OSError, UnicodeDecodeError) as exc:
         raise ConfigError(f"{path}: cannot be read: {exc}") from exc
-    except (yaml.YAMLError, RecursionError, ValueError, TypeError) as exc:  # no such date, a list as a key
+    except (yaml.YAMLError, RecursionError, ValueError, TypeError) as exc:  # an invalid date, a list as a key
         raise ConfigError(f"{path}: not valid YAML: {' '.join(str(exc).split())}") from exc
 
 
 def _load(source: str) -> Any:
     if yaml.__with_libyaml__:
-        with contextlib.suppress(yaml.YAMLError):  # which is said in Python's words
+        with contextlib.suppress(yaml.YAMLError):  # the Python loader reports it, in clearer words
             return yaml.load(source, _FastLoader)
     return yaml.load(source, _Loader)
 
 
 class _UniqueKeys(SafeConstructor):
-    """YAML lets a second key win silently; a robot's limits must not depend on that."""
+    """Rejects duplicate keys, of which YAML silently uses the last; a robot's limits must not depend on
+    that."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
@@ -45,14 +46,14 @@ class _UniqueKeys(SafeConstructor):
             key = str(key_node.value)
             if key in seen:
                 raise yaml.constructor.ConstructorError(
-                    None, None, f"{key!r} stands twice", key_node.start_mark
+                    None, None, f"{key!r} occurs twice", key_node.start_mark
                 )
             seen.add(key)
         return super().construct_mapping(node, deep)
 
 
 class _Loader(_UniqueKeys, yaml.SafeLoader):
-    """All in Python."""
+    """Loads in pure Python."""
 
 
 if yaml.__with_libyaml__:
@@ -60,8 +61,8 @@ if yaml.__with_libyaml__:
     class _FastLoader(Composer, _UniqueKeys, yaml.CSafeLoader):
         """Parses in C, five times as fast: each process of cobot reads three files when it starts.
 
-        What is nested is put together in Python, for libyaml's own composer calls itself in C: a file of
-        100,000 brackets would end the process.
+        Nested nodes are composed in Python, because libyaml's own composer is recursive in C: a file of
+        100,000 brackets would crash the process.
         """
 
         def __init__(self, stream: str) -> None:
@@ -70,13 +71,13 @@ if yaml.__with_libyaml__:
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """The same, of a file that holds a mapping.
+    """Read a YAML file that contains a mapping.
 
     Raises:
-        ConfigError: as above, or it holds something else.
+        ConfigError: as `read_yaml`, or the file contains something else.
     """
     content = read_yaml(path)
     if not isinstance(content, dict):
         found = "nothing" if content is None else type(content).__name__
-        raise ConfigError(f"{path}: must hold a mapping, got {found}")
+        raise ConfigError(f"{path}: must contain a mapping, got {found}")
     return content

@@ -1,4 +1,4 @@
-"""The device in shared memory: what it can do, and how it is."""
+"""The device in shared memory: its capabilities and its status."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ from cobot.robot.device import (
 )
 
 UNABLE, DOES, CONFIRMS = range(3)
-"""Of a stop category: the device cannot, cobot has it do it, it says itself that it has."""
+"""Support for a stop category: none, commanded by cobot, or also confirmed by the device."""
 
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """What rtloop tells of the device that it drives.
+    """What rtloop reports about its device.
 
     Attributes:
-        status: None for a device that says nothing of itself.
-        share: of the speed of planned motions that it moves with now, from 0 to 1.
-        unacknowledged: why it moves slowly until somebody acknowledges, as sentences; "" when it need not.
-        drives_off: whether a stop of category 1 has switched the drives off, until a reset.
+        status: None if the device reports none.
+        share: present speed of planned motions, as a share from 0 to 1.
+        unacknowledged: sentences with the reason for the reduced speed until a user acknowledges; "" for
+            none.
+        drives_off: whether a stop of category 1 has switched the drives off; a reset switches them on.
     """
 
     capabilities: Capabilities
@@ -41,14 +42,14 @@ class Device:
 
     @property
     def words(self) -> dict[str, object]:
-        """What there is to say about it at this moment, as plain JSON values."""
+        """The device's present status as plain JSON values."""
         said = {} if self.status is None else asdict(self.status)
         own = {"unacknowledged": self.unacknowledged, "drives_off": self.drives_off}
         return {**said, "speed_share": self.share, **own}
 
 
 def fill_capabilities(record: np.ndarray, capabilities: Capabilities) -> None:
-    """Put them into a record of `cobot.ipc.layout.DEVICE`."""
+    """Write capabilities into a record of `cobot.ipc.layout.DEVICE`."""
     record["periods_s"] = 0.0
     count = min(len(capabilities.periods_s), MAX_PERIODS)
     record["periods_s"][:count] = capabilities.periods_s[:count]
@@ -62,7 +63,7 @@ def fill_capabilities(record: np.ndarray, capabilities: Capabilities) -> None:
 
 
 def fill_status(record: np.ndarray, status: DeviceStatus) -> None:
-    """Put it into such a record; words that are too long are cut."""
+    """Write a status into a record of `cobot.ipc.layout.DEVICE`; texts that are too long are cut."""
     for name in STATUS_WORDS:
         size = record.dtype[name].itemsize
         word = plain_text(getattr(status, name), size).encode()
@@ -74,10 +75,10 @@ def fill_status(record: np.ndarray, status: DeviceStatus) -> None:
 
 
 def device_of(record: np.ndarray) -> Device:
-    """What stands in such a record.
+    """Read a record of `cobot.ipc.layout.DEVICE`.
 
     Raises:
-        ValueError: no such numbers can be a device's.
+        ValueError: the record is invalid.
     """
     capabilities = Capabilities(
         periods_s=tuple(float(each) for each in record["periods_s"] if each > 0.0),

@@ -1,7 +1,7 @@
-"""What stands in the shared memory of a robot: records, and the words for what is in them.
+"""The records in a robot's shared memory and the enumerations for their values.
 
-`cobot.ipc.shm` maps them. The record of the state block and the version of all records, which a change of any
-raises, are in `cobot.ipc.state_fields`. Long, so that one file shows all the others.
+`cobot.ipc.shm` maps them. The record of the state block, and the version of all records, which must be raised
+with each change, are in `cobot.ipc.state_fields`. Long, because one file shows all other records.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ MAGIC = b"COBOTRT\0"
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96
-"""So much of a motion rtloop takes over from its slot in a cycle."""
+"""Segments of a motion that rtloop copies from its slot per cycle."""
 HISTOGRAM_BUCKETS = 1024
 CHUNK_POINTS = 64
 POINTS = 1024
-"""So many servo points may wait for rtloop."""
+"""Number of servo points that can wait for rtloop."""
 TEXT = "S200"
 
 
@@ -26,11 +26,11 @@ class Command(IntEnum):
     START = 1  # run the motion in a slot
     SET_RATE = 2  # path time per clock time, 0 (pause) to 1
     RESET = 3  # leave ESTOP or FAULT
-    TOOL = 4  # carry the tool that stands in its block
-    SCENE = 5  # read the scene's file anew, for streams
-    REPLACE = 6  # go on with the trajectory in a slot, which begins as what is left of the one under way
-    ACKNOWLEDGE = 7  # somebody has seen what the first contact has found: full speed
-    OUTPUT = 8  # have the device set the output that stands in its block
+    TOOL = 4  # carry the tool in the tool block
+    SCENE = 5  # read the scene file again, for streams
+    REPLACE = 6  # continue with the trajectory in a slot, which begins as the rest of the present one
+    ACKNOWLEDGE = 7  # a user has seen the findings of the first contact: full speed
+    OUTPUT = 8  # set the output in the output block
 
 
 class Ack(IntEnum):
@@ -39,18 +39,18 @@ class Ack(IntEnum):
 
 
 class MotionResult(IntEnum):
-    """How the motion `motion_id` stands."""
+    """The result of the motion `motion_id`."""
 
-    NONE = 0  # there has been none
+    NONE = 0  # no motion yet
     RUNNING = 1
-    ARRIVED = 2  # at rest at its goal, settled
-    STOPPED = 3  # at rest on its path, by request
-    FAILED = 4  # ended by a fault or an e-stop: the state's `reason` says why
-    STOPPED_ASIDE = 5  # at rest by request, but not on its path: that left no room to slow down
+    ARRIVED = 2  # settled at its goal
+    STOPPED = 3  # stopped on its path, by request
+    FAILED = 4  # ended by a fault or an e-stop, see the state's `reason`
+    STOPPED_ASIDE = 5  # stopped by request, but not on its path, which left no room to slow down
 
 
 class Phase(IntEnum):
-    """The parts of a cycle whose times are counted in the statistics' histograms."""
+    """The parts of a cycle whose durations the statistics' histograms count."""
 
     WAKEUP = 0  # how late the cycle began
     READ = 1
@@ -60,7 +60,7 @@ class Phase(IntEnum):
 
 
 class Intervention(IntEnum):
-    """What the safety layer counted."""
+    """The kinds of intervention that the safety layer counts."""
 
     NOT_FINITE = 0
     POSITION = 1
@@ -70,16 +70,16 @@ class Intervention(IntEnum):
     TRACKING = 5
     SERVICE_TIMEOUT = 6
     OVERRUN = 7
-    JUMP = 8  # a streamed target further from the last one than an arm can get: refused
-    COMMAND_TIMEOUT = 9  # no streamed target for too long: held
-    COLLISION = 10  # a stream led into the arm itself or its surroundings: held
+    JUMP = 8  # a streamed target farther from the last one than an arm can get: rejected
+    COMMAND_TIMEOUT = 9  # no streamed target for too long: stopped
+    COLLISION = 10  # a stream led into the arm itself or its surroundings: stopped
     PROXIMITY = 11  # a stream came near them: slowed down
-    CONTACT = 12  # the surroundings push harder than the session permits: stopped
-    LATE = 13  # timed targets whose time had passed: dropped
+    CONTACT = 12  # contact forces exceed the session's limits: stopped
+    LATE = 13  # timed targets that arrived after their time: dropped
 
 
 class Stream(IntEnum):
-    """What a streaming session streams."""
+    """The kind of target of a streaming session."""
 
     JOINT_IMPEDANCE = 1
     CARTESIAN = 2
@@ -87,21 +87,21 @@ class Stream(IntEnum):
 
 
 class Interpolation(IntEnum):
-    """How rtloop goes from one streamed target to the next."""
+    """How rtloop interpolates between streamed targets."""
 
-    NONE = 0  # at once, as fast as the limits permit
+    NONE = 0  # to the target at once, as fast as the limits permit
     LINEAR = 1  # at constant velocity, within one command period
     QUINTIC = 2  # with continuous velocity and acceleration, within one command period
     RUCKIG = 3  # re-planned in every cycle, jerk-limited
 
 
 class ServoMode(IntEnum):
-    """What rtloop makes of the points of a servo session, as the manual numbers it."""
+    """How rtloop follows the points of a servo session; the vendor manual's numbers."""
 
     NONE = 0  # no servo session
     REPLANNED = 1  # to the newest point at once, jerk-limited
     DIRECT = 2  # the newest point is the reference
-    BUFFERED = 3  # one point after the other, each in its time
+    BUFFERED = 3  # one point after the other, each in its own time
     BUFFERED_1MS = 4  # one point per millisecond
     THROUGH = 5  # planned through all points
     REPLANNED_FORCE = 6  # as 1, with force control along the force axes
@@ -119,7 +119,7 @@ HEADER = np.dtype(
         ("created_ns", "i8"),
         ("robot", "S64"),
         ("url", "S128"),
-        ("checksum", "u8"),  # the last one: of all that stands before it
+        ("checksum", "u8"),  # of all fields before it
     ]
 )
 STATISTICS = np.dtype(
@@ -130,17 +130,18 @@ STATISTICS = np.dtype(
         ("started_ns", "i8"),  # CLOCK_REALTIME
         ("backend", "S64"),
         ("clock", "S16"),
-        ("permissions", "S400"),  # what was not granted, and why
+        ("permissions", "S400"),  # which were not granted, and why
         ("cycles", "u8"),
         ("max_us", "f8", (len(Phase),)),
-        ("histogram", "u4", (len(Phase), HISTOGRAM_BUCKETS)),  # 1 µs each, the last one is "more"
+        ("histogram", "u4", (len(Phase), HISTOGRAM_BUCKETS)),  # 1 µs per bucket, the last one is for all
+        above,
     ],
     align=True,
 )
 ACK = np.dtype([("id", "u8"), ("result", "u4"), ("message", TEXT)], align=True)
 HEARTBEAT = np.dtype([("pid", "u4"), ("monotonic_ns", "i8")], align=True)
 REQUESTS = np.dtype([("stops", "u8"), ("estops", "u8"), ("fast_stops", "u8")], align=True)
-"""fast_stops: of the stops those of category 1."""
+"""Counters of requested stops; fast_stops counts those of category 1."""
 HEAD = np.dtype([("id", "u8")], align=True)
 COMMAND = np.dtype(
     [
@@ -155,18 +156,18 @@ COMMAND = np.dtype(
     ],
     align=True,
 )
-"""stops: the count of stop requests that the sender knew of; a START or REPLACE that a stop has overtaken is
-refused. Of a RESET that of e-stops is added: it ends no e-stop but those that its sender knew of.
-value: the rate of a SET_RATE; of a REPLACE the path time, s, of the motion under way at which its own begins.
-tool: the version that a START or REPLACE was planned with, another one is refused; of a TOOL that in the
-block.
-scene: of a SCENE or a TOOL, the version of the scene whose file is to be read."""
+"""stops: number of stop requests known to the sender. A START or REPLACE is rejected if there are more by
+now. For a RESET the number of e-stops is added: it ends only e-stops that its sender knew of.
+value: rate of a SET_RATE; for a REPLACE the path time, s, of the present motion at which the new one begins.
+tool: tool version for which a START or REPLACE was planned; another one is rejected. For a TOOL: version in
+the block.
+scene: for a SCENE or a TOOL, the version of the scene file to read."""
 TOOL = np.dtype(
     [
         ("version", "u8"),
         ("mass", "f8"),  # kg
-        ("centre", "f8", (3,)),  # of the mass, m, in the flange's frame
-        ("inertia", "f8", (6,)),  # about it: xx, xy, xz, yy, yz, zz, kg·m²; NaN: a point
+        ("centre", "f8", (3,)),  # centre of mass, m, in the flange's frame
+        ("inertia", "f8", (6,)),  # about the centre: xx, xy, xz, yy, yz, zz, kg·m²; NaN: a point mass
         ("tcp", "f8", (7,)),  # in the flange's frame; NaN: the model's
         ("gravity", "f8", (3,)),  # in the base frame, m/s²; NaN: the model's
     ]
@@ -175,16 +176,16 @@ TOOL = np.dtype(
 SLOT = np.dtype(
     [("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8"), ("fence", "f8", (7,))], align=True
 )
-"""fence: as `cobot.motions.fence.Fence`; NaN: none."""
+"""fence: values of a `cobot.motions.fence.Fence`; NaN: none."""
 MAX_PERIODS = 8
 DEVICE = np.dtype(
     [
-        ("periods_s", "f8", (MAX_PERIODS,)),  # of the cycle, that it can be driven with; the others are 0
-        ("measured", "u1", (6,)),  # 1: this row of what is measured is real
-        ("able", "u1", (8,)),  # as `cobot.robot.device.FLAGS`
+        ("periods_s", "f8", (MAX_PERIODS,)),  # supported cycle periods; unused places are 0
+        ("measured", "u1", (6,)),  # 1: the device measures this row
+        ("able", "u1", (8,)),  # one per `cobot.robot.device.FLAGS`
         ("stops", "u1", (3,)),  # categories 0 to 2, as `cobot.ipc.device_record` counts
         ("hardware", "u1"),
-        ("says", "u8"),  # 1: what follows is what the device says of itself
+        ("says", "u8"),  # 1: the device reports the status that follows
         ("connection", "S64"),
         ("quality", "S64"),
         ("operation_mode", "S16"),
@@ -193,11 +194,11 @@ DEVICE = np.dtype(
         ("brakes", "S64"),
         ("speed_scaling", "f8"),
         ("packets_lost", "u8"),
-        ("device_time_s", "f8"),  # NaN: it does not say
+        ("device_time_s", "f8"),  # NaN: not reported
         ("text", "S400"),
-        ("share", "f8"),  # of the speed of planned motions
-        ("unacknowledged", "S800"),  # what the first contact has found; "" when it is acknowledged
-        ("drives_off", "u1"),  # 1: by a stop of category 1, until a reset
+        ("share", "f8"),  # present speed of planned motions, as a share
+        ("unacknowledged", "S800"),  # findings of the first contact; "" once acknowledged
+        ("drives_off", "u1"),  # 1: after a stop of category 1, until a reset
     ],
     align=True,
 )
@@ -207,9 +208,9 @@ IO_NAME_BYTES = 64
 IO = np.dtype(
     [
         ("number", "u8"),  # of the report
-        ("count", "u8"),  # so many of the places are in use
+        ("count", "u8"),  # number of places in use
         ("names", f"S{IO_NAME_BYTES}", (IO_POINTS,)),
-        ("kinds", "u1", (IO_POINTS,)),  # as `cobot.ipc.io_record.KINDS`
+        ("kinds", "u1", (IO_POINTS,)),  # numbers of `cobot.ipc.io_record.KINDS`
         ("outputs", "u1", (IO_POINTS,)),  # 1: an output
         ("values", "f8", (IO_POINTS,)),
     ],
@@ -221,7 +222,8 @@ INFO_TEXT = "S64"
 
 
 def info_dtype(dof: int) -> np.dtype:
-    """What rtloop knows of its robot from the beginning; what hangs on the tool changes with that."""
+    """Properties of the robot that rtloop knows from its start; those that depend on the tool change with
+    it."""
     joints = ("f8", (dof,))
     return np.dtype(
         [
@@ -234,27 +236,27 @@ def info_dtype(dof: int) -> np.dtype:
             ("max_acceleration", *joints),
             ("max_jerk", *joints),
             ("max_effort", *joints),
-            ("stiffness", *joints),  # nominal, N·m/rad; zeros: the drives do not give way
+            ("stiffness", *joints),  # nominal, N·m/rad; zeros: no impedance control
             ("cartesian_stiffness", "f8", (6,)),  # nominal, N/m and N·m/rad
             ("flange", "f8", (7,)),  # in the TCP's frame
-            ("tool_version", "u8"),  # of the tool that it carries, with what is attached
-            ("scene_version", "u8"),  # of the scene that it was told of last
+            ("tool_version", "u8"),  # of the tool that it carries, including attached objects
+            ("scene_version", "u8"),  # of the newest scene that it knows
         ]
     )
 
 
 def session_dtype(dof: int) -> np.dtype:
-    """What a streaming client wants; fixed from the session's beginning to its end."""
+    """A streaming client's settings, fixed for the duration of a session."""
     joints = ("f8", (dof,))
     return np.dtype(
         [
             ("number", "u8"),  # of the session: a new one for each
-            ("open", "u8"),  # 1 while it is wanted; 2: a servo session's points, and no more
-            ("pid", "u8"),  # its writer: when that is gone, so is the session
-            ("stops", "u8"),  # stops that rtloop had seen when the client asked: a later one refuses it
+            ("open", "u8"),  # 1: in use; 2: a servo session ends after its present points
+            ("pid", "u8"),  # the client's process; the session ends with it
+            ("stops", "u8"),  # number of stops when the client asked; a later stop rejects the session
             ("stream", "u8"),
             ("interpolation", "u8"),
-            ("decimation", "u8"),  # a new target is taken every so many cycles
+            ("decimation", "u8"),  # number of cycles per target
             ("stiffness", *joints),
             ("damping_ratio", *joints),
             ("cartesian_stiffness", "f8", (6,)),
@@ -266,25 +268,25 @@ def session_dtype(dof: int) -> np.dtype:
             ("force_in_tcp", "u8"),  # the force frame is given in the TCP's frame, not in the base frame
             ("force_frame", "f8", (7,)),
             ("posture", *joints),  # of the null space, rad; NaN for none
-            ("servo_mode", "u8"),  # 0: targets come in the setpoint; else they are points in the queue
-            ("watchdog_s", "f8"),  # of a servo session: without a point for so long, it ends
+            ("servo_mode", "u8"),  # 0: targets are in the setpoint; otherwise they are points in the queue
+            ("watchdog_s", "f8"),  # a servo session ends after this time without a point
         ]
     )
 
 
 def setpoint_dtype(dof: int) -> np.dtype:
-    """What a streaming client wants now."""
+    """A streaming client's present target."""
     joints = ("f8", (dof,))
     return np.dtype(
         [
             ("session", "u8"),
             ("number", "u8"),
-            ("feed_forward", "u8"),  # whether velocities are stated
+            ("feed_forward", "u8"),  # 1: velocities are given
             ("joints", *joints),  # rad, or N·m
             ("joint_velocity", *joints),
             ("joint_acceleration", *joints),
             ("pose", "f8", (7,)),
-            ("wrench", "f8", (6,)),  # what the TCP shall exert, in the force frame
+            ("wrench", "f8", (6,)),  # force and torque that the TCP exerts, in the force frame
             ("twist", "f8", (6,)),
             ("twist_rate", "f8", (6,)),
             ("move", "u8"),  # number of the newest `move_to_pose`
@@ -296,7 +298,7 @@ def setpoint_dtype(dof: int) -> np.dtype:
 
 
 def chunk_dtype(dof: int) -> np.dtype:
-    """Timed targets that lie ahead."""
+    """Timed targets in the future."""
     return np.dtype(
         [
             ("session", "u8"),
@@ -313,8 +315,8 @@ def point_dtype(dof: int) -> np.dtype:
     return np.dtype(
         [
             ("number", "u8"),  # in its session, from 1 on
-            ("time_s", "f8"),  # how long the way to it is meant to take
-            ("lookahead_s", "f8"),  # of `rtloop.sources.servo_law`; 0 for none
+            ("time_s", "f8"),  # intended duration of the way to it
+            ("lookahead_s", "f8"),  # see `rtloop.sources.servo_law`; 0 for none
             ("gain", "f8"),  # 1/s²
             ("joints", "f8", (dof,)),  # rad
         ]
@@ -328,10 +330,10 @@ STREAM_REQUESTS = np.dtype([("estops", "u8")])
 
 
 def record_of(octets: bytes, kind: np.dtype) -> np.ndarray:
-    """A record of its own from the bytes of one; numpy's copy goes field by field, which takes 20 µs."""
+    """Make a record from its bytes; numpy would copy field by field, which takes 20 µs."""
     return np.ndarray((), kind, bytearray(octets))
 
 
 def text(field: np.ndarray) -> str:
-    """A text field of a record."""
+    """Decode a text field of a record."""
     return bytes(field.item() if isinstance(field, np.ndarray) else field).decode("utf-8", "replace")

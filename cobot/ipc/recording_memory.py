@@ -33,23 +33,23 @@ _NOTES = 2 * _PAGE
 
 
 def ring_path(robot: str) -> Path:
-    """Where the file is."""
+    """The file of a robot's recording."""
     return FOLDER / f"cobot-{robot}.ring"
 
 
 def history_places(dof: int, period_s: float, ring_s: float) -> int:
-    """How many cycles the history has room for: `ring_s`, or what HISTORY_BYTES permits."""
+    """Number of cycles in the history: those of `ring_s`, or as many as HISTORY_BYTES permits."""
     return max(1, min(round(ring_s / period_s), HISTORY_BYTES // record_dtype(dof).itemsize))
 
 
 def ring_bytes(dof: int, period_s: float, ring_s: float) -> int:
-    """How much of /dev/shm a robot's recording needs."""
+    """Bytes that a robot's recording needs in /dev/shm."""
     places = FRESH_BYTES // record_dtype(dof).itemsize
     return _Places(dof, places, history_places(dof, period_s, ring_s)).end
 
 
 class _Places:
-    """Where in the file what is: offsets in bytes, each at the beginning of a page."""
+    """Offsets in the file, in bytes, each at the start of a page."""
 
     def __init__(self, dof: int, fresh: int, history: int) -> None:
         record = record_dtype(dof)
@@ -59,17 +59,18 @@ class _Places:
 
 
 class RecordingMemory:
-    """Make it with `create` or `attach`. The mapping goes with the last array that looks into it.
+    """A mapped recording. Make it with `create` or `attach`. The mapping ends with the last array that views
+    it.
 
     Attributes:
         dof, period_s, robot, joint_names: of the robot.
-        created_ns: CLOCK_MONOTONIC, when the supervisor made it.
+        created_ns: CLOCK_MONOTONIC when the supervisor made it.
         status: the recorder's block.
-        notes, fresh, history: the rings; the history is None for who has not asked for it.
+        notes, fresh, history: the rings; history is None if it was not requested.
     """
 
     def __init__(self, path: Path, descriptor: int, raw: bytes, *, history: bool) -> None:
-        """raw: the header, which the caller has checked. Takes the descriptor."""
+        """raw: the header, already checked. The object takes over the descriptor."""
         self.path = path
         header = np.frombuffer(raw, HEADER)[0]
         self.dof = int(header["dof"])
@@ -93,10 +94,10 @@ class RecordingMemory:
     def create(
         cls, robot: str, dof: int, period_s: float, ring_s: float, joint_names: Sequence[str]
     ) -> RecordingMemory:
-        """Make the file, in place of what a killed run has left; for who has the robot's memory.
+        """Make the file, replacing that of a killed run. Only the owner of the robot's memory may call this.
 
         Raises:
-            SharedMemoryError: no room in /dev/shm, or no permission.
+            SharedMemoryError: no space in /dev/shm, or no permission.
         """
         path, record = ring_path(robot), record_dtype(dof)
         header = np.zeros((), HEADER)
@@ -128,11 +129,11 @@ class RecordingMemory:
         """Map the file that the supervisor has made.
 
         Args:
-            history: whether to map that too, which is many times the rest.
+            history: whether to map the history too, which is many times larger than the rest.
 
         Raises:
-            UnavailableError: there is none.
-            LayoutError: made by another version of cobot, damaged, or no such file at all.
+            UnavailableError: there is no file.
+            LayoutError: the file is damaged, is not a recording, or was made by another version of cobot.
             SharedMemoryError: it cannot be opened or mapped.
         """
         path = ring_path(robot)
@@ -154,7 +155,7 @@ class RecordingMemory:
             raise SharedMemoryError(f"{path}: cannot be mapped: {exc.strerror}") from exc
 
     def unlink(self) -> None:
-        """Remove the file; who has it mapped keeps it until they let go."""
+        """Remove the file; existing mappings stay valid."""
         self.path.unlink(missing_ok=True)
 
 

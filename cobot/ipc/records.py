@@ -1,15 +1,15 @@
-"""What stands in the recording's shared memory of a robot: a record for each cycle, and why modes changed.
+"""Records of a robot's recording in shared memory: one per cycle, and one per change of mode with its reason.
 
-A file in /dev/shm beside the state's, made by the supervisor:
+A file in /dev/shm next to that of the state, made by the supervisor:
 
     header    constant: magic, layout, dof, places of the rings, period
-    status    the recorder writes: how it stands
-    notes     rtloop writes: a ring of sentences, each with the cycle from which on it holds
+    status    the recorder writes: its status
+    notes     rtloop writes: a ring of sentences, each with the first cycle to which it applies
     fresh     rtloop writes, every cycle: a ring of the last seconds
     history   the recorder writes: a ring of the last minutes, copied from `fresh`
 
-Two rings, because what rtloop writes in a cycle has to be mapped and locked in its memory: that is some
-megabytes, whatever the history holds. `cobot.ipc.ring` reads and writes them.
+There are two rings because rtloop must map and lock what it writes in a cycle: some megabytes, whatever the
+size of the history. `cobot.ipc.ring` reads and writes them.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from cobot.ipc.state_fields import RECORDED
 
 MAGIC = b"COBOTREC"
 FRESH_BYTES = 8_000_000
-"""Some 18 s of seven joints at 1 kHz: so long a recorder may be away without losing a cycle."""
+"""About 18 s of seven joints at 1 kHz: the recorder may pause this long without losing a cycle."""
 HISTORY_BYTES = 52_000_000
-"""The largest history, whatever `recording.ring_s` says; with seven joints at 1 kHz 122 s."""
+"""Maximum size of the history, even if `recording.ring_s` needs more; 122 s for seven joints at 1 kHz."""
 NOTES = 256
 NAME = "S64"
 TIMED = (Phase.WAKEUP, Phase.READ, Phase.UPDATE, Phase.WRITE)
-"""The phases whose times are in a record, in this order."""
+"""The phases whose durations are in a record, in this order."""
 
 OWN = (
-    ("note", "u4", ()),  # the number of the newest note, 0 for none
-    ("interventions", "u4", ()),  # of the safety layer in this cycle: a bit for each `Intervention`
+    ("note", "u4", ()),  # number of the newest note, 0 for none
+    ("interventions", "u4", ()),  # by the safety layer in this cycle: one bit per `Intervention`
     ("phases_ns", "u4", (len(TIMED),)),
     ("fresh", "u1", ()),  # whether the robot was read in this cycle
 )
@@ -39,20 +39,20 @@ OWN = (
 
 
 def record_dtype(dof: int) -> np.dtype:
-    """A cycle: the fields of the state block that are recorded, in its units and frames, and `OWN`.
+    """The record of a cycle: the recorded fields of the state block, in its units and frames, and `OWN`.
 
-    Positions are exact; what is only looked at has the precision of float32. The widest fields come first, so
-    that each is aligned.
+    Positions are exact; fields that are only displayed have the precision of float32. The widest fields come
+    first, so that each is aligned.
     """
     fields = [*((field.name, field.recorded, field.shape(dof)) for field in RECORDED), *OWN]
     fields.sort(key=lambda field: -np.dtype(field[1]).itemsize)
     padding = -np.dtype(fields).itemsize % 8
     return np.dtype(
         [
-            ("number", "u8"),  # of the cycle, as the state's `cycle`: records of a ring have it in turn
+            ("number", "u8"),  # the state's `cycle`; increases from record to record in a ring
             *fields,
             *([("padding", "u1", (padding,))] if padding else []),
-            ("checksum", "u8"),  # XXH64 of all that stands before it
+            ("checksum", "u8"),  # XXH64 of all fields before it
         ]
     )
 
@@ -70,17 +70,17 @@ NOTE = np.dtype(
 RECORDER = np.dtype(
     [
         ("pid", "u8"),
-        ("monotonic_ns", "i8"),  # its last sign of life
-        ("handled", "u8"),  # up to this cycle it has looked for faults and e-stops
-        ("lost", "u8"),  # cycles that it has come too late for, since rtloop's first
+        ("monotonic_ns", "i8"),  # last sign of life
+        ("handled", "u8"),  # last cycle that was searched for faults and e-stops
+        ("lost", "u8"),  # cycles overwritten before the recorder read them, since rtloop started
         ("recording", "u8"),  # 1 while a continuous recording runs
-        ("first", "u8"),  # of the continuous recording: its first cycle
-        ("next", "u8"),  # and the first one that is in no finished file of it yet
-        ("part", "u8"),  # and the number of the file that is being written
-        ("name", "S128"),  # of that recording, without the part
+        ("first", "u8"),  # first cycle of the continuous recording
+        ("next", "u8"),  # its first cycle that is not in a finished file yet
+        ("part", "u8"),  # number of the file that is being written
+        ("name", "S128"),  # name of that recording, without the part
         ("files", "u8"),
         ("bytes", "u8"),
-        ("problem", "S200"),  # why nothing can be written, "" while all is well
+        ("problem", "S200"),  # why nothing can be written, "" if writing works
     ]
 )
 HEADER = np.dtype(

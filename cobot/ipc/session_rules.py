@@ -1,7 +1,6 @@
-"""What clients write into shared memory: what it is when they say nothing, and what it must not be.
+"""Defaults and checks of what clients write into shared memory.
 
-Records are those of `cobot.ipc.layout`; the checks raise an InputError that names field, value and what is
-valid.
+Records are those of `cobot.ipc.layout`. The checks raise an InputError with field, value and the valid range.
 """
 
 from __future__ import annotations
@@ -14,16 +13,16 @@ from cobot.types import Array
 
 DAMPING_RATIO = 0.7
 DAMPING_RATIOS = (0.3, 1.0)
-"""The range of damping ratios: below it the arm would swing, above it a cycle could not follow."""
+"""Range of damping ratios: below it the arm would oscillate, above it the control cycle could not follow."""
 MAX_DECIMATION = 1000
 """The largest number of cycles between two targets."""
 NO_FRAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 MOVE_S = (0.001, 600.0)
-"""The shortest and the longest duration of a `move_to_pose`."""
+"""Shortest and longest duration of a `move_to_pose`, s."""
 QUATERNION_TOLERANCE = 1e-2
 MIN_STEP_S = 0.0005
 LATEST_S = 1e9
-"""Times of a chunk may be so far apart, and from the robot's clock, s: thirty years."""
+"""Largest absolute time of a chunk, s: thirty years."""
 _TARGETS = {
     Stream.JOINT_IMPEDANCE: ("joints", "joint_velocity", "joint_acceleration"),
     Stream.CARTESIAN: ("pose", "wrench", "twist", "twist_rate"),
@@ -32,13 +31,13 @@ _TARGETS = {
 
 
 def nominal_session(info: np.ndarray) -> np.ndarray:
-    """A session as stiff as the robot can be, without force control and contact limits.
+    """The default session: the robot's nominal stiffness, without force control and contact limits.
 
     Args:
-        info: of `cobot.ipc.layout.info_dtype`.
+        info: record of `cobot.ipc.layout.info_dtype`.
 
     Returns:
-        `cobot.ipc.layout.session_dtype`; stream, interpolation and decimation are still 0.
+        Record of `cobot.ipc.layout.session_dtype`; stream, interpolation and decimation are still 0.
     """
     request = np.zeros((), session_dtype(len(info["max_velocity"])))
     request["stiffness"], request["cartesian_stiffness"] = info["stiffness"], info["cartesian_stiffness"]
@@ -51,22 +50,22 @@ def nominal_session(info: np.ndarray) -> np.ndarray:
 
 
 def decimation(command_hz: float, period_s: float) -> int:
-    """Every how many cycles of this period a target is taken from a client that sends so many per second."""
+    """Number of cycles of this period per target, for a client that sends `command_hz` targets per second."""
     return min(max(round(1.0 / (command_hz * period_s)), 1), MAX_DECIMATION)
 
 
 def stiffness_flaw(name: str, values: Array, nominal: Array) -> str:
-    """What is wrong with stiffnesses, N·m/rad or N/m, given the nominal ones; "" if nothing is.
+    """Describe an invalid stiffness, N·m/rad or N/m, given the nominal values; "" if all are valid.
 
-    Where the nominal one is 0 the arm cannot move the TCP, and 0 is the only stiffness.
+    Where the nominal value is 0, the arm cannot move the TCP, and only 0 is valid.
     """
     if (((values > 0.0) | (nominal == 0.0)) & (values >= 0.0) & (values <= nominal)).all():
         return ""
-    return f"{name} must be above 0 and at the most {nominal.tolist()}, got {values.tolist()}"
+    return f"{name} must be above 0 and at most {nominal.tolist()}, got {values.tolist()}"
 
 
 def damping_flaw(name: str, values: Array) -> str:
-    """What is wrong with damping ratios; "" if nothing is."""
+    """Describe an invalid damping ratio; "" if all are valid."""
     low, high = DAMPING_RATIOS
     if ((values >= low) & (values <= high)).all():
         return ""
@@ -74,7 +73,7 @@ def damping_flaw(name: str, values: Array) -> str:
 
 
 def check_session(request: np.ndarray, info: np.ndarray) -> None:
-    """What rtloop does not look at itself; the force frame's quaternion is normalised."""
+    """Check what rtloop does not check itself, and normalise the force frame's quaternion."""
     if not np.isin(request["force_axes"], (0.0, 1.0)).all():
         raise InputError(f"force_axes must be 0 or 1 each, got {request['force_axes'].tolist()}")
     _normalise(request["force_frame"], "force_frame")
@@ -84,7 +83,7 @@ def check_session(request: np.ndarray, info: np.ndarray) -> None:
 
 
 def check_setpoint(setpoint: np.ndarray, stream: Stream) -> None:
-    """A target for this stream, and a move; quaternions are normalised."""
+    """Check a target for this stream, and a move; normalise their quaternions."""
     for name in _TARGETS[stream]:
         _require_finite(setpoint[name], name)
     if stream is not Stream.CARTESIAN:
@@ -102,7 +101,7 @@ def check_setpoint(setpoint: np.ndarray, stream: Stream) -> None:
 
 
 def check_chunk(chunk: np.ndarray, stream: Stream) -> None:
-    """Timed joint targets."""
+    """Check timed joint targets."""
     if stream is not Stream.JOINT_IMPEDANCE:
         raise InputError(f"a {stream.name.lower()} stream takes no chunks; a joint_impedance stream does")
     count = int(chunk["count"])
@@ -112,7 +111,7 @@ def check_chunk(chunk: np.ndarray, stream: Stream) -> None:
     _require_finite(times, "times_s")
     _require_finite(chunk["points"][:count], "points")
     if not (np.diff(times) >= MIN_STEP_S).all():
-        raise InputError(f"times_s must increase, by {MIN_STEP_S} s at the least, got {times.tolist()}")
+        raise InputError(f"times_s must increase by at least {MIN_STEP_S} s, got {times.tolist()}")
     if not (np.abs(times) <= LATEST_S).all():
         raise InputError(f"times_s must be on the robot's clock, up to {LATEST_S:g} s, got {times.tolist()}")
 

@@ -1,27 +1,28 @@
-"""The shared memory of one robot: the only file, with `cobot.ipc.layout`, that knows what is where.
+"""The shared memory of one robot. Only this module and `cobot.ipc.layout` know the position of the blocks.
 
 A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
 
-    header      constant: magic, layout version, dof, period, names; the supervisor mends it when it is spoilt
-    state       rtloop writes, every cycle
+    header      constant: magic, layout version, dof, period, names; the supervisor repairs it if it is
+    damaged state       rtloop writes, every cycle
     statistics  rtloop writes, some times a second
     acks        rtloop writes, one entry per command
     heartbeat   the service writes, from its event loop
-    requests    the service writes: counters of stops and e-stops, which nothing can crowd out
-    outside_stops, outside_estops   anybody adds to them: the same, from those who do without the service
+    requests    the service writes: counters of stops and e-stops, which no other request can displace
+    outside_stops, outside_estops   any process may increment them: stops that do not need the service
     head        the service writes: the newest command's number
     commands    the service writes: a ring
-    tool, output   the service writes: what a TOOL or an OUTPUT command is about
+    tool, output   the service writes: data of a TOOL or an OUTPUT command
     slots       the service writes: two trajectories
-    info        rtloop writes, at its start and with a new tool: what robot this is
-    device, io  rtloop writes, some times a second: what the device can do and how it is; inputs and outputs
+    info        rtloop writes, at its start and with a new tool: properties of the robot
+    device, io  rtloop writes, some times a second: the device's capabilities and status; inputs and outputs
     session_ack rtloop writes: its answer to a session
     session, setpoint, chunk, stream_requests   the streaming client writes
-    point_head, points  the streaming client writes: a ring of servo points; what rtloop has not read is
-                not overwritten
+    point_head, points  the streaming client writes: a ring of servo points; points that rtloop has not read
+                are not overwritten
 
-Every block has one writer (`cobot.ipc.seqlock`; to a counter everybody may add), and byte-range locks on the
-file make sure of it: they vanish with their process, however it ends, and name its pid to whom they refuse.
+Every block has one writer (`cobot.ipc.seqlock`); only the outside counters have several. Byte-range locks on
+the file ensure this. A lock ends with its process, and a process that is denied a lock learns the pid of its
+holder.
 """
 
 from __future__ import annotations
@@ -83,20 +84,20 @@ REMEDIES = {
     errno.EFBIG: "; raise the limit of the size of files (ulimit -f), or lower rt.trajectory_capacity",
 }
 MEND_S = 1.0
-"""A supervisor that lives has mended a spoilt header in this time, s."""
+"""Time in which a running supervisor repairs a damaged header, s."""
 _users: Counter[Path] = Counter()
 _closed: defaultdict[Path, list[int]] = defaultdict(list)
-"""How many memories of each file this process has open, and the descriptors of those that it has closed."""
+"""Per file: how many memories this process has open, and the descriptors of those that it has closed."""
 
 
 class MemoryRole(IntEnum):
-    """Who maps the memory; the value is the byte of the file that the role locks."""
+    """The user of a memory; the value is the byte of the file that the role locks."""
 
     SUPERVISOR = 0
     RTLOOP = 1
     SERVICE = 2
     READER = 3  # locks nothing, writes nothing
-    STREAM = 4  # who streams targets; taken by `take`, on top of the role that has mapped the memory
+    STREAM = 4  # a client that streams targets; `take` adds it to the role that has mapped the memory
 
 
 _RTLOOP, _SERVICE, _STREAM = "rtloop", "the service", "the streaming client"
@@ -111,21 +112,21 @@ def _aligned(size: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A place for one trajectory. The arrays are views into shared memory of the whole capacity."""
+    """A place for one trajectory. The arrays are views into shared memory with the whole capacity."""
 
     head: Block
     breakpoints_s: Array
     coefficients: Array
 
     def write(self, motion_id: int, trajectory: Trajectory, fence: Fence | None = None) -> None:
-        """Put a trajectory here. The caller sees to it that rtloop is not following this slot.
+        """Write a trajectory. The caller ensures that rtloop is not following this slot.
 
         Args:
-            fence: that the TCP may not leave.
+            fence: the space that the TCP must not leave, and its maximum speed.
 
         Raises:
-            InputError: more segments than the slot has room for.
-            SharedMemoryError: another dof.
+            InputError: the motion has more segments than the slot's capacity.
+            SharedMemoryError: the motion has another number of joints.
         """
         n, capacity = trajectory.segments, len(self.coefficients)
         if n > capacity:
@@ -146,10 +147,10 @@ class Slot:
 
 
 class RobotMemory:
-    """The mapped file. Make it with `create` or `attach`, leave it with `close`."""
+    """A robot's mapped memory. Make it with `create` or `attach`, leave it with `close`."""
 
     def __init__(self, path: Path, descriptor: int, role: MemoryRole, raw: bytes) -> None:
-        """raw: the header, which the caller has checked."""
+        """raw: the header, already checked."""
         self.path = path
         self.role = role
         self._descriptor = descriptor
@@ -193,14 +194,14 @@ class RobotMemory:
 
     @classmethod
     def create(cls, robot: str, dof: int, period_s: float, capacity: int, url: str = "") -> RobotMemory:
-        """Make the file of a robot, replacing what a killed run has left.
+        """Make the file of a robot, replacing that of a killed run.
 
         Args:
-            url: where the robot's service listens, for local clients; "" if it does not.
+            url: address of the robot's service, for local clients; "" for none.
 
         Raises:
-            ConflictError: another supervisor, or a process of its that still lives, uses it; with its pid.
-            SharedMemoryError: no room in /dev/shm, or no permission.
+            ConflictError: another supervisor, or a remaining process of one, uses it; with its pid.
+            SharedMemoryError: no space in /dev/shm, or no permission.
         """
         path, size = _path(robot), _file_size(dof, capacity)
         try:
@@ -211,7 +212,7 @@ class RobotMemory:
                 "another robot.name"
             ) from exc
         except ConflictError as exc:
-            raise ConflictError(f"{exc}; end it, or set another robot.name") from exc
+            raise ConflictError(f"{exc}; stop it, or set another robot.name") from exc
         try:
             # A full /dev/shm fails here, not in the middle of a motion.
             os.posix_fallocate(descriptor, 0, size)
@@ -234,8 +235,9 @@ class RobotMemory:
         """Map the file that the supervisor has made.
 
         Raises:
-            UnavailableError: there is none.
-            LayoutError: made by another version of cobot, or no such file at all.
+            UnavailableError: there is no file.
+            LayoutError: the file is damaged, is not a robot's memory, or was made by another version of
+                cobot.
             ConflictError: the role is taken.
         """
         path = _path(robot)
@@ -259,9 +261,10 @@ class RobotMemory:
             raise
 
     def mend_header(self) -> bool:
-        """Write the header anew if it is not what this process has found; whether it was not.
+        """Restore the header if it is damaged, and return whether it was.
 
-        Only for who has made it: who maps the memory next would be refused otherwise.
+        Only its creator may call this. A damaged header would prevent other processes from mapping the
+        memory.
         """
         if self._map[:_PAGE] == self._header_page:
             return False
@@ -269,7 +272,7 @@ class RobotMemory:
         return True
 
     def take(self, role: MemoryRole) -> None:
-        """Be the one writer of a further role's blocks; `release` or the process's end gives it back.
+        """Become the one writer of a further role's blocks, until `release` or the end of the process.
 
         Raises:
             ConflictError: another process has it, with its pid.
@@ -282,7 +285,7 @@ class RobotMemory:
         fcntl.fcntl(self._descriptor, fcntl.F_SETLK, _flock(fcntl.F_UNLCK, role))
 
     def close(self) -> None:
-        """Let go of the lock. The mapping itself goes with the last array that looks into it."""
+        """Release the locks. The mapping itself ends with the last array that views it."""
         if self._descriptor < 0:
             return
         for role in tuple(self._roles):
@@ -292,7 +295,7 @@ class RobotMemory:
         self._descriptor = -1
 
     def unlink(self) -> None:
-        """Remove the file; who has it mapped keeps it until they let go."""
+        """Remove the file; existing mappings stay valid."""
         self.path.unlink(missing_ok=True)
 
     def _block(self, dtype: np.dtype, name: str, writer: str) -> Block:
@@ -319,13 +322,13 @@ class RobotMemory:
 
 
 def robots_running() -> list[str]:
-    """The names of the robots of this computer that have a supervisor or a real-time process, or whose memory
-    this process has open: the kernel does not tell it of its own locks."""
+    """The names of this computer's robots that have a supervisor or a real-time process, or whose memory this
+    process has open, because the kernel does not report a process's own locks."""
     found = []
     for path in sorted(FOLDER.glob("cobot-*")):
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-        except OSError:  # somebody else's, or no robot's
+        except OSError:  # another user's file, or not a robot's
             continue
         roles = MemoryRole.SUPERVISOR, MemoryRole.RTLOOP
         if _users[path] or any(_holder(descriptor, role) for role in roles):
@@ -335,12 +338,12 @@ def robots_running() -> list[str]:
 
 
 def memory_bytes(dof: int, capacity: int) -> int:
-    """How much of /dev/shm a robot needs."""
+    """Bytes that a robot needs in /dev/shm."""
     return _file_size(dof, capacity)
 
 
 def user_of(robot: str, role: MemoryRole) -> int:
-    """The process that has a role at a robot's memory, 0 for none."""
+    """The pid of the process with a role in a robot's memory, 0 for none."""
     try:
         descriptor = os.open(_path(robot), os.O_RDWR | os.O_CLOEXEC)
     except OSError:
@@ -352,24 +355,24 @@ def user_of(robot: str, role: MemoryRole) -> int:
 
 
 def is_gone(pid: int) -> bool:
-    """Whether there is no such process any more."""
+    """Whether a process no longer exists."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return True
-    except PermissionError:  # somebody else's, who lives
+    except PermissionError:  # another user's process exists
         pass
     return False
 
 
 def encoded(message: str, size: int = np.dtype(TEXT).itemsize) -> bytes:
-    """A message cut to fit a text field, never inside a character; what UTF-8 cannot write is escaped."""
+    """Encode a message for a text field: cut between characters, with unencodable characters escaped."""
     return message.encode("utf-8", "backslashreplace")[:size].decode("utf-8", "ignore").encode()
 
 
 def _let_go(path: Path, descriptor: int) -> None:
-    """Close it, but not before all others of this process on the same file: with the first descriptor of a
-    file that a process closes, POSIX takes all its locks on it.
+    """Close a descriptor once this process no longer uses the file: when a process closes any descriptor of a
+    file, POSIX releases all its locks on it.
     """
     _closed[path].append(descriptor)
     if not _users[path]:
@@ -380,12 +383,12 @@ def _let_go(path: Path, descriptor: int) -> None:
 def _new_file(path: Path, robot: str) -> int:
     """The descriptor of an empty file, locked for the supervisor.
 
-    What a killed run has left is removed and not used again: somebody may still have it mapped, and would get
-    SIGBUS from a file that is cut off.
+    The file of a killed run is removed, not reused: another process may still have it mapped, and truncating
+    it would kill that process by SIGBUS.
 
     Raises:
-        ConflictError: another supervisor, or a process of its that still lives, uses it; with its pid.
-        OSError: the system refuses.
+        ConflictError: another supervisor, or a remaining process of one, uses it; with its pid.
+        OSError: the system denies access.
     """
     while True:
         try:
@@ -396,7 +399,7 @@ def _new_file(path: Path, robot: str) -> int:
         _lock(descriptor, MemoryRole.SUPERVISOR, robot)
         if _is_at(path, descriptor):
             return descriptor
-        os.close(descriptor)  # another supervisor took it for stale before it was locked
+        os.close(descriptor)  # another supervisor removed it as stale before it was locked
 
 
 def _remove_stale(path: Path, robot: str) -> None:
@@ -415,7 +418,7 @@ def _remove_stale(path: Path, robot: str) -> None:
 
 
 def _is_at(path: Path, descriptor: int) -> bool:
-    """Whether this file is the one of that name."""
+    """Whether this descriptor belongs to the file at this path."""
     try:
         return os.path.samestat(path.stat(), os.fstat(descriptor))
     except FileNotFoundError:
@@ -443,10 +446,11 @@ def _file_size(dof: int, capacity: int) -> int:
 
 
 def _checked_header(path: Path, descriptor: int) -> bytes:
-    """The header. A spoilt one is given the time in which its supervisor mends it, if there is one.
+    """Read and check the header. A damaged one is read again until its supervisor, if any, should have
+    repaired it.
 
     Raises:
-        LayoutError: made by another version of cobot, damaged, or no such file at all.
+        LayoutError: the file is damaged, is not a robot's memory, or was made by another version of cobot.
     """
     deadline_s = time.monotonic() + MEND_S
     while True:
@@ -485,7 +489,7 @@ def _flock(kind: int, role: MemoryRole) -> bytes:
 
 
 def _holder(descriptor: int, role: MemoryRole) -> int:
-    """The pid that holds a role's lock, 0 if nobody does."""
+    """The pid that holds a role's lock, 0 for none."""
     answer = fcntl.fcntl(descriptor, fcntl.F_GETLK, _flock(fcntl.F_WRLCK, role))
     kind, _, _, _, pid = struct.unpack("hhqqi4x", answer)
     return 0 if kind == fcntl.F_UNLCK else int(pid)

@@ -1,4 +1,4 @@
-"""The streaming client's blocks in shared memory, and the one way in which a session begins and ends."""
+"""The streaming client's blocks in shared memory; all sessions begin and end here."""
 
 from __future__ import annotations
 
@@ -12,38 +12,39 @@ from cobot.ipc.shm import MemoryRole, RobotMemory
 
 
 def _after(number: int) -> int:
-    """The next number of a session: 64 bits, and never 0, which is none."""
+    """The next session number: 64 bits, without 0, which means none."""
     return number % (2**64 - 1) + 1
 
 
 class StreamWriter:
-    """Writes for one session after the other. Waits for nothing.
+    """Writes the blocks of one session after the other. No call blocks.
 
     Args:
-        memory: mapped in any role; `MemoryRole.STREAM` is taken on top for the time of a session.
+        memory: mapped in any role; `MemoryRole.STREAM` is added for the duration of a session.
     """
 
     def __init__(self, memory: RobotMemory) -> None:
         self._memory = memory
 
     def begin(self, request: np.ndarray, stops: int) -> int:
-        """Ask rtloop for a session; then `answer` tells, and `release` is due in any case.
+        """Request a session from rtloop; read the result with `answer`, and call `release` in any case.
 
         Args:
-            request: `cobot.ipc.layout.session_dtype`; its number, process and count of stops are filled in.
-            stops: requested so far: rtloop refuses a session that a stop has overtaken.
+            request: record of `cobot.ipc.layout.session_dtype`; this fills in number, process and count of
+                stops.
+            stops: stops requested so far; rtloop rejects the session if there are more by then.
 
         Returns:
             The session's number.
 
         Raises:
-            ConflictError: another process streams.
+            ConflictError: another process is streaming.
         """
         memory = self._memory
         memory.take(MemoryRole.STREAM)
         number = _after(int(memory.session.salvage()["number"]))
         if number == int(memory.session_ack.salvage()["session"]):
-            number = _after(number)  # the block was spoilt, and this one has been answered before
+            number = _after(number)  # the block was damaged, and this number is already answered
         request["number"], request["open"], request["pid"], request["stops"] = number, 1, os.getpid(), stops
         memory.stream_requests.salvage()
         memory.session.data[...] = request
@@ -51,7 +52,7 @@ class StreamWriter:
         return number
 
     def answer(self, number: int) -> str | None:
-        """Why rtloop refuses this session, "" if it does not; None as long as it has not answered."""
+        """Why rtloop rejects this session, "" if it accepts it, None if there is no answer yet."""
         ack = self._memory.session_ack
         if not ack.try_read() or int(ack.data["session"]) != number:
             return None
@@ -70,25 +71,25 @@ class StreamWriter:
         self._memory.stream_requests.publish()
 
     def end(self) -> None:
-        """Have the session end: the arm comes to rest."""
+        """End the session; the arm stops."""
         self._memory.session.data["open"] = 0
         self._memory.session.publish()
 
     def finish(self) -> None:
-        """Have a servo session end after the points that it has, or soon."""
+        """End a servo session after the points it has, or shortly after."""
         self._memory.session.data["open"] = 2
         self._memory.session.publish()
 
     def release(self) -> None:
-        """Let somebody else stream."""
+        """Allow other processes to stream."""
         self._memory.release(MemoryRole.STREAM)
 
 
 class PointWriter:
-    """Puts the points of servo sessions into the ring. Waits for nothing.
+    """Writes the points of servo sessions into the ring. No call blocks.
 
     Args:
-        memory: of a process that has `MemoryRole.STREAM` while it writes.
+        memory: must have `MemoryRole.STREAM` while writing.
     """
 
     def __init__(self, memory: RobotMemory) -> None:
@@ -96,11 +97,11 @@ class PointWriter:
         self._session = self._seen = self.number = 0
 
     def begin(self, session: int) -> None:
-        """Points are of this session from now on; a state shows it already."""
+        """Write points of this session from now on; rtloop's state must show it already."""
         self._session, self._seen, self.number = session, 0, 0
 
     def put(self, joints: Sequence[float], time_s: float, lookahead_s: float, gain: float) -> bool:
-        """One more point, rad and s; False if rtloop has not read enough yet to make room for it."""
+        """Write a point, rad and s; False if rtloop has not read enough points to make room for it."""
         if self.number - self._seen >= POINTS:
             self._look()
             if self.number - self._seen >= POINTS:
@@ -117,7 +118,7 @@ class PointWriter:
         return True
 
     def _look(self) -> None:
-        """How far rtloop has read."""
+        """Update the number of points that rtloop has read."""
         state = self._memory.state
         if state.try_read() and int(state.data["session"]) == self._session:
             self._seen = int(state.data["point_seen"])

@@ -1,4 +1,4 @@
-"""What an environment moves: an arm of its own on a virtual clock, or that of a service that runs."""
+"""The arms of environments: a simulated one on a virtual clock, or the arm of a running service."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ INTERPOLATION = "quintic"
 
 
 class Arm(Protocol):
-    """
+    """An arm for an environment.
+
     Attributes:
-        robot: its client.
-        clock: that it goes by.
-        control: the session in which it is streamed to, from `restart` on.
+        robot: client of the arm.
+        clock: clock of the arm.
+        control: the present streaming session, from `restart` on.
     """
 
     robot: Robot
@@ -29,20 +30,20 @@ class Arm(Protocol):
     control: JointImpedanceControl
 
     def restart(self, start: Array) -> None:
-        """Have it stand there, at rest, and begin a session.
+        """Bring the arm to rest at `start` and begin a session.
 
         Raises:
-            CobotError: it does not get there.
+            CobotError: the arm does not get there.
         """
         ...
 
     def close(self) -> None:
-        """Let go of it; may be called again."""
+        """Release the arm; may be called again."""
         ...
 
 
 class SimulatedArm:
-    """A new simulation for each episode: nothing of the last one is left in it."""
+    """A new simulation for each episode, so that nothing of the previous one remains."""
 
     robot: Robot
     clock: Clock
@@ -65,12 +66,12 @@ class SimulatedArm:
 
 
 class ServedArm:
-    """The arm of a service: it moves to the start of an episode as to any other place.
+    """The arm of a service, which moves to the start of an episode with an ordinary motion.
 
     Args:
         url: of the service, or of one of its robots.
-        rate_hz: of the targets to come.
-        speed: on the way to a start, as a share of the limits.
+        rate_hz: rate of the targets.
+        speed: speed to the start, as a share of the limits.
         clock, client: see `Robot`.
     """
 
@@ -85,7 +86,7 @@ class ServedArm:
         self.robot.stop()
         outcome = self._client.move_joints(start.tolist(), speed=self._speed)
         if not outcome["success"]:
-            raise ExecutionError(f"the arm has not got to the start of the episode: {outcome['message']}")
+            raise ExecutionError(f"the arm did not reach the start of the episode: {outcome['message']}")
         self.control = _session(self.robot, self._rate_hz)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""From a policy's actions to timed waypoints, and what its thinking costs."""
+"""Conversion of a policy's actions to timed waypoints, and measurement of its latency."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from cobot.types import Array
 
 ACTIONS = "actions"
 MAX_SHOWN = 20
-"""Maximum number of an answer's keys in an error."""
+"""Maximum number of an answer's keys in an error message."""
 Meaning = Literal["positions", "offsets"]
 
 
 def actions_of(answer: Mapping[str, Any], dof: int) -> Array:
-    """The joints' part of a policy's answer, shape (k, dof); further columns, as a gripper's, are left out.
+    """The joints' part of a policy's answer, shape (k, dof); further columns, for example a gripper's, are
+    ignored.
 
     Raises:
-        ExecutionError: there are no such actions, with what there is.
+        ExecutionError: the actions are missing or invalid; with what the answer contains.
     """
     if ACTIONS not in answer:
         there = ", ".join(sorted(plain_text(key, MAX_NAME) for key in islice(answer, MAX_SHOWN))) or "nothing"
@@ -32,7 +33,7 @@ def actions_of(answer: Mapping[str, Any], dof: int) -> Array:
     try:
         actions = np.asarray(answer[ACTIONS], float)
     except (TypeError, ValueError) as exc:
-        raise ExecutionError(f"the policy's {ACTIONS} are no numbers: {plain_text(exc)}") from exc
+        raise ExecutionError(f"the policy's {ACTIONS} are not numbers: {plain_text(exc)}") from exc
     if actions.ndim != 2 or not len(actions) or actions.shape[1] < dof:
         raise ExecutionError(
             f"the policy's {ACTIONS} are of shape {actions.shape}; a chunk for this arm is (k, {dof}), "
@@ -41,23 +42,23 @@ def actions_of(answer: Mapping[str, Any], dof: int) -> Array:
     actions = actions[:, :dof]
     if not np.isfinite(actions).all():
         row, column = np.argwhere(~np.isfinite(actions))[0]
-        raise ExecutionError(f"the policy's action {row} is no number for joint {column + 1}")
+        raise ExecutionError(f"the policy's action {row} is not a finite number for joint {column + 1}")
     return actions
 
 
 def timed(
     actions: Array, observed_s: float, period_s: float, now_s: float, meaning: Meaning, position: Array
 ) -> tuple[Array, Array]:
-    """Waypoints that can still be reached, and when.
+    """Waypoints that can still be reached, with their times.
 
-    Action i is where the joints shall be i + 1 periods after the observation that it follows from. By now
-    the arm is beyond the first ones, which is what the policy's thinking has cost: these are left out, and
-    the others keep their times, so that a slow policy is late but never out of step.
+    Action i is the joints' target i + 1 periods after its observation. The arm is already past the first
+    ones, because the policy took time. These are left out and the others keep their times, so that a slow
+    policy is late but never out of step.
 
     Args:
         actions: shape (k, dof).
-        observed_s: when the observation was made, on the robot's clock.
-        position: what it showed, rad; `offsets` are from there.
+        observed_s: time of the observation, on the robot's clock.
+        position: the observed position, rad, to which `offsets` are relative.
 
     Returns:
         Times, shape (m,), on the robot's clock, and positions, shape (m, dof), m from 0 to CHUNK_POINTS.
@@ -69,7 +70,7 @@ def timed(
 
 
 class Latency:
-    """How long a policy has taken of late, s: from the observation to when its chunk is handed over."""
+    """Recent latencies of a policy, s: from the observation until its chunk is handed over."""
 
     def __init__(self, kept: int = 20) -> None:
         self._kept: deque[float] = deque(maxlen=kept)
@@ -83,5 +84,5 @@ class Latency:
 
     @property
     def expected_s(self) -> float:
-        """What the next one takes at the most, as the last ones tell."""
+        """The upper estimate of the next latency: the maximum of the recent ones."""
         return max(self._kept, default=0.0)

@@ -1,9 +1,9 @@
-"""A policy that a server computes, over openpi's WebSocket protocol.
+"""Client of a policy server, over openpi's WebSocket protocol.
 
-On connecting the server sends one message that describes it; from then on each message with an observation
-is answered by one with actions. Messages are MessagePack maps; an array is a map of the keys
-`__ndarray__`, `data`, `dtype` and `shape`, a single number of numpy one of `__npgeneric__`, `data` and
-`dtype`. A server that fails sends text and closes.
+After the connection is open the server sends one message that describes it. Then it answers each message with
+an observation by one with actions. Messages are MessagePack maps. An array is a map with the keys
+`__ndarray__`, `data`, `dtype` and `shape`; a single numpy number is one with `__npgeneric__`, `data` and
+`dtype`. A server that fails sends text and closes the connection.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from cobot.strict import shown
 
 CONNECT_S = 10.0
 MAX_ANSWER_BYTES = 64 << 20
-"""Maximum size of a server's message. A chunk of 100 actions of 32 numbers has 26 kB."""
+"""Maximum size of a server's message. A chunk of 100 actions with 32 numbers has 26 kB."""
 PLAIN = "biufSU"
-"""Kinds of numpy's types whose bytes say everything."""
+"""Kinds of numpy types that their bytes define completely."""
 DTYPE = re.compile(f"[<>|=]?[{PLAIN}][0-9]{{1,9}}")
-"""Their names. numpy itself takes far more for one, even what has to be parsed as Python first."""
+"""Names of these types. numpy accepts far more names, some of which it must first parse as Python."""
 
 
 def packed(message: Mapping[str, Any]) -> bytes:
-    """A message as bytes.
+    """Encode a message.
 
     Raises:
-        InputError: something in it has no form in this protocol.
+        InputError: the protocol cannot express a value.
     """
     try:
         return cast(bytes, msgpack.packb(message, default=_as_map))
@@ -45,23 +45,23 @@ def packed(message: Mapping[str, Any]) -> bytes:
 
 
 def unpacked(content: bytes) -> Any:
-    """The message that bytes are.
+    """Decode a message.
 
     Raises:
-        ExecutionError: they are none.
+        ExecutionError: the content is not a message.
     """
     try:
         return msgpack.unpackb(content, object_hook=_from_map)
     except (ValueError, TypeError, KeyError, OverflowError, msgpack.UnpackException) as exc:
         raise ExecutionError(
-            f"the server has sent what is no message of openpi's protocol: {plain_text(exc)}"
+            f"the server has sent an invalid message of openpi's protocol: {plain_text(exc)}"
         ) from exc
 
 
 def _as_map(value: object) -> object:
     if isinstance(value, (np.ndarray, np.generic)):
         if value.dtype.kind not in PLAIN:
-            raise TypeError(f"an array of {value.dtype} has no form in this protocol")
+            raise TypeError(f"the protocol cannot express an array of {value.dtype}")
         if isinstance(value, np.ndarray):
             return {
                 b"__ndarray__": True,
@@ -70,7 +70,7 @@ def _as_map(value: object) -> object:
                 b"shape": value.shape,
             }
         return {b"__npgeneric__": True, b"data": value.item(), b"dtype": value.dtype.str}
-    raise TypeError(f"{type(value).__name__} has no form in this protocol")
+    raise TypeError(f"the protocol cannot express a {type(value).__name__}")
 
 
 def _from_map(value: dict[Any, Any]) -> Any:
@@ -84,26 +84,26 @@ def _from_map(value: dict[Any, Any]) -> Any:
         return np.frombuffer(data, dtype).reshape(value[b"shape"])
     if not isinstance(data, (str, bytes) if dtype.kind in "SU" else (bool, int, float)):
         raise TypeError(f"{type(data).__name__} for a number of {dtype}")
-    with np.errstate(over="ignore"):  # then it is infinite, which whoever uses it finds
+    with np.errstate(over="ignore"):  # the result is infinite, which its user detects
         return dtype.type(data)
 
 
 class PolicyConnection:
-    """A connection to a policy's server.
+    """A connection to a policy server.
 
     Attributes:
-        address: of the server.
-        metadata: what it says of itself.
+        address: address of the server.
+        metadata: the server's description of itself.
 
     Args:
         address: ws://HOST:PORT, or HOST:PORT.
-        api_key: for a server that asks for one.
-        timeout_s: an answer is waited for so long.
+        api_key: for a server that requires one.
+        timeout_s: time limit for an answer.
 
     Raises (constructor):
-        InputError: that is no address.
-        UnavailableError: nobody answers there.
-        ExecutionError: what answers speaks something else.
+        InputError: the address is invalid.
+        UnavailableError: no server answers there.
+        ExecutionError: the server does not use this protocol.
     """
 
     def __init__(self, address: str, *, api_key: str | None = None, timeout_s: float = 30.0) -> None:
@@ -122,15 +122,15 @@ class PolicyConnection:
         self.close()
 
     def infer(self, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """What the policy answers to an observation, `actions` among it.
+        """The policy's answer to an observation, including `actions`.
 
-        After an error, or `close`, the next call connects anew: an answer that comes too late is never taken
-        for that to another observation.
+        After an error or `close`, the next call connects again, so that a late answer never counts for
+        another observation.
 
         Raises:
-            InputError: the observation has something in it that cannot be sent.
+            InputError: the observation contains a value that cannot be sent.
             ExecutionError: the policy has failed, with the last line of its reason.
-            UnavailableError: the server has gone, or does not answer in time.
+            UnavailableError: the server has gone or does not answer in time.
         """
         content = packed(observation)
         with self._or_closed():
@@ -141,11 +141,11 @@ class PolicyConnection:
                 raise self._lost(exc) from exc
             answer = unpacked(self._receive(connection, "answer"))
             if not isinstance(answer, dict):
-                raise ExecutionError(f"{self.address}: the answer is {type(answer).__name__}, and no map")
+                raise ExecutionError(f"{self.address}: the answer is a {type(answer).__name__}, not a map")
             return answer
 
     def close(self) -> None:
-        """May be called again."""
+        """Close the connection; may be called again."""
         connection, self._connection = self._connection, None
         if connection is not None:
             with contextlib.suppress(WebSocketException, OSError):
@@ -153,7 +153,8 @@ class PolicyConnection:
 
     @contextlib.contextmanager
     def _or_closed(self) -> Iterator[None]:
-        """Whatever keeps an exchange from its end, Ctrl-C too: what still comes belongs to no later one."""
+        """Close the connection if an exchange is incomplete, even after Ctrl-C: its rest belongs to no later
+        one."""
         try:
             yield
         except BaseException:
@@ -198,8 +199,8 @@ class PolicyConnection:
                 max_size=MAX_ANSWER_BYTES,
                 open_timeout=CONNECT_S,
                 close_timeout=1.0,
-                ping_interval=None,  # a server that thinks may not answer pings meanwhile
-            ).__enter__()  # or websockets 17 takes it for an iterator; `close` is all that the exit does
+                ping_interval=None,  # a busy server may not answer pings
+            ).__enter__()  # otherwise websockets 17 treats it as an iterator; `close` replaces the exit
         except (WebSocketException, OSError) as exc:
             raise UnavailableError(f"{self.address}: {plain_text(exc) or type(exc).__name__}") from exc
         except ValueError as exc:

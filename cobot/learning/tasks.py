@@ -1,4 +1,4 @@
-"""What an episode is about: what it adds to the observations, and what it says of them."""
+"""Tasks of episodes: additional observations, and rewards."""
 
 from __future__ import annotations
 
@@ -15,39 +15,40 @@ TRIES = 100
 
 
 class Task(Protocol):
-    """A task. What is random in it comes from the generator that `reset` gets: a seed makes an episode."""
+    """A task. Its randomness comes from the generator that `reset` gets, so that a seed defines an
+    episode."""
 
     def spaces(self) -> dict[str, spaces.Space[Any]]:
-        """Of what it adds to the observations."""
+        """The spaces of its additional observations."""
         ...
 
     def reset(self, robot: RobotDescription, start: Array, random: np.random.Generator) -> None:
-        """Begin anew; the arm will stand at `start`, rad."""
+        """Begin an episode; the arm will be at `start`, rad."""
         ...
 
     def observe(self) -> dict[str, Array]:
-        """What it adds to the observations."""
+        """Its additional observations."""
         ...
 
     def judge(self, observation: dict[str, Any]) -> tuple[float, bool]:
-        """The reward, and whether it is done."""
+        """The reward, and whether the episode is done."""
         ...
 
 
 class Reach:
-    """The TCP shall get to a place that another posture of the arm would bring it to.
+    """Move the TCP to a position that it has in another posture of the arm.
 
     The reward is minus the distance in metres, and 1 on arrival.
 
     Args:
-        spread_rad: how far each joint of that posture is from the start at most.
-        near_m: as near as this is there.
+        spread_rad: maximum distance of each joint in that posture from the start.
+        near_m: distance that counts as arrival.
     """
 
     def __init__(self, spread_rad: float = 0.5, near_m: float = 0.02) -> None:
         if not 0.0 < spread_rad <= 3.0 or not 0.0 < near_m <= 1.0:
             raise InputError(
-                f"Reach: spread_rad must be above 0, 3 rad at most, near_m above 0, 1 m at most; "
+                f"Reach: spread_rad must be above 0 and at most 3 rad, near_m above 0 and at most 1 m; "
                 f"got {spread_rad} and {near_m}"
             )
         self._spread_rad, self._near_m = spread_rad, near_m

@@ -1,4 +1,5 @@
-"""Does the arm touch itself or its surroundings? Answered from exact distances, for whole motions too."""
+"""Collision checks of the arm with itself and its surroundings, from exact distances, also for whole
+motions."""
 
 from __future__ import annotations
 
@@ -21,17 +22,17 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 RESOLUTION_M = 5e-4
-"""What passes the check of a motion is nowhere nearer than the margin less this."""
+"""A motion that passes the check keeps at least the margin less this distance from everything."""
 
 MAX_TRAVEL_RAD = 20_000.0
-"""Some seconds' work; more is no motion but a mistake."""
+"""Longest checked motion, which takes some seconds; a longer one is a mistake."""
 DEEPEST_SAMPLES = 300
-"""For a message only: where a motion that is refused is deepest."""
+"""Samples for the deepest contact of a rejected motion; only the error message needs it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Two bodies nearer than the margin; `distance_m` is negative when they overlap."""
+    """Two bodies closer than the margin; `distance_m` is negative if they overlap."""
 
     first: str
     second: str
@@ -42,22 +43,22 @@ class Contact:
 
 
 class CollisionChecker:
-    """Checks configurations of one robot. Not thread safe: it works in one scratch memory.
+    """Checks configurations of one robot. Not thread safe, because it has one scratch memory.
 
-    Which pairs of geoms may touch is the model's own rule: contact types and affinities, excluded
-    pairs, parent and child.
+    The model's own rules decide which pairs of geoms may touch: contact types and affinities, excluded pairs,
+    parent and child.
 
     Attributes:
-        margin_m: what comes nearer counts as a collision.
-        clearance: the distances, with the margin as what is required.
-        scene: what is around the arm beside its model.
-        tool: whose shapes are on the flange.
+        margin_m: a smaller distance counts as a collision.
+        clearance: the distances; it requires the margin.
+        scene: the objects around the arm that are not in its model.
+        tool: the tool on the flange, with its shapes.
     """
 
     def __init__(
         self, model: RobotModel, margin_m: float = 0.0, disabled: Iterable[frozenset[str]] = ()
     ) -> None:
-        """disabled: pairs of bodies, by their names, that are never looked at."""
+        """disabled: pairs of bodies, by name, that are never checked."""
         self.margin_m = margin_m
         self.limits = model.limits
         self.disabled: frozenset[frozenset[str]] = frozenset(disabled)
@@ -66,10 +67,10 @@ class CollisionChecker:
         self.surround(Scene())
 
     def surround(self, scene: Scene, tool: Tool | None = None) -> None:
-        """Have this scene around the arm from now on, and this tool, or the same one, on its flange.
+        """Change the scene around the arm, and the tool on its flange unless `tool` is None.
 
         Raises:
-            InputError: MuJoCo refuses it; nothing has changed.
+            InputError: MuJoCo rejects them; nothing has changed.
         """
         tool = tool or self.tool
         mj = self._model.among(scene, tool)
@@ -83,19 +84,21 @@ class CollisionChecker:
         self.pairs = list(self.clearance.pairs)
 
     def take_over(self, other: CollisionChecker) -> None:
-        """Have the scene and the tool of another checker of the same arm, and its distances: at once."""
+        """Take the scene, the tool and the distances of another checker of the same arm, without computing
+        them."""
         self.clearance, self.pairs = other.clearance, other.pairs
         self._mj, self.scene, self.tool = other._mj, other.scene, other.tool
 
     def among(self, scene: Scene, tool: Tool | None = None) -> CollisionChecker:
-        """Another one, of the same arm in another scene, or with another tool; raises as `surround` does."""
+        """A checker of the same arm in another scene or with another tool; raises as `surround` does."""
         other = copy.copy(self)
         other.surround(scene, tool)
         return other
 
     @contextmanager
     def keeping(self, least_m: float | Array) -> Iterator[Clearance]:
-        """The distances, while something else than the margin is required: m, of all pairs or of each."""
+        """The distances, requiring another distance than the margin meanwhile: m, one for all pairs or for
+        each."""
         self.clearance.require(least_m)
         try:
             yield self.clearance
@@ -103,11 +106,11 @@ class CollisionChecker:
             self.clearance.require(self.margin_m)
 
     def is_free(self, joints: Array) -> bool:
-        """Whether nothing is nearer than the margin. About 2 µs."""
+        """Whether everything keeps the margin. Takes about 2 µs."""
         return self.clearance.is_free(joints)
 
     def contacts(self, joints: Array) -> list[Contact]:
-        """All pairs of bodies nearer than the margin, the deepest first."""
+        """All pairs of bodies closer than the margin, the deepest first."""
         distances = self.clearance.distances(np.asarray(joints)[None], max(self.margin_m, 0.0))[0]
         found: dict[tuple[str, str], float] = {}
         for index in np.flatnonzero(distances < self.margin_m):
@@ -116,12 +119,12 @@ class CollisionChecker:
         return sorted((Contact(*names, dist) for names, dist in found.items()), key=lambda c: c.distance_m)
 
     def names(self, pair: int) -> tuple[str, str]:
-        """What a person calls the two of a pair."""
+        """The names of the two bodies of a pair, for messages."""
         first, second = self.pairs[pair]
         return self.name(first), self.name(second)
 
     def is_own(self, pair: int) -> bool:
-        """Whether both of a pair are parts of the robot: hang on the same body that stands in the world."""
+        """Whether both bodies of a pair are parts of the robot: they have the same root body."""
         roots = [int(self._mj.body_rootid[self._mj.geom_bodyid[geom]]) for geom in self.pairs[pair]]
         stands = {name for name, each in self.scene.objects.items() if not each.attached}
         return roots[0] == roots[1] != 0 and stands.isdisjoint(self.names(pair))
@@ -133,23 +136,24 @@ class CollisionChecker:
 
     @property
     def body_names(self) -> list[str]:
-        """Of the model, its tool and what stands in the world, without the scene's objects."""
+        """Names of the bodies of the model, its tool and the world, without the scene's objects."""
         geoms = range(self._model.mj.ngeom)
         names = [body_or_geom(self._model.mj, geom) for geom in geoms]
         return list(dict.fromkeys([*names, *self.tool.shapes]))
 
     def name(self, geom: int) -> str:
-        """What a person calls a geom: its body, or the geom itself if that is part of the world."""
+        """The name of a geom for messages: its body's, or its own if it is part of the world."""
         return body_or_geom(self._mj, geom)
 
     def check_trajectory(self, trajectory: Trajectory) -> None:
-        """Refuse a motion that comes nearer to anything than the margin.
+        """Reject a motion that comes closer to anything than the margin.
 
-        What passes is proven, not sampled: nothing is nearer than the margin less `RESOLUTION_M` at any time.
+        The check is a proof, not a sample: a motion that passes keeps the margin less `RESOLUTION_M` at all
+            times.
 
         Raises:
-            CollisionError: naming the bodies, the time, the part of the motion and the joint angles, and how
-                deep the motion goes.
+            CollisionError: names the bodies, the time, the share of the motion, the joint angles, and the
+                deepest contact.
             InputError: the motion is too long to be checked.
         """
         pieces = motion_pieces(trajectory)
@@ -157,7 +161,7 @@ class CollisionChecker:
         if not travel <= MAX_TRAVEL_RAD:
             raise InputError(
                 f"the motion travels {travel:.4g} {self.limits.units}, "
-                f"at the most {MAX_TRAVEL_RAD:g} {self.limits.units} can be checked for collisions"
+                f"at most {MAX_TRAVEL_RAD:g} {self.limits.units} can be checked for collisions"
             )
         if self.clearance.contact(pieces) is None:
             return
@@ -170,7 +174,7 @@ class CollisionChecker:
         self._refuse(trajectory, time_s, Contact(*self.names(pair), distance_m))
 
     def _refuse(self, trajectory: Trajectory, time_s: float, contact: Contact) -> None:
-        """Raise with the first contact, and the deepest one if that is another."""
+        """Raise an error with the first contact and the deepest one."""
         joints = trajectory.sample([time_s])[0]
         times = np.linspace(0.0, trajectory.duration_s, DEEPEST_SAMPLES)
         distances = self.clearance.distances(trajectory.sample(times), max(self.margin_m, 0.0))
@@ -188,10 +192,10 @@ class CollisionChecker:
         )
 
     def check_position(self, joints: Array, what: str, share: float | None = None) -> None:
-        """Refuse a configuration that is not free.
+        """Reject a configuration that is not free.
 
         Args:
-            share: where of a motion it is: 0 at the start, 1 at the goal.
+            share: its place in a motion: 0 at the start, 1 at the goal.
 
         Raises:
             CollisionError: naming `what` and the bodies.
@@ -205,7 +209,7 @@ class CollisionChecker:
             )
 
     def finding(self, contact: Contact, share: float | None) -> Finding:
-        """A contact as a fact about a motion."""
+        """A contact as a finding about a motion."""
         pair = contact.first, contact.second
         return Finding("collision", "distance", contact.distance_m, self.margin_m, "m", share, pair)
 
@@ -216,7 +220,7 @@ def body_or_geom(mj: mujoco.MjModel, geom: int) -> str:
 
 
 def motion_pieces(trajectory: Trajectory) -> Array:
-    """A motion as Bezier curves, for `Clearance.contact`: control points, shape (n, 6, dof), rad."""
+    """A motion as Bezier curves for `Clearance.contact`: control points, shape (n, 6, dof), rad."""
     return control_points(trajectory.coefficients, np.diff(trajectory.breakpoints_s))
 
 
@@ -225,7 +229,7 @@ def _shown(joints: Array) -> str:
 
 
 def geom_pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """The pairs of geoms that MuJoCo's own filter lets collide."""
+    """The pairs of geoms that MuJoCo's own filter allows to collide."""
     excluded = {tuple(sorted((int(s) >> 16, int(s) & 0xFFFF))) for s in model.exclude_signature}
     body_of = model.geom_bodyid.tolist()
     weld_of = model.body_weldid[model.geom_bodyid].tolist()

@@ -1,4 +1,4 @@
-"""A robot as the configuration describes it: model, limits, named positions, collision checker."""
+"""A robot as the settings describe it: model, limits, named positions, collision checker."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cobot.types import CartesianLimits, JointLimits, NamedPosition, vector
 
 @dataclass(frozen=True, slots=True)
 class RobotDescription:
-    """Everything that planning needs to know. Not thread safe: the model works in one scratch memory."""
+    """Everything that planning needs. Not thread safe, because the model has one scratch memory."""
 
     name: str
     base_frame: str
@@ -29,18 +29,18 @@ class RobotDescription:
     positions: dict[str, NamedPosition]
 
     def rename(self, positions: dict[str, NamedPosition]) -> None:
-        """Have these named positions instead, for whoever holds this description."""
+        """Replace the named positions, for every user of this description."""
         self.positions.clear()
         self.positions.update(positions)
 
     def check_named_positions(self, source: Path) -> None:
-        """Refuse a robot with a named position beyond its limits, or in which it touches anything.
+        """Reject a robot with a named position beyond its limits or in collision.
 
         Args:
-            source: the file that they come from, for the message.
+            source: the file with the positions, for the message.
 
         Raises:
-            LimitError, CollisionError: naming the file, the position, and the joint or the bodies.
+            LimitError, CollisionError: names the file, the position, and the joint or the bodies.
         """
         for position in self.positions.values():
             what, joints = f"{source}: position {position.name!r}", vector(position.joints)
@@ -49,11 +49,11 @@ class RobotDescription:
 
 
 def load_robot(settings: Settings) -> RobotDescription:
-    """Read the model, the limits and the named positions that the settings name.
+    """Read the model, limits and named positions that the settings refer to.
 
     Raises:
-        ConfigError: a file is missing or wrong, they do not fit each other, or MuJoCo shall simulate
-            actuators that take no torques.
+        ConfigError: a file is missing or invalid, files do not fit each other, or the simulation cannot drive
+            the model's actuators because they take no torques.
     """
     with naming("web.joint_limits"):
         limits = load_joint_limits(settings.web.joint_limits)

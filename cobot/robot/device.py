@@ -1,4 +1,4 @@
-"""What stands between the cycle and an arm, in words: what a device can do, and how it is."""
+"""Descriptions of the device between the control cycle and an arm: its capabilities and its status."""
 
 from __future__ import annotations
 
@@ -7,32 +7,33 @@ from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 
 MEASURED_NAMES = ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench")
-"""What a device may measure of its joints and at its TCP: the rows of `rtloop.backends.Measured`."""
+"""Measurements that a device may provide of its joints and at its TCP: the rows of
+`rtloop.backends.Measured`."""
 LESS = "the device permits less than the model"
-"""Before what it permits less of, for people."""
+"""Begin of messages about tighter limits of the device."""
 ANY_PERIOD: tuple[float, ...] = ()
 FLAGS = ("impedance", "torque", "wrench", "freedrive", "brakes", "payload", "io", "trajectories")
 STOP_CATEGORIES = (0, 1, 2)
-"""IEC 60204-1: drives off at once; off when the arm has come to rest; rest with the drives on."""
+"""IEC 60204-1: 0 removes power at once, 1 after the arm has stopped, 2 keeps power on after the stop."""
 
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What a device can do. A mode that needs what is missing is refused by its name.
+    """The capabilities of a device. A request that needs a missing one is rejected, naming it.
 
     Attributes:
-        periods_s: of the cycle, that the device can be driven with, s; empty: any.
-        measured: which rows of `Measured` are real: names of `MEASURED_NAMES`. The others are zeros.
-        impedance: its drives give way as they are told.
-        torque: its arm moves as streamed torques have it.
-        wrench: it takes a force of the TCP on top of positions.
-        freedrive: it can be guided by hand.
-        brakes: they can be told apart from the drives.
-        payload: it is told what it carries.
-        io: it has inputs and outputs.
-        trajectories: it takes whole motions and moves along them by itself: nothing can be streamed to it.
-        stops: the stop categories that cobot can have it do, each with whether the device itself confirms it.
-        hardware: it moves something real.
+        periods_s: cycle periods with which the device can be driven, s; empty: any.
+        measured: rows of `Measured` that are real, names of `MEASURED_NAMES`. The others are zeros.
+        impedance: drives with commanded stiffness and damping.
+        torque: the arm follows streamed torques.
+        wrench: takes a force at the TCP in addition to positions.
+        freedrive: can be guided by hand.
+        brakes: brakes can be commanded separately from the drives.
+        payload: can be informed about the payload.
+        io: has inputs and outputs.
+        trajectories: takes whole motions and executes them by itself; nothing can be streamed to it.
+        stops: stop categories that cobot can command, each with whether the device itself confirms it.
+        hardware: moves a real arm.
     """
 
     periods_s: tuple[float, ...] = ANY_PERIOD
@@ -51,31 +52,31 @@ class Capabilities:
     def __post_init__(self) -> None:
         """
         Raises:
-            ValueError: a row that nobody measures, no stop category, or no period.
+            ValueError: an unknown row, an invalid stop category or an invalid period.
         """
         unknown = sorted(self.measured - set(MEASURED_NAMES))
         if unknown:
-            raise ValueError(f"measured: {unknown[0]!r} is none of {', '.join(MEASURED_NAMES)}")
+            raise ValueError(f"measured: {unknown[0]!r} is invalid; valid are {', '.join(MEASURED_NAMES)}")
         strange = [category for category in self.stops if category not in STOP_CATEGORIES]
         if strange:
-            raise ValueError(f"stops: {strange[0]!r} is no stop category: 0, 1 or 2")
+            raise ValueError(f"stops: {strange[0]!r} is not a stop category; valid are 0, 1 and 2")
         if any(not period_s > 0.0 for period_s in self.periods_s):
             raise ValueError(f"periods_s: {self.periods_s} must be above 0")
 
     def period_refusal(self, period_s: float) -> str:
-        """Why a cycle of this period cannot drive the device; "" if it can."""
+        """Why the device cannot be driven with this period; "" if it can."""
         if not self.periods_s or any(abs(period_s - each) < 1e-9 for each in self.periods_s):
             return ""
         valid = ", ".join(f"{each:g}" for each in self.periods_s)
         return f"rt.period_s is {period_s:g} s; the device can be driven every {valid} s"
 
     def lacks(self, backend: str, what: str, *names: str) -> str:
-        """Why what somebody asks for is refused; "" where the device can.
+        """Why a request is rejected for lack of a capability; "" if the device has it.
 
         Args:
             backend: its name, for people.
-            what: needs it, as the beginning of a sentence.
-            names: of `FLAGS`, any of which will do.
+            what: the request, as the begin of a sentence.
+            names: of `FLAGS`; one of them suffices.
         """
         if any(getattr(self, name) for name in names):
             return ""
@@ -83,7 +84,7 @@ class Capabilities:
         return f"{what} needs {needed}, which the backend {backend} does not have; it {self._able}"
 
     def does_not_measure(self, backend: str, what: str, row: str) -> str:
-        """Likewise, of what needs one of `MEASURED_NAMES`."""
+        """Why a request that needs one of `MEASURED_NAMES` is rejected; "" if the device measures it."""
         if row in self.measured:
             return ""
         return f"{what} needs {row}, which the backend {backend} does not measure; it measures {self._rows}"
@@ -91,7 +92,7 @@ class Capabilities:
     @property
     def _able(self) -> str:
         able = ", ".join(WORDS[name] for name in FLAGS if getattr(self, name))
-        return f"has {able}" if able else "is told positions only"
+        return f"has {able}" if able else "takes positions only"
 
     @property
     def _rows(self) -> str:
@@ -99,7 +100,7 @@ class Capabilities:
 
     @property
     def words(self) -> str:
-        """For people, in a line."""
+        """The capabilities in one line, for people."""
         periods = ", ".join(f"{1e3 * each:g}" for each in self.periods_s)
         kind = "hardware" if self.hardware else "simulation"
         stops = ", ".join(
@@ -125,24 +126,24 @@ WORDS = {
     "brakes": "control of its brakes",
     "payload": "setting of the payload",
     "io": "inputs and outputs",
-    "trajectories": "whole motions alone, along which it moves by itself",
+    "trajectories": "execution of whole motions only",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceStatus:
-    """How a device is, as it says itself; "" and None where it does not say.
+    """The status of a device as it reports it; "" and None for what it does not report.
 
     Attributes:
-        connection: such as "connected", or the state of its session.
-        quality: of the connection.
-        operation_mode: T1 (reduced speed, by hand), T2 (by hand) or AUT.
-        safety_stop: what stands in the way, "" for nothing.
-        drives, brakes: such as "on", "released".
-        speed_scaling: of its own speed override, from 0 to 1, which the path clock follows.
-        packets_lost: since it was opened.
-        device_time_s: on its own clock.
-        text: anything else that a user should read, as a sentence.
+        connection: for example "connected", or the state of its session.
+        quality: quality of the connection.
+        operation_mode: T1 (manual, reduced speed), T2 (manual) or AUT.
+        safety_stop: the reason why it cannot move, "" for none.
+        drives, brakes: for example "on", "released".
+        speed_scaling: the device's own speed override, from 0 to 1, which the path clock follows.
+        packets_lost: since the connection was opened.
+        device_time_s: time of its own clock.
+        text: any other sentence that a user should read.
     """
 
     connection: str = ""

@@ -1,4 +1,4 @@
-"""Whether a model's actuators and ranges fit the limits, as the simulation needs them."""
+"""Checks that a model's actuators and ranges fit the joint limits, as the simulation needs."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from cobot.types import JointLimits
 from cobot.units import MILLIMETRES_FROM_M
 
 TOLERANCE = 1e-6
-"""Of positions, rad or m: files are rounded."""
+"""Tolerance for positions, rad or m, because files are rounded."""
 MILLIMETRES_PER_S_FROM = 20.0
-"""No slide of an arm moves at so many m/s: whose limit is beyond this has written mm/s."""
+"""A higher speed limit of a slide, m/s, was written in mm/s: no arm is that fast."""
 MILLIMETRES_FROM_RATIO = 100.0
-"""Limits that many times wider than the model's are in another unit."""
+"""Limits that exceed the model's by this factor are in another unit."""
 UNITS_OF_SLIDES = "limits of a prismatic joint are in m, m/s, m/s², m/s³ and N"
 
 
 def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Refuse actuators other than one motor per joint in their order.
+    """Reject a model that has not exactly one motor per joint, in the order of the joints.
 
     Raises:
-        ConfigError: says which actuator, and the way out.
+        ConfigError: names the actuator and a remedy.
     """
     for index in range(mj.nu):
         name = mj.actuator(index).name or f"number {index}"
@@ -34,7 +34,7 @@ def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
             or mj.actuator_gear[index, 0] != 1.0
         ):
             raise ConfigError(
-                f"actuator {name} is no <motor> of gear 1 (a position or velocity actuator, perhaps): the "
+                f"actuator {name} is not a <motor> of gear 1 (perhaps a position or velocity actuator): the "
                 "simulation commands torques; make it <motor joint=...>, or let `cobot new-robot` do so"
             )
     kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
@@ -50,10 +50,10 @@ def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
 
 
 def check_forces(mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Refuse efforts that the model's drives never reach: the simulation would cut them off unsaid.
+    """Reject efforts beyond those of the model's drives, which the simulation would silently cut off.
 
     Raises:
-        ConfigError: names the joint, both efforts and the way out.
+        ConfigError: names the joint, both efforts and a remedy.
     """
     for index, (name, effort) in enumerate(zip(limits.names, limits.max_effort.tolist(), strict=True)):
         bounds = [
@@ -74,10 +74,10 @@ def check_forces(mj: mujoco.MjModel, limits: JointLimits) -> None:
 
 
 def check_ranges(mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Refuse position limits wider than the model's, and limits of slides in millimetres.
+    """Reject position limits wider than the model's, and limits of slides in millimetres.
 
     Raises:
-        ConfigError: names the joint, both ranges and the way out.
+        ConfigError: names the joint, both ranges and a remedy.
     """
     for index, name in enumerate(limits.names):
         low, high = limits.min_position[index], limits.max_position[index]

@@ -1,4 +1,4 @@
-"""The one check of a trajectory against the joint limits."""
+"""Checks of a trajectory against the joint limits."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 RELATIVE_TOLERANCE = 1e-6
-"""Rounding that a value may exceed its limit by, in motions that were made elsewhere."""
+"""Share of a limit that a value may exceed it by, because of rounding in motions from elsewhere."""
 
 EFFORT_SAMPLES, EFFORT_STEP_S = 2, 0.008
 MAX_EFFORT_STEPS = 2000
-"""Efforts are no polynomials: they are looked at so often in each segment, and at such steps, s, or at longer
-ones where there would be more than so many."""
+"""Efforts are not polynomials, so they are sampled: at least the first number of times per segment, with
+steps of at most the second, s. Longer steps are used if there would be more than `MAX_EFFORT_STEPS`."""
 EFFORT_TOLERANCE = 1e-3
-"""What may lie between two of these looks, where an acceleration takes 0.1 s to build up."""
+"""Share by which an effort may exceed its limit between two samples, if accelerations take 0.1 s to build
+up."""
 
 PLACES = 33
-"""In the segment that exceeds a limit, for a message only: so many are looked at for where."""
+"""Samples that locate the extremum in the segment that exceeds a limit; only the error message needs it."""
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk")
 
@@ -35,14 +36,14 @@ def check_limits(
     labels: Sequence[str] | None = None,
     tolerance: float = RELATIVE_TOLERANCE,
 ) -> None:
-    """Refuse a trajectory whose true extrema leave the limits, whichever comes first in time.
+    """Reject a trajectory whose true extrema exceed the limits.
 
     Args:
-        labels: what the caller calls the breakpoints, for the message.
-        tolerance: the share of a limit (of the range, for positions) by which it may be exceeded.
+        labels: the caller's names of the breakpoints, for the message.
+        tolerance: share of a limit (of the range, for positions) by which it may be exceeded.
 
     Raises:
-        LimitError: naming the place, the joint, the quantity, the value and the limit.
+        LimitError: the first violation in time, with place, joint, quantity, value and limit.
     """
     if _keeps(trajectory, limits, tolerance):
         return
@@ -70,17 +71,17 @@ def check_limits(
 
 
 def _worst_share(trajectory: Trajectory, derivative: int, segment: int, joint: int, below: bool) -> float:
-    """Where in a segment a joint is furthest beyond a limit, as a share of the motion's time."""
+    """Where in a segment a joint exceeds a limit most, as a share of the motion's duration."""
     begin, end = trajectory.breakpoints_s[segment : segment + 2]
     times = np.linspace(begin, end, PLACES)
-    # The end belongs to the next segment, where a jerk may be another one.
+    # The end belongs to the next segment, which may have another jerk.
     inside = np.append(times[:-1], np.nextafter(times[-1], 0.0))
     values = trajectory.sample(inside, derivative)[:, joint]
     return float(times[int(values.argmin() if below else values.argmax())] / trajectory.duration_s)
 
 
 def _keeps(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> bool:
-    """Whether all limits hold, by the exact extrema of all pieces at once."""
+    """Whether all limits hold, from the exact extrema of all pieces."""
     rates = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk]) * (1.0 + tolerance)
     durations = np.diff(trajectory.breakpoints_s)
     if not (greatest_rates(trajectory.coefficients, durations, rates[:, None]) <= rates[:, None]).all():
@@ -89,12 +90,12 @@ def _keeps(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> boo
 
 
 def in_range(trajectory: Trajectory, limits: JointLimits) -> bool:
-    """Whether all joints stay within their positions' limits."""
+    """Whether all joints stay within their position limits."""
     return trajectory.first_excess(0, *_bounds(limits, RELATIVE_TOLERANCE)[0]) is None
 
 
 def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
-    """The same path, slowed down evenly by just so much that all rate limits hold."""
+    """The trajectory, slowed down evenly just enough to keep all rate limits."""
     bounds = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk])
     durations = np.diff(trajectory.breakpoints_s)
     peaks = greatest_rates(trajectory.coefficients, durations, bounds[:, None]).max(axis=1)
@@ -112,9 +113,10 @@ def _bounds(
 
 
 def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Array]:
-    """Times, shape (n,), s, and what the drives need there, shape (n, dof), N·m, without friction.
+    """Times, shape (n,), s, and the drives' efforts there, shape (n, dof), N·m, without friction.
 
-    A planner looks at them, and then whoever checks its motion: the model keeps those of the last one.
+    The model keeps the samples of the last trajectory, because a planner and the check after it need the
+    same.
     """
     if model.last_efforts is not None and model.last_efforts[0] is trajectory:
         return model.last_efforts[1:]
@@ -133,10 +135,10 @@ def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Ar
 
 
 def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits) -> None:
-    """Refuse a motion that needs more than a joint's drive has, with what the model carries.
+    """Reject a motion that needs more effort than a drive has, including the load of the model.
 
     Raises:
-        LimitError: naming the place, the joint, what it needs and what it has.
+        LimitError: names the place, the joint, the needed effort and the limit.
     """
     times, efforts = effort_samples(model, trajectory)
     share = np.abs(efforts) / limits.max_effort
@@ -155,12 +157,12 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
 
 
 def stretch_to_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits) -> Trajectory | None:
-    """The same path, slowed down evenly by just so much that no drive needs more than it has.
+    """The trajectory, slowed down evenly just enough for all drives.
 
-    What moves the arm falls with the square of the duration, what holds it stays.
+    The effort for moving falls with the square of the duration; the effort for holding stays.
 
     Returns:
-        None if there is no such speed: the arm cannot even be held somewhere on the path.
+        None if no speed helps, because the arm cannot even be held somewhere on the path.
     """
     limit = limits.max_effort
     while True:

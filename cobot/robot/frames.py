@@ -1,6 +1,6 @@
 """Orientations: KUKA ABC angles and quaternions (w, x, y, z).
 
-KUKA's ABC turns about z by A, then about the new y by B, then about the new x by C, so that
+KUKA's ABC angles turn about z by A, then about the new y by B, then about the new x by C:
 R = Rz(A) Ry(B) Rx(C).
 """
 
@@ -14,7 +14,7 @@ from cobot.robot import quaternion as quaternions
 from cobot.types import Array, Pose, vector
 
 GIMBAL_LOCK_RAD = 1e-7
-"""So near to B = ±π/2 it is taken for it."""
+"""A B this close to ±π/2 counts as ±π/2."""
 
 
 def quaternion_from_abc(a: float, b: float, c: float) -> Array:
@@ -34,8 +34,8 @@ def abc_from_quaternion(quaternion: Array) -> Array:
     """(A, B, C) in rad, B in [−π/2, π/2]; at B = ±π/2, where A and C are not unique, C is 0.
 
     Source: E. Bernardes, S. Viollet, "Quaternion to Euler angles conversion: A direct, general and
-    computationally efficient method", PLoS ONE 17(11), 2022. Unlike by way of the matrix, A + C and A − C are
-    as exact near B = ±π/2 as elsewhere.
+    computationally efficient method", PLoS ONE 17(11), 2022. Unlike a conversion by the rotation matrix, A +
+    C and A − C are as accurate near B = ±π/2 as elsewhere.
     """
     w, x, y, z = quaternion.tolist()
     half_sum, half_difference = atan2(x + z, w - y), atan2(z - x, w + y)

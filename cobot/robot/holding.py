@@ -1,4 +1,4 @@
-"""Whether the drives can hold the arm still: gravity against max_effort, in one posture or in all of them."""
+"""Checks that the drives can hold the arm: gravity torques against max_effort, in one or in all postures."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ from cobot.robot.tool import BARE, Tool, ToolFile
 from cobot.types import Array, JointLimits, vector
 
 SAMPLES = 2000
-"""Random postures from which the search for the hardest one starts."""
+"""Random postures from which the search for the hardest one to hold starts."""
 STARTS, ROUNDS, STEPS = 2, 4, 15
-"""Of those the hardest ones are improved: joint by joint, in so many rounds, by so many values of a joint."""
+"""How many of the hardest postures are improved, in how many rounds, and how many values of each joint are
+tried."""
 PAYLOAD_SHARE = 0.9
-"""Share of an effort that holding the payload may take: the rest is for moving it."""
+"""Share of an effort that holding the payload may take; the rest is for moving it."""
 TOLERANCE = 1e-6
 
 Demand = Callable[[Array], Array]
-"""Of postures, shape (n, dof), a number for each: the greater, the harder."""
+"""Computes a number for each posture, shape (n, dof); a higher number means harder to hold."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """What the drive of a joint needs in a posture to hold the arm, and what it has; N·m, of slides N."""
+    """The effort that a joint needs to hold the arm in a posture, and its limit; N·m, or N for slides."""
 
     joint: str
     needed: float
@@ -52,12 +53,12 @@ class Hold:
         )
 
     def placed(self) -> str:
-        """With the posture."""
+        """The hold as text, with the posture."""
         return f"at joints {np.round(self.posture, 2).tolist()} {self}"
 
 
 def held(model: RobotModel, limits: JointLimits, joints: Array) -> Hold:
-    """The joint that needs the greatest share of its effort in a posture, with what the model carries."""
+    """The joint that needs the greatest share of its effort in a posture, including the load of the model."""
     torques = np.abs(model.gravity_torques(joints))
     return _hold(model, limits, joints, int((torques / limits.max_effort).argmax()))
 
@@ -66,8 +67,8 @@ def check_start(robot: RobotDescription, settings: Settings) -> None:
     """Reject a start position in which the simulated drives cannot hold the arm with its tool.
 
     Raises:
-        LimitError: see `check_holds`.
-        ConfigError: the file of the tool cannot be used.
+        LimitError: as `check_holds`.
+        ConfigError: the tool file is invalid.
     """
     if settings.robot.backend.type != "mujoco":
         return
@@ -81,10 +82,10 @@ def check_start(robot: RobotDescription, settings: Settings) -> None:
 
 
 def take_up(robot: RobotDescription, settings: Settings) -> None:
-    """Have the model carry the tool and the attached objects that the service would begin with.
+    """Give the model the tool and the attached objects with which the service would start.
 
     Raises:
-        ConfigError: a file cannot be used.
+        ConfigError: a file is invalid.
     """
     robot.model.carry(_tool(robot, settings), SceneFile(settings.scene_file).read())
 
@@ -98,7 +99,7 @@ def check_holds(model: RobotModel, limits: JointLimits, joints: Array, what: str
     """Reject a posture that the drives cannot hold.
 
     Raises:
-        LimitError: naming `what`, the joint, what it needs and what it has.
+        LimitError: names `what`, the joint, the needed effort and the limit.
     """
     hold = held(model, limits, joints)
     if hold.share > 1.0 + TOLERANCE:
@@ -112,11 +113,11 @@ def check_holds(model: RobotModel, limits: JointLimits, joints: Array, what: str
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """How the drives hold the arm in all its postures.
+    """How well the drives hold the arm in all its postures.
 
     Attributes:
-        hardest: of each joint the posture in which it needs most, the greatest share first.
-        share: of random postures free of collisions, those that can be held.
+        hardest: for each joint the posture that needs most of it, the greatest share first.
+        share: share of random collision-free postures that the drives can hold.
     """
 
     hardest: list[Hold]
@@ -132,7 +133,7 @@ class Holding:
 
 
 def examine(model: RobotModel, collision: CollisionChecker, limits: JointLimits) -> Holding:
-    """Search the postures free of collisions for those that are hardest to hold, with what is carried."""
+    """Search the collision-free postures for those that are hardest to hold, with the load of the model."""
     postures = _free_postures(collision, limits)
     torques = _gravity(model.dynamics, postures)
     found = []
@@ -147,8 +148,9 @@ def examine(model: RobotModel, collision: CollisionChecker, limits: JointLimits)
 
 
 def payload(model: RobotModel, collision: CollisionChecker, limits: JointLimits) -> tuple[float, Hold]:
-    """The mass at the TCP that `PAYLOAD_SHARE` of the efforts hold in every posture, kg, and what the joint
-    that limits it needs there without it. Infinite if no drive feels it; 0 if the arm alone is too heavy.
+    """The mass at the TCP, kg, that `PAYLOAD_SHARE` of the efforts hold in every posture, and what the
+    limiting joint needs there without it. Infinite if no drive feels the mass; 0 if the arm alone is too
+    heavy.
     """
     efforts, loaded = PAYLOAD_SHARE * limits.max_effort, _with_one_kg(model)
 
@@ -169,7 +171,7 @@ def payload(model: RobotModel, collision: CollisionChecker, limits: JointLimits)
 
 
 def _with_one_kg(model: RobotModel) -> Dynamics:
-    """The dynamics with 1 kg more at the TCP of the model's file."""
+    """The dynamics with 1 kg at the TCP of the model file."""
     tool = model.tool
     model.carry(replace(tool, mass=1.0, centre=model.tcp_in_flange()[:3], inertia=None))
     try:
@@ -190,7 +192,7 @@ def _gravity(dynamics: Dynamics, rows: Array) -> Array:
 
 
 def _free_postures(collision: CollisionChecker, limits: JointLimits) -> Array:
-    """Random ones; all of them, if none is free of collisions."""
+    """Random collision-free postures; all random ones if none is free."""
     size = (SAMPLES, limits.dof)
     postures = np.random.default_rng(0).uniform(limits.min_position, limits.max_position, size)
     free = np.array([collision.is_free(joints) for joints in postures])
@@ -198,7 +200,7 @@ def _free_postures(collision: CollisionChecker, limits: JointLimits) -> Array:
 
 
 def _hardest(demand: Demand, postures: Array, collision: CollisionChecker, limits: JointLimits) -> Array:
-    """The best of an ascent along one joint after the other, from the hardest of the postures."""
+    """The hardest posture found by coordinate ascent from the hardest of the given ones."""
     order = np.argsort(-demand(postures))[:STARTS]
     climbed = np.array([_climb(demand, postures[index], collision, limits) for index in order])
     return np.asarray(climbed[int(demand(climbed).argmax())])

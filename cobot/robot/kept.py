@@ -1,5 +1,5 @@
-"""A document on the disk that is replaced as a whole: a process that is killed meanwhile leaves the old one
-or the new one. Only its owner may read it.
+"""A document on disk that is replaced atomically: if the process is killed meanwhile, the old or the new one
+remains. Only its owner may read it.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from cobot.logs.files import make_private
 
 
 def keep(path: Path, content: bytes, what: str) -> None:
-    """Replace the file, on the disk when this returns.
+    """Replace the file; it is on disk when this returns.
 
     Args:
-        what: for the message, as "the scene".
+        what: the content, for the message, such as "the scene".
 
     Raises:
-        UnavailableError: there is no room or no permission; the old one is there as it was.
+        UnavailableError: no space or no permission; the old file is unchanged.
     """
     new = path.with_name(f"{path.name}.new")
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        new.unlink(missing_ok=True)  # of a process that was killed; or what somebody else has put there
+        new.unlink(missing_ok=True)  # from a killed process, or another user's file
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
         with os.fdopen(os.open(new, flags, 0o600), "wb") as file:
             file.write(content)
@@ -38,18 +38,18 @@ def keep(path: Path, content: bytes, what: str) -> None:
         with contextlib.suppress(OSError):
             new.unlink(missing_ok=True)
         raise exhausted(exc) or UnavailableError(
-            f"{path}: cannot be written: {exc.strerror}; {what} is as it was"
+            f"{path}: cannot be written: {exc.strerror}; {what} is unchanged"
         ) from exc
 
 
 def read_kept(path: Path) -> bytes:
-    """What `keep` has written; from now on only its owner may read it.
+    """Read a document that `keep` has written, and make it readable by its owner only.
 
     Raises:
-        FileNotFoundError: there is none.
+        FileNotFoundError: there is no file.
         OSError: it cannot be read, or is not a regular file.
     """
-    # What is not a regular file may keep its reader waiting for ever: a pipe, a device.
+    # Reading a pipe or a device could block forever.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
@@ -60,7 +60,7 @@ def read_kept(path: Path) -> bytes:
 
 
 def _settle(folder: Path) -> None:
-    """Have a folder's entries on the disk too."""
+    """Flush a folder's entries to disk."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

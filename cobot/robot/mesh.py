@@ -1,9 +1,9 @@
-"""A mesh of triangles as convex solids: exactly where it is convex, elsewhere as boxes within a tolerance.
+"""A triangle mesh as convex solids: exact for convex parts, boxes within a tolerance for all others.
 
-Parts that do not hang together are looked at one by one: one that is closed and convex is its own hull. All
-others become the cells of a grid that their triangles meet, and those that these enclose. A cell's diagonal
-is the tolerance: no point of the mesh is left out, and what counts as it beside it is no further away, or in
-a space without an entry wider than a cell.
+Each connected part is examined alone; a closed convex part is its own hull. All other parts become the grid
+cells that their triangles meet, and the cells that these enclose. The diagonal of a cell is the tolerance:
+the boxes contain every point of the mesh, and reach at most the tolerance beyond it. Exception: a cavity
+whose entry is not wider than a cell is filled.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from cobot.types import Array
 Indices = npt.NDArray[np.int64]
 MAX_TRIANGLES = 20_000
 MAX_CELLS = 300_000
-"""Of the grid around what is not convex."""
+"""Maximum number of cells of the grid around non-convex parts."""
 MAX_CORNERS = 2_000
-"""All convex parts together have no more corners."""
+"""Maximum number of corners of all convex parts together."""
 AT_ONCE = 200_000
-"""Pairs of a triangle and a cell; more take turns."""
+"""Pairs of a triangle and a cell that are tested at once."""
 FLAT = 1e-6
-"""By so much of its size may a corner lie outside a face of what counts as convex."""
+"""How far, relative to its size, a corner may be outside a face of a part that counts as convex."""
 
 
 def parts(vertices: Array, triangles: Indices, tolerance_m: float) -> tuple[Array, list[Array]]:
@@ -41,9 +41,9 @@ def parts(vertices: Array, triangles: Indices, tolerance_m: float) -> tuple[Arra
         Middle and edges of each box, shape (k, 6), m, and the corners of each convex part, shape (., 3), m.
 
     Raises:
-        InputError: it is no mesh.
-        LimitError: too many triangles or corners, or more solids than `MAX_SOLIDS`, with the tolerance that
-            would fit.
+        InputError: the mesh is invalid.
+        LimitError: too many triangles or corners, or more solids than `MAX_SOLIDS`; then with a tolerance
+            that fits.
     """
     vertices, triangles = _welded(vertices, triangles)
     hulls, others = [], []
@@ -66,7 +66,7 @@ def parts(vertices: Array, triangles: Indices, tolerance_m: float) -> tuple[Arra
 
 
 def _welded(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """Each corner once, and triangles that have an area."""
+    """The mesh with each corner once and without triangles of area 0."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
     triangles = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     if not len(triangles):
@@ -96,9 +96,9 @@ def _welded(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
 
 
 def _components(count: int, triangles: Indices) -> list[Indices]:
-    """The triangles that hang together by their corners, group by group."""
+    """Groups of triangles that are connected by their corners."""
     least, before = np.arange(count), np.full(count, -1)
-    while (least != before).any():  # Each corner learns of the least one that it hangs together with.
+    while (least != before).any():  # each corner takes the lowest index that it is connected with
         before = least.copy()
         np.minimum.at(least, triangles, least[triangles].min(axis=1, keepdims=True))
         least = least[least]
@@ -109,7 +109,7 @@ def _components(count: int, triangles: Indices) -> list[Indices]:
 
 
 def _is_convex(vertices: Array, triangles: Indices) -> bool:
-    """Whether it is closed, and nothing of it lies outside any of its faces."""
+    """Whether a part is closed and no corner is outside any of its faces."""
     if len(np.unique(triangles)) > MAX_CORNERS:
         return False
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
@@ -121,7 +121,7 @@ def _is_convex(vertices: Array, triangles: Indices) -> bool:
     a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)
     if float(np.einsum("ij,ij->", a - corners.mean(axis=0), normals)) < 0.0:
-        normals = -normals  # All faces look inwards.
+        normals = -normals  # all faces point inwards
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     if float(np.linalg.matrix_rank(corners - corners[0], tol=FLAT * size_m)) < 3:
         return False
@@ -132,7 +132,7 @@ def _is_convex(vertices: Array, triangles: Indices) -> bool:
 
 
 def _fitting(corners: Array, tolerance_m: float, room: int) -> Array:
-    """The boxes of triangles, corners of shape (n, 3, 3), if there is room for so many."""
+    """The boxes of triangles, corners of shape (n, 3, 3), if there are at most `room`."""
     boxes, cells = _boxes(corners, tolerance_m)
     if boxes is not None and len(boxes) <= room:
         return boxes
@@ -143,20 +143,20 @@ def _fitting(corners: Array, tolerance_m: float, room: int) -> Array:
 
     made = f"{cells} cells, at most {MAX_CELLS}" if boxes is None else f"{len(boxes)} boxes, at most {room}"
     raise LimitError(
-        f"mesh: what is not convex of it makes {made} are allowed at a tolerance of {tolerance_m:g} m: "
+        f"mesh: its non-convex parts make {made} are allowed at a tolerance of {tolerance_m:g} m: "
         f"{coarser(fits, tolerance_m)}"
     )
 
 
 def _boxes(corners: Array, tolerance_m: float) -> tuple[Array | None, int]:
-    """Middle and edges of each box, shape (k, 6), and how many cells there are; None if too many."""
+    """Middle and edges of each box, shape (k, 6), and the number of cells; None if there are too many."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     edge_m = tolerance_m / math.sqrt(3.0)
     counts = np.maximum(1, np.ceil((high - low) / edge_m - 1e-9)).astype(np.int64)
     total = math.prod(counts.tolist())
     if total > MAX_CELLS:
         return None, total
-    # Of a flat part the cells have the whole edge, on both sides of it.
+    # Cells of a flat part have the full edge length, half of it on each side.
     thin = (high - low) < 1e-9 * edge_m
     low = np.where(thin, low - 0.5 * edge_m, low)
     edges = np.where(thin, edge_m, (high - low) / counts)
@@ -169,7 +169,7 @@ def _boxes(corners: Array, tolerance_m: float) -> tuple[Array | None, int]:
 
 
 def cells_outside(full: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """The cells that can be reached from the first corner through faces of cells that are not full."""
+    """The cells that can be reached from the first corner through cells that are not full."""
     free = ~full
     out = np.zeros_like(free)
     out[0, 0, 0] = True
@@ -185,7 +185,7 @@ def cells_outside(full: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def cells_met(corners: Array, counts: Indices) -> Indices:
-    """The cells of edge 1, from the origin on, that triangles (n, 3, 3) meet or touch, shape (k, 3).
+    """The cells of edge 1, from the origin, that triangles (n, 3, 3) meet or touch, shape (k, 3).
 
     Separating axes (T. Akenine-Moller, "Fast 3D triangle-box overlap testing", 2001).
     """
@@ -207,7 +207,7 @@ def _met_at_once(
     spans: Indices,
     numbers: Indices,
 ) -> Indices:
-    """Each triangle with each cell of the box around it."""
+    """Test each triangle with each cell of its bounding box."""
     rows = np.repeat(np.arange(len(corners)), numbers)
     index = np.arange(len(rows)) - np.repeat(np.cumsum(numbers) - numbers, numbers)
     across, index = np.divmod(index, (spans[:, 1] * spans[:, 2])[rows])
@@ -229,7 +229,7 @@ def read(content: bytes) -> tuple[Array, Indices]:
     """Vertices, shape (n, 3), and triangles, shape (m, 3), of an STL (binary or text) or OBJ file.
 
     Raises:
-        InputError: it is none of them.
+        InputError: the content is neither.
     """
     try:
         if len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little"):
@@ -242,7 +242,7 @@ def read(content: bytes) -> tuple[Array, Indices]:
             return np.array(stl, dtype=np.float64), np.arange(len(stl), dtype=np.int64).reshape(-1, 3)
         return _obj(lines)
     except (ValueError, IndexError) as exc:
-        raise InputError(f"file: is no STL or OBJ mesh: {exc}") from exc
+        raise InputError(f"file: is not an STL or OBJ mesh: {exc}") from exc
 
 
 def _obj(lines: list[list[str]]) -> tuple[Array, Indices]:

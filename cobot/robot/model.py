@@ -1,4 +1,4 @@
-"""The robot's kinematics and dynamics, of an MJCF or URDF file as MuJoCo reads it."""
+"""The robot's kinematics and dynamics, from an MJCF or URDF file as MuJoCo reads it."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ from cobot.types import Array, FreeAxis, JointLimits, Numbers7, Pose
 class RobotModel:
     """Forward kinematics, Jacobian, mass matrix and gravity of the arm.
 
-    Works in one scratch memory: not thread safe. Joint vectors are shape (dof,), rad, in the order
+    Not thread safe, because it has one scratch memory. Joint vectors are shape (dof,), rad, in the order
     of the limits; poses and Jacobians are those of the TCP in the base frame.
 
     Attributes:
         mj: MuJoCo's model.
-        limits: the joint limits, which also give the joints' order; they know which of them are slides.
+        limits: the joint limits, in the order of the joints, with those of slides marked.
         tcp_site: index of the TCP among the model's sites.
         chain: the kinematics, which compiled code calls without Python.
-        dynamics: inertia and bias forces, likewise.
-        tool: what is on the flange; `carry` changes it.
-        attached: the scene whose attached objects are carried with it.
-        carried: the tool with their masses.
+        dynamics: inertia and bias forces, also for compiled code.
+        tool: the tool on the flange; `carry` changes it.
+        attached: the scene whose attached objects are carried.
+        carried: the tool together with the masses of these objects.
         last_efforts: see `effort_samples`.
-        spec: what MuJoCo's model was made of, for one with more in it; None if it was made elsewhere.
+        spec: the source of MuJoCo's model, for adding bodies; None if the model was made elsewhere.
     """
 
     def __init__(
@@ -88,12 +88,12 @@ class RobotModel:
         """Read an MJCF or URDF file.
 
         Raises:
-            ConfigError: missing or not loadable, a URDF with unknown masses, other joints than the limits, no
-                such base or TCP.
-            UnavailableError: no memory is left for it.
+            ConfigError: the file is missing or cannot be loaded, a URDF lacks masses, the joints differ from
+                those of the limits, or the base or TCP does not exist.
+            UnavailableError: there is not enough memory.
         """
         if not path.is_file():
-            raise ConfigError(f"{path}: {'is no file' if path.exists() else 'no such file'}")
+            raise ConfigError(f"{path}: {'is not a file' if path.exists() else 'no such file'}")
         try:
             spec = _read(path, tcp)
             mj = spec.compile()
@@ -110,39 +110,39 @@ class RobotModel:
 
     @property
     def name(self) -> str:
-        """What the model's file calls itself."""
+        """The model's name in its file."""
         return bytes(self.mj.names).split(b"\0", 1)[0].decode("utf-8", "replace")
 
     def flange_in_tcp(self) -> Pose:
-        """Return the pose of the site `flange` in the TCP's frame. Without that site, the TCP of the model's
-        file is the flange.
+        """The pose of the site `flange` in the TCP's frame. Without that site, the TCP of the model file is
+        the flange.
         """
         return Pose.from_numbers(self.tcp_in_flange()).inverse()
 
     def tcp_in_file_tcp(self, tool: Tool | None = None) -> Pose:
-        """Return the pose of the TCP with this tool, or the present one, in the TCP of the model's file."""
+        """The pose of the TCP with this tool, or the present one, in the frame of the model file's TCP."""
         file_tcp = Pose.from_numbers(self.file_tcp_in_flange)
         return file_tcp.inverse() @ Pose.from_numbers(self.tcp_in_flange(tool))
 
     def tcp_in_flange(self, tool: Tool | None = None) -> Numbers7:
-        """Where the TCP is with this tool, or with the present one."""
+        """The pose of the TCP with this tool, or the present one, in the flange's frame."""
         tcp = (tool or self.tool).tcp
         return self._carrier.tcp_in_flange if tcp is None else tcp
 
     @property
     def file_tcp_in_flange(self) -> Numbers7:
-        """Where the TCP of the model's file is."""
+        """The pose of the model file's TCP in the flange's frame."""
         return self._carrier.tcp_in_flange
 
     @property
     def file_gravity(self) -> Array:
-        """That of the model's file, shape (3,), m/s², in the base frame."""
+        """The gravity of the model file, shape (3,), m/s², in the base frame."""
         return np.asarray(self.chain.base_rotation.T @ self._carrier.gravity)
 
     def carry(self, tool: Tool, scene: Scene | None = None) -> None:
-        """Have this tool on the flange instead, and what is attached in this scene, or nothing: mass, TCP and
-        gravity, for all who use this model's `mj`, `chain` and `dynamics`. Shapes are the collision
-        checker's. Some 200 µs; nobody may compute meanwhile.
+        """Replace the tool on the flange and the attached objects: mass, TCP and gravity, for all users of
+        this model's `mj`, `chain` and `dynamics`. Without a scene nothing is attached. Shapes belong to the
+        collision checker. Takes about 200 µs, during which nothing else may use the model.
         """
         self.attached = scene or Scene()
         self.carried = carrying(tool, self.attached, self.tcp_in_flange(tool))
@@ -157,7 +157,7 @@ class RobotModel:
 
     @cached_property
     def fixed_frames(self) -> dict[str, Pose]:
-        """The bodies and sites that no joint moves, the world among them, in the base frame."""
+        """Poses in the base frame of the world and of all bodies and sites that no joint moves."""
         data = mujoco.MjData(self.mj)
         mujoco.mj_kinematics(self.mj, data)
         turn = data.xmat[self._base].reshape(3, 3).T
@@ -170,11 +170,11 @@ class RobotModel:
 
     @cached_property
     def frame_names(self) -> frozenset[str]:
-        """Of all bodies and sites."""
+        """The names of all bodies and sites."""
         return frozenset(name for name, *_ in self._frames(mujoco.MjData(self.mj)))
 
     def _frames(self, data: mujoco.MjData) -> Iterator[tuple[str, int, Array, Array]]:
-        """Name, body, place and rotation matrix of each site and body that has a name."""
+        """Name, body, position and rotation matrix of each named site and body."""
         for index in range(self.mj.nsite):
             if name := self.mj.site(index).name:
                 yield name, self.mj.site_bodyid[index], data.site_xpos[index], data.site_xmat[index]
@@ -183,18 +183,19 @@ class RobotModel:
                 yield name, index, data.xpos[index], data.xmat[index]
 
     def among(self, scene: Scene, tool: Tool | None = None) -> mujoco.MjModel:
-        """MuJoCo's model with the scene's objects and the shapes of a tool, without one those of the present
-        one, for distances: nothing else knows of them.
+        """MuJoCo's model with the scene's objects and the tool's shapes, for distances only. `tool` defaults
+        to the present one.
 
         Raises:
-            InputError: MuJoCo refuses it.
+            InputError: MuJoCo rejects them.
         """
         tool = tool or self.tool
         if not scene.objects and not tool.shapes:
             return self.mj
         if self.spec is None:
-            raise InputError("this model was not read from a file: it can have no objects around it")
-        # Of the model's file, whose TCP stands for what is attached: its pose in the flange's frame.
+            raise InputError("this model was not read from a file, so no objects can be added to it")
+        # Attached bodies are placed relative to the model file's TCP, whose pose in the flange's frame is
+        # known.
         flange = Pose.from_numbers(self.file_tcp_in_flange).inverse()
         tip = self.tcp_in_file_tcp(tool)
         objects = {
@@ -210,11 +211,11 @@ class RobotModel:
 
     @cached_property
     def inverse_kinematics(self) -> Arm:
-        """Closed or numeric, as the arm's geometry permits: see `cobot.robot.inverse_kinematics`."""
+        """In closed form or numeric, as the arm's geometry permits: see `cobot.robot.inverse_kinematics`."""
         return recognised(self.chain, self.limits, self.mj.qpos0)
 
     def kinematics(self, free: tuple[FreeAxis, ...] = ()) -> Arm:
-        """`inverse_kinematics`, where these rotations of the TCP are not fixed by a pose: none, one, all."""
+        """`inverse_kinematics` with these rotations of the TCP free: none, one or all three."""
         if not free:
             return self.inverse_kinematics
         if free not in self._freed:
@@ -226,17 +227,18 @@ class RobotModel:
         return self.limits.dof
 
     def forward(self, joints: Array) -> Pose:
-        """The TCP's pose in the base frame."""
+        """The pose of the TCP in the base frame."""
         out = np.empty(7)
         self.forward_into(joints, out)
         return Pose(out[:3], out[3:])
 
     def forward_into(self, joints: Array, out: Array) -> None:
-        """`forward` as x, y, z (m) and w, x, y, z into `out`, shape (7,)."""
+        """Write `forward` as x, y, z (m) and w, x, y, z into `out`, shape (7,)."""
         self.chain.forward_into(joints, out)
 
     def jacobian(self, joints: Array) -> Array:
-        """Shape (6, dof): rows vx vy vz (m/s) wx wy wz (rad/s) of the TCP, per rad/s, in the base frame."""
+        """The Jacobian of the TCP in the base frame, shape (6, dof): rows vx vy vz (m/s), wx wy wz (rad/s)
+        per rad/s."""
         return self.forward_and_jacobian(joints)[2].copy()
 
     def forward_and_jacobian(self, joints: Array) -> tuple[Array, Array, Array]:
@@ -252,16 +254,16 @@ class RobotModel:
         return self.chain.poses(joints)
 
     def mass_matrix(self, joints: Array) -> Array:
-        """Joint-space inertia, shape (dof, dof), kg·m², the drives' inertia (armature) included."""
+        """Joint-space inertia, shape (dof, dof), kg·m², including the drives' inertia (armature)."""
         return self.dynamics.mass_matrix(joints)
 
     def gravity_torques(self, joints: Array) -> Array:
-        """What the drives need to hold the arm still, shape (dof,), N·m."""
+        """The torques that hold the arm, shape (dof,), N·m."""
         return self.bias_torques(joints, np.zeros(self.dof))
 
     def bias_torques(self, joints: Array, velocity: Array) -> Array:
-        """What the drives need to move on without acceleration, shape (dof,), N·m: gravity, Coriolis and
-        centrifugal forces, without friction.
+        """The torques for motion without acceleration, shape (dof,), N·m: gravity, Coriolis and centrifugal
+        forces, without friction.
         """
         return self.dynamics.bias_torques(joints, velocity)
 
@@ -272,18 +274,20 @@ class RobotModel:
 
 
 def _advice(path: Path, said: str) -> str:
-    """For files as ROS has them."""
+    """Advice for files that come from ROS."""
     if path.suffix == ".xacro":
-        return f"; it is xacro, let `cobot new-robot {path.name}` make a model of it"
+        return f"; it is xacro: convert it with `cobot new-robot {path.name}`"
     if "package:" in said:
-        return f"; let `cobot new-robot {path.name} --package FOLDER` make a model of it, with its meshes"
+        return f"; convert it and its meshes with `cobot new-robot {path.name} --package FOLDER`"
     return ""
 
 
 def _read(path: Path, tcp: str) -> mujoco.MjSpec:
-    """A URDF has no sites and MuJoCo would fuse its fixed links: keep them, and let the TCP be a link.
+    """Read a model file, and complete a URDF.
 
-    Nor has it actuators: each joint gets a motor.
+    A URDF has no sites, and MuJoCo would fuse its fixed links: they are kept, and the TCP may be a link. It
+    has no
+    actuators either: each joint gets a motor.
     """
     spec = mujoco.MjSpec.from_file(str(path))
     spec.compiler.fusestatic = False

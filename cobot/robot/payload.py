@@ -1,8 +1,8 @@
-"""Puts a tool's mass on the body that carries the TCP, in the memory of MuJoCo's model.
+"""Adds a tool's mass to the body that carries the TCP, in the memory of MuJoCo's model.
 
-Whoever has the address of that model sees it at once, for nothing is allocated: the simulation goes on with
-the same data. The mass becomes part of the body's own inertia, by the parallel axis theorem (Siciliano,
-Sciavicco, Villani, Oriolo, "Robotics", 2009, equation B.61).
+All users of that model see the change at once, because nothing is allocated; a simulation continues with the
+same data. The mass becomes part of the body's inertia by the parallel axis theorem (Siciliano, Sciavicco,
+Villani, Oriolo, "Robotics", 2009, equation B.61).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from cobot.types import Array, Numbers7
 
 
 class Carrier:
-    """What carries the tool, and how it is without one.
+    """The body that carries the tool, and its properties without one.
 
     Attributes:
-        tcp_in_flange: of the model's file.
-        gravity: of the model's file, in the world, m/s².
+        tcp_in_flange: the TCP of the model file in the flange's frame.
+        gravity: gravity of the model file in the world, m/s².
     """
 
     def __init__(self, mj: mujoco.MjModel, base: int, site: int) -> None:
@@ -53,7 +53,7 @@ class Carrier:
         return here[1].T @ (in_weld[0] - here[0]), here[1].T @ in_weld[1]
 
     def _to_weld(self, body: int, place: Array, turn: Array) -> tuple[Array, Array]:
-        """A frame of a body in the frame of the one that it is welded to."""
+        """Convert a frame of a body into the frame of the body that it is welded to."""
         mj = self._mj
         while body != mj.body_weldid[body]:
             outer = matrix_of(mj.body_quat[body])
@@ -62,17 +62,17 @@ class Carrier:
         return place, turn
 
     def load(self, tool: Tool, gravity: Array | None) -> None:
-        """Have this tool instead of the one before; `Dynamics.settle` and `Chain.reach` follow.
+        """Replace the tool. Call `Dynamics.settle` and `Chain.reach` afterwards.
 
         Args:
-            gravity: in the world, m/s²; None for that of the model's file.
+            gravity: in the world, m/s²; None: that of the model file.
         """
         mj, body, site = self._mj, self._body, self._site
         mj.opt.gravity[:] = self.gravity if gravity is None else gravity
         mass, centre, turn, moments = self._with(tool)
         mj.body_mass[body], mj.body_ipos[body] = mass, centre
         mj.body_iquat[body], mj.body_inertia[body] = turn, moments
-        # Or MuJoCo would take the frame of the inertia for another one, as it may be without a tool.
+        # Otherwise MuJoCo would use the body's frame for the inertia, as may be right without a tool.
         mj.body_sameframe[body] = self._sameframe if tool.mass == 0.0 else 0
         mj.geom_sameframe[mj.geom_bodyid == body] = 0
         mj.site_sameframe[mj.site_bodyid == body] = 0

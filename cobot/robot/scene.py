@@ -1,6 +1,6 @@
-"""What stands around the arm, what it holds, and named frames: one document with a version, in one file.
+"""The scene: objects around the arm, attached objects and named frames. One versioned document in one file.
 
-The file is replaced as a whole, so that whoever is killed while writing leaves the old one or the new one.
+The file is replaced atomically: a process that is killed while writing leaves the old or the new one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Numbers6 = tuple[float, float, float, float, float, float]
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 COMPOUND = ("mesh", "height_field", "point_cloud")
-"""Shapes that are made of several solids."""
+"""Shapes that consist of several solids."""
 _GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -36,21 +36,20 @@ _GEOMS = {
 
 @checked(frozen=True, config=_STRICT)
 class SceneObject:
-    """A solid.
+    """A solid object.
 
     Attributes:
-        size: m; of a box its edges along x, y and z; of a sphere its radius; of a cylinder and a capsule,
-            which lie along z, radius and length, that of a capsule without its round ends; of all others the
-            edges of the box around it, which is for people.
-        pose: of its middle in the base frame; in the TCP's if it is attached.
-        touch: the bodies and objects that it may touch while it is attached.
-        mass: kg, of which the arm feels nothing unless it is attached.
-        centre: of the mass, m, in its own frame; None: that of a solid of one density.
-        inertia: about the centre, along its own axes, kg·m²: xx, xy, xz, yy, yz, zz; None: likewise.
-        boxes: what a mesh, a height field or a point cloud is made of: each one's middle and edges, along its
-            own axes, m.
-        hulls: and the convex parts of a mesh that are no boxes: each one's corners.
-        tolerance: of a mesh, m: what counts as it is nowhere further from it. 0: exact.
+        size: m. Box: edges along x, y and z. Sphere: radius. Cylinder and capsule, which lie along z: radius
+            and length, a capsule's without its round ends. All others: edges of the bounding box, for people.
+        pose: pose of its middle, in the base frame, or in the TCP's frame if it is attached.
+        touch: bodies and objects that it may touch while it is attached.
+        mass: kg; the arm carries it only while it is attached.
+        centre: centre of mass in its own frame, m; None: that of a solid with uniform density.
+        inertia: about the centre of mass, along its own axes, kg·m²: xx, xy, xz, yy, yz, zz; None: that of a
+            solid with uniform density.
+        boxes: the boxes of a mesh, a height field or a point cloud: middle and edges, along its own axes, m.
+        hulls: the convex parts of a mesh that are not boxes: corners of each.
+        tolerance: how far the solids of a mesh may reach beyond it, m. 0: exact.
     """
 
     shape: Shape
@@ -67,18 +66,18 @@ class SceneObject:
 
     @property
     def solids(self) -> int:
-        """How many convex solids it is for who looks for collisions."""
+        """The number of convex solids for collision checks."""
         return len(self.boxes) + len(self.hulls) if self.shape in COMPOUND else 1
 
 
 @checked(frozen=True, config=_STRICT)
 class Scene:
-    """Immutable: a change makes a new one, with the next version.
+    """A scene. Immutable: each change makes a new one with the next version.
 
     Attributes:
-        version: 0 is the empty scene that nobody has changed yet.
+        version: 0 is the empty scene before any change.
         objects: by name.
-        frames: where named frames are in the base frame.
+        frames: named frames in the base frame.
         allowed: pairs of bodies or objects that may touch.
         loads: how often `load` has changed.
     """
@@ -91,11 +90,11 @@ class Scene:
 
     @property
     def load(self) -> dict[str, SceneObject]:
-        """What the arm feels: what is attached and has a mass."""
+        """The attached objects with a mass, which the arm carries."""
         return {name: each for name, each in self.objects.items() if each.attached and each.mass > 0.0}
 
     def may_touch(self) -> set[frozenset[str]]:
-        """The pairs that are not looked at, by the names of their bodies."""
+        """The pairs that are not checked for collisions, by the names of their bodies."""
         held = {
             frozenset((name, other))
             for name, each in self.objects.items()
@@ -110,15 +109,15 @@ _FILE = TypeAdapter(Scene)
 
 @dataclass(frozen=True, slots=True)
 class SceneFile:
-    """Where the scene of one robot is kept."""
+    """The file with the scene of one robot."""
 
     path: Path
 
     def read(self) -> Scene:
-        """The scene; the empty one if there is no file.
+        """Read the scene; it is empty if there is no file.
 
         Raises:
-            ConfigError: it cannot be read, or is none.
+            ConfigError: the file cannot be read or is invalid.
         """
         try:
             return _FILE.validate_json(read_kept(self.path))
@@ -126,38 +125,38 @@ class SceneFile:
             return Scene()
         except ValidationError as exc:
             raise ConfigError(
-                f"{self.path}: is no scene: {sentences(exc.errors())}; mend it, or remove it to begin "
+                f"{self.path}: is not a scene: {sentences(exc.errors())}; correct it, or remove it to start "
                 "without objects"
             ) from exc
         except OSError as exc:
             raise ConfigError(f"{self.path}: cannot be read: {exc.strerror}") from exc
 
     def write(self, scene: Scene) -> None:
-        """Replace the file, on the disk when this returns.
+        """Replace the file; it is on disk when this returns.
 
         Raises:
-            UnavailableError: there is no room or no permission; the old one is there as it was.
+            UnavailableError: no space or no permission; the old file is unchanged.
         """
         keep(self.path, _FILE.dump_json(scene, indent=1), "the scene")
 
 
 def symmetric(six: Numbers6) -> Array:
-    """A matrix, shape (3, 3), of xx, xy, xz, yy, yz, zz."""
+    """The symmetric matrix, shape (3, 3), from xx, xy, xz, yy, yz, zz."""
     xx, xy, xz, yy, yz, zz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def compiled(spec: mujoco.MjSpec, scene: Scene, base: str, tcp: str) -> mujoco.MjModel:
-    """The model with the objects, each as a body of its name: on the base, or on what carries the TCP.
+    """The model with the objects, each a body of its own name on the base or on the body with the TCP.
 
     Raises:
-        InputError: MuJoCo refuses it, with why.
+        InputError: MuJoCo rejects it, with the reason.
     """
     spec = spec.copy()
     site = spec.site(tcp)
     for name, each in scene.objects.items():
         parent = spec.body(base)
-        if each.attached:  # a site has no children: a body stands where it is
+        if each.attached:  # a site cannot have children, so a body at the same place has them
             parent = site.parent.add_body(pos=site.pos, quat=site.quat)
         body = parent.add_body(name=name, pos=list(each.pose[:3]), quat=list(each.pose[3:]))
         _fill(spec, body, name, each)
@@ -166,11 +165,11 @@ def compiled(spec: mujoco.MjSpec, scene: Scene, base: str, tcp: str) -> mujoco.M
     except ValueError as exc:
         if error := exhausted(exc):
             raise error from exc
-        raise InputError(f"MuJoCo refuses the scene: {' '.join(str(exc).split())}") from exc
+        raise InputError(f"MuJoCo rejects the scene: {' '.join(str(exc).split())}") from exc
 
 
 def _fill(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, each: SceneObject) -> None:
-    """Give the body of an object its geoms."""
+    """Add an object's geoms to its body."""
     rule = {"mass": 0.0, "contype": 1, "conaffinity": 1}
     if each.shape not in COMPOUND:
         body.add_geom(type=_GEOMS[each.shape], size=_half(each), **rule)
@@ -183,7 +182,7 @@ def _fill(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, each: SceneObjec
 
 
 def _half(each: SceneObject) -> list[float]:
-    """MuJoCo's sizes are radii and half lengths, always three."""
+    """The size for MuJoCo: radii and half lengths, always three numbers."""
     if each.shape == "box":
         return [0.5 * edge for edge in each.size]
     if each.shape == "sphere":

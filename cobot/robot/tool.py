@@ -1,7 +1,8 @@
-"""What is mounted on the flange: its mass, where its tip is, its shapes; and which way down is.
+"""The tool on the flange: mass, TCP, shapes; and the direction of gravity.
 
-One document with a version, in one file, which the service writes and rtloop reads when it starts. Places are
-in the frame of the flange: the model's site `flange`, or, without one, the TCP of the model's file.
+One versioned document in one file, which the service writes and rtloop reads at start. Positions are in the
+flange's
+frame: the model's site `flange`, or, without one, the TCP of the model file.
 """
 
 from __future__ import annotations
@@ -21,25 +22,26 @@ from cobot.strict import sentences
 from cobot.types import Array, Numbers7
 
 MAX_REACH_M = 2.0
-"""Neither the centre of mass nor the TCP nor a shape is further from the flange."""
+"""Maximum distance of the centre of mass, the TCP and each shape from the flange."""
 UNIT = 1e-3
-"""So much may a unit quaternion's length differ from 1."""
+"""How much the length of a quaternion may differ from 1."""
 ROUNDING = 1e-9
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 @checked(frozen=True, config=_STRICT)
 class Tool:
-    """Immutable: a change makes a new one, with the next version.
+    """A tool. Immutable: each change makes a new one with the next version.
 
     Attributes:
-        version: 0 is the model's own, that nobody has changed yet.
-        mass: of tool and load, kg, on top of what the model's file has.
-        centre: of that mass, m.
-        inertia: about the centre, along the flange's axes, kg·m²: xx, xy, xz, yy, yz, zz; None: a point.
-        tcp: None: that of the model's file.
+        version: 0 is the model's own tool before any change.
+        mass: of tool and load, kg, in addition to the model file's.
+        centre: centre of that mass, m.
+        inertia: about the centre of mass, along the flange's axes, kg·m²: xx, xy, xz, yy, yz, zz; None: point
+            mass.
+        tcp: pose of the TCP; None: that of the model file.
         shapes: solids for the collision checks, by name.
-        gravity: the acceleration of free fall in the base frame, m/s²; None: that of the model's file.
+        gravity: acceleration of free fall in the base frame, m/s²; None: that of the model file.
     """
 
     version: int = 0
@@ -53,11 +55,12 @@ class Tool:
 
     @property
     def inertia_matrix(self) -> Array:
-        """About the centre of mass, along the flange's axes, shape (3, 3), kg·m²."""
+        """Inertia about the centre of mass, along the flange's axes, shape (3, 3), kg·m²."""
         return symmetric(self.inertia or (0.0,) * 6)
 
     def mounted(self, scene: Scene) -> Scene:
-        """The scene with the tool's shapes among what is attached; their poses stay those of the flange."""
+        """The scene with the tool's shapes as attached objects; their poses stay those in the flange's
+        frame."""
         if not self.shapes:
             return scene
         shapes = {name: replace(each, attached=True) for name, each in self.shapes.items()}
@@ -69,14 +72,14 @@ _FILE = TypeAdapter(Tool)
 
 
 def check_tool(tool: Tool, max_payload_kg: float, gravity: Array) -> None:
-    """See that there can be such a tool.
+    """Check that a tool is physically possible and within the limits.
 
     Args:
-        gravity: of the model's file, in the base frame, m/s².
+        gravity: gravity of the model file in the base frame, m/s².
 
     Raises:
-        InputError: a quaternion or an inertia that is none.
-        LimitError: more than is allowed; with the value and the limit.
+        InputError: an invalid quaternion or inertia.
+        LimitError: a limit is exceeded; with the value and the limit.
     """
     if not 0.0 <= tool.mass <= max_payload_kg:
         raise LimitError(
@@ -96,28 +99,28 @@ def check_tool(tool: Tool, max_payload_kg: float, gravity: Array) -> None:
 
 
 GRAVITY_TOLERANCE = 0.1
-"""Free fall differs by so much from place to place on earth, m/s²."""
+"""How much free fall differs between places on earth, m/s²."""
 
 
 def check_gravity(gravity: Numbers3, present: Array) -> None:
-    """See that a base may be tilted so: gravity's size stays that of the model's file.
+    """Check that gravity only differs in direction from that of the model file, as for a tilted base.
 
     Raises:
-        LimitError: it does not.
+        LimitError: its magnitude differs.
     """
     size, wanted = math.hypot(*gravity), float(np.linalg.norm(present))
     if not abs(size - wanted) <= GRAVITY_TOLERANCE:
         raise LimitError(
-            f"gravity: a tilted base turns it, but its size is part of the model's file and stays "
+            f"gravity: a tilted base changes its direction only; its magnitude must be the model file's "
             f"{wanted:.4g} m/s² within {GRAVITY_TOLERANCE:g}, got {size:.4g} m/s²"
         )
 
 
 def check_inertia(name: str, inertia: Array, mass: float) -> None:
-    """See that some body of this mass has it: shape (3, 3), kg·m².
+    """Check that a body of this mass can have this inertia, shape (3, 3), kg·m².
 
     Raises:
-        InputError, LimitError: none has.
+        InputError, LimitError: no body can.
     """
     moments = np.linalg.eigvalsh(inertia)
     shown = ", ".join(f"{moment:.4g}" for moment in moments)
@@ -128,8 +131,8 @@ def check_inertia(name: str, inertia: Array, mass: float) -> None:
         )
     if moments[2] > (moments[0] + moments[1]) * (1.0 + ROUNDING):
         raise InputError(
-            f"{name}: no body has it: of its principal moments {shown} kg·m² the largest is above the sum "
-            "of the others"
+            f"{name}: is physically impossible: of its principal moments {shown} kg·m² the largest exceeds "
+            "the sum of the others"
         )
     largest = mass * MAX_REACH_M**2
     if moments[2] > largest:
@@ -153,15 +156,15 @@ def _require_unit(name: str, turn: tuple[float, ...]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ToolFile:
-    """Where the tool of one robot is kept."""
+    """The file with the tool of one robot."""
 
     path: Path
 
     def read(self) -> Tool:
-        """The tool; the model's own if there is no file.
+        """Read the tool; it is the model's own if there is no file.
 
         Raises:
-            ConfigError: it cannot be read, or is none.
+            ConfigError: the file cannot be read or is invalid.
         """
         try:
             return _FILE.validate_json(read_kept(self.path))
@@ -169,17 +172,17 @@ class ToolFile:
             return BARE
         except ValidationError as exc:
             raise ConfigError(
-                f"{self.path}: is no tool: {sentences(exc.errors())}; mend it, or remove it to begin "
+                f"{self.path}: is not a tool: {sentences(exc.errors())}; correct it, or remove it to start "
                 "without a tool"
             ) from exc
         except OSError as exc:
             raise ConfigError(f"{self.path}: cannot be read: {exc.strerror}") from exc
 
     def read_checked(self, max_payload_kg: float, gravity: Array) -> Tool:
-        """The same, if there can be such a tool; see `check_tool`.
+        """Read the tool and check it, see `check_tool`.
 
         Raises:
-            ConfigError: there cannot, or see `read`.
+            ConfigError: the check fails; also as `read`.
         """
         tool = self.read()
         try:
@@ -189,9 +192,9 @@ class ToolFile:
         return tool
 
     def write(self, tool: Tool) -> None:
-        """Replace the file, on the disk when this returns.
+        """Replace the file; it is on disk when this returns.
 
         Raises:
-            UnavailableError: there is no room or no permission; the old one is there as it was.
+            UnavailableError: no space or no permission; the old file is unchanged.
         """
         keep(self.path, _FILE.dump_json(tool, indent=1), "the tool")

@@ -1,4 +1,4 @@
-"""Texts of .msg, .srv and .action files, taken apart; and the standard ones that `rosbags` does not have."""
+"""Parser of .msg, .srv and .action definitions, and the standard ones that `rosbags` lacks."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ STANDARD = {
     "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
 }
 DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
-"""The standard messages that have defaults other than zero, with these."""
+"""Standard messages with defaults other than zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,14 +102,14 @@ _OF_ACTIONS = {
     "_GetResult_Response": "int8 status\n{0}_Result result\n",
     "_FeedbackMessage": UUID + "{0}_Feedback feedback\n",
 }
-"""The messages that ROS 2 makes of the parts of an action of the name {0}."""
+"""The messages that ROS 2 derives from the parts of an action named {0}."""
 
 
 def message_names(name: str) -> list[str]:
-    """The messages that a definition of this name stands for.
+    """The names of the messages that a definition stands for.
 
     Raises:
-        InputError: no such name.
+        InputError: the name is invalid.
     """
     _, kind, _ = _split(name)
     return [name + part for part in (*_PARTS[kind], *(_OF_ACTIONS if kind == "action" else ()))]
@@ -118,18 +118,18 @@ def message_names(name: str) -> list[str]:
 def _split(name: str) -> tuple[str, str, str]:
     match = _NAME.fullmatch(name)
     if match is None:
-        raise InputError(f"{name!r} is no type such as std_msgs/msg/String")
+        raise InputError(f"{name!r} is not a type such as std_msgs/msg/String")
     return match[1], match[2], match[3]
 
 
 def parsed(name: str, text: str) -> list[ParsedMessage]:
-    """The messages that a definition stands for: of an action all those that ROS 2 makes of it.
+    """The messages that a definition stands for; for an action, all that ROS 2 derives from it.
 
     Args:
         name: pkg/msg/Name, pkg/srv/Name or pkg/action/Name.
 
     Raises:
-        InputError: no such name, or no valid text.
+        InputError: the name or the text is invalid.
     """
     _, kind, local = _split(name)
     parts = _PARTS[kind]
@@ -146,7 +146,7 @@ def _message(name: str, text: str, own: Mapping[str, str]) -> ParsedMessage:
     try:
         (message,) = MSGParser(f"MSG: {name}\n{text.strip()}\n").specification()
     except (TypesysError, ValueError) as exc:
-        raise InputError(f"{name}: is no valid definition: {' '.join(str(exc).split())[:200]}") from exc
+        raise InputError(f"{name}: is not a valid definition: {' '.join(str(exc).split())[:200]}") from exc
     fields = [(item.name, _local(create_field_desc(item.typ), own)) for item in message.fields]
     constants = [(item.name, item.typ.value, item.value) for item in message.constants]
     return ParsedMessage(
@@ -155,7 +155,8 @@ def _message(name: str, text: str, own: Mapping[str, str]) -> ParsedMessage:
 
 
 def _local(description: Any, own: Mapping[str, str]) -> Any:
-    """rosbags looks for unqualified types beside a service or an action; they are the package's messages."""
+    """Correct rosbags, which looks for unqualified types in srv or action; they are the package's
+    messages."""
     kind, rest = description
     if kind == Nodetype.NAME:
         package, *_, last = rest.split("/")

@@ -1,4 +1,4 @@
-"""ROS messages as dicts, and as CDR: the types of ROS 2 Humble and those of one's own."""
+"""ROS messages as dicts and as CDR: the types of ROS 2 Humble and the project's own."""
 
 from __future__ import annotations
 
@@ -23,47 +23,47 @@ _SHORT = re.compile(r"([a-z][a-z0-9_]*)/([A-Za-z][A-Za-z0-9_]*)")
 
 
 def ros_time(wall_ns: int) -> Message:
-    """A builtin_interfaces/Time, which ends in 2038, wherever somebody has set the clock."""
+    """A builtin_interfaces/Time; it ends in 2038, so later times are clipped."""
     sec, nanosec = divmod(min(wall_ns, _LATEST_NS), 1_000_000_000)
     return {"sec": sec, "nanosec": nanosec}
 
 
 class Messages:
-    """The types, and what can be done with their messages. Not thread safe while types are added.
+    """The message types and operations on their messages. Not thread safe while types are added.
 
     Args:
         definitions: texts by type: `aubo_interfaces/srv/GetDof`, `aubo_interfaces/action/ServoMode`, ...
 
     Attributes:
-        definitions: those that were given, not the standard ones.
+        definitions: the given ones, without the standard ones.
 
     Raises:
-        InputError: a text is not valid.
+        InputError: a text is invalid.
     """
 
     def __init__(self, definitions: Mapping[str, str] | None = None) -> None:
         self._store = get_typestore(Stores.ROS2_HUMBLE)
         self._defaults = dict(DEFAULTS)
         self._records: dict[str, Record] = {}
-        self._promised: dict[str, str] = {}  # by message: the definition that it is part of
-        self._texts: dict[str, str] = {}  # of those definitions
+        self._promised: dict[str, str] = {}  # by message: the definition that it belongs to
+        self._texts: dict[str, str] = {}  # texts of these definitions
         self.definitions: dict[str, str] = {}
         self._promise(STANDARD)
         self.add(definitions or {})
 
     def add(self, definitions: Mapping[str, str]) -> None:
-        """More types.
+        """Add types.
 
         Raises:
-            InputError: a text is not valid, names an unknown type, or differs from what is known by its name.
+            InputError: a text is invalid, uses an unknown type, or differs from the known type of its name.
         """
         self._register({n: text for n, text in definitions.items() if self.definitions.get(n) != text})
         self.definitions |= definitions
 
     def promise(self, definitions: Mapping[str, str]) -> None:
-        """More types, whose texts are known to be valid; each is read when it is needed first.
+        """Add types with valid texts; each is parsed when it is first needed.
 
-        A vendor's 300 services take half a second, and few are ever called.
+        The vendor's 300 services take half a second to parse, and few are ever called.
         """
         self._promise(definitions)
         self.definitions |= definitions
@@ -78,13 +78,13 @@ class Messages:
         return iter([*self._store.fielddefs, *self._promised])
 
     def resolved(self, name: str, kind: str) -> str:
-        """The full name of a type that exists; `std_msgs/String` is taken for `std_msgs/msg/String`.
+        """The full name of an existing type; `std_msgs/String` means `std_msgs/msg/String`.
 
         Args:
             kind: msg, srv or action.
 
         Raises:
-            InputError: it is not known.
+            InputError: the type is unknown.
         """
         short = _SHORT.fullmatch(name)
         if short:
@@ -97,14 +97,14 @@ class Messages:
         return name
 
     def default(self, name: str) -> Message:
-        """The message of ROS's defaults."""
+        """A message with ROS's defaults."""
         return self.record(name).default()
 
     def checked(self, name: str, message: Any) -> Message:
-        """The message, complete: what is missing has ROS's default.
+        """The message, checked and completed with ROS's defaults.
 
         Raises:
-            InputError: what is wrong, and where.
+            InputError: names the place and the problem.
         """
         try:
             return self.record(name).check(message, "")
@@ -112,10 +112,10 @@ class Messages:
             raise InputError(f"{name}: {exc}") from exc
 
     def examined(self, name: str, message: Any) -> CheckedMessage:
-        """The message, for `checked` in the event loop: that of a large one takes seconds in another thread.
+        """Check a message in the event loop without blocking: a large one takes seconds, in another thread.
 
         Raises:
-            InputError: there is no such type. What is wrong with the message, `checked` raises.
+            InputError: the type is unknown. Problems of the message are raised by `checked`.
         """
         return CheckedMessage(self.record(name), message)
 
@@ -123,16 +123,16 @@ class Messages:
         """Little-endian CDR with its header of 4 bytes.
 
         Raises:
-            InputError: see `checked`.
+            InputError: as `checked`.
         """
         native = self.record(name).to_native(self.checked(name, message))
         return bytes(self._store.serialize_cdr(native, name, little_endian=True))
 
     def from_cdr(self, name: str, content: bytes) -> Message:
-        """The message in CDR of either byte order, checked.
+        """Read and check a message in CDR of either byte order.
 
         Raises:
-            InputError: it cannot be read.
+            InputError: the content cannot be read.
         """
         record = self.record(name)
         try:
@@ -142,11 +142,11 @@ class Messages:
         return record.from_native(native)
 
     def octets(self, value: str) -> bytes:
-        """What a checked uint8[] holds."""
+        """The bytes of a checked uint8[]."""
         return base64.b64decode(value)
 
     def type_hash(self, name: str) -> str:
-        """RIHS01 of a message, as in ROS 2 from Iron on (REP 2016)."""
+        """The RIHS01 hash of a message type, as in ROS 2 since Iron (REP 2016)."""
         self.record(name)
         return str(self._store.hash_rihs01(name))
 
@@ -166,10 +166,10 @@ class Messages:
         return made
 
     def record(self, name: str) -> Record:
-        """How a message is taken apart.
+        """The converter of a message type.
 
         Raises:
-            InputError: there is no such type.
+            InputError: the type is unknown.
         """
         made = self._records.get(name)
         if made is None:
@@ -204,7 +204,7 @@ class Messages:
             self._promised |= dict.fromkeys(message_names(name), name)
 
     def _keep_promise(self, message: str) -> None:
-        """Read the definition that the message is part of, if that has not been done."""
+        """Parse the definition that a message belongs to, unless that was done."""
         if (name := self._promised.get(message)) is not None:
             for each in message_names(name):
                 self._promised.pop(each, None)

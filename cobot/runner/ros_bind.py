@@ -1,4 +1,4 @@
-"""Topics for Lua programs, through the service's rosbridge: the manual's `ros_bind`.
+"""ROS topics for Lua programs through the service's rosbridge: the vendor manual's `ros_bind`.
 
 Source of the protocol: https://github.com/RobotWebTools/rosbridge_suite/blob/ros2/ROSBRIDGE_PROTOCOL.md
 """
@@ -33,7 +33,7 @@ BIGGEST_MESSAGE = 64 << 20
 STRING = "std_msgs/msg/String"
 _NUMBERS = ["Float32", "Float64", *(f"{sign}nt{bits}" for sign in ("I", "UI") for bits in (8, 16, 32, 64))]
 ATOMS = {f"std_msgs/msg/{name}" for name in ("Bool", "Byte", "Char", "String", *_NUMBERS)}
-"""A program sees a message of one value as that value: these are the ones."""
+"""Types of messages with one value, which a program sees as that value."""
 
 
 @dataclass(slots=True)
@@ -52,23 +52,23 @@ class _Endpoint:
 
 @dataclass(slots=True)
 class _Answers:
-    """What the service has said, by the id of what was asked."""
+    """The service's answers, by the id of the request."""
 
     responses: dict[str, Any] = field(default_factory=dict)
     complaints: dict[str, str] = field(default_factory=dict)
 
 
 class RosBridge:
-    """A rosbridge client, connected when it is first needed.
+    """A rosbridge client that connects when it is first needed.
 
     Raises (every method):
-        Stopping: the program has to end.
-        InputError: an argument cannot be what it is, with the reason.
-        UnavailableError: there is no connection, or it has ended.
+        Stopping: the program must end.
+        InputError: an argument is invalid, with the reason.
+        UnavailableError: there is no connection, or it was closed.
     """
 
     def __init__(self, url: str, watch: Watch) -> None:
-        """At the service's root `url`."""
+        """url: root of the service."""
         parts = urlsplit(url)
         self._url = f"{'wss' if parts.scheme == 'https' else 'ws'}://{parts.netloc}{PATH}"
         self._watch = watch
@@ -86,29 +86,29 @@ class RosBridge:
             self._open_connection.close()
 
     def advertise(self, topic: object = None, type_: object = None, keep_last: object = None) -> int:
-        """Open a topic for writing; its handle."""
+        """Open a topic for writing and return its handle."""
         endpoint = self._described(topic, type_)
-        self._depth(keep_last)  # one connection in order keeps all
+        self._depth(keep_last)  # only checked: one ordered connection keeps all messages
         return self._open(endpoint, {"op": "advertise"})
 
     def subscribe(self, topic: object = None, type_: object = None, keep_last: object = None) -> int:
-        """Open a topic for reading, of which the newest `keep_last` unread messages are kept; its handle."""
+        """Open a topic for reading and return its handle; the newest `keep_last` unread messages are kept."""
         endpoint = self._described(topic, type_)
         depth = self._depth(keep_last)
         endpoint.received = deque(maxlen=depth)
         return self._open(endpoint, {"op": "subscribe", "queue_length": depth})
 
     def publish(self, handle: int, value: object = None) -> bool:
-        """Write a value, or the bytes of a message's CDR; True."""
+        """Publish a value, or a message as the bytes of its CDR; returns True."""
         endpoint = self._endpoint(handle)
         self._send({"op": "publish", "topic": endpoint.topic, "msg": self._message(endpoint.type, value)})
         return True
 
     def take(self, handle: int, timeout_ms: object = None) -> tuple[bool, Any]:
-        """The oldest unread message as (True, value); (False, None) when none comes in time.
+        """The oldest unread message as (True, value), or (False, None) after the timeout.
 
         Args:
-            timeout_ms: None waits for ever.
+            timeout_ms: None waits forever.
         """
         endpoint = self._endpoint(handle)
         received = endpoint.received
@@ -121,7 +121,7 @@ class RosBridge:
         return False, None
 
     def finish(self, handle: int) -> None:
-        """Close what `advertise` or `subscribe` has opened; may be called again."""
+        """Close a topic; may be called again."""
         endpoint = self._endpoints[handle]
         if not endpoint.closed:
             endpoint.closed = True
@@ -130,7 +130,7 @@ class RosBridge:
 
     def _described(self, topic: object, type_: object) -> _Endpoint:
         if sum(not endpoint.closed for endpoint in self._endpoints.values()) >= MAX_ENDPOINTS:
-            raise InputError(f"more than {MAX_ENDPOINTS} publishers and subscribers are open")
+            raise InputError(f"{MAX_ENDPOINTS} publishers and subscribers are open, which is the maximum")
         return _Endpoint(
             text(topic, "the topic"), self._messages.resolved(text(type_, "the message type"), "msg")
         )
@@ -145,7 +145,7 @@ class RosBridge:
         return endpoint
 
     def _open(self, endpoint: _Endpoint, request: dict[str, Any]) -> int:
-        """Ask for it, and wait until the service has done it: an answer to what is asked later says so."""
+        """Send a request and wait until it is done: the answer to a later request confirms that."""
         handle = len(self._endpoints) + 1
         self._endpoints[handle] = endpoint
         name = f"lua:{handle}"
@@ -170,7 +170,7 @@ class RosBridge:
         )
         self._require_connection()
         if not answered:
-            raise UnavailableError(f"{self._url} has not answered for {ANSWER_S:g} s")
+            raise UnavailableError(f"{self._url} did not answer within {ANSWER_S:g} s")
         del self._answers.responses[name]
 
     def _send(self, message: dict[str, Any]) -> None:
@@ -211,7 +211,7 @@ class RosBridge:
         try:
             for raw in connection:
                 self._received(json.loads(raw))
-            self._problem = f"{self._url}: the connection has ended"
+            self._problem = f"{self._url}: the connection was closed"
         except (WebSocketException, OSError, ValueError) as exc:
             self._problem = f"{self._url}: {exc}"
         self._watch.wake()
@@ -231,7 +231,7 @@ class RosBridge:
     def _message(self, type_: str, value: object) -> Any:
         if type_ not in ATOMS:
             if not isinstance(value, bytes):
-                raise InputError(f"a {type_} is written as a string that holds its CDR, got {kind(value)}")
+                raise InputError(f"a {type_} must be a string with its CDR, got {kind(value)}")
             return self._messages.from_cdr(type_, value)
         data = text(value, f"a {type_}") if type_ == STRING else plain(value, f"a {type_}")
         return self._messages.checked(type_, {"data": data})

@@ -1,4 +1,4 @@
-"""Runs a sequence: target after target, over HTTP, with a log line for each step."""
+"""Runs a sequence, target by target, over HTTP, with a log line for each step."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cobot.runner.moving import go
 from cobot.runner.progress import Progress
 from cobot.runner.schema import AnyTarget, Sequence, read_file, read_sequence
 
-if TYPE_CHECKING:  # what only some runs need is imported by them: it takes longer than all the rest
+if TYPE_CHECKING:  # imported only by runs that record: it takes longer than all other imports
     from cobot.runner.recorder import Recorder
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
@@ -29,7 +29,7 @@ Chain = list[tuple[int, AnyTarget]]
 
 
 class ReturnCode(IntEnum):
-    """How a run ended; a signal that ends it gives 128 plus its number, as in a shell."""
+    """Exit status of a run. As in a shell, a run that a signal ends has 128 plus the signal's number."""
 
     DONE = 0
     BAD_INPUT = 2
@@ -38,7 +38,7 @@ class ReturnCode(IntEnum):
 
 
 class Ended(BaseException):
-    """A signal told the runner to end; no handler of ordinary errors on the way shall stop it."""
+    """A signal ended the runner. Not an Exception, so that no handler of ordinary errors catches it."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -47,14 +47,15 @@ class Ended(BaseException):
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What to do.
+    """The settings of a run.
 
     Attributes:
-        name: of the file, for messages.
-        lua: None for a sequence file; the limits of a Lua program.
-        motion_token: the service's, so that it knows the sequence's own requests; None when started by hand.
-        from_service: whether the service has started it.
-        progress: asked before each motion.
+        name: name of the file, for messages.
+        lua: limits of a Lua program; None for a sequence file.
+        motion_token: the service's token, by which it recognises the sequence's requests; None for a manual
+            start.
+        from_service: whether the service started the run.
+        progress: consulted before each motion.
     """
 
     file: Path
@@ -72,7 +73,7 @@ class Run:
 
 
 def run(order: Run) -> int:
-    """Do it; the exit status."""
+    """Execute a run and return the exit status."""
     for number in SIGNALS:
         signal.signal(number, _end)
     recorder: Recorder | None = None
@@ -102,7 +103,7 @@ def run(order: Run) -> int:
         log(f"error: {exc}")
         return ReturnCode.MOTION_FAILED
     finally:
-        _ignore_signals()  # the bag is closed in any case
+        _ignore_signals()  # so that the bag is closed
         if recorder is not None:
             recorder.close()
             if recorder.problem:
@@ -112,10 +113,10 @@ def run(order: Run) -> int:
 
 
 def _recorder(order: Run) -> Recorder | None:
-    """The one of the bag; None if there shall be none.
+    """The recorder of the bag; None if nothing is recorded.
 
     Raises:
-        InputError: there is no such topic.
+        InputError: a topic does not exist.
     """
     if order.bag is None and not order.topics:
         return None
@@ -126,13 +127,14 @@ def _recorder(order: Run) -> Recorder | None:
 
 
 def log(text: str) -> None:
-    """A line with its time, at once. Further lines of the text are indented: none can pass for another."""
+    """Print a line with its time, unbuffered. Further lines are indented, so that none looks like a log
+    line."""
     lines = plain_lines(text, "    | ")
     print(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {lines}", flush=True)
 
 
 def say(text: str) -> None:
-    """What a program of the service's prints: marked, so that it does not pass for a line of the runner's."""
+    """Print a line of a program, marked as such, so that it does not look like the runner's own."""
     log(f"program: {text}")
 
 
@@ -156,7 +158,7 @@ def _iterate(order: Run, sequence: Sequence, client: Client, recorder: Recorder 
             if waypoint is not None:
                 left = _from(chains, waypoint)
                 place = _place(order, iteration, left[0], sequence)
-                log(f"the sequence goes on from waypoint {waypoint}")
+                log(f"continuing from waypoint {waypoint}")
                 order.progress.tell(place)
             _step(order, client, recorder, place, [target for _, target in left[0]])
             order.progress.behind = place["waypoint"]
@@ -173,15 +175,15 @@ def _place(order: Run, iteration: int, chain: Chain, sequence: Sequence) -> dict
 
 
 def _from(chains: list[Chain], waypoint: int) -> list[Chain]:
-    """What is left of an iteration that goes on from a waypoint, which may be in the midst of a chain.
+    """The rest of an iteration that continues from a waypoint, which may be inside a chain.
 
     Raises:
-        InputError: there is no such waypoint.
+        InputError: the waypoint does not exist.
     """
     for index, chain in enumerate(chains):
         if chain[-1][0] >= waypoint:
             return [[each for each in chain if each[0] >= waypoint], *chains[index + 1 :]]
-    raise InputError(f"there is no waypoint {waypoint}: there are {chains[-1][-1][0]}")
+    raise InputError(f"there is no waypoint {waypoint}: the last one is {chains[-1][-1][0]}")
 
 
 def _iterations(order: Run) -> Iterator[int]:
@@ -213,7 +215,7 @@ def _iterate_program(order: Run, source: bytes, client: Client, recorder: Record
 def _step(
     order: Run, client: Client, recorder: Recorder | None, place: dict[str, int], chain: list[AnyTarget]
 ) -> None:
-    """Go to the last target of a chain, through the others without a stop."""
+    """Go to the last target of a chain, passing the others without a stop."""
     target = chain[-1]
     name = f"waypoint {place['waypoint']}/{place['n_waypoints']}" if place["waypoint"] else "home"
     where = f"iteration {place['iteration']}/{place['n_iterations']}, {name}"

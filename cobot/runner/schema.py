@@ -1,4 +1,4 @@
-"""The sequence file: JSON, with an optional home and the points to visit."""
+"""The sequence file: JSON with an optional home and the waypoints to visit."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SCHEMA_FILE = shipped.FOLDER / "sequences" / "sequence.schema.json"
 
 
 class Target(RequestModel):
-    """What every target may say beside its motion, which is a body of POST /robot/move/..."""
+    """Fields of every target in addition to its motion, which is a body of POST /robot/move/..."""
 
     label: str = Field("", max_length=200, description="For the log.")
     radius: Radius = Field(
@@ -41,7 +41,7 @@ class Target(RequestModel):
     )
 
     def body(self) -> dict[str, Any]:
-        """Its motion as it is asked for: what was given."""
+        """The body of its motion request: the fields that were given."""
         return self.model_dump(exclude={*Target.model_fields}, exclude_unset=True)
 
 
@@ -85,7 +85,7 @@ AnyTarget = Annotated[
 
 
 class Sequence(RequestModel):
-    """Targets that are visited in order, as often as one likes; home first in each iteration."""
+    """Targets that are visited in order, any number of times; each iteration begins at home, if given."""
 
     home: AnyTarget | None = None
     waypoints: list[AnyTarget] = Field(min_length=1, max_length=100_000)
@@ -103,12 +103,13 @@ class Sequence(RequestModel):
                 first, end = chain[0][0], chain[-1][0]
                 raise ValueError(
                     f"waypoints[{max(first - 1, 0)}] to [{end - 1}] are {len(chain)} without a stop, "
-                    f"possible are {MAX_MOTIONS}; let one between them have no radius"
+                    f"allowed are {MAX_MOTIONS}; remove the radius of one between them"
                 )
         return self
 
     def chains(self) -> list[list[tuple[int, AnyTarget]]]:
-        """The targets, each with its number from 1 (0 for home), by what is visited without a stop."""
+        """The targets, each with its number from 1 (0 for home), grouped by what is visited without a
+        stop."""
         chains: list[list[tuple[int, AnyTarget]]] = [[]]
         home = [] if self.home is None else [(0, self.home)]
         for number, target in [*home, *enumerate(self.waypoints, start=1)]:
@@ -119,10 +120,10 @@ class Sequence(RequestModel):
 
 
 def read_file(path: Path) -> bytes:
-    """The bytes of a file; "-" is standard input.
+    """Read the bytes of a file; "-" is standard input.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the file cannot be read.
     """
     try:
         return sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
@@ -134,14 +135,14 @@ def read_sequence(path: Path) -> Sequence:
     """Read and validate a sequence file; "-" is standard input.
 
     Raises:
-        InputError: naming each place, what stands there and what is valid.
+        InputError: names each place, its value and what is valid.
     """
     raw = read_file(path)
     try:
         content = json.loads(raw.decode("utf-8-sig"), object_pairs_hook=without_repetition)
     except UnicodeDecodeError as exc:
         raise InputError(f"cannot be read: {exc}") from exc
-    except ValueError as exc:  # JSONDecodeError, and Python's refusal of integers without end
+    except ValueError as exc:  # also an integer with too many digits for Python
         raise InputError(f"not valid JSON: {exc}") from exc
     except RecursionError as exc:
         raise InputError("not valid JSON: nested too deeply") from exc
@@ -149,10 +150,10 @@ def read_sequence(path: Path) -> Sequence:
 
 
 def sequence_of(content: Any) -> Sequence:
-    """A sequence from what a file or a program says.
+    """Validate a sequence from a file or a program.
 
     Raises:
-        InputError: naming each place, what stands there and what is valid.
+        InputError: names each place, its value and what is valid.
     """
     try:
         return Sequence.model_validate(content)
@@ -161,6 +162,6 @@ def sequence_of(content: Any) -> Sequence:
 
 
 def schema_text() -> str:
-    """The published JSON schema, as `sequence.schema.json` holds it."""
+    """The published JSON schema, the content of `sequence.schema.json`."""
     schema = Sequence.model_json_schema()
     return json.dumps({"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}, indent=2) + "\n"

@@ -1,8 +1,8 @@
-"""The servo protocol: what a client writes to /{robot}/joint_cmd, and the rules its points have to keep.
+"""The servo protocol: messages of clients to /{robot}/joint_cmd, and the rules for their points.
 
-The rules are those of chapter 7 of the manual. A message that breaks one changes nothing, is counted by its
-reason, and the newest such sentence is kept: no message raises anything, and nothing in here moves an arm.
-Long, for it is one table of rules.
+The rules are those of chapter 7 of the vendor manual. A message that violates one changes nothing. Rejections
+are counted by reason, and the newest one's sentence is kept. No message raises an error to the client, and
+nothing in this module moves an arm. Long, because it is one table of rules.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ LONGEST_PERIOD_S = 1.0
 LONGEST_TIME_S = 10.0
 LOOKAHEAD_S = (0.03, 0.2)
 GAIN = (100.0, 2000.0)
-"""The ranges of the lookahead time, s, and of the gain of UR's servoj."""
+"""Ranges of the lookahead time, s, and of the gain of UR's servoj."""
 DEFAULT_LOOKAHEAD_S, DEFAULT_GAIN = 0.1, 300.0
-"""UR's servoj takes these when only one of the two is given."""
+"""Defaults if only one of the two is given, as for UR's servoj."""
 POSITION_TOLERANCE_RAD = 1e-6
 POINT_TYPES = {"joint": False, "cartesian": True, 0: False, 1: True}
 
@@ -35,7 +35,7 @@ log = logging.getLogger("cobot.servo")
 
 @dataclass(frozen=True, slots=True)
 class SetMode:
-    """Begin a session; mode 0 leaves it. Times in s."""
+    """Begin a session; mode 0 ends it. Times in s."""
 
     mode: ServoMode
     watchdog_s: float
@@ -49,7 +49,7 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class FjtControl:
-    """How FollowJointTrajectory goals are executed; None for what the message does not say.
+    """How FollowJointTrajectory goals are executed; None for fields that the message lacks.
 
     Attributes:
         time_s, send_period_s: 0 for the default.
@@ -63,11 +63,11 @@ class FjtControl:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A target.
+    """A target point.
 
     Attributes:
-        cartesian: the position is x, y, z, rx, ry, rz (m, rad, fixed axes), not joints (rad).
-        lookahead_s, gain: of the servo law, both 0 for none.
+        cartesian: whether the position is x, y, z, rx, ry, rz (m, rad, fixed axes) instead of joints (rad).
+        lookahead_s, gain: of the servo law; both 0 for none.
     """
 
     session_id: int | None
@@ -83,18 +83,18 @@ Message = SetMode | Stop | FjtControl | Point
 
 
 class ServoRules:
-    """The state of the protocol for one robot.
+    """The protocol's state for one robot.
 
     Attributes:
-        active: whether points are taken.
-        mode, send_period_s, watchdog_s: of the session, or of the last one.
-        owner: who alone sends the points of this session, "" for anybody.
-        session_id: the one that the session is locked to; None before its first point that states one.
-        point_id: of the last accepted point.
+        active: whether points are accepted.
+        mode, send_period_s, watchdog_s: of the present or last session.
+        owner: the only sender whose points are accepted; "" for any.
+        session_id: the id that the session is locked to; None until a point gives one.
+        point_id: id of the last accepted point.
         received, accepted: points since the session began.
-        refused: messages since the session began, by reason.
-        last_refusal: the newest one's sentence.
-        fjt: what `fjt_control` has said so far.
+        refused: rejected messages since the session began, by reason.
+        last_refusal: sentence of the newest rejection.
+        fjt: the latest settings from `fjt_control`.
     """
 
     def __init__(
@@ -119,11 +119,11 @@ class ServoRules:
         self.watchdog_s, self.send_period_s = DEFAULT_WATCHDOG_S, control_period_s
 
     def bound(self, min_position: Sequence[float], max_position: Sequence[float]) -> None:
-        """Take only joint positions within these, rad or m."""
+        """Limit joint positions to these ranges, rad or m."""
         self._bounds = list(zip(map(float, min_position), map(float, max_position), strict=True))
 
     def begin(self, request: SetMode, owner: str = "") -> None:
-        """A session begins: points are taken, counted from zero."""
+        """Begin a session: points are accepted, and counters start at zero."""
         self.active, self.owner = True, owner
         self.mode, self.watchdog_s, self.send_period_s = (
             request.mode,
@@ -136,16 +136,16 @@ class ServoRules:
         self.last_refusal = ""
 
     def end(self) -> None:
-        """No points are taken any more."""
+        """End the session: points are no longer accepted."""
         self.active = False
 
     def refuse(self, kind: Refusal, sentence: str, count: int = 1) -> None:
-        """So many messages were dropped."""
+        """Count rejected messages."""
         self.refused[kind] += count
         self.last_refusal = sentence
 
     def read(self, text: str) -> Message | None:
-        """What a message says; None if it is refused. A point still has to be accepted."""
+        """Parse a message; None if it is rejected. A point must still be accepted with `accept`."""
         try:
             return self._message(parsed(text))
         except BrokenRule as exc:
@@ -153,7 +153,7 @@ class ServoRules:
             return None
 
     def accept(self, point: Point) -> None:
-        """The point was passed on: the next one has to come after it, and from the same session."""
+        """Register a point that was passed on: the next one must have a higher id and the same session."""
         self.accepted += 1
         if self.session_id is None:
             self.session_id = point.session_id
@@ -161,10 +161,10 @@ class ServoRules:
             self.point_id = point.point_id
 
     def request(self, mode: int, watchdog_s: float, send_period_s: float) -> SetMode:
-        """A request in numbers; a watchdog of 0 is the default one, a period of 0 the control period.
+        """A checked session request; a watchdog of 0 is the default, a period of 0 the control period.
 
         Raises:
-            BrokenRule: no such mode, or out of range.
+            BrokenRule: the mode does not exist, or a value is out of range.
         """
         if mode not in list(ServoMode):
             raise BrokenRule(Refusal.MODE, f"mode must be an integer from 0 to 7, got {mode}")
@@ -188,13 +188,13 @@ class ServoRules:
         gain: float,
         owner: str = "",
     ) -> Point:
-        """A point in numbers, without session and number: 0 is the default everywhere.
+        """A checked point from numbers, without session and id: 0 is the default everywhere.
 
         Args:
-            owner: who sends it, if the session is for him alone.
+            owner: the sender, if the session accepts only its points.
 
         Raises:
-            BrokenRule: there is no session, or it makes no sense.
+            BrokenRule: there is no session, or a value is invalid.
         """
         self.received += 1
         self._require_active(owner)
@@ -277,8 +277,8 @@ class ServoRules:
         if not self.active:
             raise BrokenRule(Refusal.NOT_ACTIVE, "there is no servo session: begin one with set_mode")
         if owner != self.owner:
-            whose = self.owner or "somebody else"
-            raise BrokenRule(Refusal.SESSION_ID, f"the servo session takes points of {whose} only")
+            whose = self.owner or "another client"
+            raise BrokenRule(Refusal.SESSION_ID, f"the servo session accepts only points of {whose}")
 
     def _position(self, position: object, *, cartesian: bool) -> tuple[float, ...]:
         size = POSE_SIZE if cartesian else len(self._bounds)
@@ -298,9 +298,9 @@ class ServoRules:
         return values
 
     def _timing(self, time_s: float, lookahead_s: float, gain: float) -> tuple[float, float, float]:
-        """Time, lookahead time and gain as they are used: out-of-range ones are moved into UR's range."""
+        """Time, lookahead time and gain, clipped to UR's ranges."""
         if time_s < 0.0:
-            raise BrokenRule(Refusal.VALUE, f"time must be from 0 s up, got {time_s:g}")
+            raise BrokenRule(Refusal.VALUE, f"time must be 0 s or more, got {time_s:g}")
         time_s = within(time_s, LONGEST_TIME_S, "time") or self.send_period_s
         if lookahead_s <= 0.0 and gain <= 0.0:
             return time_s, 0.0, 0.0

@@ -196,7 +196,7 @@ def test_a_first_contact_is_as_slow_as_with_any_robot(rig: Rig, arm: Arm) -> Non
 def test_its_capability_is_told(rig: Rig) -> None:
     capabilities = device_of(rig.memory.device.data).capabilities
     assert capabilities.trajectories
-    assert "whole motions alone" in capabilities.words
+    assert "whole motions only" in capabilities.words
 
 
 def test_a_device_that_cannot_be_asked_is_a_fault_and_one_that_hangs_keeps_nobody_waiting(

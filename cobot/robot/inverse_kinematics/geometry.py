@@ -1,4 +1,4 @@
-"""Which inverse kinematics an arm permits: recognised from where its axes are, never from its name."""
+"""Selects an arm's inverse kinematics from the geometry of its axes, never from its name."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from cobot.types import FREE_AXES, Array, FreeAxis, JointLimits
 
 POSE_DOF, POSTURES, NONE_FREE = 6, 4, -1
 LARGEST_SLOP = 1e-4
-"""Axes that miss each other by less, m, or are parallel but for less, rad, are taken for what was meant:
-files round. Answers are exact all the same: some numeric steps make the closed form's so."""
+"""Axes that miss each other by less, m, or deviate from parallel by less, rad, count as meeting or parallel,
+because files are rounded. Solutions stay exact: a few numeric steps refine the closed form."""
 
 
 class Axes:
     """The joints' axes at rest, in the base frame.
 
     Attributes:
-        directions, points: shape (dof, 3), of length 1, and a point on each axis, m; 0 for a slide's point.
-        hinges: whether each joint is one.
-        slop: how much the axes that were asked about have missed what they were taken for, m or rad.
+        directions, points: shape (dof, 3): unit vectors, and a point on each axis, m; 0 for a slide.
+        hinges: whether each joint is a hinge.
+        slop: the largest deviation that the queries have tolerated so far, m or rad.
     """
 
     def __init__(self, chain: Chain, rest: Array) -> None:
@@ -39,7 +39,7 @@ class Axes:
         self.slop = 0.0
 
     def meet(self, *joints: int) -> Array | None:
-        """The point in which axes meet, shape (3,); None if they do not."""
+        """The point in which axes meet, shape (3,), or None."""
         projections = [np.eye(3) - np.outer(self.directions[j], self.directions[j]) for j in joints]
         feet = sum(projection @ self.points[j] for projection, j in zip(projections, joints, strict=True))
         matrix = np.sum(projections, axis=0)
@@ -58,7 +58,7 @@ class Axes:
         return self._accepted(off)
 
     def reach(self) -> float:
-        """How far the TCP gets from the first axis' point at the most, m; infinite with slides."""
+        """The largest distance of the TCP from the point of the first axis, m; infinite with slides."""
         if not self.hinges.all():
             return np.inf
         places = [*self.points, self.tcp]
@@ -71,11 +71,11 @@ class Axes:
 
 
 def recognised(chain: Chain, limits: JointLimits, rest: Array, free: Sequence[FreeAxis] = ()) -> Arm:
-    """The inverse kinematics of an arm: in closed form if its geometry has one, else numeric.
+    """The inverse kinematics of an arm: in closed form if its geometry permits, otherwise numeric.
 
     Args:
-        rest: the joints, shape (dof,), at which the axes are looked at.
-        free: the rotations of the TCP that a pose does not fix: none, one, or all three; numeric if any.
+        rest: joint positions, shape (dof,), at which the axes are examined.
+        free: rotations of the TCP that a pose leaves free: none, one or all three; numeric unless none.
     """
     axes = Axes(chain, rest)
     if free:
@@ -96,7 +96,8 @@ def _numeric(chain: Chain, limits: JointLimits, rest: Array, axes: Axes, free: i
 
 
 def _rank(chain: Chain, limits: JointLimits) -> int:
-    """In how many directions the joints can move the TCP: the most of some postures within the limits."""
+    """The number of directions in which the joints can move the TCP: the maximum over some random
+    postures."""
     random = np.random.default_rng(0)
     postures = random.uniform(limits.min_position, limits.max_position, (POSTURES, chain.dof))
     return max(int(np.linalg.matrix_rank(chain.solve(joints)[2], tol=LARGEST_SLOP)) for joints in postures)
@@ -148,7 +149,8 @@ def _six_axis(chain: Chain, limits: JointLimits, rest: Array) -> Arm | None:
 
 
 def _first_three(axes: Axes) -> str:
-    """How the first three axes bring a wrist to its place in closed form; "" if they do not."""
+    """The kind of closed form for the position of the wrist, from the first three axes; "" if there is
+    none."""
     kinds: Sequence[tuple[str, bool]] = (
         ("second and third axis parallel", axes.parallel(1, 2)),
         ("first and second axis meet", axes.meet(0, 1) is not None),
@@ -158,5 +160,6 @@ def _first_three(axes: Axes) -> str:
 
 
 def _exact_or(slop: float) -> float:
-    """Less than rounding of a file is nothing; more is counted three times, for it adds up along the arm."""
+    """The tolerance for numeric refinement: 0 below file rounding, otherwise 3 times the slop, which adds up
+    along the arm."""
     return 3.0 * slop if slop > 1e-10 else 0.0

@@ -138,7 +138,7 @@ def test_the_size_of_gravity_and_the_collision_level_are_answered_and_never_chan
         assert await ask("getGravity") == gravity
         assert await ask("setGravity", gravity=gravity) == 0
         moon = await ask.fails("setGravity", Code.NOT_SUPPORTED, gravity=[0.0, 0.0, -1.62])
-        assert "part of the model's file" in moon
+        assert "must be the model file's" in moon
         await ask.fails("setGravity", Code.INPUT, gravity=[0.0])
         assert json.loads(await ask("getPayload")) == [0.0, [0.0] * 3, [0.0] * 3, [0.0] * 6]
         nothing: dict[str, Any] = {"cog": [0.0] * 3, "aom": [0.0] * 3, "inertia": [0.0] * 6}
@@ -183,7 +183,7 @@ def test_a_payload_is_what_was_set_and_weighs_as_in_pinocchio(ask: Caller, robot
         await ask.fails("setPayload", Code.LIMIT, m=-1.0, **point)
         await ask.fails("setPayload", Code.INPUT, m=1.0, **(point | {"cog": [0.0]}))
         wrong = point | {"inertia": [0.1, 0.0, 0.0, 0.1, 0.0, 0.3]}
-        assert "no body has it" in await ask.fails("setPayload", Code.INPUT, m=1.0, **wrong)
+        assert "is physically impossible" in await ask.fails("setPayload", Code.INPUT, m=1.0, **wrong)
         assert json.loads(await ask("getPayload"))[0] == 10.0
         assert await ask("setPayload", m=0.0, **point) == 0
         assert json.loads(await ask("getPayload")) == [0.0, [0.0] * 3, [0.0] * 3, [0.0] * 6]

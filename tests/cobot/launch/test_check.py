@@ -127,7 +127,7 @@ def test_a_named_position_without_a_joint_is_reported_with_file_position_and_joi
             r"FAILED  backend: robot\.backend: cannot load 'json:loads': TypeError",
         ),
         ("robot: {tcp: world}", r"FAILED  robot: .*robot\.tcp: 'world' is not moved by joint1, joint2"),
-        ("robot: {model: /tmp}", r"FAILED  robot: robot\.model: /tmp: is no file"),
+        ("robot: {model: /tmp}", r"FAILED  robot: robot\.model: /tmp: is not a file"),
         (
             "robot: {name: a}\nlogs: logs",
             r"FAILED  logs: .*logs/a\.log: cannot be written to: Is",

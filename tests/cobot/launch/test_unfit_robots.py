@@ -121,8 +121,8 @@ def _found(made: Path) -> str:
 @pytest.mark.parametrize(
     ("name", "advice"),
     [
-        ("arm.urdf.xacro", "it is xacro, let `cobot new-robot arm.urdf.xacro` make a model of it"),
-        ("arm.urdf", "let `cobot new-robot arm.urdf --package FOLDER` make a model of it"),
+        ("arm.urdf.xacro", "it is xacro: convert it with `cobot new-robot arm.urdf.xacro`"),
+        ("arm.urdf", "convert it and its meshes with `cobot new-robot arm.urdf --package FOLDER`"),
     ],
 )
 @pytest.mark.usefixtures("signals_and_log")

@@ -98,7 +98,7 @@ def test_a_scene_comes_back_from_its_file(tmp_path):
 def test_what_is_no_scene_is_refused_with_the_way_out(tmp_path, content):
     path = tmp_path / "scene.json"
     path.write_text(content)
-    with pytest.raises(ConfigError, match=r"scene.json: is no scene: .*remove it"):
+    with pytest.raises(ConfigError, match=r"scene.json: is not a scene: .*remove it"):
         SceneFile(path).read()
 
 
@@ -110,7 +110,7 @@ def test_a_write_that_fails_leaves_the_old_scene(tmp_path, monkeypatch):
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(UnavailableError, match="the scene is as it was"):
+    with pytest.raises(UnavailableError, match="the scene is unchanged"):
         file.write(Scene(2))
     assert file.read() == Scene(1, EACH)
 

@@ -199,7 +199,7 @@ def test_files_of_meshes_are_read(content):
 
 @pytest.mark.parametrize("content", [b"", b"nonsense", b"\xff\xfe", b"v 0 0 0\nf 1 x 2", stl()[:-1]])
 def test_files_that_are_none_are_refused(content):
-    with pytest.raises(InputError, match="file: is no STL or OBJ mesh"):
+    with pytest.raises(InputError, match="file: is not an STL or OBJ mesh"):
         read(content)
 
 

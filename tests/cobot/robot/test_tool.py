@@ -188,13 +188,13 @@ def test_what_is_attached_moves_with_the_new_tcp(model: RobotModel, robot: Robot
         ({"inertia": (0.1, 0.0, 0.0, 0.1, 0.0, -0.1)}, InputError, "inertia: must be positive definite"),
         ({"inertia": (0.0,) * 6}, InputError, "leave it out for a point mass"),
         ({"inertia": (0.1, 0.2, 0.0, 0.1, 0.0, 0.1)}, InputError, "its principal moments are -0.1, 0.1, 0.3"),
-        ({"inertia": (0.1, 0.0, 0.0, 0.1, 0.0, 0.21)}, InputError, "above the sum of the others"),
+        ({"inertia": (0.1, 0.0, 0.0, 0.1, 0.0, 0.21)}, InputError, "exceeds the sum of the others"),
         ({"inertia": (50.0, 0.0, 0.0, 50.0, 0.0, 50.0)}, LimitError, "10 kg within 2 m have at most 40"),
         ({"mass": 0.0}, LimitError, "0 kg within 2 m have at most 0"),
         ({"tcp": (0.0,) * 7}, InputError, "tcp: the quaternion's length must be 1 within 0.001, got 0"),
         ({"tcp": (0.0, 0.0, 3.0, 1.0, 0.0, 0.0, 0.0)}, LimitError, "tcp: must be at most 2 m"),
         ({"shapes": {"rod": replace(ROD, pose=(0.0,) * 7)}}, InputError, "shapes.rod: the quaternion"),
-        ({"gravity": (0.0, 0.0, -1.62)}, LimitError, "part of the model's file and stays 9.81 m/s²"),
+        ({"gravity": (0.0, 0.0, -1.62)}, LimitError, "must be the model file's 9.81 m/s²"),
     ],
 )
 def test_what_there_cannot_be_is_refused(change: dict[str, object], kind: type[Exception], what: str) -> None:
@@ -220,5 +220,5 @@ def test_the_file_keeps_the_tool_and_a_damaged_one_is_named(tmp_path: Path) -> N
         file.read_checked(5.0, GRAVITY)
     content = json.loads(file.path.read_text(encoding="utf-8"))
     file.path.write_text(json.dumps(content | {"weight": 1}), encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"arm\.tool\.json: is no tool: .*; mend it, or remove it"):
+    with pytest.raises(ConfigError, match=r"arm\.tool\.json: is not a tool: .*; correct it, or remove it"):
         file.read()

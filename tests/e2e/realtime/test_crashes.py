@@ -218,7 +218,7 @@ def test_a_kept_file_that_is_spoilt_is_set_aside_or_said_and_the_arm_is_held_mea
     tool.write_text("{", encoding="utf-8")
     with active(run, "motion") as doing:
         child(run, "app", None).kill()
-        run.until(lambda: f"{tool}: is no tool: invalid JSON" in run.output)
+        run.until(lambda: f"{tool}: is not a tool: invalid JSON" in run.output)
         run.until(lambda: any(map(left_alone, list(record.reasons))))
         tool.unlink()
         run.until(lambda: (run.health() or {}).get("problems"))

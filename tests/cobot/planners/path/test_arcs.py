@@ -90,7 +90,7 @@ def test_a_centre_and_a_goal_make_the_short_arc_and_with_an_axis_the_one_by_the_
             (-0.1, 0.12, 0),
             r"start is 100\.00 mm from the centre, the goal 120\.00",
         ),
-        ((-0.1, 0, 0), None, None, (-0.2, 0, 0), "on one line: an axis has to say"),
+        ((-0.1, 0, 0), None, None, (-0.2, 0, 0), "on one line; send an axis"),
         ((-0.1, 0, 0), (1, 0, 0), None, (-0.1, 0.1, 0), r"the start is 100\.00 mm outside the plane"),
         ((0, 0, 0.1), (0, 0, 1), 1.0, None, r"the TCP is 0\.00 mm from the axis"),
         ((-0.1, 0, 0), None, 1.0, None, "axis: is missing"),

@@ -53,7 +53,7 @@ def test_what_was_rounded_runs_within_its_rounding_and_says_so(
     motion = plan_waypoints(robot, sent(robot, times_s, rounded))
     unit = 10.0**-decimals
     assert np.abs(motion.sample(times_s) - rounded).max() <= unit
-    assert f"within the {unit:.0e} rad to which they are rounded" in motion.note
+    assert f"within their rounding of {unit:.0e} rad" in motion.note
     assert (motion.start == rounded[0]).all()
     assert motion.end == pytest.approx(rounded[-1], abs=1e-12)
     low, high = motion.extrema(3)

@@ -118,7 +118,7 @@ def test_a_trapezoid_takes_as_long_as_it_says(
     assert np.abs(reached[:, others] - home(free)[others]).max() < 1e-12
     assert motion.changes.smoothed_rad <= CORRIDOR_RAD
     assert motion.changes.blended_rad == pytest.approx(1e-5)
-    assert "beside the curve through the points" in motion.note
+    assert "from the curve through the points" in motion.note
     assert "the jerk of" in motion.note or "the acceleration of" in motion.note
 
 

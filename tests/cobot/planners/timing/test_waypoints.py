@@ -353,7 +353,7 @@ def test_what_a_load_makes_too_heavy_for_a_drive_is_slowed_down_by_just_so_much(
     message = r"after 7\d % of the motion \(0.6\d+ s\) joint6 needs 45.*, its limit is 40 N·m; "
     with pytest.raises(LimitError, match=message + r"retime=true .* \(1.37\d s instead of 0.800 s\)"):
         plan_waypoints(heavy, replace(asked, retime=False))
-    with pytest.raises(LimitError, match=message + r"within the limits it takes .*, and no more than 1.0"):
+    with pytest.raises(LimitError, match=message + r"within the limits it takes .*, and up to 1.0"):
         plan_waypoints(heavy, replace(asked, longest_s=1.0))
 
 
