@@ -166,14 +166,14 @@ def _picked(scope: Scope) -> dict[bytes, bytes]:
     """The headers that say where a request comes from.
 
     Raises:
-        MisdirectedError, PermissionDenied: one stands twice, so that two readers may take another one each.
+        MisdirectedError, PermissionDenied: one occurs twice, so that two readers may take another one each.
     """
     found: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
         if name in _PICKED:
             if name in found and name not in FORWARDING:
                 kind = MisdirectedError if name == b"host" else PermissionDenied
-                raise kind(f"the header {name.decode()} stands twice")
+                raise kind(f"the header {name.decode()} occurs twice")
             found[name] = value
     scope[_HEADERS] = found
     return found

@@ -133,8 +133,7 @@ STATISTICS = np.dtype(
         ("permissions", "S400"),  # which were not granted, and why
         ("cycles", "u8"),
         ("max_us", "f8", (len(Phase),)),
-        ("histogram", "u4", (len(Phase), HISTOGRAM_BUCKETS)),  # 1 µs per bucket, the last one is for all
-        above,
+        ("histogram", "u4", (len(Phase), HISTOGRAM_BUCKETS)),  # 1 µs per bucket, the last is "more"
     ],
     align=True,
 )

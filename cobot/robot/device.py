@@ -126,7 +126,7 @@ WORDS = {
     "brakes": "control of its brakes",
     "payload": "setting of the payload",
     "io": "inputs and outputs",
-    "trajectories": "execution of whole motions only",
+    "trajectories": "whole motions only, which it executes itself",
 }
 
 

@@ -18,7 +18,7 @@ def load_named_positions(path: Path, joint_names: tuple[str, ...], group: str) -
 
     Raises:
         ConfigError: unreadable, no such group, a state without one of the joints or with an unknown
-            one, a value that is no finite number, a name that stands twice.
+            one, a value that is no finite number, a name that occurs twice.
     """
     root = _parse(path)
     groups = [str(element.get("name")) for element in root.iter("group")]
@@ -30,7 +30,7 @@ def load_named_positions(path: Path, joint_names: tuple[str, ...], group: str) -
             continue
         position = _position(path, state, joint_names, group)
         if position.name in positions:
-            raise ConfigError(f"{path}: the position {position.name!r} stands twice")
+            raise ConfigError(f"{path}: the position {position.name!r} occurs twice")
         positions[position.name] = position
     if not positions:
         raise ConfigError(f"{path}: has no group_state of group {group!r}")
@@ -100,7 +100,7 @@ def _position(
         joint_name = joint.get("name") or ""
         if joint_name not in joint_names or joint_name in values:
             problem = (
-                "stands twice" if joint_name in values else f"is unknown; valid are: {', '.join(joint_names)}"
+                "occurs twice" if joint_name in values else f"is unknown; valid are: {', '.join(joint_names)}"
             )
             raise ConfigError(f"{path}: position {name!r}: joint {joint_name!r} {problem}")
         try:

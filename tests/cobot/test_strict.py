@@ -63,7 +63,7 @@ def test_a_value_is_shown_in_a_readable_length() -> None:
 
 def test_a_key_may_not_stand_twice() -> None:
     assert json.loads('{"a": {"a": 1}}', object_pairs_hook=without_repetition) == {"a": {"a": 1}}
-    with pytest.raises(ValueError, match="the key 'a' stands twice in one object"):
+    with pytest.raises(ValueError, match="the key 'a' occurs twice in one object"):
         json.loads('{"a": 1, "b": 2, "a": 3}', object_pairs_hook=without_repetition)
 
 

@@ -22,8 +22,8 @@ def test_a_file_is_read_as_yaml_reads_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
-        (b"a: 1\nb: 2\na: 3\n", "'a' stands twice"),
-        (b"a: {b: 1, b: 2}\n", "'b' stands twice"),
+        (b"a: 1\nb: 2\na: 3\n", "'a' occurs twice"),
+        (b"a: {b: 1, b: 2}\n", "'b' occurs twice"),
         (b"a: [1\n", "not valid YAML"),
         (b"a: 2026-13-45\n", "not valid YAML"),
         (b"{[1]: 2}\n", "not valid YAML"),
@@ -53,8 +53,8 @@ def test_a_missing_file_and_one_that_holds_no_mapping_are_refused(tmp_path: Path
     with pytest.raises(ConfigError, match=r"missing\.yaml: no such file"):
         read_yaml(tmp_path / "missing.yaml")
     (tmp_path / "list.yaml").write_text("[1, 2]", encoding="utf-8")
-    with pytest.raises(ConfigError, match="must hold a mapping, got list"):
+    with pytest.raises(ConfigError, match="must contain a mapping, got list"):
         read_mapping(tmp_path / "list.yaml")
     (tmp_path / "empty.yaml").write_text("# nothing yet", encoding="utf-8")
-    with pytest.raises(ConfigError, match="must hold a mapping, got nothing"):
+    with pytest.raises(ConfigError, match="must contain a mapping, got nothing"):
         read_mapping(tmp_path / "empty.yaml")

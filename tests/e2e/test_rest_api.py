@@ -356,7 +356,7 @@ LARGE = 60_000
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        (b"{" + b'"a": 1,' * LARGE + b'"b": 1}', "the key 'a' stands twice"),
+        (b"{" + b'"a": 1,' * LARGE + b'"b": 1}', "the key 'a' occurs twice"),
         (b"{" + b",".join(b'"k%d": 1' % n for n in range(LARGE)) + b"}", "unknown key 'k0'"),
         (b'{"points": [' + b"{}," * (LARGE - 1) + b"{}]}", "points[0].positions: is missing"),
         (
@@ -420,7 +420,7 @@ def test_a_key_that_stands_twice_is_refused(http: httpx.Client) -> None:
     answer = http.post("/robot/move/joints", content=body, headers={"content-type": "application/json"})
     assert answer.status_code == 422
     assert answer.json() == {
-        "detail": "the body: the key 'joints' stands twice in one object",
+        "detail": "the body: the key 'joints' occurs twice in one object",
         "code": "input",
     }
 

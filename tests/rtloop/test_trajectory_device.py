@@ -158,7 +158,7 @@ def test_a_fast_stop_switches_it_off_when_it_rests(rig: Rig, arm: Arm) -> None:
 
 
 def test_what_it_cannot_do_is_refused_by_name(rig: Rig) -> None:
-    assert "takes whole motions alone" in rig.stream()
+    assert "takes whole motions only" in rig.stream()
     assert rig.start(motion(rig)) == ""
     rig.step(200)
     assert "not slowed down" in rig.answer(rig.send(Command.SET_RATE, value=0.5))

@@ -804,7 +804,7 @@ def test_nobody_else_puts_points_into_the_servo_session_of_a_goal(stand: Stand) 
             await asyncio.sleep(0.005)
         foreign = (stand.rig.home - 0.5).tolist()
         stand.servo.receive(json.dumps({"point_id": 1, "position": foreign}))
-        with pytest.raises(InputError, match="points of follow_joint_trajectory only"):
+        with pytest.raises(InputError, match="accepts only points of follow_joint_trajectory"):
             await stand.servo.point(foreign)
         assert stand.servo.feedback()["refused"] == {"session_id": 2}
         await stand.step_until(task)

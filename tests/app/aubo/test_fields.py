@@ -48,7 +48,7 @@ def test_an_integer_is_taken_if_it_fits_into_its_type(kind: str, format_: str) -
         ("string", None, "it: must be a string, got null"),
         ("string", "\ud800", "it: is no valid Unicode"),
         ("json", "{", "it: is not valid JSON"),
-        ("json", '{"a": 1, "a": 2}', "it: is not valid JSON: the key 'a' stands twice"),
+        ("json", '{"a": 1, "a": 2}', "it: is not valid JSON: the key 'a' occurs twice"),
         ("json", "[" * 100_000, "it: is not valid JSON"),
         ("float64[]", None, "it: must be a list, got null"),
         ("float64[]", [1.0, "x"], "it[1]: must be a number, got 'x'"),

@@ -154,7 +154,7 @@ def test_what_ros_sends_for_nothing_stands_for_the_default() -> None:
     assert asked("defaults", v=0.0, n=0, name="", q=[], j="").result == whole
     assert asked("defaults", v=2, n=1, name="y", q=[3], j='{"a":1}').result == '[2.0,1,"y",[3.0],{"a":1}]'
     assert "j: is not valid JSON" in asked("defaults", j="{").message
-    assert "stands twice" in asked("defaults", j='{"a":1,"a":2}').message
+    assert "occurs twice" in asked("defaults", j='{"a":1,"a":2}').message
 
 
 @pytest.mark.usefixtures("empty")

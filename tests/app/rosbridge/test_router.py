@@ -82,7 +82,7 @@ def test_what_is_wrong_is_answered_and_the_connection_lives(run: VirtualService)
             ("{", "the message is not valid JSON"),
             ("[1, 2]", "a message must be a JSON object"),
             ('{"op": "fly"}', "there is no op 'fly'"),
-            ('{"op": "subscribe", "op": "publish"}', "the key 'op' stands twice"),
+            ('{"op": "subscribe", "op": "publish"}', "the key 'op' occurs twice"),
             ("[" * 100_000, "nested too deeply"),
             (b"\x00\x01", "CBOR is not supported"),
             (" " * (4 * 2**20 + 1), "the message has 4194305 characters, allowed are 4194304"),

@@ -242,7 +242,7 @@ def test_a_wrong_primitive_says_what_is_right(
 @pytest.mark.parametrize(
     ("call", "arguments", "sentence"),
     [
-        ("SetJointImpedance", ([1e6] * 7, [0.7] * 7), "K_q must be above 0 and at the most"),
+        ("SetJointImpedance", ([1e6] * 7, [0.7] * 7), "K_q must be above 0 and at most"),
         ("SetJointImpedance", ([100.0] * 6,), "K_q must have 7 numbers"),
         ("SetJointImpedance", ([100.0] * 7, [2.0] * 7), "Z_q must be from 0.3 to 1"),
         ("SetCartesianImpedance", ([0.0] * 6,), "K_x must be above 0"),

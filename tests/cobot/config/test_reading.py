@@ -64,7 +64,7 @@ web:
             "there is no installed Python package 'no_such_package'",
         ),
         ("robot: {model: pkg://config/../../x.xml}", "leaves the package 'config'"),
-        ("web: {port: 1, port: 2}", "'port' stands twice"),
+        ("web: {port: 1, port: 2}", "'port' occurs twice"),
         ("web: [", "not valid YAML"),
         ("robot: {name: 2001-99-99}", "not valid YAML: month must be in 1..12"),
         (f"web: {{port: {'9' * 5000}}}", "not valid YAML: Exceeds the limit"),
@@ -81,8 +81,8 @@ web:
         ("rt: {tracking_error_rad: 1.0e-12}", "rt.tracking_error_rad: "),
         ("web: {stale_after_s: 1.0e-6}", "web.stale_after_s: "),
         ("planning: {max_linear_velocity: 1.0e-300}", "planning.max_linear_velocity: "),
-        ("- a", "must hold a mapping, got list"),
-        ("&a [*a]", "must hold a mapping"),
+        ("- a", "must contain a mapping, got list"),
+        ("&a [*a]", "must contain a mapping"),
     ],
 )
 def test_a_mistake_is_named_with_its_place_and_what_is_valid(
@@ -168,7 +168,7 @@ def test_the_robot_section_says_what_is_the_same_for_all(tmp_path: Path) -> None
             "robots[0]: rt.backend is 'y' and robot.backend is 'x'",
         ),
         ("robots: [{name: a, joint_limits: 7}]", "robots[0]: web.joint_limits: must be a path, got 7"),
-        ("robots: [{name: a, name: b}]", "'name' stands twice"),
+        ("robots: [{name: a, name: b}]", "'name' occurs twice"),
         ("robtos: [{name: a}]", "unknown key 'robtos' (did you mean 'robots'?)"),
     ],
 )

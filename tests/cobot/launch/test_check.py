@@ -163,7 +163,7 @@ def test_what_the_settings_name_and_is_not_there_is_reported(
         ("rt: {period_s: fast}", r"mine\.yaml: rt\.period_s: .*got 'fast'"),
         ("rt: {period_s: 1.0}", r"mine\.yaml: rt\.period_s: .*0\.01.*got 1\.0"),
         ("rt: {clock: slow}", r"mine\.yaml: rt\.clock: .*'realtime' or 'fast', got 'slow'"),
-        ("[1, 2]", r"mine\.yaml: must hold a mapping, got list"),
+        ("[1, 2]", r"mine\.yaml: must contain a mapping, got list"),
         ("robot: {name: a\nb", r"mine\.yaml: not valid YAML"),
     ],
 )

@@ -22,8 +22,8 @@ from cobot.robot.description import load_robot
 @pytest.mark.parametrize(
     ("file", "old", "new", "reason"),
     [
-        ("model.xml", "<general ", '<general biastype="affine" biasprm="0 -9 0" ', "no <motor>"),
-        ("model.xml", "<general ", '<general gear="50" ', "no <motor>"),
+        ("model.xml", "<general ", '<general biastype="affine" biasprm="0 -9 0" ', "not a <motor>"),
+        ("model.xml", "<general ", '<general gear="50" ', "not a <motor>"),
         ("joint_limits.yaml", "max_position: 2.9", "max_position: 3.0", "set min_position to -2.9"),
         ("joint_limits.yaml", "max_position: 0.5", "max_position: 500", "looks like millimetres"),
         ("joint_limits.yaml", "max_velocity: 1.5", "max_velocity: 1500.0", "1500 m/s, which looks like mm/s"),

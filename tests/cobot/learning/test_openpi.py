@@ -68,7 +68,7 @@ def test_what_has_no_form_is_refused(value: object) -> None:
     ],
 )
 def test_what_is_no_message_is_said_to_be_none(content: bytes) -> None:
-    with pytest.raises(ExecutionError, match="no message of openpi's protocol"):
+    with pytest.raises(ExecutionError, match="invalid message of openpi's protocol"):
         unpacked(content)
 
 

@@ -180,10 +180,10 @@ def test_a_stop_ends_the_run(
     [
         ({}, "has no 'actions'; it has nothing"),
         ({"action": 1}, "has no 'actions'; it has action"),
-        ({"actions": "left"}, "are no numbers"),
+        ({"actions": "left"}, "are not numbers"),
         ({"actions": [[0.0] * 6]}, r"are of shape \(1, 6\); a chunk for this arm is \(k, 7\)"),
         ({"actions": np.zeros((0, 7))}, "with k at least 1"),
-        ({"actions": [[0.0] * 7, [0.0] * 6 + [float("nan")]]}, "action 1 is no number for joint 7"),
+        ({"actions": [[0.0] * 7, [0.0] * 6 + [float("nan")]]}, "action 1 is not a finite number for joint 7"),
     ],
 )
 def test_an_answer_that_is_no_chunk_is_named(answer: dict[str, Any], said: str) -> None:

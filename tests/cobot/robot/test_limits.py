@@ -113,7 +113,7 @@ def test_a_joint_that_stands_twice_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "limits.yaml"
     text = LIMITS.read_text(encoding="utf-8")
     file.write_text(text.replace("  joint2:", "  joint1:"), encoding="utf-8")
-    with pytest.raises(ConfigError, match="'joint1' stands twice"):
+    with pytest.raises(ConfigError, match="'joint1' occurs twice"):
         load_joint_limits(file)
 
 

@@ -133,7 +133,7 @@ def test_what_one_refuses_the_other_refuses_too(
     ("waypoints", "words"),
     [
         ([JOINTS, {**JOINTS, "radius": 0.1}], "waypoints[1].radius: the last waypoint has a radius"),
-        ([{**JOINTS, "radius": 0.1}] * 50 + [JOINTS], "waypoints[0] to [50] are 51 without a stop, possible"),
+        ([{**JOINTS, "radius": 0.1}] * 50 + [JOINTS], "waypoints[0] to [50] are 51 without a stop, allowed"),
     ],
 )
 def test_a_sequence_comes_to_rest_at_its_end_and_now_and_then(
@@ -151,7 +151,7 @@ def test_a_sequence_comes_to_rest_at_its_end_and_now_and_then(
         ('{"waypoints": [NaN', "not valid JSON"),
         ('{"waypoints": [{"joints": [NaN]}]}', "joints[0]"),
         ('{"waypoints": [{"joints": [1e999]}]}', "joints[0]"),
-        ('{"waypoints": [{"named": "a", "named": "b"}]}', "the key 'named' stands twice"),
+        ('{"waypoints": [{"named": "a", "named": "b"}]}', "the key 'named' occurs twice"),
         ("[" * 100_000, "not valid JSON"),
         ("\x00\x01", "not valid JSON"),
     ],

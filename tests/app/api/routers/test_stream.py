@@ -181,7 +181,7 @@ WRONG = [
     ("null", "input", "must be a JSON object"),
     ('{"type": "jump"}', "input", "there is no frame of type 'jump'; valid are: subscribe, session"),
     ('{"type": []}', "input", "there is no frame of type []"),
-    ('{"type": "end", "type": "end"}', "input", "the key 'type' stands twice"),
+    ('{"type": "end", "type": "end"}', "input", "the key 'type' occurs twice"),
     ('{"type": "subscribe", "rate_hz": 0}', "input", "rate_hz"),
     ('{"type": "subscribe", "rate_hz": 1001}', "input", "rate_hz"),
     ('{"type": "subscribe", "rate": 10}', "input", "unknown key 'rate' (did you mean 'rate_hz'?); valid"),
