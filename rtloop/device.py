@@ -1,4 +1,4 @@
-"""What rtloop tells of the device that it drives, and how fast that lets it go."""
+"""rtloop's reports about its device, and the speed that the device's state permits."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from rtloop.backends.guarded import ForeignError
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 POLL_S = 0.2
-"""So often a device is asked how it is, s."""
+"""Interval at which a device is polled, s."""
 FIRST_SHARE = 0.1
-"""So fast planned motions go on hardware that nobody has acknowledged."""
+"""Speed of planned motions on real hardware until its first contact is acknowledged, as a share."""
 
 log = logging.getLogger("cobot.rtloop")
 
 
 class DeviceWatch:
-    """Asks the device how it is, some times a second, between two cycles; remembers whether somebody has
-    acknowledged what its first contact has found, and whether its drives are off. Both outlive an rtloop.
+    """Polls the device some times a second, between two cycles. Remembers whether a user has acknowledged the
+    first contact, and whether the drives are off; both survive a restart of rtloop.
 
     Attributes:
-        asks: whether there is anything to ask; if not, a cycle has nothing to do here.
-        capabilities: of the device.
-        drives_off: by a stop of category 1.
-        t1_share: of the joints' speed that streams may go with by hand; None outside of T1.
-        unacknowledged: what the first contact has found; "" when somebody has acknowledged, or need not.
+        asks: whether the device has anything to poll; if not, a cycle does nothing here.
+        capabilities: capabilities of the device.
+        drives_off: whether a stop of category 1 has switched them off.
+        t1_share: share of the joints' speed for streams in T1; None in other modes.
+        unacknowledged: findings of the first contact; "" if they are acknowledged or need not be.
     """
 
     def __init__(self, memory: RobotMemory, backend: Backend) -> None:
@@ -60,19 +60,19 @@ class DeviceWatch:
 
     @property
     def share(self) -> float:
-        """Of the speed of planned motions that the arm may go with, from 0 to 1."""
+        """The permitted speed of planned motions, as a share from 0 to 1."""
         return self._slowed * self._scaling * (FIRST_SHARE if self.unacknowledged else 1.0)
 
     def slow_down(self, share: float) -> None:
-        """Have all planned motions go so much slower, as the device's own limits ask for."""
+        """Slow all planned motions down to this share, because of the device's own limits."""
         self._slowed = share
         self._publish()
 
     def meet(self, found: str) -> None:
-        """The first contact with hardware. What was acknowledged before rtloop was restarted still is.
+        """Handle the first contact with real hardware. An acknowledgement survives a restart of rtloop.
 
         Args:
-            found: where the arm is and what it carries, as sentences.
+            found: sentences about the arm's position and load.
         """
         if not self._acknowledged:
             self.unacknowledged = found
@@ -80,18 +80,18 @@ class DeviceWatch:
         self._publish()
 
     def acknowledge(self) -> None:
-        """Somebody has compared that with the arm itself."""
+        """Register that a user has compared the findings with the arm."""
         self._acknowledged, self.unacknowledged = True, ""
         self._publish()
 
     def switched(self, *, off: bool) -> None:
-        """The drives are off now, or on."""
+        """Register that the drives are off now, or on."""
         self.drives_off = off
         self._publish()
 
     def ask(self) -> str:
-        """Publish how it is; what a device cannot say stays what it was. "" or what is wrong with what it
-        says.
+        """Publish the device's reports; parts that it cannot report stay unchanged. Returns "" or what is
+        wrong with a report.
         """
         for name, report in (("io", self._report_io), ("status", self._report_status)):
             try:
@@ -101,7 +101,7 @@ class DeviceWatch:
             except BackendError:
                 continue
             except Exception as exc:  # noqa: BLE001 - what a foreign class returns may be anything
-                return f"the backend's {name}() returns what cannot be used: {plain_error(exc)}"
+                return f"the backend's {name}() returns an unusable value: {plain_error(exc)}"
         return ""
 
     def _report_status(self) -> None:
@@ -111,10 +111,10 @@ class DeviceWatch:
         scaling: object = status.speed_scaling
         if not (isinstance(scaling, int | float | np.number) and math.isfinite(scaling) and scaling >= 0.0):
             raise ForeignError(
-                f"the backend's status().speed_scaling is {shown(scaling)}, it must be a number from 0"
+                f"the backend's status().speed_scaling is {shown(scaling)}, it must be a number of 0 or more"
             )
         fill_status(self._block.data, status)
-        if not self.capabilities.trajectories:  # else the device slows down by itself
+        if not self.capabilities.trajectories:  # otherwise the device slows down by itself
             self._scaling = min(float(scaling), 1.0)
         self.t1_share = self._scaling if status.operation_mode == "T1" else None
         self._publish()
@@ -139,8 +139,8 @@ class DeviceWatch:
             left_out = fill_points(record, points)
             if left_out != self._left_out:
                 log.warning(
-                    "inputs and outputs of the device that nobody sees: %s; there is room for %d, with names "
-                    "of up to %d bytes",
+                    "inputs and outputs of the device that are not shown: %s; there is room for %d, with "
+                    "names of up to %d bytes",
                     ", ".join(left_out) or "none any more",
                     IO_POINTS,
                     IO_NAME_BYTES,

@@ -1,4 +1,4 @@
-"""The limits of a device beside those of the model: the smaller ones count."""
+"""The limits of a device in addition to those of the model: the tighter ones count."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ RATES = ("max_velocity", "max_acceleration", "max_jerk")
 
 
 def device_limits(backend: object, model: JointLimits) -> JointLimits | None:
-    """What a backend says of its device as `limits`; None if it says nothing that fits the model's joints."""
+    """A backend's attribute `limits`; None if it has none for the model's number of joints."""
     limits = getattr(backend, "limits", None)
     return limits if isinstance(limits, JointLimits) and limits.dof == model.dof else None
 
 
 def narrowed(model: JointLimits, device: JointLimits) -> JointLimits:
-    """What both permit."""
+    """The tighter of both limits, for each value."""
     least = {
         name: np.minimum(getattr(model, name), getattr(device, name))
         for name in ("max_position", "max_effort", *RATES)
@@ -27,8 +27,8 @@ def narrowed(model: JointLimits, device: JointLimits) -> JointLimits:
 
 
 def slowed(model: JointLimits, device: JointLimits) -> float:
-    """The share of the speed at which a motion within the model's rates is within the device's: at a share s
-    velocities are s, accelerations s² and jerks s³ of what was planned.
+    """The share of the speed at which motions within the model's rates keep the device's: at a share s,
+    velocities are s, accelerations s² and jerks s³ of those planned.
     """
     both = narrowed(model, device)
     shares = [
@@ -39,7 +39,7 @@ def slowed(model: JointLimits, device: JointLimits) -> float:
 
 
 def differences(model: JointLimits, device: JointLimits) -> list[str]:
-    """Where the device permits less than the model, for people."""
+    """Where the device's limits are tighter than the model's, for people."""
     found = []
     for name in ("min_position", "max_position", *RATES, "max_effort"):
         ours, theirs = getattr(model, name), getattr(device, name)

@@ -1,4 +1,4 @@
-"""What is found when a device is met for the first time, in words to be compared with the arm itself."""
+"""Findings at the first contact with a device, in sentences that a user compares with the arm."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ SLIDE_UNIT, TURN_UNIT = "mm", "degrees"
 
 
 def first_contact(model: RobotModel, position: Array) -> str:
-    """Where a device says that its joints are, where the model's TCP is then, and what to do about it.
+    """Describe the reported joints, the resulting TCP position, and what the user must do.
 
     Args:
-        model: with the tool that it carries.
-        position: measured, shape (dof,), rad or m.
+        model: the model with the tool that it carries.
+        position: measured position, shape (dof,), rad or m.
     """
     reported = (
         f"First contact: the device reports {_joints(model, position)}; so the TCP should be, seen from the "
         f"base, {place(model.forward(position).position)}."
     )
     to_do = (
-        f"Tool and load: {_load(model)}. Compare this with the arm. Motions go at {FIRST_SHARE:.0%} of their "
-        "speed, and nothing is streamed, until POST /robot/acknowledge or `cobot acknowledge`; look at the "
+        f"Tool and load: {_load(model)}. Compare this with the arm. Motions are limited to {FIRST_SHARE:.0%} of "
+        "their speed, and streaming is off, until POST /robot/acknowledge or `cobot acknowledge`; preview the "
         "first motion with POST /robot/plan/... before it moves."
     )
     return " ".join([reported, *_beyond(model, position), to_do])
 
 
 def place(position: Array) -> str:
-    """A point of the base frame as a person beside the arm would say it, metres."""
+    """A position in the base frame in the words of a person next to the arm, metres."""
     names = (("in front", "behind"), ("left", "right"), ("above", "below"))
     words = [
         f"{fixed(abs(value), 2)} m {pair[int(value < 0.0)]}"

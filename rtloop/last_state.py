@@ -1,4 +1,4 @@
-"""What the rtloop that has died has published last."""
+"""The last state that a crashed rtloop published."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from cobot.ipc.shm import RobotMemory, encoded
 from cobot.types import LoopMode
 
 MAX_RAD = 1e3
-"""No joint gets further."""
+"""No joint gets farther, so a larger position is damaged."""
 
 
 def last_state(memory: RobotMemory) -> np.ndarray | None:
-    """A copy of what a dead rtloop of the same supervisor has published last, None if there was none.
+    """A copy of the last state that a crashed rtloop of the same supervisor published; None if there was
+    none.
 
-    It may have died while it published: then the positions are those of two cycles, mixed, which is
-    as good. What makes no sense at all is damaged: then nobody knows what was latched, so an e-stop is.
+    It may have crashed while publishing. Then the positions are a mixture of two cycles, which is good
+    enough. If the values make no sense, the state is damaged: what was latched is unknown, so an e-stop is
+    assumed.
     """
     block = memory.state
     if block.sequence == 0:

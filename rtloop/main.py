@@ -1,4 +1,4 @@
-"""From the command line to the cycle."""
+"""Command line and start of the control loop."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ log = logging.getLogger("cobot.rtloop")
 
 
 def main() -> int:
-    """Run until SIGTERM or SIGINT; the exit status: 0, or 2 when it could not start."""
+    """Run until SIGTERM or SIGINT. Returns the exit status: 0, or 2 if it could not start."""
     parser = argparse.ArgumentParser(prog="python -m rtloop", description=__doc__)
-    parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
-    parser.add_argument("--robot", help="one of those in `robots`; without it the default one")
+    parser.add_argument("--config", type=Path, help="settings file; default: the one shipped with cobot")
+    parser.add_argument("--robot", help="name of one of the `robots`; default: the first one")
     parser.add_argument("--clock", choices=("realtime", "fast"), help="instead of rt.clock")
-    parser.add_argument("--check", action="store_true", help="only see whether the backend can be made")
+    parser.add_argument("--check", action="store_true", help="only check that the backend can be made")
     parser.add_argument(
         "--permissions", action="store_true", help="only print what the system grants, as JSON"
     )
     arguments = parser.parse_args()
-    asked = arguments.check or arguments.permissions  # by a program or a person who reads what is printed
+    asked = arguments.check or arguments.permissions  # by a program or a person that reads the output
     if not asked:
         start_logging("rtloop")
     try:
@@ -86,7 +86,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
 
     signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGINT, end)
-    np.seterr(all="ignore")  # what is not finite is found by comparisons, and reported
+    np.seterr(all="ignore")  # comparisons find values that are not finite, and report them
     robot = load_robot(settings)
     memory = RobotMemory.attach(settings.robot.name, MemoryRole.RTLOOP)
     backend = make_backend(settings, robot.limits)
@@ -95,7 +95,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     granted: list[Permissions] = []
 
     def be_punctual() -> None:
-        """What takes long comes before the device is connected, which may want its answers in time."""
+        """Do what takes long before the device is connected, which may need timely answers."""
         loop.controller.tool_and_scene.watch_scene()
         granted.append(_permissions(rt, clock_name))
         freeze_garbage()
@@ -112,13 +112,13 @@ def _run(settings: Settings, clock_name: str | None) -> None:
 
 
 def clock_of(backend: Backend, name: str, period_s: float) -> Clock:
-    """What is hardware goes by the wall's clock, whatever is asked for."""
+    """The clock of this name; always the real-time clock for real hardware."""
     hurries = name == "fast" and not capabilities_of(backend).hardware
     return FastClock(period_s) if hurries else RealtimeClock(period_s)
 
 
 def _recording(robot: str) -> RecordingMemory | None:
-    """Where the cycles are recorded. A robot that cannot be recorded moves all the same."""
+    """The memory for recording; None if there is none, which does not prevent motion."""
     try:
         return RecordingMemory.attach(robot, history=False)
     except CobotError as exc:
@@ -127,8 +127,8 @@ def _recording(robot: str) -> RecordingMemory | None:
 
 
 def _carried(settings: Settings, robot: RobotDescription) -> Tool:
-    """The tool and what is attached. If the scene cannot be read, it is the tool: the service, which has all
-    motions, does not start with that file, nor does a session.
+    """The tool with the attached objects. If the scene cannot be read, only the tool: with that file neither
+    the service, which starts all motions, nor a session starts.
     """
     model = robot.model
     tool = ToolFile(settings.tool_file).read_checked(settings.robot.max_payload_kg, model.file_gravity)
@@ -142,15 +142,15 @@ def _carried(settings: Settings, robot: RobotDescription) -> Tool:
 
 def _permissions(rt: RtSection, clock_name: str) -> Permissions:
     if clock_name == "fast":
-        be(Niceness.PROMPT)  # What reads a state takes an old one for a dead process.
+        be(Niceness.PROMPT)  # readers of the state would take an old one for a dead process
         return Permissions(
-            sched_fifo=False, memory_locked=False, refused="not asked for: the fast clock does not wait"
+            sched_fifo=False, memory_locked=False, refused="not requested: the fast clock does not wait"
         )
     return prepare(rt.priority, rt.cpu, rt.cpu_latency_us)
 
 
 def _introduce(memory: RobotMemory, settings: Settings, clock_name: str, permissions: Permissions) -> None:
-    """Publish who this is, before the first cycle."""
+    """Publish the process's properties before the first cycle."""
     data = memory.statistics.data
     data["pid"] = os.getpid()
     data["sched_fifo"] = permissions.sched_fifo
@@ -163,7 +163,7 @@ def _introduce(memory: RobotMemory, settings: Settings, clock_name: str, permiss
 
 
 def describe(memory: RobotMemory, robot: RobotDescription, backend: Backend) -> None:
-    """Publish what robot this is."""
+    """Publish the robot's properties."""
     data, limits = memory.info.data, robot.limits
     data["model"] = encoded(robot.model.name, 64)
     data["period_s"] = memory.period_s

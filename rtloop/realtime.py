@@ -1,4 +1,4 @@
-"""What the operating system grants to a process that must be punctual."""
+"""Real-time permissions of the operating system."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _MCL_CURRENT = 1
 _MCL_FUTURE = 2
 _MCL_ONFAULT = 4
 _NEEDED = ("libmujoco", "libpython", "libc.so", "libc-", "libm.so", "libm-", "/bin/python", "_umath")
-"""Parts of the names of what a cycle may run for the first time at a bad moment, beside our own modules."""
+"""Parts of the names of libraries, other than our own modules, whose code a cycle may need suddenly."""
 
 
 @dataclass(frozen=True, slots=True)
 class Permissions:
-    """What was granted; `refused` says what not, and why."""
+    """The granted permissions; `refused` lists the others, with reasons."""
 
     sched_fifo: bool
     memory_locked: bool
@@ -27,7 +27,7 @@ class Permissions:
 
 
 def prepare(priority: int, cpu: int | None, cpu_latency_us: int | None) -> Permissions:
-    """Ask for a core that stays awake, SCHED_FIFO and locked memory.
+    """Request a core that does not sleep deeply, SCHED_FIFO and locked memory.
 
     Everything is tried, nothing is required.
     """
@@ -53,10 +53,10 @@ def prepare(priority: int, cpu: int | None, cpu_latency_us: int | None) -> Permi
 
 
 def _keep_awake(latency_us: int) -> str:
-    """Let no core sleep so deeply that it takes longer to wake; "" or why not.
+    """Keep all cores from sleep states with a longer wake-up latency; returns "" or why this failed.
 
-    A core that wakes a thousand times a second from such a sleep begins some cycles a millisecond late. The
-    kernel keeps the promise for as long as the file is open: until this process ends, however it ends.
+    A core that sleeps more deeply between cycles begins some of them a millisecond late. The kernel keeps the
+    limit while the file is open, which is until this process ends.
     """
     try:
         file = os.open(_PM_QOS, os.O_WRONLY | os.O_CLOEXEC)
@@ -67,9 +67,10 @@ def _keep_awake(latency_us: int) -> str:
 
 
 def _lock_memory() -> str:
-    """Lock every page once it has been touched, and the code that a cycle may need at once; "" or why not.
+    """Lock each page once it has been touched, and the code that a cycle may need at once; returns "" or why
+    not.
 
-    To populate what is only reserved, as MCL_FUTURE alone does, would take five times the memory.
+    Populating all reserved memory, as MCL_FUTURE alone does, would take five times the memory.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     everything = _MCL_CURRENT | _MCL_FUTURE
@@ -81,7 +82,7 @@ def _lock_memory() -> str:
 
 
 def _code() -> list[tuple[int, int]]:
-    """Address and size of the mappings of compiled modules of ours and of `_NEEDED`."""
+    """Address and size of the mappings of our compiled modules and of `_NEEDED`."""
     ours = [str(Path(__file__).parents[1] / package) + os.sep for package in ("cobot", "rtloop")]
     found = []
     for line in Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace").splitlines():
@@ -94,7 +95,7 @@ def _code() -> list[tuple[int, int]]:
 
 
 def freeze_garbage() -> None:
-    """Collect once and never again: what the cycle leaves behind is freed by reference counting."""
+    """Collect garbage once, then never again: reference counting frees what the cycle leaves behind."""
     gc.collect()
     gc.freeze()
     gc.disable()

@@ -1,6 +1,7 @@
-"""A planned motion on a simulated robot of its own: the real cycle with its safety layer, as fast as can be.
+"""Dry runs: a planned motion on a separate simulated robot, with the real cycle and safety layer, as fast as
+possible.
 
-Planning processes call this. It knows nothing of the robot that runs, and may be killed at any moment.
+Planning processes call this. It does not touch the running robot, and may be killed at any moment.
 """
 
 from __future__ import annotations
@@ -27,21 +28,21 @@ from rtloop.loop import ControlLoop
 
 FOREVER_NS = 10**16
 LOADING_CYCLES = 10_000
-"""A motion of the longest kind is loaded in less."""
+"""Enough cycles to load the longest motion."""
 LONGEST_SETTLING_S = 30.0
-"""The cycle ends every motion sooner: it gives it some seconds to settle."""
+"""Longer than the settling time after which the cycle ends any motion."""
 ROWS = 2000
-"""So many measured positions are kept of a motion, evenly over its time."""
+"""Number of measured positions that are kept, evenly over a motion's duration."""
 SATURATED = 0.999
 
 
 def rehearse(
     settings: Settings, robot: RobotDescription, start: Array, trajectory: Trajectory
 ) -> SimulatedRun:
-    """Run a motion from where it begins, at rest, shape (dof,), rad, with the tool and what is in the hand.
+    """Simulate a motion from its start, at rest, shape (dof,), rad, with the tool and the attached objects.
 
     Raises:
-        PlanningError: the cycle refuses the motion; says why.
+        PlanningError: the cycle rejects the motion, with the reason.
     """
     with _loop(settings, robot, start, trajectory) as (loop, memory):
         _begin(loop, memory, robot.model.carried.version)
@@ -58,12 +59,12 @@ def _loop(
     )
     name = f"{names.name[:40]}.rehearsal.{os.getpid()}"
     memory = RobotMemory.create(name, limits.dof, rt.period_s, trajectory.segments)
-    memory.unlink()  # nobody else is to find it, and nothing is left of it, however this process ends
+    memory.unlink()  # no other process can find it, and nothing remains, however this process ends
     try:
         memory.heartbeat.data["monotonic_ns"] = time.monotonic_ns() + FOREVER_NS
         memory.heartbeat.publish()
         memory.slots[0].write(1, trajectory)
-        # A model of its own: the cycle has it carry the tool, and this one's carries it for the planners.
+        # A separate model, because the cycle changes its tool; the planners need theirs unchanged.
         model = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
         backend = MujocoBackend(alone, limits)
         loop = ControlLoop(alone, model, memory, backend, FastClock(rt.period_s))
@@ -86,9 +87,9 @@ def _begin(loop: ControlLoop, memory: RobotMemory, tool: int) -> None:
         loop.step()
         if int(ack["id"]) == 1:
             if int(ack["result"]) != Ack.ACCEPTED:
-                raise PlanningError(f"the cycle refuses this motion: {text(ack['message'])}")
+                raise PlanningError(f"the real-time loop rejects this motion: {text(ack['message'])}")
             return
-    raise PlanningError(f"the cycle has not taken this motion in {LOADING_CYCLES} cycles")
+    raise PlanningError(f"the real-time loop has not loaded this motion in {LOADING_CYCLES} cycles")
 
 
 def _followed(
@@ -101,7 +102,7 @@ def _followed(
     kept = [(0.0, state["position"].copy())]
     before, flaw, cycle = state["interventions"].copy(), None, 0
     controller = loop.controller
-    with np.errstate(all="ignore"):  # what is not finite is found by comparisons, and reported
+    with np.errstate(all="ignore"):  # comparisons find values that are not finite, and report them
         while controller.moving and cycle < most:
             cycle += 1
             loop.step()
@@ -114,28 +115,28 @@ def _followed(
                 kept.append((cycle * period_s, state["position"].copy()))
     if flaw is None and controller.motion_result != MotionResult.ARRIVED:
         worst = limits.names[int(apart.argmax())]
-        flaw = Flaw(cycle * period_s, worst, controller.reason or "it has not settled at its goal")
+        flaw = Flaw(cycle * period_s, worst, controller.reason or "it did not settle at its goal")
     times, positions = zip(*kept, strict=True)
     return SimulatedRun(np.array(times), np.array(positions), effort, off, cycle * period_s, flaw)
 
 
 def _flaw(time_s: float, limits: JointLimits, share: Array, apart: Array, new: Array) -> Flaw | None:
-    """What is wrong in a cycle, if something is.
+    """The flaw of a cycle, or None.
 
     Args:
-        share: of its limit that each joint's effort takes.
-        apart: how far each joint is from where it is commanded to be, rad.
-        new: interventions of the safety layer since the motion's start, by kind.
+        share: share of its effort limit that each joint uses.
+        apart: distance of each joint from its commanded position, rad.
+        new: interventions of the safety layer since the motion began, by kind.
     """
     joint = int(share.argmax())
     if share[joint] >= SATURATED:
         most = f"{limits.max_effort[joint]:g} {limits.effort_unit(joint)}"
-        return Flaw(time_s, limits.names[joint], f"the drive gives all of its {most}")
+        return Flaw(time_s, limits.names[joint], f"the drive reaches its limit of {most}")
     kinds = np.flatnonzero(new)
     if not len(kinds):
         return None
     joint = int(apart.argmax())
     what = Intervention(int(kinds[0])).name
     unit = limits.unit(joint)
-    says = f"the safety layer intervenes ({what}); it is {apart[joint]:.4g} {unit} from where it is to be"
+    says = f"the safety layer intervenes ({what}); it is {apart[joint]:.4g} {unit} from its command"
     return Flaw(time_s, limits.names[joint], says)

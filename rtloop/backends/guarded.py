@@ -1,5 +1,5 @@
-"""A backend whose errors are all `BackendError` with printable text: a foreign class or its SDK may raise
-anything.
+"""A wrapper that turns all errors of a backend into `BackendError` with printable text: a foreign class or
+its SDK may raise anything.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ NAMES = frozenset(
     for name in (*vars(each), *getattr(each, "__annotations__", ()))
     if not name.startswith("_")
 )
-"""Of what stands in any protocol."""
+"""Names of the methods and attributes of all backend protocols."""
 
 log = logging.getLogger("cobot.rtloop")
 
 
 class ForeignError(BackendError):
-    """A method has raised something else than a `BackendError`, or given what nobody can use."""
+    """A method has raised something else than a `BackendError`, or returned an unusable value."""
 
 
 class Guarded:
-    """A backend around another one: it has what that one has. What is compiled is not asked through it.
+    """A wrapper with the methods and attributes of the backend in it. Compiled code does not go through it.
 
     Raises:
-        ForeignError: of each method, in place of any other exception, whose traceback is logged once.
+        ForeignError: by each method, instead of any other exception, whose traceback is logged once.
     """
 
     def __init__(self, inner: Backend) -> None:
@@ -73,5 +73,5 @@ class Guarded:
 
 
 def guarded(backend: Backend) -> Backend:
-    """The same backend, whose methods raise nothing but a `BackendError`."""
+    """Wrap a backend so that its methods raise only `BackendError`."""
     return cast(Backend, Guarded(backend))

@@ -1,7 +1,8 @@
-"""A device that takes whole motions, driven as a `Backend`: rtloop's cycle never waits for it.
+"""A driver that makes a `Backend` of a device that takes whole motions. rtloop's cycle never waits for the
+device.
 
-A thread asks it where the arm is and how far along its motion, some times a second, and hands motions and
-stops over between two of these. What the cycle reads is what was said last.
+A thread polls the device's position and progress some times a second, and passes motions and stops to it in
+between. The cycle reads the last answer.
 """
 
 from __future__ import annotations
@@ -32,19 +33,20 @@ from rtloop.backends.protocols import (
 )
 
 STATE_PERIOD_S, POINT_PERIOD_S = 0.05, 0.02
-"""A device that says nothing else has these periods."""
+"""Default periods of a device."""
 SILENCE_S = 2.0
-"""Without an answer for so long it is not there any more."""
+"""A device that does not answer for this long counts as lost."""
 REST_S, REST_RAD = 3.0, 1e-4
-"""So long an arm that still moves when it is opened may take to rest: to move less between two looks."""
+"""Time for an arm that moves when it is opened to stop, and the movement between two polls that counts as
+rest."""
 FROZEN_ASKED = 5
-"""So often in a row nothing that is measured may change while it says that it moves on."""
+"""Maximum number of polls with identical measured values while the device reports progress."""
 FROZEN_RAD = 1e-3
 END_S = 1e-9
 
 
 def as_backend(made: object, dof: int, period_s: float, *, threaded: bool = True) -> Backend:
-    """What was made, or the driver of a device that takes whole motions."""
+    """The backend as made, or a driver if it is a device that takes whole motions."""
     if isinstance(made, TrajectoryDevice):
         return TrajectoryDriver(made, dof, period_s, threaded=threaded)
     return cast(Backend, made)
@@ -52,14 +54,14 @@ def as_backend(made: object, dof: int, period_s: float, *, threaded: bool = True
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """What the device has said at one moment.
+    """The device's answer to a poll.
 
     Attributes:
         values: as `Measured.values`.
-        motion: the number of the motion that `done_s` is about, in that path's time.
-        halted: whether it has been told to come to rest before.
-        problem: why it has said nothing; "" if it has.
-        time_s: when, by this computer's clock.
+        motion: number of the motion to which `done_s`, in path time, belongs.
+        halted: whether a stop was sent before.
+        problem: why there is no answer; "" if there is one.
+        time_s: time of the answer, on this computer's clock.
     """
 
     values: Array
@@ -71,7 +73,7 @@ class Said:
 
 
 class Motion:
-    """A path that the device is given, so much slower as `share` says."""
+    """A path for the device, slowed down to `share`."""
 
     def __init__(self, number: int, breakpoints_s: Array, coefficients: Array, share: float) -> None:
         self.number = number
@@ -79,7 +81,7 @@ class Motion:
         self.duration_s = float(breakpoints_s[-1])
 
     def points(self, period_s: float) -> tuple[Array, Array]:
-        """Times, shape (n,), and position, velocity and acceleration then, shape (3, n, dof)."""
+        """Times, shape (n,), and position, velocity and acceleration at them, shape (3, n, dof)."""
         slowed = Trajectory(*self._parts).stretched(1.0 / self._share)
         times_s = np.linspace(0.0, slowed.duration_s, 2 + int(slowed.duration_s / period_s))
         return times_s, np.array([slowed.sample(times_s, order) for order in range(3)])
@@ -93,14 +95,15 @@ class Motion:
 
 
 class TrajectoryDriver:
-    """A `Backend` that `MovesByItself`, and what else its device is.
+    """A `Backend` and `MovesByItself`, with the optional protocols of its device.
 
     Attributes:
-        device: what is driven.
+        device: the driven device.
     """
 
     def __init__(self, device: TrajectoryDevice, dof: int, period_s: float, *, threaded: bool = True) -> None:
-        """threaded: else the cycle asks the device itself, in robot time: for the contract."""
+        """threaded: whether a thread polls the device. If not, the cycle does, in robot time: for the
+        contract."""
         self.device, self._dof, self._period_s = device, dof, period_s
         self._state_period_s = float(getattr(device, "state_period_s", STATE_PERIOD_S))
         self._point_period_s = float(getattr(device, "point_period_s", POINT_PERIOD_S))
@@ -115,7 +118,7 @@ class TrajectoryDriver:
             self._io = DrivenIo(device)
             self.io, self.set_output = self._io.io, self._io.set_output
         self._status = DeviceStatus(connection="not connected")
-        self._turn = threading.RLock()  # who has it calls the device
+        self._turn = threading.RLock()  # its holder may call the device
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
         self._threaded, self._ending = threaded, False
@@ -133,7 +136,7 @@ class TrajectoryDriver:
     def open(self, initial_position: Array) -> None:
         with self._turn:
             self.device.open(initial_position)
-            self.device.stop()  # an rtloop that has died may have left it moving
+            self.device.stop()  # a crashed rtloop may have left it moving
             self._ask()
             self._await_rest()
         self.require()
@@ -160,7 +163,7 @@ class TrajectoryDriver:
         measured.values[:] = self._read.values
 
     def write(self, command: Array) -> None:
-        """The device has the whole motion."""
+        """Nothing to do: the device has the whole motion."""
 
     def disable(self) -> None:
         with self._turn:
@@ -196,7 +199,7 @@ class TrajectoryDriver:
     def require(self) -> None:
         """
         Raises:
-            BackendError: nobody knows how the device is now, with why.
+            BackendError: the state of the device is unknown, with the reason.
         """
         said = self._said
         refused = "" if said.halted else self._refused
@@ -231,10 +234,10 @@ class TrajectoryDriver:
                     self._ask()
 
     def _ask(self) -> None:
-        """A turn: what was asked for is passed on, and the device says how it is."""
+        """Poll: pass on requests, then read the device's state."""
         found = Measured(self._dof)
         for name in self.capabilities.measured:
-            getattr(found, name)[:] = np.nan  # what is not filled in shall be seen
+            getattr(found, name)[:] = np.nan  # reveals values that are not filled in
         done_s, problem = self._said.done_s, ""
         try:
             self._pass_on()
@@ -258,13 +261,13 @@ class TrajectoryDriver:
         if isinstance(self.device, Reporting):
             try:
                 self._status = self.device.status()
-            except BaseException as exc:  # noqa: BLE001 - the same
+            except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
                 self._status = DeviceStatus(text=plain_text(exc))
 
     def _pass_on(self) -> None:
         motion = self._motion
         if self._halting:
-            self._halted = True  # from here on what is measured counts, wherever the path leads
+            self._halted = True  # from now on the measured position counts, not the path
             self.device.stop()
             self._halting = False
         elif motion is not None and not self._halted and self._loaded != motion.number:
@@ -273,18 +276,18 @@ class TrajectoryDriver:
                 self.device.load(*motion.points(self._point_period_s))
                 self.device.start()
             except BaseException as exc:
-                self._refused = f"the device does not take the motion: {plain_text(exc)}"
+                self._refused = f"the device rejects the motion: {plain_text(exc)}"
                 raise BackendError(self._refused) from exc
 
     def _find_velocity(self, found: Measured) -> None:
-        """Of a device that does not measure it."""
+        """Compute the velocity for a device that does not measure it."""
         before = self._said
         if "velocity" not in self.capabilities.measured and before.values.size and not before.problem:
             was = before.values.reshape(-1)[: self._dof]
             found.velocity[:] = (found.position - was) / self._state_period_s
 
     def _frozen(self, found: Measured, done_s: float) -> str:
-        """Why what it says cannot be true; "" if it can."""
+        """Why the reported values cannot be true; "" if they can."""
         motion, before = self._motion, self._said
         if not (before.values.size and np.array_equal(found.values, before.values)):
             self._same = 0

@@ -1,15 +1,15 @@
-"""What a backend promises, as checks that anybody can run: `cobot backend test NAME`, or as tests of pytest.
+"""The contract of backends as checks: run them with `cobot backend test NAME`, or as pytest tests.
 
-rig         the device of a backend, in one process with it, and the faults that it can have
+rig         a backend and its device in one process, and the faults that it can have
 driver      rtloop's own cycle around a backend, stepped without a clock
-cell        what the checks are about
+cell        the subject of the checks
 stream      a client that streams
-declared    what has to hold of what a class says of itself
-checks      what has to hold while all is well
-faults      what has to hold when something is not
-suite       all checks of a backend, and what has come of them
-plugin      the same for pytest: `-p rtloop.contract.plugin`
-toy         a whole backend on a toy device, which `cobot backend new` makes a distribution of
+declared    checks of what a class declares about itself
+checks      checks without faults
+faults      checks with faults
+suite       all checks of a backend, and their results
+plugin      the checks for pytest: `-p rtloop.contract.plugin`
+toy         a complete backend with a toy device, which `cobot backend new` makes a distribution of
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What has to hold while all is well with a device."""
+"""Checks of a device without faults."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from rtloop.contract.cell import REST_S, Cell, NotTested
 from rtloop.contract.driver import ContractError, Driver
 
 HELD_RAD = 1e-3
-"""Where a command begins beside what is measured, at the most."""
+"""Largest distance of the first command from the measured position."""
 FOLLOWED_RAD = 0.05
-"""How far the arm is from where it was told to be, at rest, at the most."""
+"""Largest distance of an arm at rest from its commanded position."""
 SLACK = 1.0 + 1e-6
 STOPPED = (MotionResult.STOPPED, MotionResult.STOPPED_ASIDE)
 MODES = ("", "T1", "T2", "AUT")
 FADED_S = 1.5
-"""After which what a device was found beside its command has faded."""
+"""Time after which an initial offset between position and command has been removed."""
 MAX_LAG = 4
 
 
 def calls(cell: Cell) -> str:
-    """It is opened, read, enabled, driven, disabled and closed, each without an error."""
+    """It is opened, read, enabled, driven, disabled and closed without an error."""
     with cell.driven() as driver:
         driver.run(REST_S)
         heard = driver.heard
         driver.end()
     if [heard.calls[0], *heard.calls[-2:]] != ["open", "disable", "close"]:
-        raise ContractError(f"called were {', '.join(heard.calls)}")
+        raise ContractError(f"the calls were {', '.join(heard.calls)}")
     if heard.calls.index("read") > heard.calls.index("write"):
-        raise ContractError("something was written before anything was read")
+        raise ContractError("write was called before read")
     return f"{len(heard.commands)} commands between open and close"
 
 
 def values(cell: Cell) -> str:
-    """`read` fills in what the capabilities claim, with finite values, in the arrays that it is given."""
+    """`read` fills in the rows that the capabilities claim, with finite values, in the given arrays."""
     rows = capabilities_of(cell.kind).measured
     with cell.driven() as driver:
         backend = driver.backend
@@ -52,47 +52,47 @@ def values(cell: Cell) -> str:
         driver.step()
         backend.read(found)
         if found.values is not buffer:
-            raise ContractError("read has put other arrays in the place of those that it was given")
+            raise ContractError("read has replaced the arrays that it was given")
         for name in MEASURED_NAMES:
             if not np.isfinite(getattr(found, name)).all():
                 raise ContractError(
-                    f"{name} is claimed in capabilities.measured, and read leaves it, or a part of it, out: "
+                    f"{name} is claimed in capabilities.measured, but read does not fill it in completely: "
                     f"it is {getattr(found, name)}"
                 )
         if "position" not in rows:
-            raise ContractError("capabilities.measured has no position: no arm can be driven without")
+            raise ContractError("capabilities.measured lacks position, without which no arm can be driven")
         off = np.abs(found.position - driver.heard.commands[-1][0][0])
     joint = int(off.argmax())
     if not off[joint] <= FOLLOWED_RAD:
         raise ContractError(
-            f"at rest {cell.robot.limits.names[joint]} is measured {off[joint]:.3f} rad beside its command, "
-            f"{FOLLOWED_RAD} are allowed: units, signs, or the order of the joints?"
+            f"at rest {cell.robot.limits.names[joint]} is measured {off[joint]:.3f} rad from its command, "
+            f"allowed are {FOLLOWED_RAD} rad: check units, signs and the order of the joints"
         )
     return ", ".join(name for name in MEASURED_NAMES if name in rows)
 
 
 def status(cell: Cell) -> str:
-    """`status` gives a whole `DeviceStatus`."""
+    """`status` returns a complete `DeviceStatus`."""
     with cell.driven() as driver:
         backend = driver.backend
         if not isinstance(backend, Reporting):
             raise NotTested("the backend has no status()")
         found = backend.status()
     if not isinstance(found, DeviceStatus):
-        raise ContractError(f"status() gives a {type(found).__name__}, it has to be a DeviceStatus")
+        raise ContractError(f"status() returns a {type(found).__name__}, it must be a DeviceStatus")
     words = dataclasses.asdict(found)
     wrong = [name for name in STATUS_WORDS if not isinstance(words[name], str)]
     if wrong:
-        raise ContractError(f"status().{wrong[0]} is {words[wrong[0]]!r}, it has to be text")
+        raise ContractError(f"status().{wrong[0]} is {words[wrong[0]]!r}, it must be text")
     if found.operation_mode not in MODES:
-        raise ContractError(f"status().operation_mode is {found.operation_mode!r}, it is one of {MODES}")
+        raise ContractError(f"status().operation_mode is {found.operation_mode!r}, it must be one of {MODES}")
     if not (math.isfinite(found.speed_scaling) and 0.0 <= found.speed_scaling <= 1.0):
-        raise ContractError(f"status().speed_scaling is {found.speed_scaling}, it is from 0 to 1")
+        raise ContractError(f"status().speed_scaling is {found.speed_scaling}, it must be from 0 to 1")
     return ", ".join(words[name] for name in STATUS_WORDS if words[name])
 
 
 def motion(cell: Cell) -> str:
-    """The arm follows a planned motion and arrives."""
+    """The arm executes a planned motion and arrives."""
     with cell.driven() as driver:
         before = driver.heard.measured.copy()
         driver.move()
@@ -101,7 +101,7 @@ def motion(cell: Cell) -> str:
 
 
 def stop(cell: Cell) -> str:
-    """A stop on the way brings the arm to rest, where it is held; then it goes on."""
+    """A stop during a motion brings the arm to rest and holds it there; then it can move again."""
     with cell.driven() as driver:
         driver.begin_move()
         driver.run(REST_S)
@@ -112,33 +112,33 @@ def stop(cell: Cell) -> str:
             raise ContractError(f"a stopped motion ended as {result.name}: {driver.reason}")
         off = float(np.abs(driver.heard.commands[-1][0][0] - driver.heard.measured).max())
         if not off <= FOLLOWED_RAD:
-            raise ContractError(f"after a stop the arm is {off:.3f} rad from where it is held")
+            raise ContractError(f"after a stop the arm is {off:.3f} rad from its commanded position")
         driver.move()
-    return "on its path" if result == MotionResult.STOPPED else "beside its path"
+    return "on its path" if result == MotionResult.STOPPED else "away from its path"
 
 
 def limits(cell: Cell) -> str:
-    """What is written, and what reaches the device, keeps velocity, acceleration and jerk."""
+    """Written commands, and those that reach the device, keep the velocity, acceleration and jerk limits."""
     if capabilities_of(cell.kind).trajectories:
-        raise NotTested("the device moves by itself: its own controller keeps its limits")
+        raise NotTested("the device executes motions by itself: its own controller keeps its limits")
     with cell.driven() as driver:
         written, sent = len(driver.heard.commands), len(driver.wire or ())
         driver.move()
         wire = driver.wire
         shares = require_limits(
-            cell, "what is written", [each[0][0] for each in driver.heard.commands[written:]]
+            cell, "written commands", [each[0][0] for each in driver.heard.commands[written:]]
         )
         if wire is not None:
-            shares = require_limits(cell, "what the device is sent", wire[sent:])
+            shares = require_limits(cell, "commands sent to the device", wire[sent:])
     said = f"{shares[0]:.2f}, {shares[1]:.2f} and {shares[2]:.2f} of velocity, acceleration and jerk"
-    return said if wire is not None else f"{said}; the rig does not say what the device is sent"
+    return said if wire is not None else f"{said}; the rig does not record what the device is sent"
 
 
 def require_limits(cell: Cell, what: str, positions: list[Array]) -> list[float]:
-    """The greatest shares of velocity, acceleration and jerk.
+    """The largest shares of the velocity, acceleration and jerk limits that are used.
 
     Raises:
-        ContractError: one is above the limit.
+        ContractError: a limit is exceeded.
     """
     period_s, bounds = cell.settings.rt.period_s, cell.robot.limits
     shares = []
@@ -156,10 +156,10 @@ def require_limits(cell: Cell, what: str, positions: list[Array]) -> list[float]
 
 
 def staleness(cell: Cell) -> str:
-    """What is written reaches the device in the same cycle."""
+    """A written command reaches the device in the same cycle."""
     with cell.driven() as driver:
         if driver.wire is None:
-            raise NotTested("its rig does not say what the device is sent")
+            raise NotTested("its rig does not record what the device is sent")
         driver.run(FADED_S)
         written, sent = len(driver.heard.commands), len(driver.wire)
         driver.move()
@@ -169,12 +169,12 @@ def staleness(cell: Cell) -> str:
     off = [float(np.abs(wire[lag:][:length] - commands[:length]).max()) for lag in range(MAX_LAG + 1)]
     lag = int(np.argmin(off))
     if lag:
-        raise ContractError(f"what the device is sent is {lag} cycles older than what was written")
-    return f"up to {off[0]:.1e} rad beside what was written"
+        raise ContractError(f"commands reach the device {lag} cycles after they were written")
+    return f"up to {off[0]:.1e} rad from what was written"
 
 
 def entry(cell: Cell) -> str:
-    """The first command is what is measured, at the start and after close and open."""
+    """The first command equals the measured position, at the start and after close and open."""
     with cell.driven() as driver:
         require_entry(cell, driver, 0)
         driver.move()
@@ -188,19 +188,19 @@ def entry(cell: Cell) -> str:
 
 
 def require_entry(cell: Cell, driver: Driver, before: int) -> None:
-    """Raises ContractError: the first command after so many leads away from what is measured."""
+    """Raises ContractError: the first command after `before` commands differs from the measured position."""
     command, measured = driver.first_command(before)
     off = np.abs(command - measured)
     joint = int(off.argmax())
     if not off[joint] <= HELD_RAD:
         raise ContractError(
-            f"the first command for {cell.robot.limits.names[joint]} is {off[joint]:.4f} rad beside what is "
-            f"measured, {HELD_RAD} are allowed"
+            f"the first command for {cell.robot.limits.names[joint]} is {off[joint]:.4f} rad from the "
+            f"measured position, allowed are {HELD_RAD} rad"
         )
 
 
 def restart(cell: Cell) -> str:
-    """Another backend takes over the device of one that was not closed: rtloop may be killed."""
+    """A new backend takes over a device that was not closed, because rtloop may be killed."""
     with cell.driven() as driver:
         driver.begin_move()
         driver.run(REST_S)
@@ -216,7 +216,7 @@ def restart(cell: Cell) -> str:
 
 
 def refused_open(cell: Cell) -> str:
-    """A device that is not there is an error in words, and not one later."""
+    """A missing device is reported as an error at open, not later."""
     with cell.closed() as driver:
         if "disconnect" not in driver.rig.faults:
             raise NotTested("its rig has no fault disconnect")
@@ -229,12 +229,12 @@ def refused_open(cell: Cell) -> str:
         else:
             said = driver.reason if driver.mode == LoopMode.FAULT else ""
         if not said:
-            raise ContractError("it is opened, enabled and driven although nothing answers")
+            raise ContractError("it can be opened, enabled and driven although no device answers")
         driver.end()
         driver.rig.clear("disconnect")
         driver.start()
         if driver.reset():
-            raise ContractError(f"when the device is there at last: {driver.reason}")
+            raise ContractError(f"once the device is connected: {driver.reason}")
         driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
         driver.move()
     return said

@@ -1,4 +1,4 @@
-"""rtloop's own cycle around a backend, in this process and in robot time: nothing here waits for a clock."""
+"""rtloop's own cycle around a backend, in this process and in robot time: nothing waits for a clock."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ from rtloop.loop import ControlLoop
 
 SEGMENTS = 64
 PATIENCE_S = 20.0
-"""Robot time in which everything that is waited for has happened."""
+"""Robot time after which an expected event counts as missing."""
 ATTEMPTS = 20
-"""To reset a fault, 0.1 s apart: the arm has to be at rest."""
+"""Attempts to reset a fault, 0.1 s apart, because the arm must be at rest first."""
 SHARE = 0.5
 """A move uses this share of the joints' limits."""
 _numbers = itertools.count()
 
 
 class ContractError(Exception):
-    """A backend does not keep the contract; the text says where."""
+    """A backend violates the contract; the text says where."""
 
 
 @dataclass(slots=True)
 class Heard:
-    """What has passed between the cycle and the backend.
+    """The record of calls between the cycle and the backend.
 
     Attributes:
-        calls: names of methods, without repetitions of the same one in a row.
-        measured: the position that was read last, shape (dof,), rad.
-        commands: each with the position that was read last before it.
-        durations_s: of each read and write together.
+        calls: names of methods, without immediate repetitions.
+        measured: the last position read, shape (dof,), rad.
+        commands: each with the last position read before it.
+        durations_s: duration of each read and write together.
     """
 
     calls: list[str] = field(default_factory=list)
@@ -55,7 +55,7 @@ class Heard:
 
 
 class Listening(Around):
-    """A backend around another one, which notes down what it is asked."""
+    """A wrapper that records the calls to a backend."""
 
     def __init__(self, inner: Backend, heard: Heard) -> None:
         super().__init__(inner)
@@ -98,11 +98,11 @@ class Listening(Around):
 
 
 class Driver:
-    """A backend that is driven, and the service's side of rtloop's memory.
+    """Drives a backend, and is the service's side of rtloop's memory.
 
     Attributes:
-        backend: what the cycle drives, since the last `start`.
-        heard: since then.
+        backend: the driven backend, since the last `start`.
+        heard: the record of calls since then.
     """
 
     def __init__(self, settings: Settings, robot: RobotDescription, rig: ContractRig) -> None:
@@ -122,7 +122,7 @@ class Driver:
         self.memory.heartbeat.publish()
 
     def start(self) -> None:
-        """Begin, or begin anew as after a crash of rtloop.
+        """Open the device, also again as after a crash of rtloop.
 
         Raises:
             BackendError: the device cannot be opened.
@@ -133,7 +133,7 @@ class Driver:
         self._paced = hasattr(backend, "wait")
         loop = ControlLoop(self._settings, self._robot.model, self.memory, backend, FastClock(self.period_s))
         home = self._robot.positions[self._settings.robot.start_position].joints
-        loop.controller.acknowledge()  # nobody is there to be told of a first contact
+        loop.controller.acknowledge()  # no user is here to acknowledge the first contact
         try:
             loop.open(np.array(home))
         except BackendError:
@@ -169,7 +169,7 @@ class Driver:
         return str(self.loop.controller.reason)
 
     def step(self, cycles: int = 1) -> None:
-        """Cycles; a device that gives the beat is asked for it in each."""
+        """Run cycles; an externally clocked device is awaited in each."""
         for _ in range(cycles):
             if self._paced:
                 self.loop.beat()
@@ -179,7 +179,7 @@ class Driver:
         self.step(max(1, round(time_s / self.period_s)))
 
     def until(self, what: str, happened: Callable[[], bool]) -> None:
-        """Raises ContractError: it has not happened."""
+        """Run cycles until something has happened. Raises ContractError: it does not happen."""
         for _ in range(round(PATIENCE_S / self.period_s)):
             if happened():
                 return
@@ -190,12 +190,12 @@ class Driver:
         )
 
     def send(self, kind: int, **fields: int) -> str:
-        """A command for rtloop; "" when it accepts, or why not."""
+        """Send a command to rtloop; "" if it is accepted, otherwise the reason."""
         self.ask(kind, **fields)
         return self.answered()
 
     def ask(self, kind: int, **fields: int) -> None:
-        """A command that rtloop finds in its next cycle."""
+        """Write a command for rtloop's next cycle."""
         self._command += 1
         command = self.memory.commands[self._command % RING]
         command.data["id"], command.data["kind"] = self._command, kind
@@ -210,7 +210,7 @@ class Driver:
         self.memory.head.publish()
 
     def answered(self) -> str:
-        """Wait until rtloop has answered the last command; "" when it accepts, or why not."""
+        """Wait for rtloop's answer to the last command; "" if it is accepted, otherwise the reason."""
         ack = self.memory.acks[self._command % RING]
         self.until("rtloop answers a command", lambda: int(ack.data["id"]) == self._command)
         return "" if int(ack.data["result"]) == Ack.ACCEPTED else text(ack.data["message"])
@@ -220,14 +220,14 @@ class Driver:
         self.memory.requests.publish()
 
     def begin_move(self) -> None:
-        """Each joint a bit towards the middle of its range, from rest to rest."""
+        """Begin to move each joint a little towards the middle of its range, from rest to rest."""
         self.ask_move()
         refusal = self.answered()
         if refusal:
-            raise ContractError(f"a motion is refused: {refusal}")
+            raise ContractError(f"a motion is rejected: {refusal}")
 
     def ask_move(self) -> None:
-        """The same, which rtloop finds in its next cycle, and begins to load."""
+        """Request that motion; rtloop begins to load it in its next cycle."""
         if not self.heard.commands:
             self.first_command(0)
         start = self.heard.commands[-1][0][0]
@@ -236,10 +236,10 @@ class Driver:
         self.ask(Command.START, slot=0, motion_id=self._motion)
 
     def move(self) -> None:
-        """A whole motion.
+        """Execute a whole motion.
 
         Raises:
-            ContractError: it does not arrive.
+            ContractError: the arm does not arrive.
         """
         self.begin_move()
         self.until("a motion ends", lambda: self.loop.controller.motion_result != MotionResult.RUNNING)
@@ -248,7 +248,7 @@ class Driver:
             raise ContractError(f"a motion ended as {result.name}: {self.reason}")
 
     def reset(self, attempts: int = ATTEMPTS) -> str:
-        """Leave a fault, at rest; "" or the last refusal."""
+        """Reset a fault, at rest; returns "" or the last rejection."""
         refusal = ""
         for _ in range(attempts):
             refusal = self.send(Command.RESET)
@@ -258,14 +258,14 @@ class Driver:
         return refusal
 
     def first_command(self, before: int) -> tuple[Array, Array]:
-        """The first one after so many, and the position measured then."""
+        """The first command after `before` commands, and the position measured then."""
         self.until("a command is written", lambda: len(self.heard.commands) > before)
         command, measured = self.heard.commands[before]
         return command[0], measured
 
     @contextlib.contextmanager
     def fault(self, name: str) -> Iterator[None]:
-        """It lasts as long."""
+        """Inject a fault for the duration of the context."""
         self.rig.inject(name)
         try:
             yield
@@ -274,13 +274,13 @@ class Driver:
 
     @property
     def wire(self) -> list[Array] | None:
-        """What has been sent to the device, if the rig says."""
+        """The commands sent to the device, if the rig records them."""
         return wire_of(self.rig)
 
     @property
     def middle(self) -> Array:
-        """Of each joint's range, rad."""
-        with np.errstate(invalid="ignore"):  # of a joint that turns without end
+        """The middle of each joint's range, rad."""
+        with np.errstate(invalid="ignore"):  # for a joint without position limits
             middle: Array = (self.limits.min_position + self.limits.max_position) / 2.0
         return middle
 

@@ -1,4 +1,4 @@
-"""What has to hold when something is wrong with a device: a fault in words, then a reset, no restart."""
+"""Checks of a device with faults: rtloop must report a reason and recover by a reset, without a restart."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ MOTIONS_UNDER_LOSS = 3
 
 
 def survives(fault: str, cell: Cell) -> str:
-    """Lost or overtaken packets end no motion, and no command steps over the limits."""
+    """Lost or reordered packets end no motion, and no command exceeds the limits."""
     with cell.driven() as driver:
         _require(driver, fault)
         before = len(driver.heard.commands)
         with driver.fault(fault):
             for _ in range(MOTIONS_UNDER_LOSS):
                 driver.move()
-        require_limits(cell, "what is written", [each[0][0] for each in driver.heard.commands[before:]])
+        require_limits(cell, "written commands", [each[0][0] for each in driver.heard.commands[before:]])
         if driver.mode != LoopMode.HOLD:
             raise ContractError(f"afterwards the mode is {driver.mode.name}: {driver.reason}")
     return f"{MOTIONS_UNDER_LOSS} motions arrive"
 
 
 def ends(fault: str, cell: Cell, *, moving: bool) -> str:
-    """It ends what goes on, a motion or that the arm is held, with a reason, and permits no reset while it
-    lasts; then the arm goes on.
+    """A fault ends a motion, or holding the arm, with a reason, and permits no reset while it lasts; then the
+    arm can move again.
     """
     return _comes_while(fault, cell, _move if moving else _rest, stays=True)
 
 
 def while_stopping(fault: str, cell: Cell) -> str:
-    """The same while the arm comes to rest."""
+    """As `ends`, while the arm is stopping."""
 
     def stop(driver: Driver) -> None:
         _move(driver)
@@ -54,14 +54,14 @@ def while_stopping(fault: str, cell: Cell) -> str:
 
 
 def in_stream(fault: str, cell: Cell) -> str:
-    """The same while a client streams positions."""
+    """As `ends`, while a client streams positions."""
     if capabilities_of(cell.kind).trajectories:
-        raise NotTested("nothing can be streamed to a device that moves by itself")
+        raise NotTested("nothing can be streamed to a device that executes motions by itself")
     return _comes_while(fault, cell, begin_stream, stays=True)
 
 
 def while_loading(fault: str, cell: Cell) -> str:
-    """The same when a motion has just been asked for: it is refused, or ends."""
+    """As `ends`, immediately after a motion was requested: the motion is rejected or ends."""
     with cell.driven() as driver:
         _require(driver, fault)
         driver.ask_move()
@@ -76,7 +76,7 @@ def while_loading(fault: str, cell: Cell) -> str:
 
 
 def while_enabling(fault: str, cell: Cell) -> str:
-    """The same in the middle of a reset: it is refused, or the fault comes again."""
+    """As `ends`, in the middle of a reset: the reset is rejected, or the fault is detected again."""
     with cell.driven() as driver:
         _require(driver, fault)
         with driver.fault(fault):
@@ -93,7 +93,7 @@ def while_enabling(fault: str, cell: Cell) -> str:
 
 
 def twice(fault: str, cell: Cell) -> str:
-    """Again in the middle of a recovery, before and after the reset."""
+    """The fault occurs again during a recovery, before and after the reset."""
     with cell.driven() as driver:
         _require(driver, fault)
         with driver.fault(fault):
@@ -110,7 +110,7 @@ def twice(fault: str, cell: Cell) -> str:
 
 
 def mode_change(cell: Cell) -> str:
-    """It is said, and ends in a fault or goes on; the arm moves again."""
+    """A change of mode is reported, and the motion ends in a fault or continues; the arm can move again."""
     with cell.driven() as driver:
         _require(driver, "operation_mode")
         backend = driver.backend
@@ -133,7 +133,7 @@ def mode_change(cell: Cell) -> str:
 
 
 def _rest(driver: Driver) -> None:
-    """The arm is held."""
+    """Do nothing: the arm is held."""
 
 
 def _move(driver: Driver) -> None:
@@ -142,7 +142,7 @@ def _move(driver: Driver) -> None:
 
 
 def _comes_while(fault: str, cell: Cell, begin: Callable[[Driver], None], *, stays: bool) -> str:
-    """The reason that is given when it comes into what has begun; with `stays` it outlasts some resets."""
+    """The reason reported for a fault that occurs after `begin`; with `stays` it lasts for some resets."""
     with cell.driven() as driver:
         _require(driver, fault)
         begin(driver)
@@ -160,7 +160,7 @@ def _require(driver: Driver, fault: str) -> None:
 
 
 def _ended(driver: Driver, fault: str) -> str:
-    """The reason that is given."""
+    """The reported reason for a fault."""
     driver.until(f"{fault} is a fault", lambda: driver.mode in ENDED)
     if not driver.reason:
         raise ContractError(f"{fault}: the mode is {driver.mode.name}, without a reason")
@@ -168,7 +168,7 @@ def _ended(driver: Driver, fault: str) -> str:
 
 
 def _stays_so(driver: Driver, fault: str) -> None:
-    """A reset is refused while the cause is there, or the fault comes again by itself."""
+    """While the cause lasts, a reset is rejected, or the fault is detected again."""
     driver.run(MEANWHILE_S)
     written = len(driver.heard.commands)
     try:
@@ -184,12 +184,12 @@ def _stays_so(driver: Driver, fault: str) -> None:
 
 
 def _recovers(cell: Cell, driver: Driver) -> None:
-    """A reset, no jump, a motion: the backend is neither closed nor opened."""
+    """Reset, no jump, a motion; the backend is neither closed nor opened."""
     driver.run(MEANWHILE_S)
     before = len(driver.heard.commands)
     refusal = driver.reset()
     if refusal:
-        raise ContractError(f"its cause is gone, and a reset is refused: {refusal}")
+        raise ContractError(f"its cause has gone, but a reset is rejected: {refusal}")
     driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
     sent = len(driver.wire or ())
     if driver.heard.calls.count("open") != 1:
@@ -200,12 +200,12 @@ def _recovers(cell: Cell, driver: Driver) -> None:
         raise ContractError(f"after a reset the mode becomes {driver.mode.name}: {driver.reason}")
     driver.move()
     if driver.wire is not None:
-        require_limits(cell, "after a reset, what the device is sent", driver.wire[sent:])
+        require_limits(cell, "after a reset, commands sent to the device", driver.wire[sent:])
 
 
 STOPPING = ("disconnect", "frozen", "nan", "e_stop", "protective_stop")
 RESTING = ("disconnect", "nan", "e_stop", "protective_stop")
-"""Values that stay the same are those of an arm at rest."""
+"""Without `frozen`, because constant values are normal for an arm at rest."""
 CHECKS: dict[str, Callable[[Cell], str]] = {
     **{f"{fault} in motion": partial(ends, fault, moving=True) for fault in STOPPING},
     **{f"{fault} at rest": partial(ends, fault, moving=False) for fault in RESTING},

@@ -1,4 +1,4 @@
-"""What has to hold by the computer's clock: with --realtime alone."""
+"""Checks against the computer's clock, only with --realtime."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from rtloop.contract.driver import ContractError
 
 BEATEN_S = 0.5
 LATE_SHARE = 0.01
-"""Of the cycles, that may take longer than their period."""
+"""Share of the cycles that may take longer than their period."""
 
 
 def punctuality(cell: Cell) -> str:
     """Reading and writing take less than a period."""
     if not cell.realtime:
-        raise NotTested("durations count with --realtime, on a quiet computer")
+        raise NotTested("durations are checked only with --realtime, on an idle computer")
     with cell.driven() as driver:
         driver.move()
         durations = np.array(driver.heard.durations_s)
@@ -33,13 +33,13 @@ def punctuality(cell: Cell) -> str:
 
 
 def beat(cell: Cell) -> str:
-    """`wait` gives a beat a period, by the clock."""
+    """`wait` returns one packet per period of the clock."""
     if not cell.realtime:
-        raise NotTested("beats are held against the clock with --realtime")
+        raise NotTested("the pace is checked only with --realtime")
     if not hasattr(cell.kind, "wait"):
-        raise NotTested("rtloop's own clock gives the beat")
+        raise NotTested("rtloop's own clock starts the cycles")
     if capabilities_of(cell.kind).hardware:
-        raise NotTested("its device is something real, and that of its rig need not go by the clock")
+        raise NotTested("its device is real, and its rig's device need not follow the clock")
     period_s, home = cell.settings.rt.period_s, cell.robot.positions[cell.settings.robot.start_position]
     backend: Any = cell.kind(cell.settings, cell.robot.limits)
     pace = Pace(period_s)
@@ -53,11 +53,11 @@ def beat(cell: Cell) -> str:
             beaten = bool(backend.wait(period_s))
             beats += beaten
             if pace.early_ns(time.monotonic_ns(), beaten):
-                said = f"{beats} beats in {time.monotonic() - begun:.3f} s, and a period is {period_s:g} s"
-                raise ContractError(f"wait() gives the beat too fast: {said}")
+                said = f"{beats} packets in {time.monotonic() - begun:.3f} s, and a period is {period_s:g} s"
+                raise ContractError(f"wait() returns packets too fast: {said}")
     finally:
         backend.close()
-    return f"{beats} beats in {BEATEN_S:g} s"
+    return f"{beats} packets in {BEATEN_S:g} s"
 
 
 CHECKS: dict[str, Callable[[Cell], str]] = {"punctuality": punctuality, "beat": beat}

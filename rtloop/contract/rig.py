@@ -1,4 +1,4 @@
-"""A backend beside its device, both in one process: what the contract drives, and breaks."""
+"""Test rigs: a backend and its device in one process, to be driven and disturbed by the contract."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from rtloop.backends import Backend, BackendError, Measured, TrajectoryDevice, c
 from rtloop.backends.guarded import NAMES
 
 FAULTS = {
-    "disconnect": "nothing comes any more, and nothing arrives",
-    "frozen": "the same values come again and again",
+    "disconnect": "nothing arrives in either direction",
+    "frozen": "the device repeats the same values",
     "nan": "a measured value is not a number",
     "loss": "some packets are lost, about one in twenty",
-    "reorder": "some packets are overtaken by the next",
+    "reorder": "some packets arrive after their successor",
     "pile_up": "some packets are read together with the next ones, as on a busy computer",
-    "e_stop": "somebody presses the emergency stop of the device",
+    "e_stop": "the emergency stop of the device is pressed",
     "protective_stop": "the device stops by itself",
-    "operation_mode": "somebody turns the key to another operation mode",
+    "operation_mode": "the key switch selects another operation mode",
 }
-"""What may happen to a device."""
+"""Faults of a device."""
 
 
 class ContractRig(Protocol):
-    """What a backend's class gives as `contract_rig(settings, limits)`, a static method or class method.
+    """The result of `contract_rig(settings, limits)`, a static or class method of a backend's class.
 
-    It may also have `wire`, a list of the positions that the device has been sent, shape (dof,) each, rad:
-    then the limits are checked there too.
+    It may also have `wire`, a list of the positions sent to the device, shape (dof,) each, rad. Then the
+    limits are checked there too.
 
     Attributes:
         faults: those of `FAULTS` that this device can have; the others are reported as not tested.
@@ -41,20 +41,20 @@ class ContractRig(Protocol):
     faults: frozenset[str]
 
     def backend(self) -> Backend | TrajectoryDevice:
-        """A new one for the same device, not open yet; the last one is closed, or its process was killed."""
+        """A new, closed backend for the same device; the previous one was closed, or its process killed."""
         ...
 
     def inject(self, fault: str) -> None:
-        """Have it happen now, and last until it is cleared."""
+        """Begin a fault; it lasts until it is cleared."""
         ...
 
     def clear(self, fault: str) -> None:
-        """Its cause is gone, and a person has done at the device what has to be done there."""
+        """Remove the cause of a fault, including what a person must do at the device."""
         ...
 
 
 class PlainRig:
-    """For a backend without one of its own that moves nothing real: faults between it and the cycle."""
+    """The rig of a simulation that brings none: faults occur between the backend and the cycle."""
 
     faults = frozenset({"disconnect", "frozen", "nan"})
 
@@ -75,12 +75,12 @@ class PlainRig:
 OPTIONAL = {"capabilities", "state_period_s", "point_period_s"} | {
     name for name in NAMES if not hasattr(Backend, name)
 }
-"""What only some backends have, beside the six methods."""
+"""Optional methods and attributes, in addition to the six methods of `Backend`."""
 
 
 class Around:
-    """A backend around another one, or a device that takes whole motions around one: it has what that one
-    has, and passes it on.
+    """A wrapper of a backend, or of a device that takes whole motions, with its methods and attributes. It
+    passes all calls on.
     """
 
     def __init__(self, inner: Backend) -> None:
@@ -109,7 +109,7 @@ class Around:
 
 
 class Broken(Around):
-    """A backend with faults: what it says gets lost on its way, or is spoiled."""
+    """A backend with faults: values are lost or corrupted on their way."""
 
     def __init__(self, inner: Backend, active: set[str]) -> None:
         super().__init__(inner)
@@ -144,18 +144,18 @@ class Broken(Around):
 
 
 def rig_of(kind: Any, settings: Settings, limits: JointLimits) -> ContractRig:
-    """The backend's own, or one that spoils what it says.
+    """The backend's own rig, or one that injects faults around it.
 
     Raises:
-        ConfigError: it would move something real, or has no rig that can be used.
+        ConfigError: the backend would move a real arm, or its rig is invalid.
     """
     name = settings.robot.backend.type
     hook = getattr(kind, "contract_rig", None)
     if hook is None:
         if capabilities_of(kind).hardware:
             raise ConfigError(
-                f"robot.backend: {name} moves something real, and its class has no contract_rig(settings, "
-                "limits) that gives a simulated device: the contract is not run on a robot"
+                f"robot.backend: {name} moves a real arm, and its class has no contract_rig(settings, "
+                "limits) that returns a simulated device: the contract does not run on a real robot"
             )
         return PlainRig(kind, settings, limits)
     rig: ContractRig = hook(settings, limits)
@@ -169,6 +169,6 @@ def rig_of(kind: Any, settings: Settings, limits: JointLimits) -> ContractRig:
 
 
 def wire_of(rig: ContractRig) -> list[Array] | None:
-    """What has been sent to the device, if the rig says."""
+    """The positions sent to the device, if the rig records them."""
     wire = getattr(rig, "wire", None)
     return wire if isinstance(wire, list) else None

@@ -1,6 +1,6 @@
-"""A backend of cobot: a class that drives an arm, here a toy. Put your device in the place of `ToyDevice`.
+"""A backend of cobot: a class that drives an arm, here a toy. Replace `ToyDevice` by your device.
 
-`docs/your-backend.md` of cobot says what each part is for.
+`docs/your-backend.md` of cobot explains each part.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ GRIPPER = "gripper closed"
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """What the device says, once a period.
+    """A packet of the device, one per period.
 
     Attributes:
-        number: counts up by 1.
+        number: increases by 1.
         position, velocity: of the joints, shape (dof,), rad and rad/s.
         operation_mode: T1 or AUT.
         stopped: why its drives are off; "" if they are on.
@@ -40,16 +40,16 @@ class Packet:
 
 
 class ToyDevice:
-    """Stands for a robot controller: it sends a packet a period, and goes where the last answer says.
+    """A simulated robot controller: it sends a packet per period and moves to the target of the last answer.
 
     Attributes:
-        faults: what is wrong with it now, for tests.
-        wire: all positions that it was sent, for tests.
-        gripper_closed: its one output, which it reports.
+        faults: its present faults, for tests.
+        wire: all positions sent to it, for tests.
+        gripper_closed: its only output, which it reports.
     """
 
     def __init__(self, dof: int, period_s: float, *, realtime: bool = True) -> None:
-        """realtime: its periods take their time; without, each `receive` is one."""
+        """realtime: whether its periods last; if not, each `receive` is one period."""
         self.faults: set[str] = set()
         self.wire: list[Array] = []
         self._period_s, self._realtime = period_s, realtime
@@ -63,11 +63,11 @@ class ToyDevice:
         self._shown = self._position
 
     def place(self, position: Array) -> None:
-        """Only a simulated arm can be put somewhere."""
+        """Set the position, as only a simulated arm permits."""
         self._position = np.array(position)
 
     def receive(self, timeout_s: float) -> list[Packet]:
-        """What has arrived within so long."""
+        """The packets that arrive within this time."""
         if self._realtime:
             remaining_s = self._due_s - time.monotonic()
             time.sleep(max(0.0, min(remaining_s, timeout_s)))
@@ -90,9 +90,9 @@ class ToyDevice:
             self._target = position.copy()
 
     def switch_on(self) -> str:
-        """Drives on, where the arm is; or why not."""
+        """Switch the drives on at the present position; returns "" or why this is impossible."""
         if "disconnect" in self.faults:
-            return "nobody answers"
+            return "the device does not answer"
         self._stopped = self._cause()
         self._target = None
         return self._stopped
@@ -106,7 +106,7 @@ class ToyDevice:
         return "a protective stop: the force was too great" if "protective_stop" in self.faults else ""
 
     def _advance(self) -> None:
-        """A period."""
+        """Simulate one period."""
         self._number += 1
         self._stopped = self._stopped or self._cause()
         target = self._position if self._stopped or self._target is None else self._target
@@ -125,13 +125,13 @@ class ToyDevice:
 
 
 class ToyOptions(BackendOptions):
-    """What may stand beside `type` in `robot.backend` of the settings."""
+    """The keys of `robot.backend` in the settings, in addition to `type`."""
 
     connect_s: float = Field(default=2.0, gt=0.0, le=15.0)
 
 
 class ToyArm:
-    """The six methods of a `Backend`; `wait`, because the device gives the beat; `status`; `io`."""
+    """The six methods of a `Backend`; `wait`, because the device is externally clocked; `status`; `io`."""
 
     Options = ToyOptions
     capabilities = Capabilities(
@@ -169,7 +169,7 @@ class ToyArm:
     def wait(self, timeout_s: float) -> bool:
         for packet in self._device.receive(timeout_s):
             if self._newest is not None and packet.number <= self._newest.number:
-                continue  # it was overtaken
+                continue  # it arrived after its successor
             self._newest, self._missed = packet, -1
         self._missed += 1
         self._lost += self._missed > 0
@@ -177,7 +177,7 @@ class ToyArm:
 
     def read(self, measured: Measured) -> None:
         if self._newest is None:
-            raise BackendError("nothing has come from the device yet")
+            raise BackendError("no packet has arrived from the device yet")
         if self._newest.stopped:
             raise BackendError(self._newest.stopped)
         measured.position[:], measured.velocity[:] = self._newest.position, self._newest.velocity
@@ -189,7 +189,7 @@ class ToyArm:
         self._device.switch_off()
 
     def close(self) -> None:
-        """A device with a connection is left here."""
+        """A device with a connection closes it here."""
 
     def status(self) -> DeviceStatus:
         if self._newest is None:
@@ -209,17 +209,17 @@ class ToyArm:
 
     def set_output(self, name: str, value: float) -> None:
         if name != GRIPPER:
-            raise BackendError(f"{name} is no output of this device")
+            raise BackendError(f"{name} is not an output of this device")
         self._device.gripper_closed = bool(value)
 
     @classmethod
     def contract_rig(cls, settings: Settings, limits: JointLimits) -> ToyRig:
-        """What `cobot backend test` drives and breaks."""
+        """The rig for `cobot backend test`."""
         return ToyRig(cls, settings, limits)
 
 
 class ToyRig:
-    """The backend and its device in one process; its periods are counted, so that no test takes time."""
+    """The backend and its device in one process; periods are counted, not timed, so that tests are fast."""
 
     faults = frozenset(FAULTS)
 

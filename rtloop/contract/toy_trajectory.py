@@ -1,6 +1,6 @@
-"""A backend of cobot for a device that takes whole motions, here a toy: put yours in place of `ToyDevice`.
+"""A backend of cobot for a device that takes whole motions, here a toy. Replace `ToyDevice` by your device.
 
-`docs/your-backend.md` of cobot says what each part is for.
+`docs/your-backend.md` of cobot explains each part.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ STOPPING_S = 0.3
 
 
 class ToyDevice:
-    """Stands for a robot controller that follows a motion by itself, and tells where it is when it is asked.
+    """A simulated robot controller that executes a motion by itself and reports its position on request.
 
     Attributes:
-        faults: what is wrong with it now, for tests.
+        faults: its present faults, for tests.
     """
 
     def __init__(self, dof: int, *, realtime: bool = True) -> None:
-        """realtime: its time is a clock's; without, each look at it is `STATE_PERIOD_S`."""
+        """realtime: whether it uses a clock; if not, each `look` takes `STATE_PERIOD_S`."""
         self.faults: set[str] = set()
         self._realtime = realtime
         self._time_s = time.monotonic()
@@ -39,7 +39,7 @@ class ToyDevice:
         self._stopped = ""
 
     def place(self, position: Array) -> None:
-        """Only a simulated arm can be put somewhere."""
+        """Set the position, as only a simulated arm permits."""
         self._position = np.array(position)
 
     def look(self) -> tuple[Array, Array]:
@@ -71,7 +71,7 @@ class ToyDevice:
         self._stopping = True
 
     def switch_on(self) -> None:
-        """Drives on, where the arm is."""
+        """Switch the drives on at the present position."""
         self._answer()
         self._stopped = self._cause()
         if self._stopped:
@@ -106,7 +106,7 @@ class ToyDevice:
 
 
 class ToyOptions(BackendOptions):
-    """What may stand beside `type` in `robot.backend` of the settings."""
+    """The keys of `robot.backend` in the settings, in addition to `type`."""
 
     connect_s: float = Field(default=2.0, gt=0.0, le=15.0)
 
@@ -127,7 +127,7 @@ class ToyArm:
     def open(self, initial_position: Array) -> None:
         if self._is_new:
             self._device.place(initial_position)
-        self._device.look()  # a device with a connection is waited for here, for `connect_s`
+        self._device.look()  # wait here for a device with a connection, for `connect_s`
 
     def enable(self) -> None:
         self._device.switch_on()
@@ -151,19 +151,19 @@ class ToyArm:
         """A device with drives switches them off here."""
 
     def close(self) -> None:
-        """A device with a connection is left here."""
+        """A device with a connection closes it here."""
 
     def status(self) -> DeviceStatus:
         return DeviceStatus(connection="connected", operation_mode=self._device.operation_mode)
 
     @classmethod
     def contract_rig(cls, settings: Settings, limits: JointLimits) -> ToyRig:
-        """What `cobot backend test` drives and breaks."""
+        """The rig for `cobot backend test`."""
         return ToyRig(cls, settings, limits)
 
 
 class ToyRig:
-    """The backend and its device in one process; its time is counted, so that no test takes any."""
+    """The backend and its device in one process; time is counted, not measured, so that tests are fast."""
 
     faults = frozenset({"disconnect", "frozen", "nan", "e_stop", "protective_stop", "operation_mode"})
 

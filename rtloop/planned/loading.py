@@ -1,4 +1,4 @@
-"""How a trajectory gets from shared memory into a path: copied and verified, a piece in each cycle."""
+"""Loading of a trajectory from shared memory into a path: copied and verified in pieces, one per cycle."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ from rtloop.planned.path import Path
 from rtloop.safety.limiter import POSITION_TOLERANCE_RAD
 
 PIECE_TIMES = 4096
-"""So many breakpoints are copied and checked in one cycle: as many bytes as the segments of one."""
+"""Breakpoints that are copied and checked in one cycle: as many bytes as the segments of one cycle."""
 PLACES = np.linspace(0.0, 1.0, 9)
-"""At these shares of a segment its positions are looked at; `Path.stays_within` does so quickly."""
+"""Shares of a segment at which an error message evaluates its positions; `Path.stays_within` is the fast
+check."""
 REST_TOLERANCE = 1e-3
-"""What a motion may have left of velocity (rad/s) and acceleration (rad/s²) at its ends."""
+"""Largest velocity (rad/s) and acceleration (rad/s²) that a motion may have at its ends."""
 
 
 class RefusedError(Exception):
-    """A trajectory in shared memory is not one that may be followed; the text says why."""
+    """A trajectory in shared memory is invalid; the text says why."""
 
 
 def load(
     path: Path, slot: Slot, motion_id: int, start: Array | None, tolerance_rad: float, limits: JointLimits
 ) -> Iterator[None]:
-    """Copy a slot into a path and verify it: a generator that does a piece at each step. Real-time safe.
+    """Copy a slot into a path and verify it, one piece per step of the generator. Real-time safe.
 
-    Velocities and accelerations beyond the limits can be caught on the way; a joint stop ahead can not.
+    Excessive velocities and accelerations can be caught during the motion, but a joint stop ahead cannot.
 
     Args:
-        start: where the motion has to begin, at rest, shape (dof,), rad; None: the caller sees to that.
-        limits: whose positions no motion may leave.
+        start: where the motion must begin, at rest, shape (dof,), rad; None: the caller ensures it.
+        limits: position limits that no motion may leave.
 
     Raises:
         RefusedError: at any step.
@@ -69,7 +70,7 @@ def load(
 
 
 def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
-    """The number of segments."""
+    """Check the slot's head and return the number of segments."""
     if not slot.head.try_read():
         raise RefusedError("the trajectory slot is inconsistent")
     segments, found = int(slot.head.data["segments"]), int(slot.head.data["motion_id"])
@@ -77,13 +78,13 @@ def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
         raise RefusedError(f"the slot holds motion {found}, not {motion_id}")
     if not 1 <= segments <= len(path.coefficients):
         raise RefusedError(
-            f"the trajectory has {segments} segments, possible are 1 to {len(path.coefficients)}"
+            f"the trajectory has {segments} segments, allowed are 1 to {len(path.coefficients)}"
         )
     return segments
 
 
 def _refuse_positions(piece: Array, times_s: Array, limits: JointLimits) -> None:
-    """Say which joint goes how far beyond its stops."""
+    """Raise an error that names the joint farthest beyond its limits."""
     powers = (np.diff(times_s)[:, None, None] * PLACES[:, None]) ** np.arange(ORDER)  # segment, place, power
     positions = np.matmul(powers, piece.transpose(0, 2, 1))  # segment, place, joint
     beyond = np.maximum(positions - limits.max_position, limits.min_position - positions)
@@ -98,7 +99,7 @@ def _refuse_positions(piece: Array, times_s: Array, limits: JointLimits) -> None
 
 
 def _check_ends(path: Path, start: Array | None, tolerance_rad: float) -> None:
-    """Both ends at rest, the start where the arm is."""
+    """Check that both ends are at rest and that the start is where the arm is."""
     found = np.zeros((3, path.coefficients.shape[1]))
     ends = {"end": path.duration_s} if start is None else {"end": path.duration_s, "start": 0.0}
     for where, path_time_s in ends.items():

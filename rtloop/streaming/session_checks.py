@@ -1,4 +1,4 @@
-"""Whether a streaming session makes sense for this robot: who writes to shared memory may write anything."""
+"""Checks of a session request for this robot, because any client may write to shared memory."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ UNIT_TOLERANCE = 1e-2
 
 
 def session_refusal(request: np.ndarray, backend: Backend, name: str) -> str:
-    """What is wrong with what a client wants, `cobot.ipc.layout.session_dtype`; "" if nothing is.
+    """What is wrong with a session request, a record of `cobot.ipc.layout.session_dtype`; "" if nothing is.
 
     Args:
-        name: of the backend, for people.
+        name: name of the backend, for people.
     """
     if int(request["stream"]) not in list(Stream) or int(request["interpolation"]) not in list(Interpolation):
         return f"there is no stream {request['stream']} with interpolation {request['interpolation']}"
@@ -56,14 +56,12 @@ def _servo_flaw(request: np.ndarray) -> str:
     if servo not in list(ServoMode) or stream != (Stream.CARTESIAN if force else Stream.JOINT_IMPEDANCE):
         return f"there is no servo mode {servo} of stream {stream}"
     if not 0.0 < request["watchdog_s"] <= LONGEST_WATCHDOG_S:
-        return (
-            f"watchdog_s must be above 0 and at the most {LONGEST_WATCHDOG_S:g}, got {request['watchdog_s']}"
-        )
+        return f"watchdog_s must be above 0 and at most {LONGEST_WATCHDOG_S:g}, got {request['watchdog_s']}"
     return ""
 
 
 def _unable(request: np.ndarray, device: Capabilities, name: str) -> str:
-    """What the session needs and the device does not have."""
+    """What the session needs and the device lacks; "" if nothing."""
     torques = request["stream"] == Stream.JOINT_TORQUE
     force = bool(request["force_axes"].any())
     wrench = bool(np.isfinite(request["max_contact_wrench"]).any())
@@ -77,7 +75,7 @@ def _unable(request: np.ndarray, device: Capabilities, name: str) -> str:
     felt = {
         "a stream of torques" if torques else "max_contact_torque": ("external_effort", feels),
         "max_contact_wrench": ("wrench", wrench),
-        "force control": ("wrench", force and device.impedance),  # the others exert what they are told
+        "force control": ("wrench", force and device.impedance),  # other devices control the force themselves
     }
     refusals = [device.lacks(name, what, *flags) for what, (flags, asked) in needed.items() if asked]
     refusals += [device.does_not_measure(name, what, row) for what, (row, asked) in felt.items() if asked]

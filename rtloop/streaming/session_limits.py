@@ -1,4 +1,4 @@
-"""The limits of a session: those of the settings, and less by hand."""
+"""The limits of a session: those of the settings, and lower ones in T1."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ from cobot.types import CartesianLimits, JointLimits
 from rtloop.backends.agreement import REDUCED_M_S
 
 LEAST_SHARE = 0.01
-"""Of the joints' speed: with less no session is begun."""
+"""A session needs at least this share of the joints' speed."""
 POSES_SHARE, FORCE_SHARE = 0.8, 0.4
-"""Of the reduced speed, that poses are followed with, and that force control moves with across them: both,
-and what the arm catches up with, are within it."""
+"""Shares of the reduced speed for following poses, and for force control across them. Both together, with the
+arm's catching up, stay within the reduced speed."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionLimits:
-    """Attributes:
-    joints: of a stream of joint positions and of servo points.
-    torques: of the motion that streamed torques make.
-    tcp: of streamed poses.
-    force_m_s: the fastest that force control moves along an axis.
+    """The limits for each kind of stream.
+
+    Attributes:
+        joints: for joint positions and servo points.
+        torques: for the motion that streamed torques cause.
+        tcp: for poses.
+        force_m_s: maximum speed of force control along an axis.
     """
 
     joints: JointLimits
@@ -31,8 +33,8 @@ class SessionLimits:
     force_m_s: float = np.inf
 
     def in_t1(self, share: float) -> SessionLimits:
-        """By hand. What streams joints goes with this share of the joints' speed, as planned motions do;
-        poses go with the reduced speed of the TCP itself, and turn as much slower.
+        """The limits in T1. Joint streams get this share of the joints' speed, as planned motions do. Pose
+        streams get the reduced speed of the TCP, and turn more slowly by the same factor.
         """
         most = share * self.torques.max_velocity
         linear = min(self.tcp.max_linear_velocity, POSES_SHARE * REDUCED_M_S)

@@ -1,7 +1,8 @@
-"""What streams must not touch beside the model: the scene's objects and the tool's shapes, from their files.
+"""Obstacles for streams that are not in the model: the scene's objects and the tool's shapes, from their
+files.
 
-They are read and compiled in a thread, while the arm rests and nothing begins: the cycle only takes the
-finished monitor over.
+A thread reads and compiles them while the arm is at rest and nothing begins; the cycle only takes the
+finished monitor.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ from cobot.types import JointLimits
 from rtloop.streaming.collision_monitor import CollisionMonitor
 
 SWITCH_S = 1e-4
-"""How long the thread keeps the interpreter from the cycle while it runs Python."""
+"""How long the thread may keep the interpreter from the cycle while it runs Python."""
 
 
 class Surroundings:
-    """Makes collision monitors of what stands in the files.
+    """Makes collision monitors from the files.
 
     Attributes:
-        busy: whether one is being made.
-        version: of the scene that was read last.
-        problem: why the last one could not be made; "" if it could.
+        busy: whether a monitor is being made.
+        version: version of the scene that was read last.
+        problem: why the last monitor could not be made; "" if it could.
     """
 
     def __init__(self, settings: Settings, model: RobotModel, limits: JointLimits) -> None:
@@ -47,10 +48,10 @@ class Surroundings:
         return self._thread is not None
 
     def read(self) -> CollisionMonitor:
-        """A monitor that knows what the files hold now.
+        """Make a monitor from the files' present content.
 
         Raises:
-            CobotError: a file is damaged, or MuJoCo refuses what it holds.
+            CobotError: a file is damaged, or MuJoCo rejects its content.
         """
         scene = SceneFile(self._settings.scene_file).read()
         self.version = scene.version
@@ -66,14 +67,14 @@ class Surroundings:
         )
 
     def begin(self) -> None:
-        """Have a monitor made, in a thread of its own."""
+        """Start to make a monitor in a thread."""
         self._switch_s = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH_S)
         self._thread = threading.Thread(target=self._make, name="surroundings", daemon=True)
         self._thread.start()
 
     def take(self) -> tuple[bool, CollisionMonitor | None]:
-        """Whether the thread has ended, and what it has made; None with a `problem`."""
+        """Whether the thread has finished, and its monitor; None if there is a `problem`."""
         if self._thread is None or self._thread.is_alive():
             return False, None
         self._thread = None
@@ -88,15 +89,15 @@ class Surroundings:
             self.problem = ""
         except CobotError as exc:
             self.problem = str(exc)
-        except Exception as exc:  # noqa: BLE001 - the cycle must learn of it, whatever it is
+        except Exception as exc:  # noqa: BLE001 - any error must be reported to the cycle
             self.problem = f"{type(exc).__name__}: {exc}"
 
 
 def _be_ordinary() -> None:
-    """A thread begins with what its process was granted: as urgent as the cycle, on the same core, it would
-    keep the cycle waiting for as long as MuJoCo compiles.
+    """Give up the thread's real-time priority, which it inherits from its process: otherwise the cycle would
+    wait while MuJoCo compiles.
     """
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         os.sched_setaffinity(0, range(os.cpu_count() or 1))
-    be(Niceness.PROMPT)  # While it has the interpreter, the cycle may wait for it.
+    be(Niceness.PROMPT)  # the cycle may have to wait for this thread when it holds the interpreter

@@ -131,7 +131,8 @@ def test_a_name_in_use_is_that_of_robot_name_with_who_has_it(
         other.kill()
         other.join(WAIT_S)
     assert said == (
-        f"robot '{name}' is in use: pid {other.pid} runs as its supervisor; stop it, or set another robot.name"
+        f"robot '{name}' is in use: pid {other.pid} runs as its supervisor; stop it, or set another "
+        "robot.name"
     )
 
 
