@@ -24,9 +24,9 @@ def first_contact(model: RobotModel, position: Array) -> str:
         f"base, {place(model.forward(position).position)}."
     )
     to_do = (
-        f"Tool and load: {_load(model)}. Compare this with the arm. Motions are limited to {FIRST_SHARE:.0%} of "
-        "their speed, and streaming is off, until POST /robot/acknowledge or `cobot acknowledge`; preview the "
-        "first motion with POST /robot/plan/... before it moves."
+        f"Tool and load: {_load(model)}. Compare this with the arm. Motions are limited to {FIRST_SHARE:.0%} "
+        "of their speed, and streaming is off, until POST /robot/acknowledge or `cobot acknowledge`; preview "
+        "the first motion with POST /robot/plan/... before it moves."
     )
     return " ".join([reported, *_beyond(model, position), to_do])
 

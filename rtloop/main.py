@@ -40,7 +40,7 @@ def main() -> int:
     """Run until SIGTERM or SIGINT. Returns the exit status: 0, or 2 if it could not start."""
     parser = argparse.ArgumentParser(prog="python -m rtloop", description=__doc__)
     parser.add_argument("--config", type=Path, help="settings file; default: the one shipped with cobot")
-    parser.add_argument("--robot", help="name of one of the `robots`; default: the first one")
+    parser.add_argument("--robot", help="name of one of the `robots`; default: the default robot")
     parser.add_argument("--clock", choices=("realtime", "fast"), help="instead of rt.clock")
     parser.add_argument("--check", action="store_true", help="only check that the backend can be made")
     parser.add_argument(

@@ -205,7 +205,7 @@ def _recovers(cell: Cell, driver: Driver) -> None:
 
 STOPPING = ("disconnect", "frozen", "nan", "e_stop", "protective_stop")
 RESTING = ("disconnect", "nan", "e_stop", "protective_stop")
-"""Without `frozen`, because constant values are normal for an arm at rest."""
+"""All but `frozen`, because constant values are normal for an arm at rest."""
 CHECKS: dict[str, Callable[[Cell], str]] = {
     **{f"{fault} in motion": partial(ends, fault, moving=True) for fault in STOPPING},
     **{f"{fault} at rest": partial(ends, fault, moving=False) for fault in RESTING},

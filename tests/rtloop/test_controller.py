@@ -385,7 +385,7 @@ def test_a_slot_with_an_impossible_number_of_segments_is_refused(rig: Rig, segme
     slot.head.data["segments"] = segments
     slot.head.publish()
     answer = rig.answer(rig.send(Command.START, slot=0, motion_id=1))
-    assert answer == f"the trajectory has {segments} segments, possible are 1 to 2000"
+    assert answer == f"the trajectory has {segments} segments, allowed are 1 to 2000"
 
 
 def test_random_bytes_in_every_block_that_the_service_writes_move_nothing(rig: Rig) -> None:

@@ -236,7 +236,7 @@ def test_words_of_the_device_are_made_printable(settings: Settings, robot: Robot
             [0.3],
             r"the backend's read\(\) raised ValueError: measured.position is given the shape \(1,\)",
         ),
-        ("status", None, r"the backend's status\(\) returns what cannot be used: AttributeError: "),
+        ("status", None, r"the backend's status\(\) returns an unusable value: AttributeError: "),
         ("status", DeviceStatus(packets_lost=-1), r"the backend's status\(\) returns .*: OverflowError: "),
         ("status", DeviceStatus(packets_lost=10**300), r"status\(\) returns .*: OverflowError: "),
         ("status", DeviceStatus(speed_scaling=10**400), r"status\(\) returns .*: OverflowError: "),

@@ -101,4 +101,4 @@ def test_what_there_is_no_room_for_is_named_once_in_the_log(
     shown = [each.name for each in report_of(rig.memory.io.data).points]
     assert shown == [name for name in arm._io if name != long]
     (line,) = [each.getMessage() for each in caplog.records if long in each.getMessage()]
-    assert line.endswith(f"nobody sees: {long}; there is room for {IO_POINTS}, with names of up to 64 bytes")
+    assert line.endswith(f"not shown: {long}; there is room for {IO_POINTS}, with names of up to 64 bytes")

@@ -77,7 +77,7 @@ def test_what_the_drives_cannot_give_is_found_with_time_and_joint(
     assert flaw is not None
     assert flaw.joint == "joint2"
     assert 0.0 < flaw.time_s < motion.duration_s
-    assert "the drive gives all of its" in flaw.says
+    assert "the drive reaches its limit of" in flaw.says
 
 
 def test_what_the_safety_layer_would_catch_is_found(
@@ -94,7 +94,7 @@ def test_what_the_safety_layer_would_catch_is_found(
 def test_a_motion_that_the_cycle_refuses_is_an_error(
     settings: Settings, own: RobotDescription, motion: Trajectory
 ) -> None:
-    with pytest.raises(PlanningError, match=r"the cycle refuses this motion: .*joint 2 is"):
+    with pytest.raises(PlanningError, match=r"the real-time loop rejects this motion: .*joint 2 is"):
         rehearse(settings, own, THERE, motion)
 
 

@@ -175,7 +175,7 @@ def test_a_motion_that_it_does_not_take_is_a_fault_with_its_words(rig: Rig, arm:
     assert rig.start(motion(rig)) == ""
     rig.step(200)
     assert rig.mode is LoopMode.FAULT
-    assert "does not take the motion: more than 100 points" in rig.reason
+    assert "rejects the motion: more than 100 points" in rig.reason
     arm.refuses = ""
     rig.step(300)
     assert rig.answer(rig.send(Command.RESET)) == ""

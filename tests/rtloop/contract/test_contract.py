@@ -108,25 +108,25 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
         ("ReportsForEver", "io", "more than 1000 inputs and outputs, at most 1000 are allowed"),
         ("NamesAnEscape", "io", r"is '\\x1b\[2J', it must be a text of 1 to 1000 printable characters"),
         ("ClaimsAForce", "claims", "capabilities.wrench is claimed without a method write_wrench"),
-        ("SendsTheLast", "staleness", "is 1 cycles older than what was written"),
+        ("SendsTheLast", "staleness", "reach the device 1 cycles after they were written"),
         (
             "Jumps",
             "disconnect in motion",
-            "after a reset, what the device is sent: the .* of its limit",
+            "after a reset, commands sent to the device: the .* of its limit",
         ),
         ("Coarse", "limits", "what the device is sent: the .* is .* of its limit"),
         ("StrangeMode", "status", "operation_mode is 'MANUAL'"),
         ("SaysAlwaysAuto", "operation_mode", "stays 'AUT'"),
         ("HidesStops", "e_stop at rest", "e_stop is a fault: not in"),
         ("Impatient", "loss", "a packet was lost"),
-        ("NeedsARestart", "protective_stop in motion", "a reset is refused: .*open it again"),
+        ("NeedsARestart", "protective_stop in motion", "a reset is rejected: .*open it again"),
         ("StopsNot", "stop", "a stopped motion ended as ARRIVED"),
         ("SaysItIsThere", "motion", "is .* from where it is commanded"),
         ("ForgetsOutputs", "io", "gripper closed is reported as 1: not in"),
         ("TakesAnyOutput", "io", "set_output.'no such output'. raises no BackendError"),
         ("HasASlash", "io", "'gripper/closed': a name has"),
         ("ClaimsOutputs", "claims", "capabilities.io is claimed without a method set_output"),
-        ("GoesHome", "entry", "the first command for .* beside what is measured|FAULT"),
+        ("GoesHome", "entry", "the first command for .* from the measured position|FAULT"),
     ],
 )
 def test_each_way_of_breaking_it_is_found(settings: Settings, arm: str, check: str, found: str) -> None:
@@ -151,7 +151,7 @@ def test_durations_count_when_they_are_asked_for(capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.parametrize(
-    ("name", "status", "found"), [(TOY, 0, "beats in 0.5 s"), (HURRIES, 1, "beat too fast: ")]
+    ("name", "status", "found"), [(TOY, 0, "beats in 0.5 s"), (HURRIES, 1, "packets too fast: ")]
 )
 def test_beats_are_held_against_the_clock_when_asked_for(
     capsys: pytest.CaptureFixture[str], name: str, status: int, found: str
@@ -161,7 +161,7 @@ def test_beats_are_held_against_the_clock_when_asked_for(
 
 
 def test_a_robot_is_not_moved_by_it(settings: Settings) -> None:
-    with pytest.raises(ConfigError, match=r"moves something real.*the contract is not run on a robot"):
+    with pytest.raises(ConfigError, match=r"moves a real arm.*the contract does not run on a real robot"):
         cell_for(settings, "broken_arms:Real")
 
 

@@ -129,7 +129,7 @@ def test_the_list_says_what_cannot_be_used_and_why(
     monkeypatch.setattr("rtloop.backends.registry.entry_points", lambda group: [broken, boasts])
     listed = {each.name: each for each in listing.listed()}
     assert listed["broken"].problem.startswith("cannot load 'broken': ModuleNotFoundError")
-    assert listed["boasts"].problem.startswith("Boasts.capabilities is 'yes', it has to be a Capabilities")
+    assert listed["boasts"].problem.startswith("Boasts.capabilities is 'yes', it must be a Capabilities")
     assert listed["fri"].contract == "simulated device"
     assert listed["mujoco"].contract == "itself"
     monkeypatch.setattr(listing.importlib.util, "find_spec", lambda name: None)
