@@ -1,12 +1,12 @@
-"""Mirrors the graph of the web service to DDS: its services, its actions and its topics, both ways.
+"""Mirrors the graph of the web service to DDS, in both directions: services, actions and topics.
 
-What there is comes from the service's topic /cobot/graph, so nothing here knows any of it by name. A service
-of the graph becomes a ROS service, a topic that somebody publishes there is published here, and one that
-somebody listens to there is subscribed here. No message comes back to where it came from: the service sends a
-gateway nothing that it has published itself, and a participant does not hear itself. Actions are services and
-topics. A topic that is subscribed there with several types has a reader for each here.
+The service's topic /cobot/graph lists everything, so no name is known here in advance. A service of the graph
+becomes a ROS service. A topic with a publisher in the graph is published here, and one with a subscriber
+there is subscribed to here. No message returns to its origin: the service does not send a gateway its own
+messages, and a participant does not receive its own. Actions consist of services and topics. A topic with
+subscribers of several types has one reader here for each type.
 
-While the service is away everything stays, and calls answer that it is.
+While the service is away everything stays, and calls report that it is away.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from cobot.ros.messages import ros_time
 
 GRAPH = "/cobot/graph"
 STATUS_OF_ACTIONS = "/_action/status"
-"""Topics that end so are latched, as in ROS: who looks later sees the goals as they are."""
+"""Topics with this ending are latched, as in ROS: late subscribers see the present status of goals."""
 DEPTH = 1000
 GOAL_ABORTED, CANCEL_REJECTED = 6, 1
 SEND_GOAL, GET_RESULT = "/_action/send_goal", "/_action/get_result"
 MAX_UNREAD = 64
-"""Maximum number of goals too large to be read whose reason is kept, the newest ones."""
+"""Maximum number of goals that were too large to read and whose reason is kept; the newest ones are kept."""
 
 Made = TypeVar("Made", Service, Publisher, Subscription)
 Key = TypeVar("Key", str, tuple[str, str])
@@ -43,13 +43,13 @@ log = logging.getLogger("cobot.ros2")
 
 
 class Gateway:
-    """Mirrors while `run` runs.
+    """The mirror; it works while `run` runs.
 
     Args:
-        url: of the service.
+        url: address of the service.
         own: topics that this process publishes itself.
-        token: by which the service knows this process.
-        role: what it may do there. An observer does not listen to what nobody would take from it.
+        token: identifies this process to the service.
+        role: rights of this process there. An observer does not subscribe to topics that it may not forward.
     """
 
     def __init__(
@@ -68,10 +68,10 @@ class Gateway:
         await self.link.run()
 
     def publish(self, topic: str, type_: str, message: Message) -> bool:
-        """Publish on the graph; whether the service is there.
+        """Publish on the graph; returns whether the service is there.
 
         Raises:
-            PermissionDenied: whoever comes over ROS may only look.
+            PermissionDenied: clients over ROS may only observe.
         """
         require(self._identity, Role.OPERATOR)
         self.link.send({"op": "advertise", "topic": topic, "type": type_})
@@ -86,7 +86,7 @@ class Gateway:
             subscription.close()
 
     def _greet(self) -> None:
-        """A new connection knows nothing of the one before."""
+        """Set up a new connection, which knows nothing about the previous one."""
         self.link.send({"op": "cobot_gateway"})
         self.link.send({"op": "subscribe", "topic": GRAPH, "type": "std_msgs/msg/String"})
         for publisher in self._out.values():
@@ -104,22 +104,22 @@ class Gateway:
                 log.warning("a message on %s cannot be passed on: %s", topic, exc)
 
     def _mirror(self, graph: dict[str, Any]) -> None:
-        """Have exactly what the graph has."""
+        """Create and close endpoints until they match the graph."""
         messages = self._node.messages
         new = {name: text for name, text in graph["definitions"].items() if name not in messages.definitions}
-        messages.promise(new)  # the graph has read them
+        messages.promise(new)  # the graph has validated them
         topics = [topic for topic in graph["topics"] if topic["name"] not in self._own]
         published = {each["name"]: (each["name"], each["type"]) for each in topics if each["publishers"]}
         listens = self._identity.role >= Role.OPERATOR
         readers = [(each["name"], each["type"]) for each in topics if each["subscribers"] and listens]
         heard = dict(zip(readers, readers, strict=True))
         offered = {each["name"]: (each["name"], each["type"]) for each in graph["services"]}
-        # In this order: a client that has found a service has found joint_cmd, and may publish there at once.
+        # Topics first: a client that has found a service may publish to joint_cmd immediately.
         self._settle(self._in, heard, self._listen, self._unadvertise)
         self._settle(self._out, published, self._publish, self._unsubscribe)
         more = not offered.keys() <= self._services.keys()
         self._settle(self._services, offered, self._offer, lambda gone: None)
-        if more:  # they stay: the collector would take 0.1 s to look at them all, again and again
+        if more:  # services stay: collecting garbage among them takes 0.1 s each time
             gc.collect()
             gc.freeze()
 
@@ -139,7 +139,7 @@ class Gateway:
                 try:
                     have[key] = make(name, type_)
                 except CobotError as exc:
-                    log.warning("%s cannot be had over ROS 2: %s", name, exc)
+                    log.warning("%s is not available over ROS 2: %s", name, exc)
 
     def _offer(self, name: str, type_: str) -> Service:
         return self._node.service(name, type_, self._caller(name, type_))
@@ -198,7 +198,7 @@ class Gateway:
 
 
 class UnreadGoals:
-    """Goals that are too large for the service: accepted, so that their result can tell the reason.
+    """Goals that are too large for the service: they are accepted, so that their result can give the reason.
 
     ROS has no field for the reason of a rejection.
     """
@@ -212,12 +212,12 @@ class UnreadGoals:
             del self._reasons[next(iter(self._reasons))]
 
     def reason(self, action: str, goal_id: Message) -> str | None:
-        """Why a goal has not been read; None for every other goal."""
+        """Why a goal was not read; None for any other goal."""
         return self._reasons.get((action, str(goal_id)))
 
 
 def failure(response: Message, error: CobotError) -> Message:
-    """A response that reports a failure in the fields that its type has; ROS itself has none.
+    """A response that reports a failure in the fields of its type; ROS itself has no field for it.
 
     Args:
         response: the defaults of the type: a goal is not accepted by default, for example.

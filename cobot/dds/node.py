@@ -1,8 +1,9 @@
 """A ROS 2 node: publishers, subscriptions and service servers, as rmw_fastrtps makes them.
 
-Callbacks and handlers run in the event loop; what comes from the wire's thread is handed over in order. An
-action needs nothing of its own: it is three services and two topics below `NAME/_action/`, see
-https://design.ros2.org/articles/actions.html, and a handler may take as long as it likes to answer.
+Callbacks and handlers run in the event loop; messages from the network thread are handed over in order.
+Actions need
+no code here: an action consists of three services and two topics below `NAME/_action/`, see
+https://design.ros2.org/articles/actions.html, and a handler may take any time to answer.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from cobot.ros.messages import Messages
 
 Message = dict[str, Any]
 LARGE_BYTES = 1 << 16
-"""Messages above this size are decoded in a thread, so that a trajectory does not keep the others waiting."""
+"""Larger messages are decoded in a thread, so that a trajectory does not delay others."""
 MAX_BYTES = 4 * MAX_MESSAGE
 """Maximum size of a message: no type needs less than a quarter of its CDR as JSON (an int64 as `0,`)."""
 MAX_CALLS = 64
-"""Maximum number of calls of one service by one client that are worked on; its further requests wait."""
+"""Maximum number of one client's calls of one service in progress; its further requests wait."""
 CYCLONE = 0x0110
 CYCLONE_HEADER = slice(4, 20)
-"""rmw_cyclonedds writes who asks into the payload: uint64 guid, int64 sequence number, after 4 bytes."""
+"""rmw_cyclonedds writes the client into the payload: uint64 guid, int64 sequence number, after 4 bytes."""
 SERVICE_QOS = Qos(reliable=True, transient_local=False, depth=None)
 LATCHED_QOS = Qos(reliable=True, transient_local=True, depth=1)
 
@@ -40,7 +41,7 @@ log = logging.getLogger("cobot.ros2")
 
 
 class Publisher:
-    """Publishes on a topic. Made by `Node.publisher`; may be used in any thread."""
+    """Publishes on a topic. Made by `Node.publisher`; thread safe."""
 
     def __init__(self, node: Node, topic: str, type_: str, qos: Qos) -> None:
         self.topic = topic
@@ -53,19 +54,19 @@ class Publisher:
 
     @property
     def readers(self) -> int:
-        """How many readers of others there are."""
+        """The number of readers in other participants."""
         return len(self._writer.matched)
 
     def publish(self, message: Message) -> None:
-        """Send a message, in which ROS's defaults may be missing.
+        """Send a message, completed with ROS's defaults.
 
         Raises:
-            InputError: it is no message of this type, or too large.
+            InputError: it does not fit the type, or is too large.
         """
         self.publish_cdr(self._node.messages.to_cdr(self.type, message))
 
     def publish_cdr(self, content: bytes) -> None:
-        """Send a message that is CDR already, header included.
+        """Send a message as CDR, with its header.
 
         Raises:
             InputError: it is too large.
@@ -81,7 +82,7 @@ class Publisher:
 
 
 class Subscription:
-    """Gets the messages of a topic. Made by `Node.subscription`."""
+    """Receives the messages of a topic. Made by `Node.subscription`."""
 
     def __init__(
         self, node: Node, topic: str, type_: str, callback: Callable[[Message], None], qos: Qos
@@ -147,7 +148,7 @@ class Service:
         node.graph.add(self._reader.guid, self._writer.guid)
 
     def close(self) -> None:
-        """Requests that are under way get no answer."""
+        """Close the service; requests in progress get no answer."""
         self._node.graph.remove(self._reader.guid, self._writer.guid)
         self._reader.close()
         self._writer.close()
@@ -174,7 +175,7 @@ class Service:
                 content = messages.to_cdr(f"{self.type}_Response", await self._respond(payload))
             if header:
                 content = content[: CYCLONE_HEADER.start] + header + content[CYCLONE_HEADER.start :]
-            # To the client's reader alone, and there even if it is yet to be discovered.
+            # Only to the client's reader, even if it is yet to be discovered.
             only = asker.writer if asker.writer.is_reader else None
             self._writer.write(content, related=asker, only=only)
         except (CobotError, RtpsError) as exc:
@@ -188,12 +189,12 @@ class Service:
 
 
 class Node:
-    """The one node of a participant.
+    """The only node of a participant.
 
     Args:
-        messages: the types; may be given more of them later.
+        messages: the types; more may be added later.
         gid_bytes: see `Graph`.
-        loop: where callbacks and handlers run.
+        loop: runs callbacks and handlers.
     """
 
     def __init__(
@@ -211,15 +212,15 @@ class Node:
         self.graph = Graph(participant, name, gid_bytes, loop)
 
     async def read_large(self, type_: str, payload: bytes) -> Message:
-        """Decodes CDR without keeping the event loop waiting.
+        """Decode CDR without blocking the event loop.
 
         Raises:
-            PayloadError: it is larger than anything that the service accepts.
+            PayloadError: it is larger than the service accepts.
             InputError: it is not a message of this type.
         """
         if len(payload) > MAX_BYTES:
             raise PayloadError(f"the message has {len(payload)} bytes, allowed are {MAX_BYTES}")
-        self.messages.record(type_)  # types are added in this thread alone
+        self.messages.record(type_)  # only this thread may add types
         return await asyncio.to_thread(self.messages.from_cdr, type_, payload)
 
     def publisher(self, topic: str, type_: str, *, depth: int = 10, latched: bool = False) -> Publisher:
@@ -227,25 +228,25 @@ class Node:
 
         Args:
             type_: "std_msgs/msg/String".
-            depth: how many messages are kept for those who read slowly.
-            latched: who comes later gets the last message (transient local).
+            depth: number of messages that are kept for slow readers.
+            latched: whether late readers get the last message (transient local).
 
         Raises:
-            InputError: no such type.
+            InputError: the type is unknown.
         """
         return Publisher(self, topic, type_, LATCHED_QOS if latched else Qos(depth=depth))
 
     def subscription(
         self, topic: str, type_: str, callback: Callable[[Message], None], *, reliable: bool = True
     ) -> Subscription:
-        """Get a topic's messages.
+        """Receive a topic's messages.
 
         Args:
-            callback: called with each, in the order of each publisher; it must be quick.
-            reliable: whether to get nothing from publishers that are not.
+            callback: called with each message, in order for each publisher; must be fast.
+            reliable: whether to ignore publishers that are not reliable.
 
         Raises:
-            InputError: no such type.
+            InputError: the type is unknown.
         """
         return Subscription(self, topic, type_, callback, Qos(reliable=reliable, depth=None))
 
@@ -254,11 +255,11 @@ class Node:
 
         Args:
             type_: "aubo_interfaces/srv/GetDof".
-            handler: gets the complete request and gives the response, in which ROS's defaults may be missing.
-                If it raises a CobotError there is no answer, because ROS has none for that.
+            handler: gets the complete request and returns the response, in which ROS's defaults may be
+                missing. If it raises a CobotError there is no answer, because ROS has none for failures.
 
         Raises:
-            InputError: no such type.
+            InputError: the type is unknown.
         """
         if not self.messages.has_service(type_):
             raise InputError(f"there is no type {type_!r} here")

@@ -1,4 +1,4 @@
-"""From the command line to a node that ROS 2 sees."""
+"""Command line and start of the node for ROS 2."""
 
 from __future__ import annotations
 
@@ -37,11 +37,13 @@ log = logging.getLogger("cobot.ros2")
 
 
 def main() -> int:
-    """Serve until SIGTERM; the exit status: 0, or 2 when it could not start."""
+    """Serve until SIGTERM. Returns the exit status: 0, or 2 if it could not start."""
     parser = argparse.ArgumentParser(prog="python -m cobot.dds", description=__doc__)
-    parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
+    parser.add_argument("--config", type=Path, help="settings file; default: the one shipped with cobot")
     parser.add_argument(
-        "--url", default="", help="of the web service; without it only the robots' states are told"
+        "--url",
+        default="",
+        help="address of the web service; without it only robot states are published",
     )
     parser.add_argument("--last-words", type=int, help="descriptor of a file that outlives this process")
     arguments = parser.parse_args()
@@ -88,13 +90,13 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
         Parameters(node, options(settings, robots, gateway))
         _announce(settings, participant)
         gc.freeze()
-        gc.enable()  # `cobot.dds.__main__` had it wait
+        gc.enable()  # `cobot.dds.__main__` had disabled it
         work: list[asyncio.Task[Any]] = [asyncio.create_task(ended.wait())]
         if gateway is not None:
             work.append(asyncio.create_task(gateway.run()))
         done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
         for task in done:
-            task.result()  # the gateway never ends by itself: raises what ended it
+            task.result()  # the gateway never ends by itself: raises its error
         for robot in robots:
             robot.close()
     finally:
@@ -104,7 +106,7 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
 
 
 def _robots(node: Node, settings: Settings) -> list[Telemetry]:
-    """Their topics, begun; and those that they share."""
+    """Start the topics of all robots, and those that they share."""
     transforms = node.publisher("/tf", TRANSFORMS, depth=100)
     prefixes = {name: f"{name}/" if len(settings.each) > 1 else "" for name in settings.each}
     robots = [Telemetry(node, each, prefixes[name], transforms) for name, each in settings.each.items()]
@@ -132,10 +134,10 @@ def _announce(settings: Settings, participant: Participant) -> None:
     log.log(logging.WARNING if risky else logging.INFO, "%s", ros_access(ros, settings.web))
     if not participant.multicast:
         log.warning(
-            "there is no multicast: found are the first participants on this computer and on ros.peers"
+            "there is no multicast: only the first participants on this computer and on ros.peers are found"
         )
     for name in settings.each:
         if not ROS_NAME.fullmatch(name):
             log.warning(
-                "the robot's name %r is no name in ROS: its tools will refuse the topics below it", name
+                "the robot's name %r is not a ROS name: ROS tools will reject the topics below it", name
             )

@@ -1,9 +1,8 @@
-"""The client side of rosbridge v2, as the gateway needs it: a connection to the service, made anew when lost.
+"""Client of rosbridge v2 for the gateway: a connection to the service that is reopened when it is lost.
 
-Messages of a topic keep their order; topics and services take turns, so that a flood of one does not delay
-the others. A message that the service would reject for its size is rejected here, because a frame that is too
-large closes the connection for everybody. A call ends with its answer, with the connection, or is rejected at
-once.
+Messages of a topic keep their order; topics and services take turns, so that one topic cannot delay the
+others. A message that is too large for the service is rejected here, because a frame that is too large closes
+the connection for all clients. A call ends with its answer or with the connection, or is rejected at once.
 """
 
 from __future__ import annotations
@@ -30,9 +29,9 @@ from cobot.ros.message_limits import check_message
 Message = dict[str, Any]
 PATH = "/rosbridge"
 MAX_CALLS = 960
-"""Maximum number of calls under way; the service takes 1024 of one client."""
+"""Maximum number of calls in progress; the service accepts 1024 of one client."""
 MAX_CALLS_OF_CLIENT = 120
-"""Maximum number of calls of one client under way, so that none takes the place of the others."""
+"""Maximum number of one client's calls in progress, so that it cannot displace others."""
 MAX_RECEIVED = 64 << 20
 FIRST_RETRY_S = 0.05
 LAST_RETRY_S = 1.0
@@ -46,13 +45,13 @@ log = logging.getLogger("cobot.ros2")
 
 
 class Rosbridge:
-    """A connection to the service that comes back by itself.
+    """A connection to the service that reopens by itself.
 
     Args:
-        url: of the service, "http://localhost:8007".
+        url: address of the service, such as "http://localhost:8007".
         on_open: called with each new connection, before anything else is sent on it.
-        on_message: called with (topic, message) of what was subscribed.
-        token: by which the service knows this process.
+        on_message: called with (topic, message) of subscriptions.
+        token: identifies this process to the service.
     """
 
     def __init__(
@@ -92,10 +91,10 @@ class Rosbridge:
             pause_s = min(2.0 * pause_s, LAST_RETRY_S)
 
     def send(self, content: Message) -> bool:
-        """Queues a message, if the service is there and keeps up; returns whether it did.
+        """Queue a message if the service is there and keeps up; returns whether it was queued.
 
         Raises:
-            PayloadError: the message is larger than the service accepts.
+            PayloadError: the message is too large for the service.
         """
         if not self._open:
             return False
@@ -109,20 +108,20 @@ class Rosbridge:
         return queued
 
     async def call(self, service: str, request: Message, client: bytes = b"") -> Message:
-        """Calls a service.
+        """Call a service.
 
         Args:
-            client: who calls, for the limit on calls of one client.
+            client: the caller, for the limit on calls of one client.
 
         Raises:
-            UnavailableError: the service of cobot is away, goes away, or has too much to do.
-            PayloadError: the request is larger than the service accepts.
-            CobotError: the call was rejected, with the reason, and the class for the code of the answer.
+            UnavailableError: the service of cobot is away, goes away, or is overloaded.
+            PayloadError: the request is too large for the service.
+            CobotError: the call was rejected, with the reason; the class is that of the answer's code.
         """
         if len(self._calls) >= MAX_CALLS:
-            raise UnavailableError(f"{MAX_CALLS} calls over ROS 2 are under way already")
+            raise UnavailableError(f"{MAX_CALLS} calls over ROS 2 are already in progress")
         if self._calls_of[client] >= MAX_CALLS_OF_CLIENT:
-            raise UnavailableError(f"{MAX_CALLS_OF_CLIENT} calls of this ROS 2 process are under way already")
+            raise UnavailableError(f"{MAX_CALLS_OF_CLIENT} calls of this process are already in progress")
         number = f"call:{next(self._numbers)}"
         answer: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
         self._calls[number] = answer
@@ -190,7 +189,7 @@ class Rosbridge:
                 log.warning("the service says: %s", content["msg"])
 
     def _answer(self, number: str, values: Any, code: int | None) -> None:
-        """Ends a call; `code`: of its rejection, None for a result."""
+        """End a call. code: of its rejection; None for a result."""
         answer = self._calls.get(number)
         if answer is None or answer.done():
             return

@@ -1,8 +1,8 @@
-"""What a robot tells, straight from its shared memory: joint states up to 1 kHz, poses, forces, frames.
+"""Topics of a robot, directly from its shared memory: joint states at up to 1 kHz, poses, forces, frames.
 
-One thread per robot publishes on absolute deadlines. A message carries the moment of its measurement, and no
-measurement is sent twice: when rtloop dies or the robot cannot be read, the topics fall silent, and
-`/{robot}/status`, which goes on, says why.
+One thread per robot publishes at absolute deadlines. A message has the time of its measurement, and no
+measurement is sent twice. If rtloop crashes or the robot cannot be read, these topics stop, while
+`/{robot}/status` continues and gives the reason.
 """
 
 from __future__ import annotations
@@ -26,32 +26,32 @@ from cobot.robot.tool import ToolFile
 from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
 
 IDLE_S = 0.02
-"""While nobody listens, this process looks so often whether somebody does, s."""
+"""Interval at which this process checks for subscribers while there are none, s."""
 RETRY_S = 0.5
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4
-"""The header's stamp stands here, behind the four bytes that begin all CDR."""
+"""Offset of the header's stamp, after the four bytes that begin all CDR."""
 _SECOND_NS = 1_000_000_000
 
 log = logging.getLogger("cobot.ros2")
 
 
 class JointStates:
-    """Writes sensor_msgs/msg/JointState as CDR into a template: 6 µs instead of 90.
+    """Writes sensor_msgs/msg/JointState as CDR into a template, in 6 µs instead of 90.
 
     Args:
-        template: such a message of the same joints, as CDR.
+        template: a message for the same joints, as CDR.
     """
 
     def __init__(self, template: bytes, dof: int) -> None:
         self._bytes = bytearray(template)
         self._joints = struct.Struct(f"<{dof}d")
-        # The three arrays end the message; before each stand its length and four bytes of padding.
+        # The three arrays are last in the message; each follows its length and four bytes of padding.
         step = self._joints.size + 8
         self._at = [len(template) - self._joints.size - step * place for place in (2, 1, 0)]
 
     def cdr(self, state: np.ndarray, stamp_ns: int) -> bytes:
-        """Of a record of `cobot.ipc.state_fields.state_dtype`: rad, rad/s, N·m."""
+        """The message for a record of `cobot.ipc.state_fields.state_dtype`: rad, rad/s, N·m."""
         _STAMP.pack_into(self._bytes, _STAMP_AT, *divmod(stamp_ns, _SECOND_NS))
         for at, name in zip(self._at, ("position", "velocity", "effort"), strict=True):
             self._joints.pack_into(self._bytes, at, *state[name].tolist())
@@ -63,7 +63,7 @@ class Feed:
     """A topic with its own rate.
 
     Attributes:
-            due_ns: on the monotonic clock.
+            due_ns: time of the next message, on the monotonic clock.
     """
 
     publisher: Publisher
@@ -77,25 +77,26 @@ class Feed:
         return int(_SECOND_NS / self.rate_hz)
 
     def advance(self, now_ns: int) -> None:
-        """To the next time on the grid of the rate, unless that has been left by more than a period."""
+        """Set the next time on the grid of the rate; restart the grid after a delay of more than a period."""
         self.due_ns += self.period_ns
         if self.due_ns <= now_ns:
             self.due_ns = now_ns + self.period_ns
 
 
 class Telemetry:
-    """The topics of one robot. Made in the event loop; publishes in a thread of its own.
+    """The topics of one robot. Made in the event loop; publishes in its own thread.
 
     Args:
-        prefix: of frames, where several robots share one tree.
+        prefix: prefix of frame names, for several robots in one tree.
         transforms: the publisher of /tf, which all robots share.
 
     Attributes:
-        topics: the names of those that are this robot's own.
+        topics: names of this robot's own topics.
         description: std_msgs/msg/String with the URDF, as CDR.
-        static_transforms: of links that no joint moves, as dicts.
-        problem: why there was no fresh state the last time.
-        on_tool: called in that thread when the TCP, which is part of both, is elsewhere.
+        static_transforms: transforms of links that no joint moves, as dicts.
+        problem: why the last state was missing or old.
+        on_tool: called in that thread when the TCP changes, which is part of the description and the
+            transforms.
     """
 
     def __init__(self, node: Node, settings: Settings, prefix: str, transforms: Publisher) -> None:
@@ -158,7 +159,7 @@ class Telemetry:
                 self._ended.wait(RETRY_S)
 
     def _cycle(self) -> None:
-        """Publish what is due, and sleep until something is."""
+        """Publish the topics that are due, and sleep until the next is due."""
         now_ns = time.monotonic_ns()
         due = [feed for feed in self._feeds if feed.publisher.readers and feed.due_ns <= now_ns]
         status_due = self._status.due_ns <= now_ns
@@ -176,11 +177,11 @@ class Telemetry:
         time.sleep(max(0.0, (next_ns - time.monotonic_ns()) * 1e-9))
 
     def _follow_tool(self, version: int) -> None:
-        """Publish anew what has the TCP in it, if rtloop carries another tool than this process knows."""
+        """Publish the topics that contain the TCP again, if rtloop carries a new tool."""
         if version == self._model.tool.version:
             return
         tool = self._tool_file.read()
-        if tool.version != version:  # it is about to be changed back
+        if tool.version != version:  # the file has already changed again
             return
         self._model.carry(tool)
         self.description = self._encode(STRING, self._messages.description())
@@ -189,7 +190,7 @@ class Telemetry:
         self.on_tool()
 
     def read(self) -> np.ndarray | None:
-        """The newest state with a measurement that is fresh; otherwise None, and `problem` says why."""
+        """The newest state if its measurement is fresh; otherwise None, and `problem` gives the reason."""
         try:
             if self._memory is None:
                 self._memory = RobotMemory.attach(self.robot, MemoryRole.READER)
@@ -218,7 +219,7 @@ class Telemetry:
             return
         measured_ns = int(state["measured_monotonic_ns"])
         if measured_ns == feed.sent_ns:
-            feed.due_ns = now_ns + feed.period_ns // 4  # a little ahead of the robot: fall in step
+            feed.due_ns = now_ns + feed.period_ns // 4  # a little ahead of the robot: adjust the phase
             return
         feed.advance(now_ns)
         feed.sent_ns = measured_ns

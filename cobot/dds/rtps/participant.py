@@ -1,8 +1,9 @@
-"""A DDS participant in pure Python: bytes on topics, as ROS 2 nodes speak them (RTPS 2.2 over UDP and IPv4).
+"""A DDS participant in pure Python: bytes on topics, as ROS 2 nodes exchange them (RTPS 2.2 over UDP and
+IPv4).
 
-One thread serves the sockets and timers, another calls the callbacks; `Writer.write` sends from the thread
-that calls it. Callbacks may take their time without harm to the protocol, but all of one participant share
-one thread: what waits for long belongs elsewhere.
+One thread serves the sockets and timers, another runs the callbacks; `Writer.write` sends from the calling
+thread. Slow callbacks do not harm the protocol, but all callbacks of a participant share one thread, so long
+waits belong elsewhere.
 """
 
 from __future__ import annotations
@@ -47,21 +48,22 @@ _DEFAULT_LIMITS = Limits()
 
 
 class Participant:
-    """One member of a DDS domain.
+    """A member of a DDS domain.
 
-    interfaces: names or IPv4 addresses of the interfaces to use and announce; None: all but loopback, also
+    interfaces: names or IPv4 addresses of the interfaces to use and announce; None: all except loopback, also
         those that come up later.
-    localhost_only: only this machine, as ROS_LOCALHOST_ONLY asks for.
-    peers: IPv4 addresses of computers that multicast does not reach; their first participants are told.
-    name: the entity name that others may show.
-    user_data: ROS finds the enclave in it.
+    localhost_only: use only this machine, as ROS_LOCALHOST_ONLY requests.
+    peers: IPv4 addresses of computers that multicast does not reach; their first participants get
+    announcements.
+    name: entity name that others may show.
+    user_data: contains the enclave for ROS.
     on_change: called on the delivery thread after `discovered()` or `participants()` has changed.
     loss: a test's model of a bad network; called once per datagram in either direction, True drops it.
 
-    Errors: NetworkError when an interface or a free port is missing.
+    Errors: NetworkError if an interface or a free port is missing.
     """
 
-    # Many parameters: it is all that one says to DDS, mostly by default.
+    # Many parameters, because these are all settings of DDS; most have defaults.
     def __init__(
         self,
         domain_id: int = 0,
@@ -77,7 +79,7 @@ class Participant:
     ) -> None:
         self._wire = Wire(domain_id, interfaces, localhost_only, peers, limits, loss)
         self._lock = self._wire.lock
-        # 12 random bytes would do; ours begin with the vendor, as the specification suggests.
+        # The prefix begins with the vendor, as the specification suggests; the rest is random.
         self._prefix = submessages.VENDOR.to_bytes(2, "big") + os.urandom(10)
         self.guid = Guid(self._prefix + PARTICIPANT_ENTITY)
         self._inbound = Inbound(limits, self._wire.statistics)
@@ -109,9 +111,9 @@ class Participant:
         user_data: bytes = b"",
         accepts: Callable[[RemoteEndpoint], bool] | None = None,
     ) -> Writer:
-        """A writer of a keyless topic, at once announced to all participants.
+        """A writer of a keyless topic, announced to all participants at once.
 
-        accepts: whether it writes for a reader that fits otherwise; None: for each.
+        accepts: whether to write for a matching reader; None: for each.
         """
         with self._lock:
             guid = self._new_guid(_KEYLESS_WRITER)
@@ -128,7 +130,7 @@ class Participant:
         on_sample: Callable[[Sample], None],
         user_data: bytes = b"",
     ) -> TopicReader:
-        """A reader of a keyless topic; the delivery thread calls `on_sample`, in each writer's order."""
+        """A reader of a keyless topic; the delivery thread calls `on_sample`, in order for each writer."""
         with self._lock:
             guid = self._new_guid(_KEYLESS_READER)
             announcement = EndpointAnnouncement(guid, topic, type_name, qos, user_data)
@@ -139,7 +141,7 @@ class Participant:
             return reader
 
     def discovered(self) -> list[RemoteEndpoint]:
-        """The writers and readers of all other participants, whatever their topic."""
+        """The writers and readers of all other participants, on any topic."""
         with self._lock:
             return self._discovery.remotes
 
@@ -150,7 +152,8 @@ class Participant:
 
     @property
     def multicast(self) -> bool:
-        """Whether discovery can use multicast; without, only the first ones here and on the peers find it."""
+        """Whether discovery can use multicast; if not, only first participants on this computer and the peers
+        find it."""
         return self._wire.has_multicast
 
     @property
@@ -160,13 +163,13 @@ class Participant:
             return replace(self._wire.statistics)
 
     def leave_to(self, last_words: LastWords) -> None:
-        """Note what a successor needs to take leave for this one, should it be killed."""
+        """Note what a successor needs to announce this participant's end if it is killed."""
         with self._lock:
             interfaces = [str(interface.ip) for interface in self._wire.interfaces]
             last_words.leave(self.guid, self._domain_id, interfaces, self._wire.told_one_by_one)
 
     def close(self) -> None:
-        """Tell all peers that this participant is gone, and end its threads; may be called twice."""
+        """Announce this participant's end to all peers, and end its threads; may be called twice."""
         with self._lock:
             if self._closed:
                 return
@@ -182,7 +185,7 @@ class Participant:
         return Guid(self._prefix + number.to_bytes(3, "big") + bytes((kind,)))
 
     def _changed(self) -> None:
-        """Many changes at once are told once."""
+        """Schedule one notification for all changes until it runs."""
         if self._on_change is not None and not self._change_is_due:
             self._change_is_due = True
             self._delivery.put(self._tell_change)
@@ -193,7 +196,7 @@ class Participant:
         if self._on_change is not None:
             self._on_change()
 
-    # Datagrams; with the lock held
+    # Datagrams; called with the lock held
 
     def _on_datagram(self, datagram: memoryview, heard_from: str) -> None:
         try:
@@ -202,7 +205,7 @@ class Participant:
             self._wire.statistics.malformed += 1
 
     def _interpret(self, datagram: memoryview, heard_from: str) -> None:
-        """What a receiver keeps in mind from one submessage to the next is local here (RTPS 2.2, 8.3.4)."""
+        """Process a datagram; the receiver's state between submessages is local here (RTPS 2.2, 8.3.4)."""
         source, cursor = submessages.read_header(datagram)
         if source.prefix == self._prefix:
             return
@@ -279,7 +282,7 @@ class Participant:
             writer.on_fragments_wanted(prefix + reader, *submessages.read_fragments_wanted(message))
 
     def _readers(self, entity: bytes) -> list[Reader]:
-        """The one that is meant, or all where a submessage names none."""
+        """The addressed reader, or all if the submessage names none."""
         if entity == UNKNOWN_ENTITY:
             return list(self._discovery.readers.values())
         reader = self._discovery.readers.get(entity)

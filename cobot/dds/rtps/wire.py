@@ -1,6 +1,6 @@
-"""Sockets, timers and the one thread that serves both.
+"""Sockets, timers and the thread that serves both.
 
-Everything in this package that changes state does so while it holds `Wire.lock`.
+All code in this package holds `Wire.lock` while it changes state.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from cobot.dds.rtps.types import Address, Limits, Statistics
 _log = logging.getLogger(__name__)
 
 _BUFFER_BYTES = 4 << 20
-_SO_RCVBUFFORCE = 33  # asm-generic/socket.h: beyond the system's limit, for those who may
+_SO_RCVBUFFORCE = 33  # asm-generic/socket.h: exceeds the system's limit, for privileged processes
 _DATAGRAMS_AT_ONCE = 64
 
 
 class Wire:
-    """UDP of one participant.
+    """The UDP sockets of one participant.
 
     peers: addresses of computers that multicast does not reach.
     loss: a test's model of a bad network; called once per datagram in either direction, True drops it.
@@ -97,24 +97,24 @@ class Wire:
 
     @property
     def metatraffic(self) -> list[Address]:
-        """Where discovery reaches this participant."""
+        """Addresses at which discovery reaches this participant."""
         port = self._ports.metatraffic(self.participant_id)
         return [(str(interface.ip), port) for interface in self.interfaces]
 
     @property
     def user(self) -> list[Address]:
-        """Where samples reach this participant."""
+        """Addresses at which samples reach this participant."""
         port = self._ports.user(self.participant_id)
         return [(str(interface.ip), port) for interface in self.interfaces]
 
     @property
     def told_one_by_one(self) -> tuple[str, ...]:
-        """Computers whose first participants are told without multicast."""
+        """Computers whose first participants get announcements without multicast."""
         return self._peers if self.has_multicast else (LOOPBACK, *self._peers)
 
     def look_around(self) -> None:
-        """Use the networks that have come up, and no longer those that are gone."""
-        with suppress(NetworkError):  # what there was may come back
+        """Use networks that have come up, and drop those that have gone."""
+        with suppress(NetworkError):  # networks that have gone may come back
             self.interfaces = local_interfaces(self._wanted)
         self.has_multicast = _join(self._multicast, self.interfaces)
 
@@ -129,13 +129,13 @@ class Wire:
             return
         try:
             self._sender.sendto(datagram, address)
-        except OSError:  # no route, or no room: the same as a loss on the way
+        except OSError:  # no route or no space: equivalent to a loss on the network
             self.statistics.send_errors += 1
         else:
             self.statistics.datagrams_sent += 1
 
     def multicast(self, datagram: bytes) -> None:
-        """To the discovery group on every interface, and to the first ports of those it does not reach."""
+        """Send to the discovery group on every interface, and to the first ports of unreachable computers."""
         for address in first_addresses(self.told_one_by_one, self._ports):
             self.send(datagram, address)
         for interface in self.interfaces:
@@ -144,7 +144,7 @@ class Wire:
                 self.send(datagram, (DISCOVERY_GROUP, self._ports.discovery))
 
     def later(self, delay_s: float, action: Callable[[], None]) -> None:
-        """Call `action` on the wire's thread with the lock held; it cannot be taken back."""
+        """Call `action` on this object's thread with the lock held; this cannot be cancelled."""
         due_s = time.monotonic() + delay_s
         heapq.heappush(self._timers, (due_s, next(self._timer_numbers), action))
         if due_s < self._wakes_at and threading.current_thread() is not self._thread:
@@ -179,7 +179,7 @@ class Wire:
                     self._receive(receiver, buffer)
 
     def _run_timers(self) -> float | None:
-        """Run those that are due; seconds until the next."""
+        """Run the timers that are due; returns the seconds until the next one."""
         now_s = time.monotonic()
         while self._timers and self._timers[0][0] <= now_s:
             self._guarded(heapq.heappop(self._timers)[2])
@@ -191,7 +191,7 @@ class Wire:
         for _ in range(_DATAGRAMS_AT_ONCE):
             try:
                 size, address = receiver.recvfrom_into(buffer)
-            except OSError:  # nothing left, or an ICMP error of something sent before
+            except OSError:  # nothing left, or an ICMP error for an earlier datagram
                 return
             with self.lock:
                 self.statistics.datagrams_received += 1
@@ -201,7 +201,7 @@ class Wire:
                 self._guarded(partial(self._on_datagram, view[:size], address[0]))
 
     def _guarded(self, action: Callable[[], None]) -> None:
-        """No error of ours may end the thread that everything depends on."""
+        """Run an action; log its errors, because they must not end this thread."""
         try:
             action()
         except Exception:  # noqa: BLE001 - logged and counted
@@ -212,7 +212,7 @@ class Wire:
 def _bind_pair(
     udp: Callable[[], socket.socket], listen: str, ports: Ports
 ) -> tuple[int, tuple[socket.socket, socket.socket]]:
-    """The first participant number whose two ports are free, and the sockets."""
+    """The lowest participant number with two free ports, and the sockets."""
     metatraffic, user = udp(), udp()
     for number in range(MAX_PARTICIPANTS):
         try:
@@ -230,21 +230,21 @@ def _bind_pair(
 
 
 def _join(receiver: socket.socket, interfaces: Sequence[IPv4Interface]) -> bool:
-    """Listen to the discovery group on each that has multicast; whether any has."""
+    """Join the discovery group on each interface with multicast; returns whether there is one."""
     group = socket.inet_aton(DISCOVERY_GROUP)
     joined = False
     for interface in interfaces:
         try:
             receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group + interface.ip.packed)
         except OSError as exc:
-            joined = joined or exc.errno == errno.EADDRINUSE  # it listens there already
+            joined = joined or exc.errno == errno.EADDRINUSE  # it has joined there before
         else:
             joined = True
     return joined
 
 
 def _enlarge(receiver: socket.socket) -> None:
-    """A larger buffer for bursts; what the system refuses is repaired by retransmission."""
+    """Enlarge a buffer for bursts; if the system denies it, retransmission repairs losses."""
     try:
         receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER_BYTES)
     except PermissionError:

@@ -1,12 +1,12 @@
 """The writing side of one topic: history, readers, acknowledgements, retransmission (RTPS 2.2, 8.4.9).
 
-Samples go out at once with a final heartbeat, which asks for an answer only when something is missing. A
-timer, armed only while something is unacknowledged, sends heartbeats that ask for one. What is larger than a
-datagram, and everything that is sent again, goes through a queue per reader, a burst at a time, so that it
-does not overflow the receiver's socket buffer; small samples share a datagram there. Discovery uses this
-queue for all that it says: a robot's hundreds of endpoints are a few datagrams.
+Samples are sent at once with a final heartbeat, which requests an answer only if something is missing. A
+timer, which runs only while something is unacknowledged, sends heartbeats that request one. Samples larger
+than a datagram, and all repetitions, go through a queue per reader, in bursts that do not overflow the
+receiver's socket buffer; small samples share a datagram there. Discovery sends everything through this queue:
+hundreds of endpoints fit into a few datagrams.
 
-Long, because the history is what all of them share, under one lock.
+Long, because all parts share the history, under one lock.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from cobot.dds.rtps.wire import Wire
 
 _BURST_BYTES = 2 * LARGEST_PIECE  # three of these fill the usual receive buffer of 208 KiB
 _BETWEEN_BURSTS_S = 0.001
-_GATHERED_BYTES = 1_300  # of small samples in one datagram: a frame of Ethernet, as each is lost by itself
-_GATHERED_HERE_BYTES = 16_000  # the same within this computer, which has no frames
+_GATHERED_BYTES = 1_300  # of small samples in one datagram: a frame of Ethernet, so that a loss is small
+_GATHERED_HERE_BYTES = 16_000  # the limit within this computer, which has no frames
 _GATHER_S = 0.002
 _HELD_S = 10.0
 
 
 class Writer(Endpoint[ReaderProxy]):
-    """Made by `Participant.create_writer`; every public method may be called from any thread."""
+    """The writer of one topic. Made by `Participant.create_writer`; every public method is thread safe."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class Writer(Endpoint[ReaderProxy]):
         *,
         gathers: bool = False,
     ) -> None:
-        """gathers: samples wait for others that are written at the same time."""
+        """gathers: whether samples wait for others that are written at the same time."""
         super().__init__(wire, announcement)
         self.accepts = accepts or (lambda reader: True)
         self._gathers = gathers
@@ -64,11 +64,11 @@ class Writer(Endpoint[ReaderProxy]):
         self._timer_s = float("inf")
 
     def write(self, payload: bytes, related: SampleIdentity | None = None, only: Guid | None = None) -> int:
-        """Send one sample and return its sequence number; does not wait for anybody.
+        """Send one sample and return its sequence number, without waiting.
 
         payload: the serialised bytes with their 4-byte encapsulation header.
-        only: the one reader that it is for. If that is not matched yet the sample waits for it, 10 s at most,
-            in the history: what a reply to a client needs whose reply reader is discovered after its request.
+        only: the only reader to address. If it is not matched yet, the sample waits for it in the history, up
+            to 10 s: a client's reply reader may be discovered after its request.
         Errors: PayloadError beyond `Limits.payload`; ClosedError.
         """
         most = self._wire.limits.payload
@@ -81,7 +81,8 @@ class Writer(Endpoint[ReaderProxy]):
             return self._store(payload, inline, only=only)
 
     def write_keyed(self, payload: bytes, key: bytes, inline: bytes = b"", *, disposes: bool = False) -> int:
-        """A sample of a keyed topic; it replaces the one before it. For discovery, with the lock held."""
+        """Send a sample of a keyed topic, which replaces the previous one. For discovery, with the lock
+        held."""
         return self._store(payload, inline, key=key, disposes=disposes)
 
     def close(self) -> None:
@@ -138,7 +139,7 @@ class Writer(Endpoint[ReaderProxy]):
             self._pump(proxy)
 
     def _pump(self, proxy: ReaderProxy) -> None:
-        """Send one burst of the queue and come back for the next."""
+        """Send one burst of the queue and schedule the next."""
         if self._proxies.get(proxy.guid) is not proxy:
             return
         left = _BURST_BYTES
@@ -155,13 +156,14 @@ class Writer(Endpoint[ReaderProxy]):
             self._wire.later(_BETWEEN_BURSTS_S, partial(self._pump, proxy))
 
     def _take_small(self, proxy: ReaderProxy) -> list[Change]:
-        """From the front of the queue, what fits into one datagram; not what was replaced before it began."""
+        """Take small samples for one datagram from the queue; drop samples that were replaced before their
+        start."""
         taken: list[Change] = []
         room = _GATHERED_HERE_BYTES if proxy.address[0] == LOOPBACK else _GATHERED_BYTES
         for change, fragments in list(proxy.queue.items()):
             whole = len(fragments) == len(pieces(change))
             if whole and change.sequence not in self._history:
-                del proxy.queue[change]  # the next datagram has the gap
+                del proxy.queue[change]  # the next datagram reports the gap
                 continue
             room -= len(change.payload)
             if len(change.payload) > LARGEST_PIECE or (taken and room < 0):
@@ -171,7 +173,7 @@ class Writer(Endpoint[ReaderProxy]):
         return taken
 
     def _send_together(self, proxy: ReaderProxy, changes: list[Change]) -> int:
-        """Send whole samples in one datagram; their bytes."""
+        """Send whole samples in one datagram; returns the number of bytes."""
         body = b"".join(proxy.piece(change, 1) for change in changes)
         if proxy.reliable:
             body += self._heartbeat(proxy, final=True)
@@ -179,7 +181,7 @@ class Writer(Endpoint[ReaderProxy]):
         return len(body)
 
     def _send_fragments(self, proxy: ReaderProxy, left: int) -> int:
-        """Send fragments of the sample at the front of the queue; what is left of the burst."""
+        """Send fragments of the first sample in the queue; returns the rest of the burst's bytes."""
         change, fragments = next(iter(proxy.queue.items()))
         while fragments and left > 0:
             piece = next(iter(fragments))
@@ -201,13 +203,13 @@ class Writer(Endpoint[ReaderProxy]):
         self._wire.send(datagram, proxy.address)
 
     def _heartbeat(self, proxy: ReaderProxy, *, final: bool) -> bytes:
-        """A heartbeat of what this reader may ask for."""
+        """A heartbeat with the samples that this reader may request."""
         first = self._history.first(self._last + 1)
         if first <= proxy.joined:
             wanted = (change.sequence for change in self._history if proxy.wants(change))
             first = next(wanted, self._last + 1)
         proxy.heartbeat_s = time.monotonic()
-        # What still waits in the queue has not been sent, so nobody can miss it yet.
+        # Samples in the queue have not been sent, so no reader can miss them yet.
         return proxy.heartbeat(first, max(proxy.sent, first - 1), final=final)
 
     # Heartbeats while something is unacknowledged
@@ -221,7 +223,7 @@ class Writer(Endpoint[ReaderProxy]):
     def _on_timer(self) -> None:
         now_s = time.monotonic()
         if now_s < self._timer_s:
-            return  # an earlier one was set after this one
+            return  # superseded by an earlier timer
         self._timer_s = float("inf")
         for proxy in self._proxies.values():
             if proxy.due_s is None:
@@ -241,10 +243,10 @@ class Writer(Endpoint[ReaderProxy]):
         body = skipped + self._heartbeat(proxy, final=False)
         self._wire.send(proxy.enveloped(body), proxy.address)
 
-    # What readers say; called by the participant with the lock held
+    # Messages from readers; the participant calls these with the lock held
 
     def match(self, guid: bytes, address: Address, qos: Qos) -> None:
-        """A reader was discovered, or its address has changed."""
+        """Register a discovered reader, or its new address."""
         known = self._proxies.get(guid)
         if known is not None:
             known.address = address
@@ -264,7 +266,8 @@ class Writer(Endpoint[ReaderProxy]):
             self._greet(proxy, wanted)
 
     def _greet(self, proxy: ReaderProxy, wanted: list[Change]) -> None:
-        """Tell a new reliable reader what it may ask for; it asks when it knows this writer too."""
+        """Tell a new reliable reader which samples it may request, which it does once it has discovered this
+        writer."""
         first = wanted[0].sequence if wanted else self._last + 1
         before = submessages.gap(proxy.guid[12:], self._entity, 1, first) if first > 1 else b""
         self._wire.send(proxy.enveloped(before + self._heartbeat(proxy, final=False)), proxy.address)
@@ -286,13 +289,13 @@ class Writer(Endpoint[ReaderProxy]):
         if proxy.acknowledged >= self._last:
             proxy.due_s = None
         if len(missing) == MAX_BITS and proxy.asked < missing[-1]:
-            # It misses as many as it can say at once, so it misses what follows too.
+            # The list of missing samples is full, so the reader also lacks the later ones.
             missing = list(range(missing[0], proxy.sent + 1))
             proxy.asked = proxy.sent
         if missing:
             self._repair(proxy, missing)
         elif not final and not proxy.queue and time.monotonic() - proxy.heartbeat_s >= FIRST_HEARTBEAT_S / 2:
-            # The spacing keeps two eager ends from playing ping-pong.
+            # The minimum interval keeps two eager ends from answering each other endlessly.
             self._send_heartbeat(proxy)
 
     def _repair(self, proxy: ReaderProxy, missing: list[int]) -> None:
@@ -324,7 +327,8 @@ class Writer(Endpoint[ReaderProxy]):
             self._send_later(proxy, [(change, wanted)])
 
     def _release(self) -> None:
-        """Forget what every reader has; only where the depth does not decide, or a disposal is known."""
+        """Remove samples that every reader has, if the depth does not decide, and disposals that are
+        known."""
         if self.qos.depth is not None or not len(self._history):
             return
         everywhere = min((proxy.passed for proxy in self._proxies.values()), default=self._last)

@@ -1,4 +1,4 @@
-"""What a reader knows of one matched writer: what has arrived, waits for others, or is incomplete."""
+"""A reader's record of one matched writer: samples that have arrived, wait for others, or are incomplete."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from cobot.dds.rtps.submessages import Fragment
 from cobot.dds.rtps.types import Address, SampleIdentity
 
 _MAX_GAPS = 64
-_MAX_REPAIRED = 8  # incomplete samples whose fragments are asked for at once
+_MAX_REPAIRED = 8  # incomplete samples whose fragments are requested at once
 
 
 @dataclass(slots=True)
 class Arrival:
-    """A complete sample before it becomes a `Sample`; payload None when there was none."""
+    """A complete sample before it becomes a `Sample`; payload is None if it has none."""
 
     payload: bytes | None
     inline: Parameters | None
@@ -35,9 +35,9 @@ class Arrival:
 class WriterProxy(Holder):
     """A matched writer.
 
-    next: the number that is delivered next; all below have been delivered or will never come.
-    last: the highest number that is known to exist.
-    heard: a heartbeat came, so the writer knows this reader.
+    next: number of the next sample to deliver; all lower ones have been delivered or will never arrive.
+    last: highest number that is known to exist.
+    heard: whether a heartbeat has arrived, so that the writer knows this reader.
     """
 
     __slots__ = (
@@ -78,14 +78,14 @@ class WriterProxy(Holder):
         self.interval_s = 0.0
 
     def expects(self, sequence: int) -> bool:
-        """Whether a sample of this number is still of use."""
+        """Whether a sample with this number is still needed."""
         if sequence < self.next or sequence in self._pending:
             return False
-        # Before the first heartbeat nobody knows where the writer's samples begin.
+        # Before the first heartbeat it is unknown where the writer's samples begin.
         return not self.reliable or not self.heard or sequence < self.next + self._inbound.limits.window
 
     def accept(self, sequence: int, arrival: Arrival) -> Iterator[tuple[int, Arrival]]:
-        """The samples that can be delivered now that this one has come, in order."""
+        """Accept a sample, and yield those that can be delivered now, in order."""
         self.last = max(self.last, sequence)
         self._forget_assembly(sequence)
         if not self.reliable or sequence == self.next:
@@ -96,7 +96,7 @@ class WriterProxy(Holder):
             self._pending[sequence] = arrival
 
     def drain(self) -> Iterator[tuple[int, Arrival]]:
-        """Deliver and step over gaps while the next number is known."""
+        """Deliver samples and skip gaps while the next number is known."""
         while self._pending or self._gaps:
             arrival = self._pending.pop(self.next, None)
             if arrival is not None:
@@ -111,7 +111,7 @@ class WriterProxy(Holder):
             self.begin_at(max(ends))
 
     def begin_at(self, sequence: int) -> None:
-        """Nothing below this number will come any more."""
+        """Skip all numbers below this one, which will not arrive any more."""
         if sequence <= self.next:
             return
         self.next = sequence
@@ -121,11 +121,11 @@ class WriterProxy(Holder):
             self._forget_assembly(number)
 
     def announce(self, last: int) -> None:
-        """The writer says that this is its last sample; what is here already may be newer."""
+        """Note the writer's last number; samples that are already here may be newer."""
         self.last = max(last, max(self._pending, default=0), max(self._assemblies, default=0))
 
     def skip(self, start: int, base: int, members: list[int]) -> None:
-        """Note a gap; if there are too many to note, the writer is asked again and repeats it."""
+        """Note a gap. If there are too many, the writer repeats this one when it is asked again."""
         for first, end in [(start, base)] + [(member, member + 1) for member in members]:
             if first <= self.next:
                 self.begin_at(end)
@@ -137,7 +137,8 @@ class WriterProxy(Holder):
     def assemble(
         self, sequence: int, fragment: Fragment, inline: Parameters | None, piece: memoryview, now_s: float
     ) -> Assembly | None:
-        """The sample, if this fragment completes it. One that is too large counts as a gap."""
+        """Add a fragment; returns the sample if this completes it. A sample that is too large counts as a
+        gap."""
         assembly = self._assemblies.get(sequence)
         if assembly is None:
             if fragment.total > self._inbound.limits.payload:
@@ -164,14 +165,14 @@ class WriterProxy(Holder):
         self._pending.clear()
         self._assemblies.clear()
 
-    # What to tell the writer
+    # Messages to the writer
 
     @property
     def complete(self) -> bool:
         return self.next > self.last
 
     def quiet_since_s(self) -> float:
-        """When the last fragment of an incomplete sample came."""
+        """Time at which the last fragment of an incomplete sample arrived."""
         return max((assembly.touched_s for assembly in self._assemblies.values()), default=0.0)
 
     def _missing(self) -> list[int]:
@@ -186,7 +187,7 @@ class WriterProxy(Holder):
         ]
 
     def acknowledgement(self) -> bytes:
-        """All that is here and all that is missing."""
+        """An acknowledgement with the numbers that have arrived and those that are missing."""
         base = self.next
         self._acknowledgements += 1
         body = submessages.acknowledgement(
@@ -197,7 +198,7 @@ class WriterProxy(Holder):
         return self._envelope + body
 
     def introduction(self, base: int) -> bytes:
-        """The first acknowledgement, which asks for a heartbeat; `base` 0 or 1, as the vendor likes it."""
+        """The first acknowledgement, which requests a heartbeat; `base` is 0 or 1, as the vendor expects."""
         self._acknowledgements += 1
         body = submessages.acknowledgement(
             self._reader, self._writer, base, (), self._acknowledgements, final=False
