@@ -114,7 +114,7 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
             "disconnect in motion",
             "after a reset, commands sent to the device: the .* of its limit",
         ),
-        ("Coarse", "limits", "what the device is sent: the .* is .* of its limit"),
+        ("Coarse", "limits", "commands sent to the device: the .* is .* of its limit"),
         ("StrangeMode", "status", "operation_mode is 'MANUAL'"),
         ("SaysAlwaysAuto", "operation_mode", "stays 'AUT'"),
         ("HidesStops", "e_stop at rest", "e_stop is a fault: not in"),
@@ -151,7 +151,7 @@ def test_durations_count_when_they_are_asked_for(capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.parametrize(
-    ("name", "status", "found"), [(TOY, 0, "beats in 0.5 s"), (HURRIES, 1, "packets too fast: ")]
+    ("name", "status", "found"), [(TOY, 0, "packets in 0.5 s"), (HURRIES, 1, "packets too fast: ")]
 )
 def test_beats_are_held_against_the_clock_when_asked_for(
     capsys: pytest.CaptureFixture[str], name: str, status: int, found: str
