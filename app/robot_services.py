@@ -41,6 +41,7 @@ from app.services.state.commands import loading_s
 from app.services.state.io import IoService
 from app.services.state.link import RobotLink
 from app.services.streaming.force import ForceService
+from app.services.streaming.force_motions import ForceMotionService
 from app.services.streaming.freedrive import FreedriveService
 from app.services.streaming.hung_clients import watching_clients
 from app.services.streaming.servo import ServoService
@@ -103,6 +104,7 @@ class Services:
     streams: StreamService
     equipment: Equipment
     force: ForceService
+    force_motions: ForceMotionService
     freedrive: FreedriveService
     io: IoService
     programs: ProgramService
@@ -203,6 +205,7 @@ def _services(
         streams=streams,
         equipment=equipment,
         force=force,
+        force_motions=ForceMotionService(robot, link, ownership, streams, goals, planning),
         freedrive=FreedriveService(robot, link, streams),
         io=IoService(link),
         programs=ProgramService(settings.sequences.programs, ownership, sequences, stopping),

@@ -18,13 +18,13 @@ from urllib.parse import quote
 from cobot.addresses import CONTROL_TOKEN
 from cobot.client.connection import Json
 from cobot.client.events import EventConnection
-from cobot.client.moves import Moves
+from cobot.client.force import ForceMoves
 from cobot.errors import CobotError, UnavailableError
 
 STOP_TRIES, STOP_TIMEOUT_S = 3, 15.0
 
 
-class Client(Moves, EventConnection):
+class Client(ForceMoves, EventConnection):
     """One robot's service.
 
     Args:

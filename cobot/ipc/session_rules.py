@@ -16,6 +16,9 @@ DAMPING_RATIOS = (0.3, 1.0)
 """Range of damping ratios: below it the arm would oscillate, above it the control cycle could not follow."""
 MAX_DECIMATION = 1000
 """The largest number of cycles between two targets."""
+FORCE_RATE_RAD_S = 5.0
+"""How fast an error of the force decays where nothing gives way but the arm's own springs; slower where the
+surroundings give way too. It is well below what the estimate of the external wrench can follow."""
 NO_FRAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 MOVE_S = (0.001, 600.0)
 """Shortest and longest duration of a `move_to_pose`, s."""
@@ -126,3 +129,13 @@ def _normalise(pose: Array, name: str) -> None:
     if not abs(length - 1.0) <= QUATERNION_TOLERANCE:
         raise InputError(f"the quaternion of {name} must have length 1, got {pose[3:].tolist()}")
     pose[3:] /= length
+
+
+def force_gain(cartesian_stiffness: Array) -> float:
+    """Velocity of the TCP for each N that is missing of the force, m/s per N; 0 without springs.
+
+    Args:
+        cartesian_stiffness: of a session, shape (6,), N/m and N·m/rad.
+    """
+    stiffest = float(cartesian_stiffness[:3].max())
+    return FORCE_RATE_RAD_S / stiffest if stiffest else 0.0

@@ -23,13 +23,11 @@ from rtloop.sources.target_checks cimport (
 
 import numpy as np
 
+from cobot.ipc.session_rules import FORCE_RATE_RAD_S
 from rtloop.generators.pose_interpolation import MinJerkMove, PoseInterpolator
 from rtloop.generators.pose_limiter import PoseLimiter
 from rtloop.sources.target_checks import ANGULAR_VELOCITY, LINEAR_VELOCITY
 
-# How fast an error of the force decays where nothing gives way but the arm's own springs; slower where the
-# surroundings give way too. It is well below what the estimate of the external wrench can follow.
-FORCE_RATE_RAD_S = 5.0
 # The inverse is damped by so much, m²: near a singularity the joints' velocity limits take over.
 cdef double DAMPING = 1e-5
 cdef double POSTURE_RATE_RAD_S = 1.0

@@ -183,6 +183,13 @@ def freedrive(run: VirtualService) -> Begun:
     return Begun(wait_s=3.0)
 
 
+def a_press(run: VirtualService) -> Begun:
+    body = {"force": 5.0, "speed": 0.001, "max_time_s": 60.0}
+    request = Leaving(run, "POST", "/robot/force/press", body)
+    run.until(lambda: run.app.state.services.streams.session is not None)
+    return Begun(live(run), request.leave)
+
+
 def force_control(run: VirtualService) -> Begun:
     vendor(run, "ForceControl/fcEnable")
     return Begun()
@@ -265,6 +272,7 @@ SET_BY: dict[Callable[[VirtualService], Begun], str] = {
     a_servo_session: "stop outside estop gone time over silent",
     a_goal: "stop outside estop cancel gone over silent",
     freedrive: "stop outside estop time over silent",
+    a_press: "stop outside estop cancel gone over silent",
     force_control: "stop outside estop over silent",
     a_program: "gone",
 }

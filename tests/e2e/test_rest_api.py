@@ -53,6 +53,7 @@ MANUAL = {
 CONTROL = {
     (method, path) for path in ("/robot/control", "/robot/freedrive") for method in ("get", "post", "delete")
 }
+FORCE = {("post", f"/robot/force/{kind}") for kind in ("press", "follow", "search", "insert")}
 OPERATIONS = {
     ("get", "/audit"),
     ("get", "/health/live"),
@@ -93,7 +94,7 @@ def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> No
         ("get", "/robot/state"),
     }
     more |= {("post", "/robot/reset"), ("post", "/robot/acknowledge")}
-    assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE | JOBS | RECORDINGS
+    assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE | JOBS | RECORDINGS | FORCE
 
 
 def test_the_documentation_needs_no_internet(http: httpx.Client) -> None:
@@ -486,7 +487,7 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
                 tried += 1
     http.post("/robot/tool", json={"clear": True}).raise_for_status()
     http.delete("/robot/positions/aside").raise_for_status()
-    assert tried == 2 * 22, "of the default robot, and of a robot by name"
+    assert tried == 2 * 26, "of the default robot, and of a robot by name"
 
 
 def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Client) -> None:

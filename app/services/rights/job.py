@@ -31,6 +31,7 @@ class JobKind(StrEnum):
     GOAL = "follow_joint_trajectory"
     QUEUE = "queue"
     SYNCHRONOUS = "synchronous"
+    FORCE = "force"
 
 
 class JobState(StrEnum):

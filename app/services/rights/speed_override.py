@@ -33,6 +33,7 @@ class SpeedOverride:
     Attributes:
         opened: set while motions may begin.
         others: the overrides of the robots that move together with this one, which pause and go on with it.
+        follows_stream: whether the stream under way follows pauses and the fraction by itself.
     """
 
     def __init__(self, link: RobotLink, changed: Callable[[], None] = lambda: None) -> None:
@@ -47,6 +48,7 @@ class SpeedOverride:
         self.opened = asyncio.Event()
         self.opened.set()
         self.others: tuple[SpeedOverride, ...] = ()
+        self.follows_stream = False
 
     @property
     def paused(self) -> bool:
@@ -125,7 +127,7 @@ class SpeedOverride:
         """
         overrides = (self, *self.others)
         for override in overrides:
-            if override._link.state().session:
+            if override._link.state().session and not override.follows_stream:
                 raise ConflictError("a stream has no path to pause on; end it, or POST /stop")
             override._require_path_clock()
         for override in overrides:  # before anything is awaited: what ends meanwhile ends the pause too
@@ -135,6 +137,8 @@ class SpeedOverride:
 
     async def _come_to_rest(self) -> None:
         await self._apply()
+        if self.follows_stream:
+            return
         deadline_s = self._link.clock.now_s() + REST_TIMEOUT_S
         while not self._rests():
             if self._link.clock.now_s() > deadline_s:

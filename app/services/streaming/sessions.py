@@ -191,7 +191,12 @@ class StreamService:
         return self._link.record_since(publication)
 
     async def open(
-        self, request: np.ndarray, name: str, timeout_s: float, stops: int | None = None
+        self,
+        request: np.ndarray,
+        name: str,
+        timeout_s: float,
+        stops: int | None = None,
+        caller: Caller | None = None,
     ) -> Session:
         """Begin a session.
 
@@ -200,6 +205,7 @@ class StreamService:
             name: of the client, for people.
             timeout_s: for rtloop's answer.
             stops: `RobotLink.stops` when the session was asked for, if that was not now.
+            caller: the caller of a session that is a job.
 
         Raises:
             InputError: the request is invalid.
@@ -214,7 +220,7 @@ class StreamService:
             await asyncio.shield(
                 last.ended
             )  # its client knows from rtloop that it has: a moment later, so do we
-        caller = Caller(name, None, self._ownership.stops, math.inf, asyncio.Event())
+        caller = caller or Caller(name, None, self._ownership.stops, math.inf, asyncio.Event())
         with contextlib.ExitStack() as stack:
             claim = stack.enter_context(self._ownership.claim(caller))
             await self._motion.ready()
@@ -224,6 +230,7 @@ class StreamService:
                 undo.callback(self._writer.end)
                 await self._begin(number, timeout_s)
                 undo.pop_all()
+            claim.accept()
             stream = Stream(int(request["stream"]))
             first = FirstTarget(
                 stream, [text(each) for each in self.info["joint_names"]], self._link.state().record

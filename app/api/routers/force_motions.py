@@ -1,0 +1,158 @@
+"""Motions with force: press, follow, search, insert."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import Request, Response
+from pydantic import BaseModel, Field
+
+from app.api.dependencies import Call, Gone
+from app.api.errors import responses
+from app.api.explain_schemas import Explain, explain_of
+from app.api.goals import goal_of
+from app.api.job_schemas import ACCEPTED, Wait, accepted
+from app.api.route import EndpointRouter
+from app.services.rights.job import JobKind
+from app.services.streaming.force_motions import ForceOutcome
+from cobot import audit
+from cobot.access.roles import Role
+from cobot.motions.fields import example
+from cobot.motions.force_bodies import AnyForceMotion, FollowMotion, InsertMotion, PressMotion, SearchMotion
+from cobot.pose import Pose
+from cobot.robot.frames import abc_from_quaternion
+
+DONE = "The motion with force has reached its end"
+
+
+class TcpPose(BaseModel):
+    """A pose of the TCP in the base frame: m, and KUKA angles in rad."""
+
+    x: float
+    y: float
+    z: float
+    a: float
+    b: float
+    c: float
+
+    @classmethod
+    def of(cls, pose: Pose) -> TcpPose:
+        x, y, z = pose.position.tolist()
+        a, b, c = abc_from_quaternion(pose.quaternion)
+        return cls(x=x, y=y, z=z, a=float(a), b=float(b), c=float(c))
+
+
+class ContactAnswer(BaseModel):
+    """Where the TCP touched."""
+
+    pose: TcpPose = Field(description="Of the TCP when it touched.")
+    distance_m: float = Field(description="How far it had gone along the push, m.")
+    force_n: float = Field(description="What it felt then, N.")
+
+
+class ForceAnswer(BaseModel):
+    """How a motion with force ended. Forces are along the push."""
+
+    model_config = example(
+        {
+            "success": True,
+            "message": DONE,
+            "code": None,
+            "stopped_by": "duration",
+            "contact": {
+                "pose": {"x": 0.5, "y": 0.0, "z": 0.2, "a": 0.0, "b": 3.1416, "c": 0.0},
+                "distance_m": 0.021,
+                "force_n": 5.2,
+            },
+            "force_n": 10.0,
+            "max_force_n": 10.8,
+            "pose": {"x": 0.5, "y": 0.0, "z": 0.2, "a": 0.0, "b": 3.1416, "c": 0.0},
+            "distance_m": 0.021,
+            "duration_s": 3.4,
+            "explain": None,
+        }
+    )
+
+    success: bool = Field(description="Whether the end that was asked for was reached, or did not matter.")
+    message: str = Field(description="The reason, if it was not.")
+    code: str | None = Field(description="A stable word for the reason, null on success.")
+    stopped_by: str = Field(
+        description="duration (press), path_end (follow), drop or target (search), depth (insert); or the "
+        "bound that came first: max_distance, max_time, max_deviation, pattern_end, force (insert: it goes "
+        "no further), let_go; or the code of an error."
+    )
+    contact: ContactAnswer | None = Field(description="null: there was none.")
+    force_n: float | None = Field(description="Mean force while it was held, N; null if it was not held.")
+    max_force_n: float = Field(description="Largest force, N.")
+    pose: TcpPose | None = Field(description="Of the TCP at the end.")
+    distance_m: float = Field(description="How far the TCP is from its start along the push, m.")
+    duration_s: float = Field(description="s")
+    explain: Explain | None = Field(None, description="What would help, where it is known.")
+
+
+FORCE: dict[str, Any] = {
+    "response_model": ForceAnswer,
+    "responses": responses(409, 501, 503) | ACCEPTED,
+}
+
+Answer = ForceAnswer | Response
+
+router = EndpointRouter(tags=["robot"])
+
+
+@router.endpoint("POST /robot/force/press", Role.OPERATOR, timeout_s=120.0, control=True, **FORCE)
+async def press(body: PressMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
+    """Approach until the TCP touches, then hold a force for a time."""
+    return await _run(body, request, gone, wait)
+
+
+@router.endpoint("POST /robot/force/follow", Role.OPERATOR, timeout_s=600.0, control=True, **FORCE)
+async def follow(body: FollowMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
+    """Approach until the TCP touches, then go along a path with the force held, as in polishing."""
+    return await _run(body, request, gone, wait)
+
+
+@router.endpoint("POST /robot/force/search", Role.OPERATOR, timeout_s=300.0, control=True, **FORCE)
+async def search(body: SearchMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
+    """Approach until the TCP touches, then look for a hole or an edge along a pattern, in contact."""
+    return await _run(body, request, gone, wait)
+
+
+@router.endpoint("POST /robot/force/insert", Role.OPERATOR, timeout_s=300.0, control=True, **FORCE)
+async def insert(body: InsertMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
+    """Search for a hole, then push in compliantly to a depth."""
+    return await _run(body, request, gone, wait)
+
+
+async def _run(body: AnyForceMotion, request: Request, gone: Gone, wait: bool) -> Answer:
+    call = Call(request)
+    services = call.services
+    caller = call.caller(gone, JobKind.FORCE, body.model_dump_json(exclude_unset=True), wait=wait)
+    goal = goal_of(body.motion, services) if isinstance(body, FollowMotion) else None
+    work = services.force_motions.run(body, goal, caller)
+    if caller.waits:
+        return _answer(await work)
+    assert caller.job is not None
+    return accepted(call, await services.jobs.begin(caller.job, work))
+
+
+def _answer(outcome: ForceOutcome) -> ForceAnswer:
+    error, contact = outcome.error, outcome.contact
+    audit.add_details(stopped_by=outcome.stopped_by, error=str(error or ""))
+    return ForceAnswer(
+        success=error is None,
+        message=DONE if error is None else str(error),
+        code=None if error is None else error.code,
+        stopped_by=outcome.stopped_by,
+        contact=None
+        if contact is None
+        else ContactAnswer(
+            pose=TcpPose.of(contact.pose), distance_m=contact.distance_m, force_n=contact.force_n
+        ),
+        force_n=outcome.force_n,
+        max_force_n=outcome.max_force_n,
+        pose=None if outcome.pose is None else TcpPose.of(outcome.pose),
+        distance_m=outcome.distance_m,
+        duration_s=outcome.duration_s,
+        explain=None if error is None else explain_of(error),
+    )

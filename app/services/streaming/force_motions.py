@@ -1,0 +1,384 @@
+"""Motions with force: press, follow, search and insert, as jobs.
+
+Each is a session of poses with force control along the push. rtloop holds the force and watches its maximum
+in every cycle. The service commands the pose of the TCP and the force a hundred times a second, as the stages
+of `force_stages` want them. A pause keeps the contact and holds the TCP where it is.
+
+Forces count from what was measured when the motion began, so a payload that is not quite known does no harm.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.services.motion.goals import Goals
+from app.services.motion.planning import PlanningService
+from app.services.rights.claims import Caller, Claim
+from app.services.rights.ownership import Ownership
+from app.services.state.link import RobotLink
+from app.services.streaming.force_stages import (
+    Aim,
+    NotMet,
+    Push,
+    Sample,
+    Stage,
+    approach,
+    follow,
+    hold,
+    insert,
+    let_go,
+    search,
+)
+from app.services.streaming.sessions import Session, StreamService
+from cobot.errors import (
+    CobotError,
+    ConflictError,
+    ExecutionError,
+    InputError,
+    MotionStopped,
+    MotionTimeout,
+    NotSupportedError,
+    UnavailableError,
+)
+from cobot.ipc.layout import Interpolation, Stream
+from cobot.ipc.session_rules import decimation, force_gain, nominal_session
+from cobot.motions.force_bodies import AnyForceMotion, FollowMotion, InsertMotion, PressMotion, SearchMotion
+from cobot.motions.requests import MotionRequest
+from cobot.pose import Pose
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
+from cobot.types import Array
+
+PERIOD_S = 0.01
+ANSWER_S = 2.0
+"""Timeout for rtloop's answer to a session that begins."""
+LEAST_ROOM_N = 20.0
+"""The default of `max_force` is at least this much above `force`, N."""
+MOVED_RAD = 1e-3
+"""The arm may have moved by no more while the path of a motion was planned."""
+FORCE_INTEGRAL_PER_S = 2.0
+"""Rate at which a lasting error of the force is made up for, as on a slope."""
+LET_GO = "the motion with force has ended"
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Where the TCP touched, and how far it had gone along the push."""
+
+    pose: Pose
+    distance_m: float
+    force_n: float
+
+
+@dataclass(slots=True)
+class ForceOutcome:
+    """How a motion with force ended. Forces are along the push, distances from the start, pose of the TCP.
+
+    Attributes:
+        error: None if its end was reached, or if that did not matter.
+        stopped_by: word for what ended it; "" before anything did.
+        force_n: mean while it was held; None if it was not.
+    """
+
+    error: CobotError | None = None
+    stopped_by: str = ""
+    contact: Contact | None = None
+    force_n: float | None = None
+    max_force_n: float = 0.0
+    pose: Pose | None = None
+    distance_m: float = 0.0
+    duration_s: float = 0.0
+    held: list[float] = field(default_factory=list)
+
+
+class ForceMotionService:
+    """Motions with force of one robot."""
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        link: RobotLink,
+        ownership: Ownership,
+        streams: StreamService,
+        goals: Goals,
+        planning: PlanningService,
+    ) -> None:
+        self._robot = robot
+        self._link = link
+        self._ownership = ownership
+        self._streams = streams
+        self._goals = goals
+        self._planning = planning
+
+    async def run(self, body: AnyForceMotion, goal: MotionRequest | None, caller: Caller) -> ForceOutcome:
+        """Do it, and return when the arm rests.
+
+        Args:
+            goal: of the path of a `FollowMotion`, else None.
+
+        Raises:
+            InputError: a direction without length, or a path that has no planner of paths.
+            NotSupportedError: the backend has no force control or measures no force. The error names it.
+            ConflictError, NotReadyError, ExecutionError, UnavailableError: nothing has moved; see
+                `StreamService.open`.
+            PlanningError: there is no such path.
+        """
+        self._require_able()
+        direction = _unit(body)
+        path = None if goal is None else await self._plan(goal, caller)
+        state = self._link.state()
+        start = self._robot.model.forward(state.commanded_position)
+        if path is not None and np.abs(path.start - state.commanded_position).max() > MOVED_RAD:
+            raise ConflictError("the arm has moved while the path was planned; send the request again")
+        in_tool = body.frame == "tool"
+        axis = start.rotation @ direction if in_tool else direction
+        most_n = _max_force(body)
+        gain = force_gain(self._streams.info["cartesian_stiffness"])
+        approach_n = min(body.speed / gain, 0.5 * (body.force + most_n)) if gain else body.force
+        push = Push(start, axis, body.force, approach_n, body.max_distance)
+        work = _Work(self._link, self._ownership, push, body, caller)
+        request = self._request(body, direction, axis, work.free_n)
+        session = await self._streams.open(request, caller.name, ANSWER_S, caller=caller)
+        return await self._carry_out(session, work, path)
+
+    async def _carry_out(self, session: Session, work: _Work, path: Trajectory | None) -> ForceOutcome:
+        job, override = work.caller.job, self._ownership.speed_override
+        begun_s = self._link.clock.now_s()
+        error: CobotError | None = None
+        override.follows_stream = True
+        try:
+            if job is not None:
+                job.started()
+            await work.drive(session, self._stages(work, path))
+        except NotMet as exc:
+            work.outcome.stopped_by = exc.by
+            if work.body.if_not_met == "error":
+                error = MotionTimeout(str(exc)) if exc.by == "max_time" else ExecutionError(str(exc))
+        except CobotError as exc:
+            work.outcome.stopped_by, error = exc.code, exc
+        finally:
+            if error is not None and job is not None:
+                job.fail(error)
+            session.end(LET_GO)
+            override.follows_stream = False
+        await asyncio.shield(session.ended)
+        outcome = work.outcome
+        outcome.error, outcome.duration_s = error, self._link.clock.now_s() - begun_s
+        if outcome.held:
+            outcome.force_n = float(np.mean(outcome.held))
+        return outcome
+
+    def _stages(self, work: _Work, path: Trajectory | None) -> Stage:
+        """All stages of a motion as one."""
+        body, push, outcome = work.body, work.push, work.outcome
+        felt = outcome.held.append
+        touched = yield from approach(push)
+        outcome.contact = Contact(touched.pose, push.distance_m(touched.pose), touched.force_n)
+        last = touched
+        if isinstance(body, PressMotion):
+            last = yield from hold(push, body.duration_s, felt)
+            outcome.stopped_by = "duration"
+        elif isinstance(body, FollowMotion) and path is not None:
+            along = self._poses(path)
+            last = yield from follow(push, touched, along, path.duration_s, body.max_deviation, felt)
+            outcome.stopped_by = "path_end"
+        elif isinstance(body, SearchMotion):
+            last = yield from search(push, touched, body, outcome_word(outcome))
+            if isinstance(body, InsertMotion):
+                last = yield from insert(push, touched, last, body)
+                outcome.stopped_by = "depth"
+        return last
+
+    def _poses(self, path: Trajectory) -> Callable[[float], Pose]:
+        return lambda path_s: self._robot.model.forward(path.sample([path_s])[0])
+
+    async def _plan(self, goal: MotionRequest, caller: Caller) -> Trajectory:
+        if not goal.traits.follows_path:
+            raise InputError(
+                f"motion.planner: {goal.planner} does not follow a path; with force there are lin, circ and "
+                "polyline"
+            )
+        self._ownership.require_free(caller.token)
+        start = (await self._link.ready_state(ANSWER_S)).commanded_position
+        path = await self._planning.plan(self._goals.request(goal, start), caller.timeout_s)
+        if path is None:
+            raise InputError("motion: the TCP is at its end already; there is no path to follow")
+        return path
+
+    def _require_able(self) -> None:
+        named = self._link.device()
+        if named is None:
+            raise UnavailableError("what the robot's backend can do cannot be read")
+        backend, device = named
+        able = device.capabilities
+        refusal = able.lacks(backend, "a motion with force", "impedance", "wrench") or able.does_not_measure(
+            backend, "a motion with force", "wrench"
+        )
+        if refusal:
+            raise NotSupportedError(refusal)
+
+    def _request(self, body: AnyForceMotion, direction: Array, axis: Array, free_n: Array) -> np.ndarray:
+        request = nominal_session(self._streams.info)
+        request["stream"], request["interpolation"] = Stream.CARTESIAN, Interpolation.LINEAR
+        request["decimation"] = decimation(1.0 / PERIOD_S, self._streams.period_s)
+        request["force_axes"] = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        request["force_velocity"][:3] = body.speed
+        turns = isinstance(body, FollowMotion) and body.frame == "tool"  # the push turns with the tool
+        request["force_in_tcp"] = turns
+        request["force_frame"][3:] = _frame_along(direction if turns else axis)
+        request["max_contact_wrench"][:3] = _max_force(body) + np.abs(free_n)
+        if isinstance(body, InsertMotion):
+            request["cartesian_stiffness"][3:] *= body.compliance
+        return request
+
+
+def outcome_word(outcome: ForceOutcome) -> Callable[[str], None]:
+    """What notes the word for the end of a search."""
+
+    def note(word: str) -> None:
+        outcome.stopped_by = word
+
+    return note
+
+
+class _Work:
+    """A motion with force while it goes on.
+
+    Attributes:
+        free_n: external force when it began, in the base frame, shape (3,), N.
+    """
+
+    def __init__(
+        self, link: RobotLink, ownership: Ownership, push: Push, body: AnyForceMotion, caller: Caller
+    ) -> None:
+        self._link, self._ownership = link, ownership
+        self.push, self.body, self.caller = push, body, caller
+        self.outcome = ForceOutcome()
+        self.free_n = link.state().wrench[:3].copy()
+        self._in_tool = push.start.rotation.T @ push.axis
+        self._turns = isinstance(body, FollowMotion) and body.frame == "tool"
+        self._stops = link.stops
+        self._active_s = 0.0
+        self._before_s = link.clock.now_s()
+        self._number = 0
+        self._missing_n = 0.0  # in contact, over time
+        self._aim = Aim(push.start, 0.0)
+
+    async def drive(self, session: Session, stages: Stage) -> None:
+        """Run the stages, then let go, whatever the stages came to.
+
+        Raises:
+            NotMet: a bound came first.
+            MotionStopped, ExecutionError: the session has been ended by something else.
+        """
+        try:
+            await self._run(session, stages, self.body.max_time_s)
+        except NotMet:
+            with contextlib.suppress(NotMet):  # the first bound is what the answer speaks of
+                await self._let_go(session)
+            raise
+        await self._let_go(session)
+
+    async def _let_go(self, session: Session) -> None:
+        last = self._sample(0.0)
+        await self._run(session, let_go(self.push, last, self._aim, self.body.retract), np.inf)
+
+    async def _run(self, session: Session, stage: Stage, most_s: float) -> None:
+        aim = next(stage)
+        while True:
+            self._feed(session, aim)
+            await asyncio.sleep(PERIOD_S)
+            now_s = self._link.clock.now_s()
+            step_s, self._before_s = now_s - self._before_s, now_s
+            self._require_going(session)
+            override = self._ownership.speed_override
+            sample = self._sample(0.0 if override.paused else override.fraction * step_s)
+            if override.paused:
+                continue
+            self._active_s += step_s
+            self._account(aim, sample)
+            if self._active_s > most_s:
+                stage.close()
+                raise NotMet("max_time", f"its end was not reached within {most_s:g} s")
+            try:
+                aim = stage.send(sample)
+            except StopIteration:
+                return
+
+    def _account(self, aim: Aim, sample: Sample) -> None:
+        """Integrate the error of the force while it is held."""
+        if self.outcome.contact is None or aim.force_n != self.push.force_n:
+            self._missing_n = 0.0
+            return
+        missing_n = self._missing_n + FORCE_INTEGRAL_PER_S * sample.step_s * (aim.force_n - sample.force_n)
+        self._missing_n = float(np.clip(missing_n, -aim.force_n, aim.force_n))
+
+    def _sample(self, step_s: float) -> Sample:
+        state = self._link.state()
+        pose = Pose.from_numbers(state.tcp)
+        axis = pose.rotation @ self._in_tool if self._turns else self.push.axis
+        force_n = float((self.free_n - state.wrench[:3]) @ axis)
+        outcome = self.outcome
+        outcome.max_force_n = max(outcome.max_force_n, force_n)
+        outcome.pose, outcome.distance_m = pose, self.push.distance_m(pose)
+        return Sample(self._active_s, step_s, pose, force_n)
+
+    def _feed(self, session: Session, aim: Aim) -> None:
+        self._aim = aim
+        axis = aim.pose.rotation @ self._in_tool if self._turns else self.push.axis
+        self._number += 1
+        setpoint = session.setpoint.copy()
+        setpoint["number"] = self._number
+        setpoint["pose"] = aim.pose.numbers
+        # rtloop compares with what is measured, which had this share when the TCP was free.
+        setpoint["wrench"][2] = aim.force_n + self._missing_n - float(self.free_n @ axis)
+        session.take_setpoint(self._number, setpoint)
+
+    def _require_going(self, session: Session) -> None:
+        """See that nothing has ended the motion.
+
+        Raises:
+            MotionStopped: a stop, a cancel, or a client that has gone.
+            ExecutionError: rtloop has ended the session, with its reason.
+        """
+        if self.caller.gone.is_set() and self.caller.job is not None:
+            self._ownership.cancel(self.caller.job, MotionStopped("the client went away"))
+            raise MotionStopped("the client went away")
+        if not session.over:
+            return
+        claim = self._ownership.moving
+        interrupted = isinstance(claim, Claim) and claim.interruption is not None
+        if interrupted or self._link.stops != self._stops:
+            raise MotionStopped(session.over)
+        raise ExecutionError(session.over)
+
+
+def _max_force(body: AnyForceMotion) -> float:
+    """Beyond which rtloop stops the arm, N."""
+    most_n = body.max_force or max(2.0 * body.force, body.force + LEAST_ROOM_N)
+    if most_n <= body.force:
+        raise InputError(f"max_force must be above force: {most_n:g} N, and force is {body.force:g} N")
+    return most_n
+
+
+def _unit(body: AnyForceMotion) -> Array:
+    direction = np.array([body.direction.x, body.direction.y, body.direction.z])
+    length = float(np.linalg.norm(direction))
+    if length < 1e-9:
+        raise InputError("direction: has no length; give a direction such as {x: 0, y: 0, z: 1}")
+    return direction / length
+
+
+def _frame_along(axis: Array) -> Array:
+    """Quaternion (w, x, y, z) of a frame whose z axis points along a unit vector."""
+    w = 1.0 + float(axis[2])
+    if w < 1e-9:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    quaternion = np.array([w, -axis[1], axis[0], 0.0])
+    unit: Array = quaternion / np.linalg.norm(quaternion)
+    return unit

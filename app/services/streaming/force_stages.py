@@ -1,0 +1,270 @@
+"""What the TCP does under force, one stage after the other: approach, hold, follow, look for, insert, let go.
+
+A stage is a generator. It is sent samples of what is measured, and yields the commanded pose and force. It
+returns when it has reached its end, and raises `NotMet` when a bound comes first. It knows nothing
+of sessions and clocks, so a test can run it against any contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.services.streaming.search_patterns import Offset, Search, raster, spiral, tilt
+from cobot.motions.force_bodies import InsertMotion, SearchMotion
+from cobot.pose import Pose
+from cobot.types import Array
+
+CONTACT_SHARE = 0.5
+"""The TCP touches when it feels this share of the commanded force."""
+MIN_CONTACT_N = 1.0
+FREE_SHARE = 0.1
+"""The TCP has let go when it feels no more than this share of the force."""
+LET_GO_S = 1.0
+RETRACT_S = 20.0
+AT_REST_S = 0.5
+"""A push that does not advance for this time has come to its end."""
+AT_REST_M = 2e-4
+GETTING_UP_S = 0.3
+"""A search gets up to its speed in this time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What is measured now.
+
+    Attributes:
+        time_s: since the motion began, without pauses.
+        step_s: since the last sample, without pauses.
+        pose: of the TCP in the base frame.
+        force_n: that the TCP exerts along the push.
+    """
+
+    time_s: float
+    step_s: float
+    pose: Pose
+    force_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """Commanded pose of the TCP, which counts across the push, and force along it, N; below 0 it pulls."""
+
+    pose: Pose
+    force_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A push from a pose along an axis.
+
+    Attributes:
+        start: pose of the TCP when the motion begins.
+        axis: unit vector of the push in the base frame at the start, shape (3,).
+        force_n: commanded force, N.
+        approach_n: that makes the TCP go at the speed of the approach while nothing is in its way.
+        max_distance_m: along the axis.
+    """
+
+    start: Pose
+    axis: Array
+    force_n: float
+    approach_n: float
+    max_distance_m: float
+
+    @property
+    def contact_n(self) -> float:
+        """From this force on the TCP touches something."""
+        return max(CONTACT_SHARE * self.force_n, MIN_CONTACT_N)
+
+    def distance_m(self, pose: Pose) -> float:
+        """How far a pose is from the start along the axis."""
+        return float((pose.position - self.start.position) @ self.axis)
+
+    def shifted(self, offset: Offset) -> Pose:
+        """The start, moved and leant over across the push."""
+        x, y = across(self.axis, self.start.rotation)
+        lean = Pose.from_numbers((0.0, 0.0, 0.0, *_turn(offset.rx * x + offset.ry * y)))
+        turned = (lean @ replace(self.start, position=np.zeros(3))).quaternion
+        return Pose(self.start.position + offset.x * x + offset.y * y, turned)
+
+
+class NotMet(Exception):
+    """A bound has come before the end that was asked for.
+
+    Attributes:
+        by: the word for it.
+    """
+
+    def __init__(self, by: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.by = by
+
+
+Stage = Generator[Aim, Sample, Sample]
+
+
+def across(axis: Array, rotation: Array) -> tuple[Array, Array]:
+    """Two unit vectors across an axis, the first as near to the tool's x (or y) as possible."""
+    tool = rotation[:, 0] if abs(rotation[:, 0] @ axis) < 0.9 else rotation[:, 1]
+    x = tool - (tool @ axis) * axis
+    x /= np.linalg.norm(x)
+    return x, np.cross(axis, x)
+
+
+def _turn(vector: Array) -> tuple[float, float, float, float]:
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return 1.0, 0.0, 0.0, 0.0
+    x, y, z = (np.sin(0.5 * angle) / angle * vector).tolist()
+    return float(np.cos(0.5 * angle)), x, y, z
+
+
+def approach(push: Push) -> Stage:
+    """Push until the TCP touches something."""
+    while True:
+        sample = yield Aim(push.start, push.approach_n)
+        if sample.force_n >= push.contact_n:
+            return sample
+        if push.distance_m(sample.pose) > push.max_distance_m:
+            raise NotMet(
+                "max_distance",
+                f"there is no contact within {push.max_distance_m:g} m: the TCP has felt "
+                f"{sample.force_n:.1f} N, a contact begins at {push.contact_n:g} N",
+            )
+
+
+def hold(push: Push, duration_s: float, felt: Callable[[float], None]) -> Stage:
+    """Hold the force for a time.
+
+    Args:
+        felt: told of each force, N.
+    """
+    left_s = duration_s
+    while True:
+        sample = yield Aim(push.start, push.force_n)
+        felt(sample.force_n)
+        left_s -= sample.step_s
+        if left_s <= 0.0:
+            return sample
+        _require_near(push, sample)
+
+
+def follow(
+    push: Push,
+    touched: Sample,
+    path: Callable[[float], Pose],
+    duration_s: float,
+    max_deviation_m: float,
+    felt: Callable[[float], None],
+) -> Stage:
+    """Go along a path with the force held.
+
+    Args:
+        touched: when the TCP touched.
+        path: pose of the TCP at a time of the path, s.
+        felt: told of each force, N.
+    """
+    in_tool = push.start.rotation.T @ push.axis
+    touched_m = push.distance_m(touched.pose)
+    path_s = 0.0
+    while True:
+        pose = path(path_s)
+        sample = yield Aim(pose, push.force_n)
+        felt(sample.force_n)
+        off = float((sample.pose.position - pose.position) @ (pose.rotation @ in_tool)) - touched_m
+        if abs(off) > max_deviation_m:
+            raise NotMet(
+                "max_deviation",
+                f"{path_s:.2f} s along the path the TCP has left it by {1e3 * off:.1f} mm along the push, "
+                f"allowed are {1e3 * max_deviation_m:g} mm",
+            )
+        if path_s >= duration_s:
+            return sample
+        path_s = min(path_s + sample.step_s, duration_s)
+
+
+def pattern_of(body: SearchMotion) -> Search:
+    """The pattern that a request names."""
+    if body.pattern == "tilt":
+        return tilt(body.angle)
+    return (spiral if body.pattern == "spiral" else raster)(body.radius, body.pitch)
+
+
+def search(push: Push, touched: Sample, body: SearchMotion, found: Callable[[str], None]) -> Stage:
+    """Go along a pattern in contact until the TCP drops or is at the target.
+
+    Args:
+        found: told of the word for what has ended the search.
+    """
+    pattern, way_m, speed_m_s = pattern_of(body), 0.0, 0.0
+    touched_m = push.distance_m(touched.pose)
+    target = None if body.target is None else np.array([body.target.x, body.target.y, body.target.z])
+    while True:
+        offset = pattern(way_m)
+        if offset is None:
+            raise NotMet("pattern_end", f"the {body.pattern} has come to its end and nothing was found")
+        sample = yield Aim(push.shifted(offset), push.force_n)
+        if push.distance_m(sample.pose) - touched_m >= body.drop:
+            found("drop")
+            return sample
+        if target is not None and np.linalg.norm(sample.pose.position - target) <= body.tolerance:
+            found("target")
+            return sample
+        _require_near(push, sample)
+        speed_m_s = min(speed_m_s + body.search_speed * sample.step_s / GETTING_UP_S, body.search_speed)
+        way_m += speed_m_s * sample.step_s
+
+
+def insert(push: Push, touched: Sample, found: Sample, body: InsertMotion) -> Stage:
+    """Push on where the search has ended, until the depth is reached."""
+    touched_m = push.distance_m(touched.pose)
+    ahead = float((found.pose.position - push.start.position) @ push.axis)
+    aim = Pose(found.pose.position - ahead * push.axis, push.start.quaternion)
+    farthest_m, rested_s = push.distance_m(found.pose), 0.0
+    while True:
+        sample = yield Aim(aim, push.force_n)
+        here_m = push.distance_m(sample.pose)
+        if here_m - touched_m >= body.depth:
+            return sample
+        _require_near(push, sample)
+        rested_s += sample.step_s
+        if here_m > farthest_m + AT_REST_M:
+            farthest_m, rested_s = here_m, 0.0
+        if rested_s >= AT_REST_S and sample.force_n >= push.contact_n:
+            raise NotMet(
+                "force",
+                f"the TCP has come to rest {1e3 * (here_m - touched_m):.1f} mm beyond the contact at "
+                f"{sample.force_n:.1f} N; the depth asked for is {1e3 * body.depth:g} mm",
+            )
+
+
+def let_go(push: Push, last: Sample, aim: Aim, retract_m: float) -> Stage:
+    """Take the force away, and go back if that is asked for."""
+    pulls = retract_m > 0.0
+    most_s = RETRACT_S if pulls else LET_GO_S
+    begun_m, left_s = push.distance_m(last.pose), most_s
+    while True:
+        sample = yield Aim(aim.pose, -push.approach_n if pulls else 0.0)
+        left_s -= sample.step_s
+        if pulls and begun_m - push.distance_m(sample.pose) >= retract_m:
+            return sample
+        if not pulls and abs(sample.force_n) <= FREE_SHARE * push.force_n:
+            return sample
+        if left_s <= 0.0:
+            what = f"back {1e3 * retract_m:g} mm" if pulls else "without force"
+            raise NotMet("let_go", f"the TCP is not {what} after {most_s:g} s")
+
+
+def _require_near(push: Push, sample: Sample) -> None:
+    """See that the TCP has not gone further than is allowed.
+
+    Raises:
+        NotMet: it has.
+    """
+    if push.distance_m(sample.pose) > push.max_distance_m:
+        raise NotMet(
+            "max_distance", f"the TCP has gone {push.max_distance_m:g} m along the push, which is the maximum"
+        )

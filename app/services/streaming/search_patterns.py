@@ -1,0 +1,82 @@
+"""Paths on which a tool in contact looks for a hole or an edge: offsets from where it touched.
+
+A pattern is a function of the way that the TCP has gone along it. It answers the offset across the direction
+of the push (m) and the rotation vector of the tool across it (rad), or None where the pattern ends.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Offset:
+    """Along the two axes across the direction of the push: m, and a rotation vector in rad."""
+
+    x: float = 0.0
+    y: float = 0.0
+    rx: float = 0.0
+    ry: float = 0.0
+
+
+Search = Callable[[float], Offset | None]
+LEVER_M = 0.05
+"""A tilt by an angle counts as this lever's way, so that one speed fits all patterns."""
+LEANINGS = 12
+"""Directions in which a tilt leans over, one after the other."""
+
+
+def spiral(radius_m: float, pitch_m: float) -> Search:
+    """An Archimedean spiral outwards: r = a φ, with a = pitch / 2π.
+
+    A way s reaches φ = √(1 + 2 s / a) - 1. The speed along the spiral is then √(1 + φ²) / (1 + φ) times that
+    of s: from 71 % to 100 %.
+    """
+    last = 2.0 * math.pi * radius_m / pitch_m
+
+    def offset(way_m: float) -> Offset | None:
+        angle = math.sqrt(1.0 + 4.0 * math.pi * max(way_m, 0.0) / pitch_m) - 1.0
+        if angle > last:
+            return None
+        r = pitch_m * angle / (2.0 * math.pi)
+        return Offset(r * math.cos(angle), r * math.sin(angle))
+
+    return offset
+
+
+def raster(radius_m: float, pitch_m: float) -> Search:
+    """Lines along x across a square of side 2 · radius, from its corner; first the way to that corner."""
+    side = 2.0 * radius_m
+    lines = math.floor(side / pitch_m) + 1
+    to_corner = math.hypot(radius_m, radius_m)
+
+    def offset(way_m: float) -> Offset | None:
+        if way_m < to_corner:
+            share = way_m / to_corner
+            return Offset(-radius_m * share, -radius_m * share)
+        line, along = divmod(way_m - to_corner, side + pitch_m)
+        if line >= lines:
+            return None
+        x = min(along, side)
+        y = line * pitch_m + max(along - side, 0.0)
+        return Offset((x if line % 2 == 0 else side - x) - radius_m, min(y, side) - radius_m)
+
+    return offset
+
+
+def tilt(angle_rad: float) -> Search:
+    """Lean over and back in each of `LEANINGS` directions, opposite ones after each other."""
+    once = 2.0 * angle_rad * LEVER_M
+
+    def offset(way_m: float) -> Offset | None:
+        leaning, along = divmod(way_m, once)
+        if leaning >= LEANINGS:
+            return None
+        half, other = divmod(int(leaning), 2)
+        heading = math.pi * (2.0 * half / LEANINGS + other)
+        lean = angle_rad * (1.0 - abs(2.0 * along / once - 1.0))
+        return Offset(rx=lean * math.cos(heading), ry=lean * math.sin(heading))
+
+    return offset

@@ -1,0 +1,143 @@
+"""Requests for motions with force, as JSON: press, follow, search, insert."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from cobot.loose_lists import RequestModel
+from cobot.motions.bodies import Direction, MovePose, PathPoint
+from cobot.motions.fields import Finite, example
+
+Pattern = Literal["spiral", "raster", "tilt"]
+NotMet = Annotated[
+    Literal["error", "success"],
+    Field(
+        description="What the answer says if the end that was asked for is not reached: `success` false, or "
+        "true. `stopped_by` says in both cases what ended the motion."
+    ),
+]
+
+
+class ForceMotion(RequestModel):
+    """Fields of all motions with force: where the TCP pushes, how hard, and what bounds it."""
+
+    direction: Direction = Field(
+        Direction(x=0.0, y=0.0, z=1.0), description="Direction in which the TCP pushes, in `frame`."
+    )
+    frame: Literal["tool", "base"] = Field(
+        "tool", description="Frame of `direction`: that of the TCP, or that of the robot's base."
+    )
+    force: Finite = Field(gt=0.0, le=1000.0, description="Force that the TCP exerts, N.")
+    max_force: Finite | None = Field(
+        None,
+        gt=0.0,
+        le=10_000.0,
+        description="Beyond this external force along an axis of the base frame the real-time loop stops the "
+        "arm, in every cycle, N. Default: twice `force`, at least 20 N more.",
+    )
+    speed: Finite = Field(0.02, ge=0.001, le=0.1, description="Maximum speed towards the contact, m/s.")
+    max_distance: Finite = Field(
+        0.1, gt=0.0, le=1.0, description="Maximum way along `direction` from where the TCP starts, m."
+    )
+    max_time_s: Finite = Field(30.0, gt=0.0, le=600.0, description="Maximum duration without pauses, s.")
+    retract: Finite = Field(
+        0.0, ge=0.0, le=0.5, description="Way back against `direction` at the end, m. 0: only the force goes."
+    )
+    if_not_met: NotMet = "error"
+
+
+class PressMotion(ForceMotion):
+    """Approach until contact, then hold a force."""
+
+    model_config = example({"force": 10.0, "duration_s": 1.0, "max_distance": 0.02, "if_not_met": "success"})
+
+    duration_s: Finite = Field(1.0, ge=0.0, le=600.0, description="Time for which the force is held, s.")
+
+
+class FollowMotion(ForceMotion):
+    """Approach until contact, then go along a path with the force held."""
+
+    model_config = example(
+        {
+            "force": 10.0,
+            "motion": {
+                "x": 0.0,
+                "y": 0.05,
+                "z": 0.0,
+                "planner": "lin",
+                "frame_id": "tool",
+                "speed_m_s": 0.05,
+            },
+            "max_distance": 0.02,
+            "if_not_met": "success",
+        }
+    )
+
+    motion: MovePose = Field(
+        description="Path of the TCP from where it starts: planner lin, circ or polyline. Along "
+        "`direction` the force decides, not the path."
+    )
+    max_deviation: Finite = Field(
+        0.02,
+        gt=0.0,
+        le=0.5,
+        description="How far the TCP may leave the path along `direction`, counted from the contact, m.",
+    )
+
+
+class SearchMotion(ForceMotion):
+    """Approach until contact, then look for a hole or an edge with the contact kept."""
+
+    model_config = example(
+        {"force": 8.0, "radius": 0.004, "pitch": 0.0005, "max_distance": 0.02, "if_not_met": "success"}
+    )
+
+    pattern: Pattern = Field(
+        "spiral",
+        description="spiral: outwards about the start. raster: lines across a square. tilt: the tool leans "
+        "over in all directions, the TCP stays.",
+    )
+    radius: Finite = Field(0.005, gt=0.0, le=0.2, description="Of spiral and raster, m.")
+    pitch: Finite = Field(0.001, ge=1e-5, le=0.05, description="Distance between two turns or lines, m.")
+    angle: Finite = Field(0.05, gt=0.0, le=0.5, description="Of tilt, and how far it leans over, rad.")
+    search_speed: Finite = Field(0.01, ge=0.0005, le=0.1, description="Of the TCP along the pattern, m/s.")
+    drop: Finite = Field(
+        0.001,
+        ge=1e-4,
+        le=0.5,
+        description="It is found when the TCP has advanced this far beyond the contact, m.",
+    )
+    target: PathPoint | None = Field(
+        None,
+        description="It is found too when the TCP is within `tolerance` of this point of the base frame.",
+    )
+    tolerance: Finite = Field(0.001, ge=1e-4, le=0.1, description="Distance to `target`, m.")
+
+
+class InsertMotion(SearchMotion):
+    """Search, then push in compliantly to a depth."""
+
+    model_config = example(
+        {
+            "force": 10.0,
+            "radius": 0.003,
+            "pitch": 0.0004,
+            "depth": 0.01,
+            "max_distance": 0.02,
+            "if_not_met": "success",
+        }
+    )
+
+    depth: Finite = Field(gt=0.0, le=0.5, description="Beyond the contact, m.")
+    compliance: Finite = Field(
+        0.05,
+        ge=0.01,
+        le=1.0,
+        description="Stiffness of the TCP against tilting, as a share of the robot's nominal one: a peg that "
+        "is not quite parallel to its hole turns into it.",
+    )
+
+
+AnyForceMotion = PressMotion | FollowMotion | SearchMotion | InsertMotion
