@@ -20,7 +20,8 @@ from rtloop.backends.guarded import ForeignError
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 POLL_S = 0.2
-"""Interval at which a device is polled, s."""
+"""Interval at which a device is polled, s, unless it has a `report_period_s`."""
+MIN_POLL_S = 0.001
 FIRST_SHARE = 0.1
 """Speed of planned motions on real hardware until its first contact is acknowledged, as a share."""
 
@@ -34,6 +35,7 @@ class DeviceWatch:
     Attributes:
         asks: whether the device has anything to poll; if not, a cycle does nothing here.
         capabilities: capabilities of the device.
+        period_s: interval at which the device is polled.
         drives_off: whether a stop of category 1 has switched them off.
         t1_share: share of the joints' speed for streams in T1; None in other modes.
         unacknowledged: findings of the first contact; "" if they are acknowledged or need not be.
@@ -47,6 +49,7 @@ class DeviceWatch:
         self._points: tuple[IoPoint, ...] | None = None
         self._left_out: list[str] = []
         self.asks = self._device is not None or self._io is not None
+        self.period_s = _report_period_s(backend)
         record = self._block.data
         known = self._block.sequence > 0 and self._block.try_read()
         self.drives_off = bool(known and record["drives_off"])
@@ -154,3 +157,17 @@ class DeviceWatch:
         record["share"], record["drives_off"] = self.share, self.drives_off
         record["unacknowledged"] = encoded(self.unacknowledged, record.dtype["unacknowledged"].itemsize)
         self._block.publish()
+
+
+def _report_period_s(backend: Backend) -> float:
+    """The interval at which this backend wants to be polled.
+
+    Raises:
+        BackendError: it is not a number from 0.001 s to `POLL_S`.
+    """
+    period_s = getattr(backend, "report_period_s", POLL_S)
+    if not (isinstance(period_s, int | float) and MIN_POLL_S <= period_s <= POLL_S):
+        raise BackendError(
+            f"the backend's report_period_s is {shown(period_s)}, it must be {MIN_POLL_S:g} to {POLL_S:g} s"
+        )
+    return float(period_s)

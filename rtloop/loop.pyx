@@ -18,7 +18,7 @@ from cobot.ipc.layout import Phase
 from cobot.robot.tool import BARE
 from rtloop.backends import BackendError, Paced
 from rtloop.backends.guarded import guarded
-from rtloop.device import POLL_S, DeviceWatch
+from rtloop.device import DeviceWatch
 from rtloop.device_limits import device_limits, narrowed, slowed
 from rtloop.first_contact import first_contact
 from rtloop.last_state import last_state
@@ -65,7 +65,9 @@ cdef class ControlLoop:
         if theirs is not None:
             self._device.slow_down(slowed(model.limits, theirs))
             model.limits.take_over(narrowed(model.limits, theirs))
-        self._ask_cycles = max(1, round(POLL_S / settings.rt.period_s)) if self._device.asks else 0
+        self._ask_cycles = 0
+        if self._device.asks:
+            self._ask_cycles = max(1, round(self._device.period_s / settings.rt.period_s))
         self._last = last_state(memory)
         self.controller = Controller(settings, model, memory, backend, self._device)
         self._state = StatePublisher(memory, model)

@@ -215,7 +215,11 @@ class CarriesTool(Protocol):
 
 @runtime_checkable
 class HasIo(Protocol):
-    """A device with named inputs and outputs; its `capabilities.io` is True."""
+    """A device with named inputs and outputs; its `capabilities.io` is True.
+
+    An attribute `report_period_s`, 0.001 to 0.2 s, is the interval at which `io` and `Reporting.status` are
+    called; without it they are called every 0.2 s.
+    """
 
     def io(self) -> Sequence[IoPoint]:
         """All inputs and outputs as last reported by the device; called like `Reporting.status`."""

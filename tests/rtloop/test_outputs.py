@@ -16,6 +16,7 @@ from cobot.ipc.io_record import report_of
 from cobot.ipc.layout import IO, IO_NAME_BYTES, IO_POINTS, Command
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot.description import RobotDescription
+from rtloop.backends import BackendError
 
 
 @pytest.fixture
@@ -102,3 +103,33 @@ def test_what_there_is_no_room_for_is_named_once_in_the_log(
     assert shown == [name for name in arm._io if name != long]
     (line,) = [each.getMessage() for each in caplog.records if long in each.getMessage()]
     assert line.endswith(f"not shown: {long}; there is room for {IO_POINTS}, with names of up to 64 bytes")
+
+
+class PromptArm(PanelArm):
+    """Reports its inputs every 10 ms."""
+
+    report_period_s: object = 0.01
+
+
+@pytest.mark.parametrize(("kind", "reports"), [(PanelArm, 5), (PromptArm, 100)])
+def test_a_backend_is_polled_at_the_interval_of_its_report_period(
+    settings: Settings, robot: RobotDescription, kind: type[PanelArm], reports: int
+) -> None:
+    """Oracle: the number of the report in shared memory, after one second of robot time."""
+    rig = Rig(settings, robot, backend=kind(settings, robot.limits))
+    rig.memory.io.try_read()
+    before = report_of(rig.memory.io.data).number
+    rig.step(1000)
+    rig.memory.io.try_read()
+    assert report_of(rig.memory.io.data).number - before == reports
+    rig.close()
+
+
+@pytest.mark.parametrize("period_s", [0.0, 0.3, -1.0, np.nan, np.inf, "fast", None, True])
+def test_a_report_period_out_of_range_is_rejected(
+    settings: Settings, robot: RobotDescription, period_s: object
+) -> None:
+    arm = PromptArm(settings, robot.limits)
+    arm.report_period_s = period_s
+    with pytest.raises(BackendError, match=r"report_period_s is .*, it must be 0.001 to 0.2 s"):
+        Rig(settings, robot, backend=arm)
