@@ -94,13 +94,13 @@ class Robot(SessionSettings):
         self._make_client = client or partial(Client, token=token, verify=verify)
         remote = partial(WebSocketTransport, token=token, verify=verify)
         self._transport = _connect(serial_number, connect_retries, retry_interval_sec, clock, remote)
-        self._info = robot_info(self._transport.robot, self._transport.info)
-        self._flange_in_tcp = Pose.from_numbers(self._transport.info["flange"])
+        info = self._transport.info
+        self._info = robot_info(self._transport.robot, info)
         self._chosen = Mode.IDLE
         self._control: Control[Any] | None = None
         self._plan = Plan(clock)
         self._closed = False
-        super().__init__(self._transport.info)
+        super().__init__(info)
         if verbose:
             log.info("connected to %s (%s, %d joints)", serial_number, self._info.model_name, self._info.DoF)
 
@@ -255,7 +255,8 @@ class Robot(SessionSettings):
         Raises:
             UnavailableError: rtloop does not answer.
         """
-        return robot_states(self._state(), self._flange_in_tcp)
+        state = self._state()
+        return robot_states(state, Pose.from_numbers(self._transport.info["flange"]))
 
     def commanded_position(self) -> list[float]:
         """The commanded joint positions, rad."""

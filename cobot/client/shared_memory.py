@@ -36,7 +36,15 @@ class SharedMemoryTransport:
         self._streaming = False
         self._session = 0
         self._first: FirstTarget | None = None
-        self.info = self._read_info()
+        self.state()  # rtloop describes its robot before its first cycle.
+
+    @property
+    def info(self) -> np.ndarray:
+        with self._turn:
+            try:
+                return self._memory.info.read().copy()
+            except TornReadError as exc:
+                raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
 
     def state(self) -> np.ndarray:
         block = self._memory.state
@@ -92,14 +100,6 @@ class SharedMemoryTransport:
     def close(self) -> None:
         self.end_session()
         self._memory.close()
-
-    def _read_info(self) -> np.ndarray:
-        """Wait until rtloop has described its robot, which it does before its first cycle."""
-        self.state()
-        try:
-            return self._memory.info.read().copy()
-        except TornReadError as exc:
-            raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
 
     def _await_session(self, number: int) -> None:
         """Wait for rtloop's answer, and for the first state in which the session is active."""

@@ -18,14 +18,21 @@ class Transport(Protocol):
         url: of its service, "" if it has none.
         dof: number of joints.
         clock: the robot's clock.
-        info: record of `cobot.ipc.layout.info_dtype`.
     """
 
     robot: str
     url: str
     dof: int
     clock: Clock
-    info: np.ndarray
+
+    @property
+    def info(self) -> np.ndarray:
+        """The newest record of `cobot.ipc.layout.info_dtype`: its flange changes with the tool.
+
+        Raises:
+            UnavailableError: it cannot be read.
+        """
+        ...
 
     def state(self) -> np.ndarray:
         """The newest state, a record of `cobot.ipc.state_fields.state_dtype`. The caller may keep it.

@@ -70,12 +70,15 @@ class WebSocketTransport:
                     "use the service's version of cobot"
                 )
             self.robot, self.dof = str(hello["robot"]), int(hello["dof"])
-            self.info = _info(hello, self.dof)
             self._send(json.dumps({"type": "subscribe", "rate_hz": STATE_RATE_HZ, "format": "binary"}))
             self._wait(lambda: self._newest or None, "sent a state of rtloop's")
         except CobotError:
             self.close()
             raise
+
+    @property
+    def info(self) -> np.ndarray:
+        return _info(self._hello, self.dof)
 
     def state(self) -> np.ndarray:
         age_s = self.clock.now_s() - self._newest_s
@@ -144,6 +147,12 @@ class WebSocketTransport:
         match answer["type"]:
             case "hello":
                 self._hello = answer
+            case "tool":
+                self._hello = {
+                    **self._hello,
+                    "flange": answer["flange"],
+                    "tool_version": answer["tool_version"],
+                }
             case "session":
                 self._session = int(answer["number"])
             case "session_ended":

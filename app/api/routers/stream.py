@@ -91,6 +91,7 @@ class Connection:
         self._due = self._sequence = self._publication = 0
         self._binary = False
         self._place: dict[str, Any] = {}
+        self._tool_version = int(self._streams.info["tool_version"])
 
     async def serve(self) -> None:
         """Until the client goes."""
@@ -145,6 +146,7 @@ class Connection:
             while True:
                 await self._wake.wait()
                 self._wake.clear()
+                self._report_tool()
                 while self._answers:
                     await socket.send_text(self._answers.popleft())
                 state = self._newest()
@@ -156,6 +158,13 @@ class Connection:
                     await socket.send_text(state_frame(state, self._sequence))
         except WebSocketDisconnect:
             return
+
+    def _report_tool(self) -> None:
+        """Report where the flange is if the tool has changed, before a state with the new TCP."""
+        info = self._streams.info
+        if int(info["tool_version"]) != self._tool_version:
+            self._tool_version = int(info["tool_version"])
+            self._answer("tool", tool_version=self._tool_version, flange=info["flange"].tolist())
 
     def _newest(self) -> np.ndarray | None:
         """The state, if one is due and there is a new one."""

@@ -23,6 +23,7 @@ from cobot.errors import (
     ExecutionError,
     InputError,
     MotionStopped,
+    TornReadError,
     UnavailableError,
 )
 from cobot.ipc.first_target import FirstTarget
@@ -146,13 +147,19 @@ class StreamService:
         self._connections = 0
         self.command_timeout_s = command_timeout_s
         self.session: Session | None = None
-        self._info = link.memory.info.read().copy()
+        self._info_sequence = 0
+        self._info = np.zeros((), link.memory.info.data.dtype)
 
     @property
     def info(self) -> np.ndarray:
-        """What rtloop drives; zeros until it has said so, which may be after the service has begun."""
-        if not self._info["period_s"] and (newest := self._link.memory.info.read())["period_s"]:
-            self._info = newest.copy()
+        """The robot as rtloop has described it last: the flange changes with the tool.
+
+        Zeros until there is a description, which may be after the service has begun.
+        """
+        block = self._link.memory.info
+        if (sequence := block.sequence) != self._info_sequence:
+            with contextlib.suppress(TornReadError):  # Then the next call finds it.
+                self._info, self._info_sequence = block.read().copy(), sequence
         return self._info
 
     @property

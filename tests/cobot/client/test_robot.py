@@ -200,6 +200,21 @@ def test_every_field_of_the_states_means_something(robot: Robot, service: Virtua
     assert np.linalg.norm(states.ft_sensor_raw[:3]) == pytest.approx(0.3 * 9.81, rel=0.05)  # link 7's weight
 
 
+def test_the_flange_stays_where_it_is_when_the_tool_changes(robot: Robot, service: VirtualService) -> None:
+    """The TCP moves by the tool's length along the flange's z; the arm has not moved."""
+    before = robot.states()
+    length_m = 0.2
+    try:
+        assert service.post("/robot/tool", {"tcp": {"z": length_m}}).status_code == 200
+        after = robot.states()
+    finally:
+        assert service.post("/robot/tool", {"tcp": {}}).status_code == 200
+    np.testing.assert_allclose(after.flange_pose, before.flange_pose, atol=1e-6)
+    there = np.subtract(after.tcp_pose[:3], before.tcp_pose[:3])
+    turned = Rotation.from_quat(before.flange_pose[3:], scalar_first=True).apply([0.0, 0.0, length_m])
+    np.testing.assert_allclose(there, turned, atol=1e-6)
+
+
 def test_what_stays_as_it_is(robot: Robot, service: VirtualService) -> None:
     info = robot.info()
     assert (info.serial_num, info.model_name, info.DoF) == (service.name, "iiwa14", 7)

@@ -131,6 +131,17 @@ def test_what_the_robot_is_survives_the_way_bit_by_bit(transport: WebSocketTrans
     assert transport.info.tobytes() == fake.info.tobytes()
 
 
+def test_the_flange_is_that_of_the_tool_that_the_service_reported_last(
+    transport: WebSocketTransport, fake: Fake
+) -> None:
+    flange = [0.0, 0.0, -0.2, 1.0, 0.0, 0.0, 0.0]
+    assert fake.connection is not None
+    fake.connection.send(json.dumps({"type": "tool", "tool_version": 7, "flange": flange}))
+    until(lambda: transport.info["tool_version"] == 7)
+    assert transport.info["flange"].tolist() == flange
+    assert transport.info["max_velocity"].tolist() == fake.info["max_velocity"].tolist()
+
+
 def test_states_are_the_services_and_the_callers_to_keep(transport: WebSocketTransport, fake: Fake) -> None:
     fake.state["position"] = [1.0, 2.0, 3.0]
     until(lambda: transport.state()["position"][2] == 3.0)

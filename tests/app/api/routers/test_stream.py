@@ -84,6 +84,20 @@ def test_the_first_frame_says_what_robot_this_is(client: Frames, run: VirtualSer
         assert hello[name] == [joint[name] for joint in LIMITS.values()], name
 
 
+def test_a_changed_tool_is_reported_with_the_place_of_the_flange(client: Frames, run: VirtualService) -> None:
+    client.send("subscribe", rate_hz=50)
+    try:
+        assert run.post("/robot/tool", {"tcp": {"z": 0.2}}).status_code == 200
+        told = client.answer()
+        with connect(run) as later:
+            assert later.hello["flange"] == told["flange"], "a new client gets the present one"
+    finally:
+        assert run.post("/robot/tool", {"tcp": {}}).status_code == 200
+    assert told["type"] == "tool"
+    assert told["flange"] == pytest.approx([0.0, 0.0, -0.2, 1.0, 0.0, 0.0, 0.0], abs=1e-9)
+    assert client.answer()["flange"] == pytest.approx(client.hello["flange"])
+
+
 def test_states_as_json_are_those_that_rest_shows(client: Frames, run: VirtualService) -> None:
     client.send("subscribe", rate_hz=50)
     states = [client.state() for _ in range(10)]
