@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
+import re
+import sys
 import textwrap
 from collections.abc import Collection, Mapping
 from functools import cache
@@ -19,6 +20,7 @@ from app.actions.servo_action import ServoModeAction
 from app.aubo.classes import REGISTRY
 from app.aubo.fields import REQUIRED, Field
 from app.aubo.registry import Service
+from cobot.errors import ConfigError
 
 PACKAGE = "aubo_interfaces"
 WIDTH = 110
@@ -29,6 +31,9 @@ SMALL = frozenset(
     for name in ("GetDof", "GetExecId", "GetJointPositions", "InverseKinematics", "IsSteady", "MoveJoint")
 )
 """What the client of the manual's section 8.0 needs: some dozens of compile steps instead of 2,068."""
+
+LISTED = re.compile(r'^  "(.+)"$', re.MULTILINE)
+"""An interface in CMakeLists.txt."""
 
 PACKAGE_XML = """<?xml version="1.0"?>
 <package format="3">
@@ -92,11 +97,38 @@ def package_files(wanted: Collection[str] | None = None) -> dict[str, str]:
 
 
 def write_package(folder: Path, files: Mapping[str, str]) -> None:
-    """Write the files, and nothing else, into a folder."""
-    shutil.rmtree(folder, ignore_errors=True)
+    """Write the files into a folder that is empty, does not exist, or has nothing but an earlier package.
+
+    Raises:
+        ConfigError: the folder has other files; nothing has been changed.
+        OSError: it cannot be written.
+    """
+    for earlier in _earlier_files(folder):
+        earlier.unlink()
     for path, text in files.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_text(text, encoding="utf-8")
+
+
+def _earlier_files(folder: Path) -> list[Path]:
+    """The files of a package that this module has written, as its CMakeLists.txt lists them."""
+    if not folder.exists():
+        return []
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: is a file; move it, or choose another folder")
+    files = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
+    description, build = folder / "package.xml", folder / "CMakeLists.txt"
+    known: set[Path] = set()
+    if description.is_file() and description.read_bytes() == PACKAGE_XML.format(package=PACKAGE).encode():
+        listed = LISTED.findall(build.read_text("utf-8", "replace")) if build.is_file() else []
+        known = {description, build, *(folder / path for path in listed)}
+    if other := sorted(str(path.relative_to(folder)) for path in files if path not in known):
+        more = f" and {len(other) - 3} more" if len(other) > 3 else ""
+        raise ConfigError(
+            f"{folder}: has files that this command has not written: {', '.join(other[:3])}{more}; move "
+            "them, or choose another folder"
+        )
+    return files
 
 
 def _srv(services: list[Service]) -> str:
@@ -120,16 +152,21 @@ def _comment(text: str) -> list[str]:
     return textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent="#   ", break_long_words=False)
 
 
-def main() -> None:
-    """Write the package that a ROS user builds."""
+def main() -> int:
+    """Write the package that a ROS user builds. The exit status: 0, or 2 when nothing was written."""
     parser = argparse.ArgumentParser(prog="python -m app.aubo.interfaces", description=__doc__)
     parser.add_argument("folder", type=Path, help="the src folder of a colcon workspace")
     parser.add_argument("--small", action="store_true", help="only what the manual's client needs")
     chosen = parser.parse_args()
     files = package_files(SMALL if chosen.small else None)
-    write_package(chosen.folder / PACKAGE, files)
+    try:
+        write_package(chosen.folder / PACKAGE, files)
+    except (ConfigError, OSError) as exc:
+        print(exc, file=sys.stderr)
+        return 2
     print(f"{chosen.folder / PACKAGE}: {len(files) - 2} interfaces")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -30,6 +30,33 @@ def test_the_command_writes_the_package_and_nothing_else(
         assert {str(path.relative_to(folder)): path.read_text(encoding="utf-8") for path in written} == files
 
 
+@pytest.mark.parametrize("path", ["notes.txt", "srv/Mine.srv", "package.xml"])
+def test_a_folder_with_files_of_the_user_is_refused_and_left_as_it_is(
+    path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["interfaces", str(tmp_path), "--small"])
+    assert main() == 0
+    folder = tmp_path / PACKAGE
+    (folder / path).write_text("mine")
+    before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+    assert main() == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"{folder}: has files that this command has not written: ")
+    assert path in said
+    assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
+
+
+def test_a_package_that_another_program_has_written_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / PACKAGE / "src").mkdir(parents=True)
+    (tmp_path / PACKAGE / "src" / "node.cpp").write_text("int main() {}")
+    monkeypatch.setattr("sys.argv", ["interfaces", str(tmp_path)])
+    assert main() == 2
+    assert "src/node.cpp; move them, or choose another folder" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / PACKAGE).rglob("*")] == ["src", "node.cpp"]
+
+
 def test_each_service_has_a_text_whose_fields_are_its_own() -> None:
     for found in REGISTRY.values():
         request, answer = SEPARATOR.split(DEFINITIONS[f"{PACKAGE}/srv/{found.type_name}"])
