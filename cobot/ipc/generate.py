@@ -19,6 +19,7 @@ import numpy as np
 from cobot.errors import ConfigError
 from cobot.ipc import layout
 from cobot.ipc import records as cycle_records
+from cobot.ipc.shm import MAX_DOF
 from cobot.ipc.state_fields import LAYOUT_VERSION, PER_JOINT, SCALARS, STATE_FIELDS, StateField, state_dtype
 
 STRUCT = Path("cobot", "ipc", "state_scalars.pxd")
@@ -29,14 +30,16 @@ _NOTE = "# Layout version {version}, records {digest}.\n"
 
 
 def records_digest() -> str:
-    """A digest of the records of `cobot.ipc.layout`, of `cobot.ipc.records` and of the state block."""
-    records = {"state": state_dtype(7)}
+    """A digest of the records of `cobot.ipc.layout`, of `cobot.ipc.records` and of the state block, for each
+    number of joints."""
+    joints = range(1, MAX_DOF + 1)
+    records = {f"state {dof}": state_dtype(dof) for dof in joints}
     for module in (layout, cycle_records):
         for name, value in vars(module).items():
             if isinstance(value, np.dtype):
                 records[f"{module.__name__}.{name}"] = value
             elif name.endswith("_dtype"):
-                records[f"{module.__name__}.{name}"] = value(7)
+                records |= {f"{module.__name__}.{name} {dof}": value(dof) for dof in joints}
     described = [(name, records[name].descr, records[name].itemsize) for name in sorted(records)]
     return hashlib.sha256(repr(described).encode()).hexdigest()[:16]
 

@@ -31,7 +31,7 @@ class StateField:
     Attributes:
         name: the same in shared memory, in JSON and in recordings.
         kind: type in shared memory, as numpy calls it: "u8", "i8", "f8", or `TEXT`.
-        unit: "" for counts, flags and texts.
+        unit: "" for counts, flags and texts; of a field per joint those of a hinge and of a slide.
         meaning: a phrase for the documents and the JSON schema, with the frame of a vector.
         length: 0 for one number or text, `PER_JOINT`, or how many numbers.
         member: enumeration whose member's name stands in JSON in place of the number.
@@ -142,15 +142,17 @@ STATE_FIELDS = (
         "CLOCK_MONOTONIC when the robot was last read without an error",
         recorded="i8",
     ),
-    StateField("position", "f8", "rad", "Measured joint positions", PER_JOINT, recorded="f8"),
-    StateField("velocity", "f8", "rad/s", "Measured joint velocities", PER_JOINT, recorded="f4"),
-    StateField("effort", "f8", "N·m", "Measured joint torques", PER_JOINT, recorded="f4"),
-    StateField("desired_effort", "f8", "N·m", "Joint torques asked of the drives", PER_JOINT, recorded="f4"),
+    StateField("position", "f8", "rad or m", "Measured joint positions", PER_JOINT, recorded="f8"),
+    StateField("velocity", "f8", "rad/s or m/s", "Measured joint velocities", PER_JOINT, recorded="f4"),
+    StateField("effort", "f8", "N·m or N", "Measured joint efforts", PER_JOINT, recorded="f4"),
+    StateField(
+        "desired_effort", "f8", "N·m or N", "Joint efforts asked of the drives", PER_JOINT, recorded="f4"
+    ),
     StateField(
         "external_effort",
         "f8",
-        "N·m",
-        "Estimated joint torques from the surroundings",
+        "N·m or N",
+        "Estimated joint efforts from the surroundings",
         PER_JOINT,
         recorded="f4",
         message=(15, "float64[]"),
@@ -172,9 +174,11 @@ STATE_FIELDS = (
         recorded="f4",
         message=(16, "geometry_msgs/Wrench"),
     ),
-    StateField("commanded_position", "f8", "rad", "Commanded joint positions", PER_JOINT, recorded="f8"),
-    StateField("commanded_velocity", "f8", "rad/s", "Commanded joint velocities", PER_JOINT, recorded="f4"),
-    StateField("commanded_acceleration", "f8", "rad/s²", "Commanded joint accelerations", PER_JOINT),
+    StateField("commanded_position", "f8", "rad or m", "Commanded joint positions", PER_JOINT, recorded="f8"),
+    StateField(
+        "commanded_velocity", "f8", "rad/s or m/s", "Commanded joint velocities", PER_JOINT, recorded="f4"
+    ),
+    StateField("commanded_acceleration", "f8", "rad/s² or m/s²", "Commanded joint accelerations", PER_JOINT),
     StateField(
         "tcp",
         "f8",
@@ -185,7 +189,9 @@ STATE_FIELDS = (
         message=(14, "geometry_msgs/Pose"),
     ),
     StateField("tcp_velocity", "f8", "m/s, rad/s", "Measured velocity of the TCP in the base frame", 6),
-    StateField("effort_rate", "f8", "N·m/s", "Rate of change of `effort`, smoothed over 10 ms", PER_JOINT),
+    StateField(
+        "effort_rate", "f8", "N·m/s or N/s", "Rate of change of `effort`, smoothed over 10 ms", PER_JOINT
+    ),
     StateField(
         "interventions",
         "u8",

@@ -11,6 +11,7 @@ import pytest
 
 from cobot.errors import ConfigError
 from cobot.ipc import generate, layout
+from cobot.ipc.shm import MAX_DOF
 from cobot.ipc.state_fields import (
     LAYOUT_VERSION,
     PER_JOINT,
@@ -118,6 +119,16 @@ def test_a_new_field_with_a_new_version_gets_into_struct_and_document(
 def test_every_record_counts_for_the_version(monkeypatch: pytest.MonkeyPatch) -> None:
     before = generate.records_digest()
     monkeypatch.setattr(layout, "HEAD", np.dtype([("id", "u8"), ("more", "u8")]))
+    assert generate.records_digest() != before
+
+
+@pytest.mark.parametrize("joints", [1, 6, MAX_DOF])
+def test_a_record_that_has_changed_for_one_number_of_joints_only_counts_too(
+    monkeypatch: pytest.MonkeyPatch, joints: int
+) -> None:
+    before, made = generate.records_digest(), layout.info_dtype
+    longer = np.dtype([("id", "u8"), ("more", "u8")])
+    monkeypatch.setattr(layout, "info_dtype", lambda dof: longer if dof == joints else made(dof))
     assert generate.records_digest() != before
 
 
