@@ -124,6 +124,14 @@ class Holding:
     share: float
 
     @property
+    def percent(self) -> str:
+        """The share in words: one posture that fails is enough that it is not "100 %"."""
+        percent = 100.0 * self.share
+        if percent > 99.0 and not self.everywhere:
+            return "more than 99 %"
+        return f"{percent:.0f} %" if percent >= 1.0 else "less than 1 %"
+
+    @property
     def everywhere(self) -> bool:
         return self.hardest[0].share <= 1.0 + TOLERANCE
 

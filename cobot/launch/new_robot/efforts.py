@@ -20,16 +20,24 @@ LEAST_SHARE = 0.05
 """Fraction of an effort that friction and damping may take if it does not even hold the arm."""
 
 
-def report_holding(holding: Holding) -> list[str]:
-    """A sentence for each joint that cannot hold the arm."""
+def report_holding(holding: Holding, assumed: bool) -> list[str]:
+    """A sentence for each joint that cannot hold the arm.
+
+    Args:
+        assumed: whether the masses of moving links have been assumed.
+    """
     said = [
         f"{hold.joint} cannot hold the arm at {_rounded(hold)}: it needs {hold.needed:.4g} {hold.unit}, the "
         f"file gives {hold.limit:.4g} {hold.unit}; correct its effort or the masses"
         for hold in holding.failing
     ]
     if said:
-        share = 100.0 * holding.share
-        said.append(f"motions into postures that cannot be held are rejected; {share:.0f} % can be held")
+        said.append(f"motions into postures that cannot be held are rejected; {holding.percent} can be held")
+        if assumed:
+            said.append(
+                "masses of links that move are assumed: give theirs with --mass LINK=KG, or another density "
+                "with --density"
+            )
     return said
 
 

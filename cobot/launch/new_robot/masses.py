@@ -73,8 +73,11 @@ class _Link:
         return self.body.name or "(no name)"
 
 
-def settle(file: Path, spec: mujoco.MjSpec, wishes: Wishes, stated: Mapping[str, Stated] | None) -> list[str]:
-    """Give each link its inertial, and return a sentence for each that is not the file's.
+def settle(
+    file: Path, spec: mujoco.MjSpec, wishes: Wishes, stated: Mapping[str, Stated] | None
+) -> tuple[list[str], bool]:
+    """Give each link its inertial. Returns a sentence for each that is not the file's, and whether the mass
+    of a moving link has been assumed.
 
     Args:
         stated: what `inertials.set_aside` found in a URDF; None for MJCF.
@@ -83,7 +86,8 @@ def settle(file: Path, spec: mujoco.MjSpec, wishes: Wishes, stated: Mapping[str,
         ConfigError: a wish that cannot be, or MuJoCo's reason.
     """
     wishes.check(file, [body.name for body in spec.bodies[1:] if body.name])
-    return _Settling(file, spec, wishes, stated).run()
+    settling = _Settling(file, spec, wishes, stated)
+    return settling.run(), settling.assumed
 
 
 class _Settling:
@@ -92,6 +96,7 @@ class _Settling:
     ) -> None:
         self._file, self._spec, self._wishes = file, spec, wishes
         self._said: list[str] = []
+        self.assumed = False
         self._by_shapes = spec.compiler.inertiafromgeom == FROM_GEOM.mjINERTIAFROMGEOM_TRUE
         self._of_file = stated is None and wishes.density is None
         self._density = wishes.density or DENSITY_KG_M3
@@ -169,6 +174,7 @@ class _Settling:
         if weight > 2.0 * NOTHING_KG:
             overlap = 1.0 if self._of_file or link.solid is None else link.solid.overlap
             mass = (stated.mass if stated else None) or weight * overlap
+            self.assumed |= self._is_open(link) and not self._of_file and not (stated and stated.mass)
             moments = mj.body_inertia[index] * mass / weight
             _set_inertial(link.body, mass, mj.body_ipos[index], moments, mj.body_iquat[index])
             self._say(link, f"{self._origin(link, mass)}: {why}")
@@ -186,8 +192,12 @@ class _Settling:
         return f"mass {mass:.4g} kg assumed, {self._density:g} kg/m³ times its shapes{volume}"
 
     def _say(self, link: _Link, sentence: str) -> None:
-        if self._moves(link) and link.name not in self._wishes.masses:
+        if self._is_open(link):
             self._said.append(f"{link.name}: {sentence}")
+
+    def _is_open(self, link: _Link) -> bool:
+        """Whether it moves, and the user gives no mass for it."""
+        return self._moves(link) and link.name not in self._wishes.masses
 
     def _require_some_mass(self) -> None:
         """Raises:
@@ -214,6 +224,7 @@ class _Settling:
             radius = self._ball_radius()
             mass = self._density * 4.0 / 3.0 * math.pi * radius**3
             _set_ball(link.body, mass, radius)
+            self.assumed |= self._is_open(link)
             self._say(
                 link,
                 f"mass {mass:.3g} kg assumed, a ball of {1e3 * radius:.3g} mm: it moves, and the file has "

@@ -124,8 +124,9 @@ class NewRobot:
         own_state = home_posture.keyframe(spec) or {}
         semantics, tree, chain = self._chain(root, spec, source.names, source.tree)
         joints, tcp = self._driven(source, tree, chain, semantics, own_state)
-        check_driven(self.file, root, joints)
-        self.guessed += masses.settle(self.file, spec, self.wishes, source.stated)
+        check_driven(self.file, root, joints, self.without)
+        said, assumed = masses.settle(self.file, spec, self.wishes, source.stated)
+        self.guessed += said
         base, tcp = guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
         for joint in joints:
             motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -137,7 +138,7 @@ class NewRobot:
         limits = guesses.limits(self.file, mj, source.rates, self.guessed)
         robot = self._load(folder, limits, base, tcp)
         limits = replace(robot.limits, max_effort=guesses.efforts(robot, self.guessed))
-        check_supported(self.file, root, limits)
+        check_supported(self.file, root, limits, self.without)
         guesses.write_limits(limits, folder / "joint_limits.yaml")
         guesses.shapeless(robot, self.guessed)
         touching = guesses.pairs_that_touch(robot, semantics.pairs, self.guessed)
@@ -150,7 +151,7 @@ class NewRobot:
         save(spec, folder)
         robot = self._load(folder, limits, base, tcp)
         max_payload_kg, sentence = efforts.payload_left(robot, collision)
-        self.guessed += [efforts.total_mass(robot.mj), sentence, *efforts.report_holding(holding)]
+        self.guessed += [efforts.total_mass(robot.mj), sentence, *efforts.report_holding(holding, assumed)]
         positions = home_posture.positions(
             self.file, robot, collision, base, semantics.states_of(limits.names, own_state), self.guessed
         )

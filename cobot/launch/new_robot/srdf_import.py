@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -20,6 +20,15 @@ from cobot.xml_file import parse, where
 
 GROUP = "arm"
 """The name of a group where there is no SRDF."""
+OTHER_NAMES = (
+    ("passive_joint", "name", "joints"),
+    ("virtual_joint", "child_link", "links"),
+    ("disable_default_collisions", "link", "links"),
+    ("end_effector", "group", "groups"),
+    ("end_effector", "parent_group", "groups"),
+    ("group_state", "group", "groups"),
+)
+"""Elements and attributes whose names are only checked, and what they name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +146,8 @@ class _Reader:
     def __init__(self, file: Path, root: Element, tree: Tree) -> None:
         self._file, self._root, self._tree = file, root, tree
         self._groups = {group.get("name") or "": group for group in root.findall("group")}
-        self._joints = {joint.name: joint for joint in tree.joints if joint.name}
+        self._joints = {joint.name for joint in tree.joints if joint.name}
+        self._joints |= {each.get("name") or "" for each in root.findall("virtual_joint")}
         self._unknown: dict[str, list[str]] = {}
 
     def read(self, group: str | None, arm: Sequence[str], only_arm: bool) -> Semantics:
@@ -148,6 +158,7 @@ class _Reader:
         self._read_ends(found)
         self._read_states(found)
         found.pairs = self._pairs()
+        self._check_others()
         ends = [f"{what} {link}" for what, link in (("base_frame", found.base), ("tcp", found.tcp)) if link]
         taken = ", ".join([f"group {name}", *ends])
         found.said.append(f"{self._file.name}: {taken}; {len(found.pairs)} pairs of links that may touch")
@@ -175,12 +186,8 @@ class _Reader:
         return (same or groups)[0]
 
     def _movable(self, group: str) -> list[str]:
-        passive = {each.get("name") for each in self._root.findall("passive_joint")}
-        names = self._members(group, set())
-        return [name for name in self._in_order(names) if name not in passive]
-
-    def _in_order(self, names: Iterable[str]) -> list[str]:
-        wanted = set(names)
+        passive = {str(each.get("name")) for each in self._root.findall("passive_joint")}
+        wanted = self._members(group, set()) - passive
         return [joint.name for joint in self._tree.joints if joint.moves and joint.name in wanted]
 
     def _members(self, group: str, seen: set[str]) -> set[str]:
@@ -217,6 +224,13 @@ class _Reader:
         if name not in (listed := self._unknown.setdefault(what, [])):
             listed.append(name)
         return False
+
+    def _check_others(self) -> None:
+        """Report names in elements that cobot does not use, or not for this group."""
+        known = {"joints": self._joints, "links": self._tree.links, "groups": self._groups}
+        for tag, attribute, what in OTHER_NAMES:
+            for element in self._root.iterfind(f"{tag}[@{attribute}]"):
+                self._exists(what, str(element.get(attribute)), known[what])
 
     def _read_ends(self, found: Semantics) -> None:
         """Base and TCP: those of the group's chain, else the TCP of the end effector on the group."""

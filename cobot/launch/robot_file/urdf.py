@@ -7,6 +7,7 @@ meshes as convex solids in metres. So errors of the file are found before, with 
 from __future__ import annotations
 
 import copy
+import shlex
 import tempfile
 from collections.abc import Container
 from pathlib import Path
@@ -156,6 +157,6 @@ def _check_joint(file: Path, joint: Element, still: Container[str]) -> None:
         if name not in still:
             raise ConfigError(
                 f"{where(file, joint)}: joint {name!r} is {kind}: the base must stand; make it "
-                f"fixed, or keep it where it is with --without {name}"
+                f"fixed, or keep it where it is with --without {shlex.quote(str(name))}"
             )
         joint.set("type", "fixed")

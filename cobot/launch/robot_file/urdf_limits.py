@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import shlex
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -38,42 +39,68 @@ def state_limits(file: Path, root: Element) -> None:
                 limit.set(end, repr(value))
 
 
-def check_driven(file: Path, root: Element, driven: Iterable[str]) -> None:
+def check_driven(file: Path, root: Element, driven: Sequence[str], without: Sequence[str]) -> None:
     """Reject the joints of the arm whose limits in the file leave them no range.
 
+    Args:
+        without: joints that are left out already, which the offered option has to repeat.
+
     Raises:
-        ConfigError: names the line, the joint and the ways out.
+        ConfigError: names the line, the first joint and the ways out.
     """
-    joints = {joint.get("name"): joint for joint in root.findall("joint")}
-    for name in driven:
-        joint = joints.get(name)
-        way_out = WAYS_OUT.get("" if joint is None else joint.get("type", ""))
-        if joint is None or way_out is None:
-            continue
-        limit = joint.find("limit")
-        if limit is not None and "lower" in limit.attrib:
-            continue
-        told = "no <limit>" if limit is None else "a range of 0, because lower and upper are equal or missing"
-        raise ConfigError(
-            f"{where(file, joint if limit is None else limit)}: joint {name!r} is {joint.get('type')} and "
-            f"has {told}; {way_out}, or leave it out with --without {name}"
-        )
+    joints = {str(joint.get("name")): joint for joint in root.findall("joint")}
+    rangeless = [name for name in driven if name in joints and _is_rangeless(joints[name])]
+    if not rangeless:
+        return
+    name, joint = rangeless[0], joints[rangeless[0]]
+    limit = joint.find("limit")
+    told = "no <limit>" if limit is None else "a range of 0, because lower and upper are equal or missing"
+    raise ConfigError(
+        f"{where(file, joint if limit is None else limit)}: joint {name!r} is {joint.get('type')} and "
+        f"has {told}; {WAYS_OUT[str(joint.get('type'))]}{_leave_out(rangeless, driven, without)}"
+    )
 
 
-def check_supported(file: Path, root: Element, limits: JointLimits) -> None:
+def check_supported(file: Path, root: Element, limits: JointLimits, without: Sequence[str]) -> None:
     """Reject limits beyond what cobot supports.
 
+    Args:
+        without: see `check_driven`.
+
     Raises:
-        ConfigError: names the line, the joint, the value and the bound.
+        ConfigError: names the line, the first joint, the value and the bound.
     """
     elements = {joint.get("name"): joint for joint in root.iter("joint")}
+    found = list(_unsupported(limits))
+    if not found:
+        return
+    name, what = found[0]
+    failing = list(dict.fromkeys(name for name, _ in found))
+    raise ConfigError(
+        f"{where(file, elements.get(name))}: joint {name!r}: {what}; correct it in the file"
+        f"{_leave_out(failing, limits.names, without)}"
+    )
+
+
+def _is_rangeless(joint: Element) -> bool:
+    limit = joint.find("limit")
+    return joint.get("type") in WAYS_OUT and (limit is None or "lower" not in limit.attrib)
+
+
+def _unsupported(limits: JointLimits) -> Iterator[tuple[str, str]]:
+    """The joints with limits beyond what cobot supports, and a sentence on each limit."""
     for index, name in enumerate(limits.names):
         for quantity in limits.QUANTITIES:
             value = float(getattr(limits, quantity)[index])
             bound = MAX_POSITION if quantity.endswith("position") else MAX_RATE
             if not abs(value) < bound:
-                raise ConfigError(
-                    f"{where(file, elements.get(name))}: joint {name!r}: {quantity} is {value:g}, cobot "
-                    f"supports less than {bound:.0f}{DERIVED.get(quantity, '')}; correct it in the file, or "
-                    f"leave the joint out with --without {name}"
-                )
+                supported = f"cobot supports less than {bound:.0f}{DERIVED.get(quantity, '')}"
+                yield name, f"{quantity} is {value:g}, {supported}"
+
+
+def _leave_out(failing: Sequence[str], driven: Sequence[str], without: Sequence[str]) -> str:
+    """The option that leaves out all failing joints, "" if no joint would be left."""
+    if len(failing) == len(driven):
+        return ""
+    it = "it" if len(failing) == 1 else f"all {len(failing)} such joints"
+    return f", or leave {it} out with --without {shlex.join([*without, *failing])}"

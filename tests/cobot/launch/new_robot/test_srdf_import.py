@@ -137,6 +137,38 @@ def test_names_that_the_robot_does_not_have_are_reported(
     assert "arm.srdf: links that the robot does not have, left out: hood" in said
 
 
+@pytest.mark.parametrize(
+    ("element", "what"),
+    [
+        ('<passive_joint name="ghost"/>', "joints"),
+        ('<virtual_joint name="world" type="fixed" parent_frame="map" child_link="ghost"/>', "links"),
+        ('<disable_default_collisions link="ghost"/>', "links"),
+        ('<enable_collisions link1="link0" link2="ghost"/>', "links"),
+        (
+            '<end_effector name="hand" group="ghost" parent_group="manipulator" parent_link="link5"/>',
+            "groups",
+        ),
+        ('<end_effector name="hand" group="hand" parent_group="ghost" parent_link="link5"/>', "groups"),
+        (state("Packed", "ghost", 0.0), "groups"),
+        ('<group name="other"><chain base_link="base_link" tip_link="ghost"/></group>', "links"),
+    ],
+)
+def test_each_element_that_names_something_unknown_is_reported_once(
+    tmp_path: Path, element: str, what: str
+) -> None:
+    _, said = made(tmp_path, CHAIN + '<group name="hand"><joint name="pinch"/></group>' + element)
+    told = [each for each in said if "the robot does not have" in each]
+    assert told == [f"arm.srdf: {what} that the robot does not have, left out: ghost"]
+
+
+def test_a_virtual_joint_is_a_name_that_groups_and_states_may_use(tmp_path: Path) -> None:
+    text = CHAIN.replace("</group>", '<joint name="world"/></group>') + '<passive_joint name="world"/>'
+    text += '<virtual_joint name="world" type="planar" parent_frame="map" child_link="base_link"/>'
+    robot, said = made(tmp_path, text)
+    assert robot.limits.names == NAMES
+    assert not [each for each in said if "does not have" in each]
+
+
 def test_pairs_that_may_touch_are_those_of_the_srdf_in_checks_and_in_the_simulation(tmp_path: Path) -> None:
     text = '<disable_collisions link1="link0" link2="link2"/><disable_default_collisions link="link5"/>'
     robot, said = made(tmp_path, f'{CHAIN}{text}<enable_collisions link1="link5" link2="link0"/>')

@@ -5,6 +5,7 @@ lines that the tests write, and files broken at random with a fixed seed.
 from __future__ import annotations
 
 import codecs
+import shlex
 from pathlib import Path
 
 import pytest
@@ -191,6 +192,24 @@ def test_a_range_of_nothing_and_limits_beyond_cobots_are_rejected(
     with pytest.raises(ConfigError, match=rf"arm\.urdf:\d+: .*{reason}"):
         made(tmp_path, ARM.replace(old, new, 1))
     assert [file.name for file in tmp_path.iterdir()] == ["arm.urdf"]
+
+
+@pytest.mark.parametrize(("old", "new"), [('upper="2.9"', 'upper="1e4"'), ('lower="-2.9" upper="2.9"', "")])
+def test_the_option_that_is_offered_for_bad_limits_works_when_it_is_typed(
+    tmp_path: Path, old: str, new: str
+) -> None:
+    """It names all such joints, and those that are left out already."""
+    text = ARM.replace(old, new, 2).replace('name="a1"', 'name="arm/joint 1"')
+    with pytest.raises(ConfigError, match="leave all 2 such joints out with --without") as refused:
+        made(tmp_path, text, without=["a5"])
+    option, *names = shlex.split(str(refused.value).partition(" out with ")[2])
+    assert (option, names) == ("--without", ["a5", "a0", "arm/joint 1"])
+    assert list(made(tmp_path, text, without=names)) == ["a2", "a3", "a4"]
+
+
+def test_leaving_out_every_joint_is_not_offered(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"correct it in the file$"):
+        made(tmp_path, ARM.replace('upper="2.9"', 'upper="1e4"'))
 
 
 def test_a_mimic_of_a_fixed_joint_means_nothing_and_its_name_can_be_typed(tmp_path: Path) -> None:
