@@ -42,7 +42,7 @@ class TcpPose(BaseModel):
         return cls(x=x, y=y, z=z, a=float(a), b=float(b), c=float(c))
 
 
-class ContactAnswer(BaseModel):
+class PushContact(BaseModel):
     """Where the TCP touched."""
 
     pose: TcpPose = Field(description="Of the TCP when it touched.")
@@ -81,7 +81,7 @@ class ForceAnswer(BaseModel):
         "bound that came first: max_distance, max_time, max_deviation, pattern_end, force (insert: it goes "
         "no further), let_go; or the code of an error."
     )
-    contact: ContactAnswer | None = Field(description="null: there was none.")
+    contact: PushContact | None = Field(description="null: there was none.")
     force_n: float | None = Field(description="Mean force while it was held, N; null if it was not held.")
     max_force_n: float = Field(description="Largest force, N.")
     pose: TcpPose | None = Field(description="Of the TCP at the end.")
@@ -146,7 +146,7 @@ def _answer(outcome: ForceOutcome) -> ForceAnswer:
         stopped_by=outcome.stopped_by,
         contact=None
         if contact is None
-        else ContactAnswer(
+        else PushContact(
             pose=TcpPose.of(contact.pose), distance_m=contact.distance_m, force_n=contact.force_n
         ),
         force_n=outcome.force_n,
