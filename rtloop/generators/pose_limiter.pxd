@@ -1,11 +1,12 @@
 """What other compiled modules call: the TCP's own limits. See pose_limiter.pyx."""
 
 cdef class PoseLimiter:
-    cdef readonly object pose, twist, acceleration
+    cdef readonly object pose, twist, acceleration, speed
     cdef readonly bint limited
     cdef double* c_pose  # (7,): x, y, z, w, x, y, z.
     cdef double* c_twist
     cdef double* c_acceleration
+    cdef double* c_speed  # At the end of the period; the twist is its mean.
     cdef double period_s
     cdef double[3][2] bounds  # Velocity, acceleration and jerk; linear and angular.
     cdef double[7] last  # request
@@ -18,7 +19,7 @@ cdef class PoseLimiter:
     cdef bint _pursue(self, const double* step, const double* own, const double* own_rate) noexcept nogil
     cdef bint _pursue_part(
         self, int part, const double* step, const double* own, const double* own_rate,
-        double* move, double* twist, double* rate,
+        double* move, double* speed, double* rate,
     ) noexcept nogil
     cdef void _share(self, int part, const double* axes, double* shares, double* velocities) noexcept nogil
     cdef bint _pursue_axis(

@@ -9,7 +9,8 @@ class PoseLimiter:
 
     Attributes:
         pose: shape (7,), m and (w, x, y, z).
-        twist: its velocity, shape (6,), m/s and rad/s, in the base frame.
+        twist: its mean velocity in the last period, shape (6,), m/s and rad/s, in the base frame.
+        speed: its twist at the end of that period, shape (6,).
         acceleration: the rate of the twist, shape (6,), m/s² and rad/s².
         limited: whether the pose is not the request.
     """
@@ -17,6 +18,7 @@ class PoseLimiter:
     pose: Array
     twist: Array
     acceleration: Array
+    speed: Array
     limited: bool
 
     def __init__(self, period_s: float, limits: CartesianLimits) -> None: ...

@@ -36,9 +36,9 @@ cdef class PoseLimiter:
 
     def __init__(self, double period_s, limits):
         self.pose, self.twist = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.zeros(6)
-        self.acceleration = np.zeros(6)
+        self.acceleration, self.speed = np.zeros(6), np.zeros(6)
         self.c_pose, self.c_twist = doubles(self.pose, 7), doubles(self.twist, 6)
-        self.c_acceleration = doubles(self.acceleration, 6)
+        self.c_acceleration, self.c_speed = doubles(self.acceleration, 6), doubles(self.speed, 6)
         self.last[3] = 1.0
         self.period_s = period_s
         self.bounds = [
@@ -55,6 +55,7 @@ cdef class PoseLimiter:
         if twist != NULL:
             memcpy(self.c_twist, twist, 6 * sizeof(double))
         memcpy(self.own, self.c_twist, 6 * sizeof(double))
+        memcpy(self.c_speed, self.c_twist, 6 * sizeof(double))
         memset(self.c_acceleration, 0, 6 * sizeof(double))
         self.differing = 0
         self.limited = False
@@ -96,6 +97,8 @@ cdef class PoseLimiter:
         memcpy(self.c_pose, pose, 7 * sizeof(double))
         memcpy(self.c_twist, velocity, sizeof(velocity))
         memcpy(self.c_acceleration, rate, sizeof(rate))
+        for i in range(6):
+            self.c_speed[i] = velocity[i] + 0.5 * period_s * rate[i]
 
     cdef void _follow(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
         """Towards a request that moves like this, or that has jumped there, as well as the limits permit."""
@@ -114,26 +117,26 @@ cdef class PoseLimiter:
             return
         memset(self.c_acceleration, 0, 6 * sizeof(double))
         for i in range(6):
-            rest[i] = self.period_s * self.c_twist[i]
+            rest[i] = self.period_s * self.c_speed[i]
         self._move(rest)
 
     cdef bint _pursue(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
         """Bring the difference to a request that moves like this to zero; whether there is a way."""
         cdef double move[6]
-        cdef double twist[6]
+        cdef double speed[6]
         cdef double rate[6]
         cdef int part
         for part in range(2):
-            if not self._pursue_part(part, step, own, own_rate, move, twist, rate):
+            if not self._pursue_part(part, step, own, own_rate, move, speed, rate):
                 return False
-        memcpy(self.c_twist, twist, sizeof(twist))
+        memcpy(self.c_speed, speed, sizeof(speed))
         memcpy(self.c_acceleration, rate, sizeof(rate))
         self._move(move)
         return True
 
     cdef bint _pursue_part(
         self, int part, const double* step, const double* own, const double* own_rate,
-        double* move, double* twist, double* rate,
+        double* move, double* speed, double* rate,
     ) noexcept nogil:
         """The linear or the angular part, along and across the direction of motion: each axis for itself."""
         cdef double axes[9]
@@ -144,7 +147,7 @@ cdef class PoseLimiter:
         cdef int first = 3 * part, i
         for i in range(3):
             direction[i] = own[first + i] + step[first + i] / LEAD_S
-        _look_along(direction, self.c_twist + first, axes)
+        _look_along(direction, self.c_speed + first, axes)
         self._share(part, axes, shares, velocities)
         for i in range(3):
             if not self._pursue_axis(
@@ -154,7 +157,7 @@ cdef class PoseLimiter:
                 return False
         for i in range(3):
             move[first + i] = axes[i] * ahead[0] + axes[3 + i] * ahead[3] + axes[6 + i] * ahead[6]
-            twist[first + i] = axes[i] * ahead[1] + axes[3 + i] * ahead[4] + axes[6 + i] * ahead[7]
+            speed[first + i] = axes[i] * ahead[1] + axes[3 + i] * ahead[4] + axes[6 + i] * ahead[7]
             rate[first + i] = axes[i] * ahead[2] + axes[3 + i] * ahead[5] + axes[6 + i] * ahead[8]
         return True
 
@@ -170,7 +173,7 @@ cdef class PoseLimiter:
         cdef double norm, peak, left = most_velocity * most_velocity
         cdef int i
         for i in range(3):
-            velocity[i] = _dot(axes + 3 * i, self.c_twist + 3 * part)
+            velocity[i] = _dot(axes + 3 * i, self.c_speed + 3 * part)
             rate[i] = _dot(axes + 3 * i, self.c_acceleration + 3 * part)
             shares[i] = fmax(fabs(velocity[i]) / self.bounds[0][part], fabs(rate[i]) / self.bounds[1][part])
             shares[i] = fmin(fmax(shares[i], MIN_SHARE), 1.0) if i > 0 else 1.0
@@ -194,10 +197,12 @@ cdef class PoseLimiter:
         cdef Motion state, frame
         cdef Problem problem
         state.position = 0.0
-        state.velocity = _dot(axis, self.c_twist + 3 * part)
+        state.velocity = _dot(axis, self.c_speed + 3 * part)
         state.acceleration = _dot(axis, self.c_acceleration + 3 * part)
         frame.position = _dot(axis, step)
-        frame.velocity = clipped(_dot(axis, own), ALONG * max_velocity)
+        # A step of the request is its mean velocity of a period, which it had half a period ago.
+        frame.velocity = _dot(axis, own) + 0.5 * self.period_s * _dot(axis, own_rate)
+        frame.velocity = clipped(frame.velocity, ALONG * max_velocity)
         frame.acceleration = clipped(_dot(axis, own_rate), ALONG * max_acceleration)
         to_rest_in_frame(&problem, state, frame, self.period_s, max_velocity, max_acceleration)
         problem.max_jerk = SHARE * share * self.bounds[2][part]
@@ -212,6 +217,8 @@ cdef class PoseLimiter:
         cdef double turn[4]
         cdef double turned[4]
         cdef int i
+        for i in range(6):
+            self.c_twist[i] = move[i] / self.period_s
         for i in range(3):
             self.c_pose[i] += move[i]
         quat_exp(move + 3, turn)

@@ -33,14 +33,14 @@ class PoseLimiter:
                 [limits.max_linear_jerk, limits.max_angular_jerk],
             ]
         )
-        self.acceleration = np.zeros(6)
+        self.acceleration, self.speed = np.zeros(6), np.zeros(6)
         self._last = self.pose.copy()
         self._own = np.zeros(6)
         self._differing = 0
 
     def begin(self, pose: Array, twist: Array) -> None:
         self.pose[:] = self._last[:] = pose
-        self.twist[:] = self._own[:] = twist
+        self.twist[:] = self._own[:] = self.speed[:] = twist
         self.acceleration[:] = 0.0
         self._differing = 0
         self.limited = False
@@ -65,23 +65,24 @@ class PoseLimiter:
             moving = np.where(jumped, 0.0, own), np.where(jumped, 0.0, own_rate)
             if not self._pursue(step, *moving) and not self._pursue(step, np.zeros(6), np.zeros(6)):
                 self.acceleration[:] = 0.0
-                self._move(self._period_s * self.twist)
+                self._move(self._period_s * self.speed)
         else:
             self.pose, self.twist, self.acceleration = pose.copy(), velocity, rate
+            self.speed = velocity + 0.5 * self._period_s * rate
 
     def _pursue(self, step: Array, own: Array, own_rate: Array) -> bool:
         ahead = np.zeros((3, 6))
         for part in (0, 1):
             rows = slice(3 * part, 3 * part + 3)
             motion = np.array([step[rows], own[rows], own_rate[rows]])
-            here = np.array([self.twist[rows], self.acceleration[rows]])
+            here = np.array([self.speed[rows], self.acceleration[rows]])
             axes = _axes(motion[1] + motion[0] / LEAD_S, here[0])
             bounds = self._bounds(part, here @ axes.T)
             found = self._planned(motion @ axes.T, here @ axes.T, *bounds)
             if found is None:
                 return False
             ahead[:, rows] = found @ axes
-        self.twist, self.acceleration = ahead[1], ahead[2]
+        self.speed, self.acceleration = ahead[1], ahead[2]
         self._move(ahead[0])
         return True
 
@@ -102,7 +103,8 @@ class PoseLimiter:
     ) -> Array | None:
         period_s = self._period_s
         step = motion[0]
-        own = np.clip(motion[1], -ALONG * velocity, ALONG * velocity)
+        own = motion[1] + 0.5 * period_s * motion[2]  # Its steps have its velocity of half a period ago.
+        own = np.clip(own, -ALONG * velocity, ALONG * velocity)
         own_rate = np.clip(motion[2], -ALONG * acceleration, ALONG * acceleration)
         before = step - period_s * (own - 0.5 * period_s * own_rate)
         off = np.array([-before, here[0] - own + period_s * own_rate, here[1] - own_rate])
@@ -118,6 +120,7 @@ class PoseLimiter:
         return np.asarray(np.transpose([ahead for _, ahead in found]) + np.array([step, own, own_rate]))
 
     def _move(self, move: Array) -> None:
+        self.twist = move / self._period_s
         self.pose[:3] += move[:3]
         self.pose[3:] = normalised(product(exp(move[3:].tolist()), self.pose[3:].tolist()))
 

@@ -319,10 +319,11 @@ def test_poses_within_the_limits_of_the_tcp() -> None:
             # A rounding of a position is 1e-10 m/s² when it is divided by the square of the period.
             close(other.acceleration, one.acceleration, 1e6)
             # The fastest way to correct next to nothing takes the root of it: this must not add up.
-            one.pose, one.twist, one.acceleration = (
+            one.pose, one.twist, one.acceleration, one.speed = (
                 other.pose.copy(),
                 other.twist.copy(),
                 other.acceleration.copy(),
+                other.speed.copy(),
             )
             compared += 7 + 6 + 6
     assert compared > samples(100_000)

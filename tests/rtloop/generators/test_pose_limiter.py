@@ -160,6 +160,24 @@ def test_a_moving_request_is_caught_up_with() -> None:
     assert not followed.limiter.limited
 
 
+@pytest.mark.parametrize("acceleration", [0.4, 1.0, 1.6, 1.9])
+def test_a_pursuit_that_begins_while_the_request_accelerates_keeps_the_jerk(acceleration: float) -> None:
+    """The request starts smoothly, accelerates until it is beyond the velocity limit, and stops at once.
+
+    The limiter once took a step of the request for its velocity at the end of that step. That lost half a
+    period of acceleration in the first cycle of the pursuit: a jerk of 10 to 47 times the limit.
+    """
+    followed = Followed()
+    jerk, way, speed, rate = 10.0, 0.0, 0.0, 0.0
+    for cycle in range(2500):
+        if cycle < 1500 and speed < 0.6:
+            rate = min(rate + jerk * PERIOD_S, acceleration)
+            speed += rate * PERIOD_S
+            way += speed * PERIOD_S
+        followed.request(pose((way, 0.0, 0.0)))
+    assert followed.rates()[0, 2] <= 1.1
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_no_sequence_of_requests_leaves_the_limits(seed: int) -> None:
     rng, followed = np.random.default_rng(seed), Followed()
