@@ -57,7 +57,7 @@ test: setup-dev ## lint, types, import contract, unit, property and end-to-end t
 
 # In a new clone each of the processes would compile all tests; so one does before.
 tests: $(SETUP)
-	@[ -d tests/__pycache__ ] || $(BIN)/python -m pytest --collect-only -q > /dev/null 2>&1 || true
+	@[ -d tests/support/__pycache__ ] || $(BIN)/python -m pytest --collect-only -q > /dev/null 2>&1 || true
 	$(BIN)/python -m pytest $(PARALLEL) || { echo "cobot: what has failed runs once more, alone"; \
 	    $(BIN)/python -m pytest --last-failed --last-failed-no-failures none; }
 

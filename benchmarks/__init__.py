@@ -9,4 +9,4 @@ from pathlib import Path
 from cobot.__main__ import BLAS_THREADS
 
 os.environ.setdefault(BLAS_THREADS, "1")  # what runs in this process shall run as in one of `cobot`'s
-sys.path.append(str(Path(__file__).parents[1] / "tests"))
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))

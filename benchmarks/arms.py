@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+import independent_models
 import numpy as np
 import pinocchio
-import second_opinion
 
 from cobot.config import load_settings
 from cobot.launch.new_robot.new_robot import NewRobot
@@ -111,7 +111,7 @@ class Arm:
 def arm(name: str) -> Arm:
     """One of `NAMES`."""
     if name == SHIPPED:
-        other = second_opinion.Pinocchio()
+        other = independent_models.Pinocchio()
         base = other.model.getFrameId("base_link")
         return Arm(name, load_robot(load_settings(None)), other.model, base, other.tcp)
     with tempfile.TemporaryDirectory() as place:

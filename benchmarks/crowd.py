@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from running import Pair, answering, unique_name
+from cobot_run import Pair, answering, unique_name
 
 from benchmarks.cycle import bare_cycles_us
 from benchmarks.idle import busy

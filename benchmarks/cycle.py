@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator
 
 import numpy as np
-from running import Run
+from cobot_run import Run
 
 from benchmarks.service import from_histogram, histograms, reader, service
 from benchmarks.table import Row, percentiles, row

@@ -22,10 +22,10 @@ from typing import Any
 import httpx
 import numpy as np
 import rtps_peer
-from peers import own_domain
+from cobot_run import Run
+from dds_peers import own_domain
 from real_ros import PYTHON, environment
 from ros_peer import Client, Peer, until
-from running import Run
 
 from app.aubo.interfaces import interface_definitions
 from benchmarks.service import reader

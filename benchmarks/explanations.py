@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 from benchmarks.table import Row, percentiles, row
 from cobot.robot.description import RobotDescription

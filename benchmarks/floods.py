@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
+from cobot_run import Run
 from floods import FLOODS, HANDSHAKES, STOPS, flooding
-from running import Run
 
 from benchmarks.service import reader, service
 from benchmarks.table import Row, percentiles, row

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+from cobot_run import WAIT_S
 from franky_run import ADDRESS, FrankySimulator, RunOfFranka
-from running import WAIT_S
 
 from benchmarks.service import background
 from benchmarks.table import Row, row

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+from arm_activities import robot_health
+from cobot_run import WAIT_S
 from fri_run import CabinetProcess, RunOverFri
-from running import WAIT_S
-from tasks import robot_health
 
 from benchmarks.idle import busy
 from benchmarks.service import background

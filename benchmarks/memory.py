@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterator
 
 import httpx
 import psutil
+from cobot_run import Run
 from floods import FLOODS
-from running import Run
 
 from benchmarks.floods import flooding
 from benchmarks.service import service

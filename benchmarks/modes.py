@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from running import Run
+from cobot_run import Run
 
 from benchmarks.cycle import WARM_UP_S, Moving, bare_cycles_us, stopped
 from benchmarks.service import from_histogram, histograms, reader, service

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import psutil
 from chromium import CHROMIUM, Page, browsing
-from running import Run
+from cobot_run import Run
 
 from benchmarks.pages import shown
 from benchmarks.recording import process, shares

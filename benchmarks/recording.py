@@ -12,9 +12,9 @@ from pathlib import Path
 import httpx
 import numpy as np
 import psutil
+from cobot_run import Run, unique_name
 from mcap.reader import make_reader
 from rig import Rig
-from running import Run, unique_name
 
 from benchmarks.idle import busy
 from benchmarks.service import background, service

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from certificates import certificate
-from running import Run
+from cobot_run import Run
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile

@@ -17,9 +17,9 @@ from typing import Any
 import httpx
 import numpy as np
 import psutil
+from cobot_run import Run
 from mcp.client.client import Client as AgentClient
 from mcp.client.streamable_http import streamable_http_client
-from running import Run
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 

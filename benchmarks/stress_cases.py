@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from totg import totg
+from foreign_trajectories import totg
 
 from benchmarks.arms import NAMES as ARMS
 from benchmarks.arms import SHIPPED, Arm, carrying

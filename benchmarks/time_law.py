@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from totg import problems
+from foreign_trajectories import problems
 
 from benchmarks.jerk_price import Optimiser
 from benchmarks.table import Row, percentiles, row

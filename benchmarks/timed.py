@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio
-from totg import problems, trapezoid
+from foreign_trajectories import problems, trapezoid
 
 from benchmarks.arms import SHIPPED, arm, carrying, loaded_model
 from benchmarks.table import EACH, Row, percentiles, row

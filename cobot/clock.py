@@ -2,11 +2,11 @@
 
 Code that needs the time reads a `Clock`: for stamps in shared memory, deadlines, ages and time stamps.
 Coroutines wait with asyncio's own functions (`sleep`, `wait_for`, `timeout`, `call_later`). These use the
-time of the running event loop, and tests replace that loop by a virtual one, which jumps from timer to timer
-and sets the time of the tests' clock (tests/virtual.py). A `Clock` therefore needs no waiting functions for
-coroutines. The loop's time cannot replace the clock: uvloop's has a resolution of 1 ms and does not advance
-within an iteration, and stamps in shared memory are on CLOCK_MONOTONIC. Threads have no event loop and wait
-with `Clock.sleep`.
+time of the running event loop, and tests replace that loop by a virtual one, which jumps from timer to
+timer and sets the time of the tests' clock (tests/support/virtual_service.py). A `Clock` therefore needs no
+waiting functions for coroutines. The loop's time cannot replace the clock: uvloop's has a resolution of 1
+ms and does not advance within an iteration, and stamps in shared memory are on CLOCK_MONOTONIC. Threads
+have no event loop and wait with `Clock.sleep`.
 
 The real-time loop has a clock of its own (`rtloop.clock`), which also paces its cycle.
 """

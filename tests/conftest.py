@@ -11,6 +11,7 @@ os.environ.setdefault(BLAS_THREADS, "1")  # before numpy is imported
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
@@ -18,6 +19,9 @@ from rig import Rig
 
 from cobot.config import Settings, load_settings
 from cobot.robot.description import RobotDescription, load_robot
+
+if TYPE_CHECKING:
+    from virtual_service import VirtualService
 
 # The same examples in every run, on every computer: a test that fails by chance teaches nobody.
 hypothesis.settings.register_profile("cobot", derandomize=True, deadline=None, database=None)
@@ -76,3 +80,21 @@ def rig(settings: Settings, robot: RobotDescription) -> Iterator[Rig]:
     made = Rig(settings, robot)
     yield made
     made.close()
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """The service with default settings on virtual time, one for all tests of a module."""
+    from virtual_service import virtual_service  # imports the whole application
+
+    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """As `service`, with two robots, the first of which is the default one."""
+    from virtual_service import virtual_service
+
+    with virtual_service(tmp_path_factory.mktemp("pair"), robots=2) as started:
+        yield started

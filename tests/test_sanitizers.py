@@ -235,12 +235,12 @@ def imports(source: str, module: str) -> bool:
 
 
 def test_each_compiled_module_is_worked_there() -> None:
-    """A test of the list imports it, or what lies in tests/ for all of them, or a compiled module that is so
+    """A test of the list imports it, or a helper of tests/support, or a compiled module that is so
     imported; of what is not compiled only the front of a package stands between.
     """
     listed = [ROOT / test.partition("::")[0] for test in TESTS]
     files = [file for each in listed for file in ([each] if each.is_file() else each.glob("*.py"))]
-    files += [file for file in (ROOT / "tests").glob("*.py") if not file.name.startswith("test_")]
+    files += (ROOT / "tests" / "support").glob("*.py")
     left = {}
     for package in ("cobot", "rtloop"):
         for file in [*(ROOT / package).rglob("*.pyx"), *(ROOT / package).rglob("__init__.py")]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from virtual import virtual_service
+from virtual_service import virtual_service
 
 from cobot import client
 

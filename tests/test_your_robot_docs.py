@@ -9,9 +9,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from running import TESTS, RunOfFolder
+from cobot_run import RunOfFolder
+from folders import ROOT
 
-PAGE = TESTS.parent / "docs" / "your-robot.md"
+PAGE = ROOT / "docs" / "your-robot.md"
 SERVICE = "http://localhost:8007"
 
 
@@ -26,14 +27,14 @@ class Walk:
 
     def __init__(self, place: Path) -> None:
         self.place, self.run = place, None
-        (place / "examples").symlink_to(TESTS.parent / "examples")
+        (place / "examples").symlink_to(ROOT / "examples")
         (place / "bin").mkdir()
         cobot = place / "bin" / "cobot"
         cobot.write_text(f'#!/bin/sh\nexec {sys.executable} -m cobot "$@"\n')
         cobot.chmod(0o755)
         self._environment = os.environ | {
             "PATH": f"{cobot.parent}{os.pathsep}{os.environ['PATH']}",
-            "PYTHONPATH": str(TESTS.parent),
+            "PYTHONPATH": str(ROOT),
             "XDG_STATE_HOME": str(place / "state"),
             "no_proxy": "*",
         }

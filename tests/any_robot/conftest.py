@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from kinds import KINDS
-from made_arms import Made, robot_of
+from arm_kinds import KINDS
+from converted_arms import Made, robot_of
 from rig import Rig
 
 from benchmarks.arms import JOINTS

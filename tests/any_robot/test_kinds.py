@@ -1,4 +1,4 @@
-"""What every kind of arm can do: twelve arms that `cobot new-robot` makes, see `kinds`; on virtual time.
+"""What every kind of arm can do: twelve arms that `cobot new-robot` makes, see `arm_kinds`; on virtual time.
 
 Oracles: pinocchio's kinematics and dynamics of the given URDF with the other joints locked, and what
 `benchmarks.judge` computes without cobot; the commanded positions, and the limits.
@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 import pinocchio
 import pytest
-from kinds import KINDS
-from made_arms import Made
+from arm_kinds import KINDS
+from converted_arms import Made
 from rig import Rig
 
 from benchmarks.judge import Judge

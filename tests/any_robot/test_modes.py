@@ -1,4 +1,4 @@
-"""Every streaming and servo mode on four arms that `cobot new-robot` makes, see `kinds`; on virtual time.
+"""Every streaming and servo mode on four arms that `cobot new-robot` makes, see `arm_kinds`; on virtual time.
 
 Oracles: closed forms for what is streamed; pinocchio's kinematics of the given URDF; numpy's finite
 differences of all that was commanded, against the limits.
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from made_arms import Made
+from converted_arms import Made
 from rig import Loopback, Rig
 from servo_bench import Bench, runner
 

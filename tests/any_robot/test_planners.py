@@ -1,4 +1,4 @@
-"""Every planner on four arms that `cobot new-robot` makes, see `kinds`.
+"""Every planner on four arms that `cobot new-robot` makes, see `arm_kinds`.
 
 Oracles: pinocchio's kinematics and dynamics of the given URDF, MuJoCo's distances, roots by numpy (see
 `benchmarks.judge`).
@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_arms import Made, new_robot
+from cobot_run import WAIT_S
+from converted_arms import Made, new_robot
+from foreign_trajectories import totg
 from rig import Rig
-from running import WAIT_S
 from servo_bench import Bench, runner
-from totg import totg
 
 from benchmarks.arms import carrying
 from benchmarks.judge import Judge

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from faults import Record
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from cobot import Mode, Robot
 from cobot.errors import CobotError
@@ -30,13 +30,6 @@ GOOD: dict[str, object] = {
     "not_finite": False,
     "jump": np.zeros(7),
 }
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("faults")) as started:
-        yield started
 
 
 @pytest.fixture

@@ -11,22 +11,16 @@ import errno
 import os
 import resource
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.services.reports.health import HealthService
 from cobot.errors import EXHAUSTED
 
 ROWS = "\n".join(f"{0.01 * row:.2f},0,0,0,-1.57,0,1.57,0" for row in range(60_000))
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("exhausted")) as started:
-        yield started
 
 
 def refusing(number: int) -> Callable[..., Any]:

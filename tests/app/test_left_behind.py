@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
-from asgi import Leaving
-from virtual import VirtualService, virtual_service
+from asgi_client import Leaving
+from virtual_service import VirtualService
 
 from app.services.clients import CLIENT, Client
 from cobot.errors import ExecutionError
@@ -44,12 +44,6 @@ class Begun:
     leave: Callable[[], None] | None = None
     wait_s: float | None = None
     undo: Callable[[], None] = lambda: None
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("behind")) as started:
-        yield started
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from running import unique_name
-from virtual import virtual_service
+from cobot_run import unique_name
+from virtual_service import virtual_service
 
 from app.main import create_app
 from cobot.config import Settings

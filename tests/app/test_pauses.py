@@ -5,11 +5,10 @@ On virtual time, of which a part goes by without a turn of the event loop. Oracl
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.services.motion.planning import PlanningService
 from app.services.state.heartbeat import CATCH_UP_S, PAUSE_S
@@ -17,12 +16,6 @@ from app.services.state.heartbeat import CATCH_UP_S, PAUSE_S
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.3, *HOME[1:]]
 MOVE = {"joints": AWAY, "speed": 0.5}
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("pauses")) as started:
-        yield started
 
 
 def stand_still(service: VirtualService, seconds: float) -> None:

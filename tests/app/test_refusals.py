@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 import httpx
 import pytest
-from asgi import Refused
+from asgi_client import Refused
 from mcp.server.mcpserver.exceptions import ToolError
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.actions.fjt_goal import GoalViolated, JointsError, OldGoalError, PathViolated
 from app.api.errors import answer_to
@@ -78,12 +78,6 @@ async def over_rosbridge(
 
 def done(work: Coroutine[Any, Any, Any]) -> Any:
     return asyncio.run(asyncio.wait_for(work, 60.0))
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("refusals")) as started:
-        yield started
 
 
 def refusing(error: CobotError) -> Callable[..., Any]:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from second_opinion import LIMITS, SRDF
-from virtual import VirtualService, virtual_service
+from independent_models import LIMITS, SRDF
+from virtual_service import VirtualService, virtual_service
 
 from cobot.types import LoopMode
 

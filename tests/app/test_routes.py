@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
-from asgi import ask
+from asgi_client import ask
 from fastapi import FastAPI
 
 from app.main import create_app

@@ -6,28 +6,20 @@ Oracle: where the arms are as HTTP shows it.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from asgi import Refused
+from asgi_client import Refused
 from streaming_client import Frames
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from cobot import Robot
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.4, 0.1, 0.0, -1.4, 0.0, 1.4, 0.2]
 EXAMPLES = Path(__file__).parents[3] / "examples"
-
-
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """Two robots, the first of which is the default one."""
-    with virtual_service(tmp_path_factory.mktemp("pair"), robots=2) as started:
-        yield started
 
 
 @pytest.fixture

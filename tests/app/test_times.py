@@ -6,25 +6,17 @@ Oracle: the settings as shipped, and the virtual clock.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from streaming_client import Frames
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 from virtual_time import VirtualClock, VirtualLoop
 
 from cobot.types import LoopMode
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 CYCLE_S = 0.001
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("times")) as started:
-        yield started
 
 
 @pytest.fixture(autouse=True)

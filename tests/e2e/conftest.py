@@ -7,7 +7,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from running import WAIT_S, Pair, Run, answering
+from cobot_run import WAIT_S, Pair, Run, answering
 
 pytest.register_assert_rewrite("panel")  # tests that test_panel.py imports
 

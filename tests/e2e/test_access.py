@@ -21,10 +21,10 @@ import psutil
 import pytest
 from certificates import certificate
 from chromium import CHROMIUM, Page, browsing
+from cobot_run import WAIT_S, Run, answering, until
+from dds_peers import own_domain
 from floods import HANDSHAKES, flooding
-from peers import own_domain
 from ros_peer import Peer
-from running import WAIT_S, Run, answering, until
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 

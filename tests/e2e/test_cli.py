@@ -14,7 +14,7 @@ from typing import Any
 
 import httpx
 import pytest
-from running import WAIT_S, Run, until
+from cobot_run import WAIT_S, Run, until
 
 from cobot.launch.cli import main
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import httpx
 import pytest
+from cobot_run import Run
 from packaging.requirements import Requirement
-from running import Run
 from wheels import ROOT, Environment, client_wheel
 
 
@@ -61,7 +61,9 @@ def test_what_is_in_it_is_the_tree(wheel: Path, files: list[str]) -> None:
 def test_elsewhere_it_reads_moves_streams_and_stops(
     http: httpx.Client, shared: Run, client: Environment
 ) -> None:
-    said = json.loads(client.run(ROOT / "tests" / "elsewhere.py", shared.url).splitlines()[-1])
+    said = json.loads(
+        client.run(ROOT / "tests" / "support" / "program_without_linux.py", shared.url).splitlines()[-1]
+    )
     assert {"cobot.client.robot", "cobot.client.rest", "cobot.ipc.layout"} <= set(said["modules"])
     assert said["by name"] == (
         "robot 'iiwa': a name is looked up in shared memory, which exists on Linux with the service "

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import httpx
 import psutil
-from running import WAIT_S, Run
+from cobot_run import WAIT_S, Run
 from websockets.sync.client import connect
 
 from cobot.client import Client

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import tree_sitter
 import tree_sitter_matlab
-from running import Run
+from cobot_run import Run
 
 from cobot.client import Client
 

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 import httpx
 import psutil
 import pytest
+from cobot_run import WAIT_S, Run, answering
 from floods import STOPS, flooding
-from running import WAIT_S, Run, answering
 
 from cobot.errors import BusyError
 from cobot.launch.process import Niceness, be

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cobot_run import WAIT_S, Run
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from running import WAIT_S, Run
 
 from cobot.client import Client
 

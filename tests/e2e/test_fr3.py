@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import pytest
 import rest_tour
 import yaml
+from cobot_run import Run, answering
 from franka_settings import FR3
-from running import Run, answering
 
 
 class Fr3Run(Run):

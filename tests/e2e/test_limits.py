@@ -10,7 +10,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from running import WAIT_S, Run
+from cobot_run import WAIT_S, Run
 
 HOME = {"name": "home"}
 

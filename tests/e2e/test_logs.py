@@ -17,7 +17,7 @@ from typing import Any
 import httpx
 import psutil
 import pytest
-from running import WAIT_S, Run, answering, until
+from cobot_run import WAIT_S, Run, answering, until
 
 SOON_S = 60.0
 """For an answer that takes milliseconds, on a busy computer: what is stuck is so until the test ends."""

@@ -18,7 +18,7 @@ import httpx
 import numpy as np
 import psutil
 import pytest
-from running import WAIT_S, Run, require_quick, unique_name, until
+from cobot_run import WAIT_S, Run, require_quick, unique_name, until
 from websockets.sync.client import connect
 
 from cobot.ros.messages import Messages

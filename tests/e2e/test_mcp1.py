@@ -14,9 +14,10 @@ from typing import Any
 
 import httpx
 import pytest
-from running import TESTS, WAIT_S, Run, answering
+from cobot_run import WAIT_S, Run, answering
+from folders import ROOT, SUPPORT
 
-PYTHON = TESTS.parent / ".venv" / "mcp1" / "bin" / "python"
+PYTHON = ROOT / ".venv" / "mcp1" / "bin" / "python"
 NEAR, FAR = [0.0, 0.1, 0.0, -1.6, 0.0, 1.5, 0.0], [0.5, 0.1, 0.0, -1.6, 0.0, 1.5, 0.0]
 FENCED = "mcp: {execution: fenced, fence: {low: [-2, -2, -2], high: [2, 2, 2], speed_m_s: 2}}\n"
 pytestmark = pytest.mark.skipif(not PYTHON.exists(), reason=f"there is no {PYTHON}: make setup-dev")
@@ -35,7 +36,7 @@ def ways(run: Run) -> dict[str, list[str]]:
 
 @contextmanager
 def agent(where: list[str], *motions: tuple[list[float], float]) -> Iterator[subprocess.Popen[str]]:
-    command = [str(PYTHON), str(TESTS / "mcp1_client.py"), *where, json.dumps(motions)]
+    command = [str(PYTHON), str(SUPPORT / "mcp1_client.py"), *where, json.dumps(motions)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield process

@@ -9,9 +9,9 @@ import sys
 
 import httpx
 import numpy as np
+from cobot_run import Run
 from mcp.client.client import Client
 from mcp.client.stdio import StdioServerParameters
-from running import Run
 
 THERE = [0.2, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 

@@ -17,9 +17,9 @@ from typing import Any
 import httpx
 import pytest
 import yaml
+from cobot_run import WAIT_S, Run, answering
+from independent_models import LIMITS, SRDF
 from prometheus_client.parser import text_string_to_metric_families
-from running import WAIT_S, Run, answering
-from second_opinion import LIMITS, SRDF
 
 from cobot.ipc.shm import MemoryRole, RobotMemory
 

@@ -15,10 +15,10 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from cobot_run import WAIT_S, Run, until
+from foreign_trajectories import trapezoid
 from mcap.reader import make_reader
-from running import WAIT_S, Run, until
 from scipy.spatial.transform import Rotation
-from totg import trapezoid
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0]

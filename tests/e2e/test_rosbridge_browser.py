@@ -19,10 +19,11 @@ import httpx
 import numpy as np
 import pytest
 from chromium import CHROMIUM, Page, browsing
-from running import Run
+from cobot_run import Run
+from folders import SUPPORT
 from websockets.sync.client import ClientConnection
 
-PAGE = Path(__file__).parents[1] / "roslib_page.js"
+PAGE = SUPPORT / "roslib_page.js"
 EVIL = "evil.example"
 ATTACKS = """
 async (service, robot) => {

@@ -19,7 +19,8 @@ from pathlib import Path
 
 import httpx
 import pytest
-from running import HELPER_ENVIRONMENT, TESTS, WAIT_S, Run, answering
+from cobot_run import HELPER_ENVIRONMENT, WAIT_S, Run, answering
+from folders import ROOT
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
@@ -52,7 +53,7 @@ LIMIT_S = 1800
 pytestmark = pytest.mark.timeout(2 * LIMIT_S)
 WAITING = ("Serial", "Socket")
 """Classes whose reads wait for their time to be up."""
-KEPT = str(TESTS.parent / ".hypothesis")
+KEPT = str(ROOT / ".hypothesis")
 """Which characters UTF-8 has takes hypothesis three seconds to find out: it is kept here."""
 HOOKS = "e2e.without_repetition"
 IMPATIENT = "timeout_s: 0.2, explain_s: 0.1"

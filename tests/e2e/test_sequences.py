@@ -15,9 +15,9 @@ import httpx
 import numpy as np
 import psutil
 import pytest
+from cobot_run import Run, require_quick, until
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
-from running import Run, require_quick, until
 
 HOME = [0, 0, 0, -1.57, 0, 1.57, 0]
 SHORT = {

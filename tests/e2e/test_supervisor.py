@@ -19,8 +19,8 @@ import httpx
 import numpy as np
 import psutil
 import pytest
+from cobot_run import WAIT_S, Run, answering
 from mcap.reader import make_reader
-from running import WAIT_S, Run, answering
 
 from cobot.launch.process import Niceness
 

@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from running import WAIT_S, Run
+from cobot_run import WAIT_S, Run
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile

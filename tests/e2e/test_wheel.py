@@ -8,7 +8,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from running import Run, answering
+from cobot_run import Run, answering
 from wheels import Environment, build, client_wheel
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from learning_peers import answering, need
 from lerobot_stand_in import plugin_beside_it
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 import cobot
 from cobot.learning.episodes import read_episode

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from virtual import virtual_service
+from virtual_service import virtual_service
 
 import cobot
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cobot_run import unique_name
 from paced_arm import PacedArm
 from rig import CAPACITY, Rig
-from running import unique_name
 
 from cobot.config import Settings
 from cobot.ipc.device_record import device_of

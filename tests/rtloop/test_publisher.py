@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from cobot_run import unique_name
 from rig import Rig
-from running import unique_name
-from samples import samples
+from sample_counts import samples
 
 import rtloop.publisher
 from cobot.config import Settings

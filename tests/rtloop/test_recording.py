@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cobot_run import unique_name
 from rig import Rig
-from running import unique_name
 
 import rtloop.recording
 from cobot.config import Settings

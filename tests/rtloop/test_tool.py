@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pinocchio
 import pytest
+from flange_tools import LOAD, TILTED, loaded
+from independent_models import MJCF, second_robot
 from rig import Rig
-from second_opinion import MJCF, second_robot
-from tools import LOAD, TILTED, loaded
 
 from cobot.config import Settings
 from cobot.ipc.layout import Command, Stream

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cobot_run import until
 from rig import Rig
-from running import until
 
 from cobot.config import Settings
 from cobot.ipc.device_record import device_of

@@ -1,7 +1,8 @@
 """Whatever bytes come into shared memory, the whole compiled cycle bears it, in every mode.
 
-Oracle: the exit status of the process that steps it (`wild`), and numpy's finite differences of all that was
-commanded, against joint_limits.yaml (`faults.Record`). After each thing that it did the arm is in HOLD again.
+Oracle: the exit status of the process that steps it (`wild_memory`), and numpy's finite differences of all
+that was commanded, against joint_limits.yaml (`faults.Record`). After each thing that it did the arm is in
+HOLD again.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ import subprocess
 import sys
 
 import pytest
-from running import HELPER_ENVIRONMENT
-from samples import SHARE, samples
-from wild import KINDS
+from cobot_run import HELPER_ENVIRONMENT
+from sample_counts import SHARE, samples
+from wild_memory import KINDS
 
 from rtloop.modes import STREAMING
 
@@ -32,7 +33,7 @@ def test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits(
     cycles: int, seed: int, writer: str, backend: str
 ) -> None:
     wanted = samples(cycles)
-    command = [sys.executable, "-P", "-m", "wild", str(wanted), str(seed), writer, backend]
+    command = [sys.executable, "-P", "-m", "wild_memory", str(wanted), str(seed), writer, backend]
     result = subprocess.run(
         command, env=HELPER_ENVIRONMENT, capture_output=True, text=True, check=False, timeout=LIMIT_S
     )

@@ -1,8 +1,8 @@
 """FollowJointTrajectory: goals read and checked, followed on the stepped cycle, cancelled, preempted.
 
-Oracles: scipy's piecewise polynomials for what happens between the points; the cycle itself (tests/rig.py)
-for where the arm was; the error codes of control_msgs' FollowJointTrajectory.action; for the rules the
-behaviour of ros2_control's joint_trajectory_controller as its documentation states it.
+Oracles: scipy's piecewise polynomials for what happens between the points; the cycle itself
+(tests/support/rig.py) for where the arm was; the error codes of control_msgs' FollowJointTrajectory.action;
+for the rules the behaviour of ros2_control's joint_trajectory_controller as its documentation states it.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cobot_run import WAIT_S
+from foreign_trajectories import totg
 from goal_handle import ToldHandle
 from rig import Rig
-from running import WAIT_S
 from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline
-from totg import totg
-from virtual import Cycle, PlanningHere
+from virtual_service import Cycle, PlanningHere
 from virtual_time import VirtualClock, VirtualLoop
 
 from app.actions.fjt import FollowJointTrajectory

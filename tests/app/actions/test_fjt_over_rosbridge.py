@@ -11,20 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asgi import Socket
-from running import WAIT_S
-from virtual import VirtualService, virtual_service
+from asgi_client import Socket
+from cobot_run import WAIT_S
+from virtual_service import VirtualService
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 HOME = np.array([0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0])
 NAMES = [f"joint{number}" for number in range(1, 8)]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("fjt")) as started:
-        yield started
 
 
 @pytest.fixture(autouse=True)

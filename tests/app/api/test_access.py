@@ -13,11 +13,11 @@ from typing import Any
 
 import httpx
 import pytest
-from asgi import Closed, Refused, Socket
+from asgi_client import Closed, Refused, Socket
 from fastapi import FastAPI
 from fastapi.routing import APIRoute, APIWebSocketRoute
 from streaming_client import Frames
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 from app.api.access import Access
 from app.api.errors import status_of
@@ -42,10 +42,9 @@ LUA = 'robot.move_named("work")'
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+def run(service: VirtualService) -> VirtualService:
     """A service as it is shipped: on this computer alone, without tokens."""
-    with virtual_service(tmp_path_factory.mktemp("open")) as started:
-        yield started
+    return service
 
 
 class Guarded:

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from asgi import Refused
+from asgi_client import Refused
+from cobot_run import WAIT_S
 from fastapi.routing import APIRoute
-from running import WAIT_S
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.aubo.classes import REGISTRY
 from cobot.logs.lines import Line
@@ -46,9 +46,8 @@ WRITTEN = {"setSpeedFraction", "moveJoint", "stopJoint", "setTcpOffset", "startu
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("audit")) as started:
-        yield started
+def run(service: VirtualService) -> VirtualService:
+    return service
 
 
 def entries(run: VirtualService, **query: object) -> list[dict[str, Any]]:

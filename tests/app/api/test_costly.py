@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 from virtual_time import VirtualLoop
 
 from app.api.costly import MAX_REST_S, REST, Costly
@@ -16,12 +15,6 @@ from app.api.routers.jobs import FEW
 from cobot.errors import CobotError
 
 WORKS_S = 0.01
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("costly")) as started:
-        yield started
 
 
 def test_one_is_made_after_the_other_with_rests_between() -> None:

@@ -17,9 +17,9 @@ from typing import Any
 
 import httpx
 import pytest
-from asgi import ask
+from asgi_client import ask
 from fastapi import FastAPI
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.api.links import link
 from app.api.samples import SAMPLES, SAMPLES_PATH
@@ -217,12 +217,6 @@ def test_a_sample_that_is_not_there_is_not_found_and_those_that_are_are_listed(a
     answer = ask(app, "GET", f"{SAMPLES_PATH}/trajectori.csv")
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
     assert "did you mean 'trajectory.csv'" in answer.json()["detail"]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("samples")) as started:
-        yield started
 
 
 def test_a_document_is_made_once_and_anew_when_a_reload_has_changed_the_limits(

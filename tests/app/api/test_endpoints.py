@@ -5,12 +5,11 @@ Oracle: docs/api.md#control, written out by hand; the requests are the examples 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import httpx
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.api.endpoints import Endpoint
 from app.api.route import CobotRoute, EndpointRouter
@@ -39,13 +38,6 @@ FILES = {
     "POST /trajectory/send_csv": {"files": {"file": ("a.csv", b"t")}},
     "POST /sequences/start": {"files": {"config": ("a.json", b"{}")}},
 }
-
-
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """Two robots, the first of which is the default one."""
-    with virtual_service(tmp_path_factory.mktemp("endpoints"), robots=2) as started:
-        yield started
 
 
 def taken(run: VirtualService, robot: str) -> dict[str, str]:

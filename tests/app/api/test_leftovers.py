@@ -12,19 +12,13 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
-from asgi import Refused
-from virtual import VirtualService, virtual_service
+from asgi_client import Refused
+from virtual_service import VirtualService
 
 FIRST, ROUNDS = 2, 3
 NAMES = 20
 MAX_BLOCKS = 2 * NAMES
 """In a round: far less than one for each of its requests, of which there are eleven for each name."""
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("leftovers")) as started:
-        yield started
 
 
 def attack(service: VirtualService, round_: int) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import re
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from prometheus_client.parser import text_string_to_metric_families
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.api.costly import MAX_REST_S
 from app.api.metrics import CYCLE_BUCKETS_US
@@ -24,14 +23,8 @@ DOCS = Path(__file__).parents[3] / "docs"
 Samples = dict[tuple[Any, ...], float]
 
 
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("metrics"), robots=2) as made:
-        yield made
-
-
-def scraped(service: VirtualService) -> Samples:
-    answer = service.get("/metrics")
+def scraped(pair: VirtualService) -> Samples:
+    answer = pair.get("/metrics")
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
     return {
@@ -41,13 +34,13 @@ def scraped(service: VirtualService) -> Samples:
     }
 
 
-def difference(service: VirtualService, before: Samples) -> Samples:
-    after = scraped(service)
+def difference(pair: VirtualService, before: Samples) -> Samples:
+    after = scraped(pair)
     return {key: value - before.get(key, 0.0) for key, value in after.items()}
 
 
-def test_names_and_units_are_as_prometheus_wants_them(service: VirtualService) -> None:
-    families = list(text_string_to_metric_families(service.get("/metrics").text))
+def test_names_and_units_are_as_prometheus_wants_them(pair: VirtualService) -> None:
+    families = list(text_string_to_metric_families(pair.get("/metrics").text))
     assert len({family.name for family in families}) == len(families)
     for family in families:
         assert family.documentation
@@ -60,8 +53,8 @@ def test_names_and_units_are_as_prometheus_wants_them(service: VirtualService) -
                 assert "seconds" in family.name
 
 
-def test_what_the_documentation_names_is_there_and_its_alerts_are_yaml(service: VirtualService) -> None:
-    scrape = service.get("/metrics").text
+def test_what_the_documentation_names_is_there_and_its_alerts_are_yaml(pair: VirtualService) -> None:
+    scrape = pair.get("/metrics").text
     page = (DOCS / "operations.md").read_text(encoding="utf-8")
     for text in (page, (DOCS / "api.md").read_text(encoding="utf-8")):
         for name in set(re.findall(r"\bcobot_[a-z_]+", text)):
@@ -73,9 +66,9 @@ def test_what_the_documentation_names_is_there_and_its_alerts_are_yaml(service: 
     assert all(rule["expr"] and rule["alert"] for rule in rules)
 
 
-def test_every_robot_has_its_own(service: VirtualService) -> None:
-    samples = scraped(service)
-    for name in service.names:
+def test_every_robot_has_its_own(pair: VirtualService) -> None:
+    samples = scraped(pair)
+    for name in pair.names:
         assert samples["cobot_rtloop_up", name] == 1
         assert samples["cobot_ready", name] == 1
         assert samples["cobot_mode", "HOLD", name] == 1
@@ -85,16 +78,16 @@ def test_every_robot_has_its_own(service: VirtualService) -> None:
             assert ("cobot_interventions_total", *sorted([kind.name.lower(), name])) in samples
 
 
-def test_the_histograms_are_rtloops_own(service: VirtualService) -> None:
-    service.sleep(MAX_REST_S)  # no cycle comes between: the last answer took a slow computer long
-    name = service.names[1]
-    block = service.rigs[name].memory.statistics
+def test_the_histograms_are_rtloops_own(pair: VirtualService) -> None:
+    pair.sleep(MAX_REST_S)  # no cycle comes between: the last answer took a slow computer long
+    name = pair.names[1]
+    block = pair.rigs[name].memory.statistics
     counts = np.zeros((len(Phase), HISTOGRAM_BUCKETS), np.uint32)
     counts[Phase.TOTAL, [0, 4, 5, 99, 100, 999, 1000, 1023]] = [1, 2, 4, 8, 16, 32, 64, 128]
     block.data["histogram"] = counts
     block.data["max_us"][Phase.TOTAL] = 2500.0
     block.publish()
-    samples = scraped(service)
+    samples = scraped(pair)
 
     def below(bound: str) -> float:
         return samples["cobot_cycle_seconds_bucket", *sorted([bound, name, "total"])]
@@ -112,38 +105,38 @@ def test_the_histograms_are_rtloops_own(service: VirtualService) -> None:
     assert max(CYCLE_BUCKETS_US) < HISTOGRAM_BUCKETS
 
 
-def test_motions_are_counted_by_how_they_ended(service: VirtualService) -> None:
+def test_motions_are_counted_by_how_they_ended(pair: VirtualService) -> None:
     """Also those that nobody waits for, one after the other."""
-    name = service.names[0]
-    before = scraped(service)
-    service.go_home()
+    name = pair.names[0]
+    before = scraped(pair)
+    pair.go_home()
     for goal in ("work", "transport", "home"):
-        assert service.post("/robot/move/named", {"name": goal, "speed": 1.0}).json()["success"]
+        assert pair.post("/robot/move/named", {"name": goal, "speed": 1.0}).json()["success"]
     long = {"points": [{"positions": [0.5, 0, 0, -1.57, 0, 1.57, 0], "time_from_start": 60.0}]}
-    assert service.post("/trajectory/send", long).json()["status"] == "sent"
-    service.sleep(1.0)
-    service.post("/stop")
-    assert service.post("/trajectory/send", long).json()["status"] == "sent"
-    service.sleep(1.0)
-    service.rig.loopback.fail_read = ""
-    service.rig.request("estops")
-    service.sleep(3.0)
-    found = difference(service, before)
+    assert pair.post("/trajectory/send", long).json()["status"] == "sent"
+    pair.sleep(1.0)
+    pair.post("/stop")
+    assert pair.post("/trajectory/send", long).json()["status"] == "sent"
+    pair.sleep(1.0)
+    pair.rig.loopback.fail_read = ""
+    pair.rig.request("estops")
+    pair.sleep(3.0)
+    found = difference(pair, before)
     ends = {
         result: found["cobot_motions_total", *sorted([name, result])]
         for result in ("arrived", "stopped", "failed")
     }
     assert ends == {"arrived": 3, "stopped": 1, "failed": 1}
-    assert found["cobot_motions_total", *sorted([service.names[1], "arrived"])] == 0
-    assert scraped(service)["cobot_mode", "ESTOP", name] == 1
-    assert scraped(service)["cobot_ready", name] == 0
-    service.post("/robot/reset")
-    service.go_home()
+    assert found["cobot_motions_total", *sorted([pair.names[1], "arrived"])] == 0
+    assert scraped(pair)["cobot_mode", "ESTOP", name] == 1
+    assert scraped(pair)["cobot_ready", name] == 0
+    pair.post("/robot/reset")
+    pair.go_home()
 
 
-def test_requests_are_counted_by_route_and_status_whatever_is_asked_for(service: VirtualService) -> None:
-    name = service.names[1]
-    before = scraped(service)
+def test_requests_are_counted_by_route_and_status_whatever_is_asked_for(pair: VirtualService) -> None:
+    name = pair.names[1]
+    before = scraped(pair)
     for path in (
         f"/robots/{name}/pose",
         f"/robots/{name}/pose",
@@ -151,10 +144,10 @@ def test_requests_are_counted_by_route_and_status_whatever_is_asked_for(service:
         "/nothing/1",
         "/nothing/2",
     ):
-        service.get(path)
-    service.ask("BREW", "/robot/pose")
-    service.post("/robot/move/joints", {"joints": [9.0] * 7})
-    found = difference(service, before)
+        pair.get(path)
+    pair.ask("BREW", "/robot/pose")
+    pair.post("/robot/move/joints", {"joints": [9.0] * 7})
+    found = difference(pair, before)
 
     def count(*labels: str) -> float:
         return found.get(("cobot_http_request_duration_seconds_count", *sorted(labels)), 0.0)
@@ -171,25 +164,25 @@ def test_requests_are_counted_by_route_and_status_whatever_is_asked_for(service:
     assert found[bucket] == 2
 
 
-def test_an_rtloop_that_has_gone_leaves_the_rest(service: VirtualService) -> None:
-    name = service.names[1]
-    service.cycles[name].stopped = True
-    service.sleep(1.0)
-    samples = scraped(service)
+def test_an_rtloop_that_has_gone_leaves_the_rest(pair: VirtualService) -> None:
+    name = pair.names[1]
+    pair.cycles[name].stopped = True
+    pair.sleep(1.0)
+    samples = scraped(pair)
     assert samples["cobot_rtloop_up", name] == 0
     assert samples["cobot_ready", name] == 0
-    assert samples["cobot_rtloop_up", service.names[0]] == 1
-    service.cycles[name].stopped = False
-    service.sleep(1.0)
-    assert scraped(service)["cobot_rtloop_up", name] == 1
+    assert samples["cobot_rtloop_up", pair.names[0]] == 1
+    pair.cycles[name].stopped = False
+    pair.sleep(1.0)
+    assert scraped(pair)["cobot_rtloop_up", name] == 1
 
 
-def test_streaming_sessions_are_counted(service: VirtualService) -> None:
-    rig = service.rigs[service.names[1]]
-    before = scraped(service)
+def test_streaming_sessions_are_counted(pair: VirtualService) -> None:
+    rig = pair.rigs[pair.names[1]]
+    before = scraped(pair)
     rig.memory.session.data["number"] += 3
     rig.memory.session.publish()
-    assert difference(service, before)["cobot_sessions_total", service.names[1]] == 3
+    assert difference(pair, before)["cobot_sessions_total", pair.names[1]] == 3
 
 
 async def _answer(scope: Any, receive: Any, send: Any) -> None:

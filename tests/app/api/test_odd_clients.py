@@ -8,10 +8,9 @@ from __future__ import annotations
 import gzip
 import inspect
 import json
-from collections.abc import Iterator
 
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.api.route import CobotRoute
 from cobot.loose_lists import RequestModel
@@ -22,9 +21,8 @@ JSON = {"content-type": "application/json"}
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("odd")) as running:
-        yield running
+def run(service: VirtualService) -> VirtualService:
+    return service
 
 
 def refused(run: VirtualService, content: bytes, headers: dict[str, str] = JSON) -> tuple[int, str]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from mcp_agent import HOME, Agent, token
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 from app.services.events.ring import LOG_BURST
 from cobot.access.roles import Role

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.api.state_json import StateAnswer, state_content, state_response
 from app.api.stream_frames import state_frame
@@ -16,13 +15,6 @@ from cobot.ipc.layout import Intervention, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.state_fields import STATE_FIELDS, state_dtype
 from cobot.types import LoopMode
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
-        yield started
 
 
 def random_state(seed: int, dof: int = 7) -> np.ndarray:

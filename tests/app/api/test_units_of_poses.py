@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 DOWN = {"x": 0.45, "y": 0.0, "z": 0.5, "b": 3.14159}
 TURNED = {**DOWN, "b": 180.0}
@@ -19,9 +18,8 @@ VENDOR = {"pose": [0.45, 0.0, 0.5, 180.0, 0.0, 0.0], "v": 0.1, "a": 0.1}
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("units")) as running:
-        yield running
+def run(service: VirtualService) -> VirtualService:
+    return service
 
 
 @pytest.mark.parametrize(
@@ -109,7 +107,7 @@ def test_angles_of_a_turn_and_more_are_valid(run: VirtualService) -> None:
 
 
 @pytest.mark.parametrize(
-    ("service", "arguments", "words"),
+    ("method", "arguments", "words"),
     [
         ("MotionControl/moveLine", VENDOR, "pose: rx is 180 rad"),
         ("MotionControl/moveLine", {**VENDOR, "pose": [450.0, 0.0, 500.0, 0.0, 3.1, 0.0]}, MILLIMETRES),
@@ -117,9 +115,9 @@ def test_angles_of_a_turn_and_more_are_valid(run: VirtualService) -> None:
     ],
 )
 def test_vendor_services_name_the_unit_too(
-    run: VirtualService, service: str, arguments: dict[str, Any], words: str
+    run: VirtualService, method: str, arguments: dict[str, Any], words: str
 ) -> None:
-    answer = run.ask("POST", f"/{run.name}/{service}", json=arguments).json()
+    answer = run.ask("POST", f"/{run.name}/{method}", json=arguments).json()
     assert answer["code"] != 0
     assert words in answer["message"]
 

@@ -1,6 +1,7 @@
 """ForceControl on the stepped simulation.
 
-Oracles: MuJoCo's contact force on the floor; what the test pushes with; the cycle itself (tests/rig.py).
+Oracles: MuJoCo's contact force on the floor; what the test pushes with; the cycle itself
+(tests/support/rig.py).
 """
 
 from __future__ import annotations

@@ -13,10 +13,10 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from flange_tools import loaded
+from independent_models import second_robot
 from scipy.spatial.transform import Rotation
-from second_opinion import second_robot
-from tools import loaded
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.api.documentation import TAGS
 from cobot.codes import Code
@@ -77,13 +77,6 @@ class Robot:
         self.http.until(ended)
         self.http.until(lambda: self("RobotState", "isSteady"))
         return seen[:-1]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("vendor")) as started:
-        yield started
 
 
 @pytest.fixture

@@ -6,12 +6,11 @@ Oracle: where the arms are as GET /robot/joint_states shows it.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.4, 0.1, 0.0, -1.4, 0.0, 1.4, 0.2]
@@ -62,13 +61,6 @@ class Arm:
         self._client.post(f"/robots/{self.name}/reset").raise_for_status()
         there = self._client.post(f"/robots/{self.name}/move/named", json={"name": "home", "speed": 1.0})
         assert there.json()["success"], there.text
-
-
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """Two robots, the first of which is the default one."""
-    with virtual_service(tmp_path_factory.mktemp("pair"), robots=2) as started:
-        yield started
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from independent_models import second_robot
 from scipy.spatial.transform import Rotation
-from second_opinion import second_robot
 from vendor_calls import Caller, ToolHere, run
 
 from app.services.motion.tool_and_limits import RobotSettings

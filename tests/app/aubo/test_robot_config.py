@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from flange_tools import AXES, INERTIA, TILTED, loaded
+from independent_models import LIMITS, mjcf_root
 from scipy.spatial.transform import Rotation
-from second_opinion import LIMITS, mjcf_root
-from tools import AXES, INERTIA, TILTED, loaded
 from vendor_calls import Caller, ToolHere, run
 
 from app.services.motion.tool_and_limits import RobotSettings

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-from asgi import Refused, Socket
+from asgi_client import Refused, Socket
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 from app.foxglove import router
 
@@ -74,12 +73,6 @@ class Foxglove:
 
     def read(self, topic: str, number: int) -> Any:
         return self.store.deserialize_cdr(self.data(number)[1], self.channels[topic]["schemaName"])
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("foxglove")) as started:
-        yield started
 
 
 @pytest.fixture

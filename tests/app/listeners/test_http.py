@@ -20,8 +20,8 @@ import psutil
 import pytest
 import uvicorn
 from certificates import certificate
+from cobot_run import WAIT_S, until
 from floods import PING, TEXT, UPGRADE, client_hello, frame
-from running import WAIT_S, until
 
 from app.listeners.acceptor import Acceptor, has_gone
 from app.listeners.crowd import Crowd

@@ -6,14 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 from mcp_agent import FENCE, Cell
-from virtual import VirtualService, virtual_service
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """Nobody may run anything through it."""
-    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
-        yield started
+from virtual_service import VirtualService, virtual_service
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ import httpx
 import pytest
 from mcp_agent import ADDRESS, FAR, HOME, Agent, Cell, token
 from starlette.types import Message, Receive, Scope, Send
-from virtual import URL
+from virtual_service import URL
 
 from app.mcp.departures import GONE, Departures
 from cobot.access.roles import Role

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from mcp import MCPError
 from mcp_agent import FAR, HOME, NEAR, Agent, Cell, token
-from virtual import VirtualService
+from virtual_service import VirtualService
 
 from cobot.access.roles import Role
 from cobot.motions.fence import Fence

@@ -7,20 +7,17 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from asgi import Refused
-from running import WAIT_S
-from virtual import VirtualService, virtual_service
+from asgi_client import Refused
+from cobot_run import WAIT_S
+from virtual_service import VirtualService
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("rosbridge")) as started:
-        yield started
+def run(service: VirtualService) -> VirtualService:
+    return service
 
 
 class Client:

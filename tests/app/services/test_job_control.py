@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.5, *HOME[1:]]
@@ -20,13 +20,6 @@ FAR = {"joints": [1.5, *HOME[1:]], "speed": 0.2}
 INTO_ITSELF = {"x": 0.0, "y": 0.0, "z": 0.1, "planner": "ptp"}
 ENDS = ("finished", "failed", "cancelled", "interrupted")
 Json = dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("jobs")) as started:
-        yield started
 
 
 @pytest.fixture

@@ -5,12 +5,10 @@ Oracles: a service on virtual time; the paths that docs/jobs.md names.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import httpx
 import numpy as np
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from cobot.client import Client, JobHandle
 from cobot.errors import (
@@ -24,13 +22,6 @@ from cobot.errors import (
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.5, *HOME[1:]]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("handles")) as started:
-        yield started
 
 
 @pytest.fixture(params=["", "/robots/{name}"])

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from independent_models import second_robot
 from scipy.spatial.transform import Rotation
-from second_opinion import second_robot
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from cobot import CoordType, Mode, Robot
 from cobot.client import SWITCHES, RobotStates
@@ -28,13 +28,6 @@ from cobot.errors import (
 from cobot.types import LoopMode
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
-        yield started
 
 
 @pytest.fixture

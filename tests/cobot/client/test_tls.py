@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 from certificates import certificate
-from running import WAIT_S
+from cobot_run import WAIT_S
 
 from cobot.client.tls import tls_context
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running import until
+from cobot_run import until
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve

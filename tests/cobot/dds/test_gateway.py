@@ -14,10 +14,10 @@ from typing import Any, cast
 
 import pytest
 import uvicorn
-from asgi import Anybody
+from asgi_client import Anybody
+from dds_peers import own_domain
 from fastapi import FastAPI
 from node_rig import DEFINITIONS, NodeRig
-from peers import own_domain
 from ros_peer import Peer, until
 
 from app.graph.actions import GoalHandle, GoalStatus, Rejected

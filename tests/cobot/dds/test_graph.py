@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 
 import pytest
+from dds_peers import own_domain
 from node_rig import NodeRig
-from peers import own_domain
 from ros_peer import until
 from rosbags.typesys import Stores, get_typestore
 

@@ -17,8 +17,8 @@ from cyclone_peer import (
     cyclone_reader,
     cyclone_writer,
 )
+from dds_peers import own_domain
 from node_rig import NAME, NodeRig
-from peers import own_domain
 from ros_peer import Peer, dds_type, until
 
 from cobot.dds.node import Message

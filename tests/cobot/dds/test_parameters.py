@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from dds_peers import own_domain
 from node_rig import NodeRig
-from peers import own_domain
 from ros_peer import Peer
 
 from cobot.config import Settings

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cobot_run import unique_name
+from dds_peers import own_domain
 from node_rig import NodeRig
-from peers import own_domain
 from rosbags.typesys import Stores, get_typestore
-from running import unique_name
 
 from cobot.config import Settings
 from cobot.dds.telemetry import JointStates, Telemetry

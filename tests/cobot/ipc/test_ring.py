@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cobot_run import HELPER_ENVIRONMENT
 from hypothesis import given
 from hypothesis import strategies as st
-from running import HELPER_ENVIRONMENT
-from samples import samples
+from sample_counts import samples
 
 from cobot.ipc.ring import Ring
 

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cobot_run import unique_name
 from hypothesis import given
 from hypothesis import strategies as st
-from running import unique_name
 
 from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
 from cobot.ipc.layout import HEADER, POINTS, RING

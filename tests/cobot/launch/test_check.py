@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from second_opinion import LIMITS, MJCF, SRDF
+from independent_models import LIMITS, MJCF, SRDF
 
 from cobot.config import Settings
 from cobot.launch import check

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from running import until
+from cobot_run import until
 
 TOLD = """
 import json, os, psutil, sys

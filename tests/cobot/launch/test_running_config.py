@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
-from second_opinion import LIMITS, SRDF
+from independent_models import LIMITS, SRDF
 
 from cobot.config import load_settings
 from cobot.errors import SharedMemoryError

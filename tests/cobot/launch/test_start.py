@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from running import WAIT_S, unique_name
+from cobot_run import WAIT_S, unique_name
 
 from cobot.config import Settings
 from cobot.errors import SharedMemoryError

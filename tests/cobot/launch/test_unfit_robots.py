@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from running import unique_name
+from cobot_run import unique_name
 from urdf_arms import ARMS, urdf
 
 from benchmarks import arms

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from learning_peers import need
-from virtual import virtual_service
+from virtual_service import virtual_service
 
 gymnasium = need("gymnasium")
 

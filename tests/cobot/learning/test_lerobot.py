@@ -20,7 +20,7 @@ from lerobot_stand_in import (
     RobotConfig,
     plugin_beside_it,
 )
-from virtual import virtual_service
+from virtual_service import virtual_service
 from wheels import build
 
 from cobot.client import Robot

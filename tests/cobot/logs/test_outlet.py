@@ -8,7 +8,7 @@ import threading
 import time
 
 import pytest
-from running import WAIT_S
+from cobot_run import WAIT_S
 
 from cobot.logs import outlet as module
 from cobot.logs.outlet import Outlet

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import pytest
-from running import HELPER_ENVIRONMENT, WAIT_S
+from cobot_run import HELPER_ENVIRONMENT, WAIT_S
 
 from cobot.logs.lines import RECORD_SEPARATOR
 from cobot.logs.process import SUPERVISED

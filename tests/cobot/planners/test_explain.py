@@ -11,8 +11,8 @@ import pickle
 import mujoco
 import numpy as np
 import pytest
-from running import WAIT_S
-from second_opinion import MJCF
+from cobot_run import WAIT_S
+from independent_models import MJCF
 
 from cobot.errors import CollisionError, LimitError, PlanningError, UnreachableError
 from cobot.findings import Finding

@@ -1,6 +1,6 @@
 """Arms with five and fewer joints, free axes, and arms without shapes.
 
-Oracle: the TCP by the product of the joints' turns, in numpy (`few_joints`).
+Oracle: the TCP by the product of the joints' turns, in numpy (`few_joint_arms`).
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ import re
 from dataclasses import replace
 from typing import Any
 
-import few_joints
+import few_joint_arms
 import numpy as np
 import pytest
-from few_joints import DOWN, FIVE, FOUR, ROLLING, SCARA, SEVEN, SIX, Chain
+from few_joint_arms import DOWN, FIVE, FOUR, ROLLING, SCARA, SEVEN, SIX, Chain
 from scipy.spatial.transform import Rotation
 
 from cobot.errors import InputError, UnreachableError
@@ -70,7 +70,7 @@ def moved(robot: RobotDescription, request: MotionRequest) -> Trajectory:
 def test_a_pose_that_was_read_from_the_arm_and_rounded_to_four_digits_is_reached(
     name: str, planner: PlannerName
 ) -> None:
-    chain, robot = SHORT_ARMS[name], few_joints.robot_of(SHORT_ARMS[name], radius_m=None)
+    chain, robot = SHORT_ARMS[name], few_joint_arms.robot_of(SHORT_ARMS[name], radius_m=None)
     random, reached = np.random.default_rng(26), 0
     for _ in range(40):
         joints = random.uniform(-1.3, 1.3, len(chain.axes))
@@ -89,7 +89,7 @@ def test_a_pose_that_was_read_from_the_arm_and_rounded_to_four_digits_is_reached
 
 
 def test_a_pose_further_away_than_the_tolerance_is_refused_with_its_cause_and_enough_digits() -> None:
-    robot = few_joints.robot_of(FIVE)
+    robot = few_joint_arms.robot_of(FIVE)
     here = pose_at(FIVE, BENT)
     for beside_rad in (3e-4, 1e-3, 0.1):
         turn = Rotation.from_rotvec([0.0, 0.0, beside_rad]) * Rotation.from_quat(
@@ -106,7 +106,7 @@ def test_a_pose_further_away_than_the_tolerance_is_refused_with_its_cause_and_en
 
 
 def test_what_works_instead_is_a_free_axis() -> None:
-    robot, start = few_joints.robot_of(FIVE), np.array([0.0, 0.5, 1.0, 0.0, 1.0])
+    robot, start = few_joint_arms.robot_of(FIVE), np.array([0.0, 0.5, 1.0, 0.0, 1.0])
     request = MotionRequest(start, Pose(np.array([0.4, 0.15, 0.25]), DOWN), PlannerName.PTP, FULL)
     with pytest.raises(UnreachableError, match=r'free_axes \["rz"\]') as caught:
         plan(robot, request)
@@ -119,7 +119,7 @@ def test_what_works_instead_is_a_free_axis() -> None:
 @pytest.mark.parametrize("planner", [PlannerName.PTP, PlannerName.OMPL, PlannerName.CHOMP, PlannerName.AUTO])
 @pytest.mark.parametrize("chain", [FIVE, ROLLING, FOUR, SIX, SEVEN], ids=["5", "5 rolling", "4", "6", "7"])
 def test_with_a_free_axis_the_tool_points_down_anywhere(chain: Chain, planner: PlannerName) -> None:
-    robot = few_joints.robot_of(chain, radius_m=0.01)
+    robot = few_joint_arms.robot_of(chain, radius_m=0.01)
     start = np.resize([0.2, 0.5, 0.9, 0.1, 0.7], len(chain.axes))
     for x, y in ((0.3, 0.1), (0.25, -0.2)):
         goal = Pose(np.array([x, y, 0.15]), DOWN)
@@ -131,7 +131,7 @@ def test_with_a_free_axis_the_tool_points_down_anywhere(chain: Chain, planner: P
 
 @pytest.mark.parametrize("chain", [FIVE, ROLLING, FOUR, SIX, SEVEN], ids=["5", "5 rolling", "4", "6", "7"])
 def test_paths_with_a_free_axis_keep_to_the_path_and_to_the_direction_of_the_tool(chain: Chain) -> None:
-    robot = few_joints.robot_of(chain, radius_m=0.01)
+    robot = few_joint_arms.robot_of(chain, radius_m=0.01)
     first, second = Pose(np.array([0.3, 0.1, 0.15]), DOWN), Pose(np.array([0.3, -0.1, 0.2]), DOWN)
     third = Pose(np.array([0.35, -0.05, 0.15]), DOWN)
     near = np.resize([0.2, 0.5, 0.9, 0.1, 0.7], len(chain.axes))
@@ -153,7 +153,7 @@ def test_paths_with_a_free_axis_keep_to_the_path_and_to_the_direction_of_the_too
 
 
 def test_where_all_rotations_are_free_the_position_alone_counts() -> None:
-    robot = few_joints.robot_of(SCARA)
+    robot = few_joint_arms.robot_of(SCARA)
     goal = Pose(np.array([0.2, 0.35, 0.1]), Rotation.from_rotvec([0.3, 1.0, 2.0]).as_quat(scalar_first=True))
     with pytest.raises(UnreachableError, match="it has three joints"):
         plan(robot, MotionRequest(np.zeros(3), goal, PlannerName.PTP, FULL))
@@ -162,7 +162,7 @@ def test_where_all_rotations_are_free_the_position_alone_counts() -> None:
 
 
 def test_a_goal_that_differs_in_what_is_free_alone_needs_no_motion() -> None:
-    robot = few_joints.robot_of(ROLLING)
+    robot = few_joint_arms.robot_of(ROLLING)
     here = pose_at(ROLLING, BENT)
     turn = Rotation.from_quat(here.quaternion, scalar_first=True) * Rotation.from_rotvec([0.0, 0.0, 1.2])
     goal = Pose(here.position, turn.as_quat(scalar_first=True))
@@ -179,7 +179,7 @@ def test_a_goal_that_differs_in_what_is_free_alone_needs_no_motion() -> None:
     ],
 )
 def test_free_axes_that_mean_nothing_are_refused(free: tuple[str, ...], said: str) -> None:
-    robot = few_joints.robot_of(FIVE)
+    robot = few_joint_arms.robot_of(FIVE)
     request = MotionRequest(BENT, pose_at(FIVE, BENT), PlannerName.PTP, FULL)
     with pytest.raises(InputError, match=said):
         plan(robot, replace(request, free_axes=free))  # type: ignore[arg-type]
@@ -188,7 +188,7 @@ def test_free_axes_that_mean_nothing_are_refused(free: tuple[str, ...], said: st
 @pytest.mark.parametrize("limit_rad", [2.9, 2.0 * np.pi])
 def test_a_path_that_ends_at_a_limit_names_the_joint_and_its_limit(limit_rad: float) -> None:
     """The hand turns about its own axis; it begins at the limit, and a little before it."""
-    robot = few_joints.robot_of(SIX, limit_rad)
+    robot = few_joint_arms.robot_of(SIX, limit_rad)
     for before_rad in (0.0, 0.05):
         start = np.array([0.2, 0.3, 0.5, 0.4, 0.7, limit_rad - before_rad])
         here = pose_at(SIX, start)
@@ -202,7 +202,7 @@ def test_a_path_that_ends_at_a_limit_names_the_joint_and_its_limit(limit_rad: fl
 
 
 def test_a_goal_that_only_a_limit_keeps_from_being_reached_names_the_joint() -> None:
-    robot = few_joints.robot_of(SCARA, 1.0)
+    robot = few_joint_arms.robot_of(SCARA, 1.0)
     with pytest.raises(UnreachableError, match=r"joint3 would have to go to 1\.2 rad, its limit is 1 rad"):
         plan(
             robot,
@@ -213,7 +213,7 @@ def test_a_goal_that_only_a_limit_keeps_from_being_reached_names_the_joint() -> 
 @pytest.mark.parametrize("planner", list(PlannerName))
 @pytest.mark.parametrize("chain", [FIVE, SEVEN], ids=["5", "7"])
 def test_an_arm_without_shapes_is_planned_for_and_forecast(chain: Chain, planner: PlannerName) -> None:
-    robot = few_joints.robot_of(chain, radius_m=None)
+    robot = few_joint_arms.robot_of(chain, radius_m=None)
     assert robot.collision.pairs == []
     start = np.resize([0.1, 0.5, 0.8, 0.2, 0.6], len(chain.axes))
     goal = pose_at(chain, start + np.resize([0.02, -0.05, 0.06], len(chain.axes)))

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
-from running import WAIT_S
-from second_opinion import MJCF, largest_rates, second_robot
+from cobot_run import WAIT_S
+from independent_models import MJCF, largest_rates, second_robot
 
 from cobot.motions.forecast import Closest, Forecast
 from cobot.motions.requests import MotionRequest

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 import ruckig
-from running import WAIT_S
+from cobot_run import WAIT_S
+from independent_models import Contacts, changed_world, largest_rates, rate_limits, robot_in, second_robot
 from scipy.spatial.transform import Rotation
-from second_opinion import Contacts, changed_world, largest_rates, rate_limits, robot_in, second_robot
 
 from cobot.errors import CobotError, CollisionError, InputError, LimitError, PlanningError, UnreachableError
 from cobot.motions.constraints import Cone, Constraints

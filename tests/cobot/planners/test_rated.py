@@ -10,13 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
-from second_opinion import (
+from independent_models import (
     MJCF,
     largest_rates,
     rate_limits,
     second_robot,
 )
+from scipy.spatial.transform import Rotation
 
 from cobot.errors import InputError, LimitError
 from cobot.motions.requests import Envelope, MotionRequest, RatedMove

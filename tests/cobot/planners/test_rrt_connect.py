@@ -6,8 +6,8 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from running import WAIT_S
-from samples import samples
+from cobot_run import WAIT_S
+from sample_counts import samples
 from scipy.sparse.csgraph import dijkstra
 
 from benchmarks import scenes

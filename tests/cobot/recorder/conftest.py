@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cycles import Cycles
+from recorded_cycles import Cycles
 
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cycles import Cycles, stepped
+from cobot_run import WAIT_S
 from mcap.reader import make_reader
+from recorded_cycles import Cycles, stepped
 from rosbags.highlevel import AnyReader
-from running import WAIT_S
 
 from cobot.errors import ConflictError, UnavailableError
 from cobot.ipc.layout import MotionResult, text

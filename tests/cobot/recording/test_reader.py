@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cycles import Cycles, stepped
+from recorded_cycles import Cycles, stepped
 
 from app.services.motion.csv_points import read_points
 from cobot.config import Settings

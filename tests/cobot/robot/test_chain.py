@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
+from independent_models import MJCF
 from laws import coordinates
-from samples import samples
-from second_opinion import MJCF
+from sample_counts import samples
 
 from cobot.errors import ConfigError, InputError
 from cobot.robot.chain import Chain

@@ -8,7 +8,7 @@ import coal
 import mujoco
 import numpy as np
 import pytest
-from samples import samples
+from sample_counts import samples
 
 from benchmarks import scenes
 from cobot.robot.clearance import Clearance

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from second_opinion import MJCF, Contacts, changed_world, robot_in
+from independent_models import MJCF, Contacts, changed_world, robot_in
 
 from cobot.errors import CollisionError, InputError
 from cobot.robot.collision import RESOLUTION_M, CollisionChecker

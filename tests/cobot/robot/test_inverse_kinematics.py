@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from independent_models import second_robot
 from scipy.spatial.transform import Rotation
-from second_opinion import second_robot
 
 from cobot.errors import UnreachableError
 from cobot.robot.description import RobotDescription

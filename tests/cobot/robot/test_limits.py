@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from second_opinion import LIMITS
+from independent_models import LIMITS
 
 from cobot.errors import ConfigError, LimitError
 from cobot.robot.limits import check_positions, load_joint_limits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from samples import samples
+from sample_counts import samples
 
 from cobot.robot import linear
 from cobot.types import Array

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
-from second_opinion import LIMITS, MJCF, mjcf_root, numbers, second_robot, urdf
+from independent_models import LIMITS, MJCF, mjcf_root, numbers, second_robot, urdf
 
 from cobot.errors import ConfigError, UnavailableError
 from cobot.robot.description import RobotDescription

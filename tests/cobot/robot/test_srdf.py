@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
-from second_opinion import SRDF
+from independent_models import SRDF
 
 from cobot.config import load_settings
 from cobot.errors import ConfigError

@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
+from flange_tools import INERTIA, TCP, TOOL, loaded
+from independent_models import MJCF, Pinocchio, mjcf_root
 from scipy.spatial.transform import Rotation
-from second_opinion import MJCF, Pinocchio, mjcf_root
-from tools import INERTIA, TCP, TOOL, loaded
 
 from cobot.errors import ConfigError, InputError, LimitError
 from cobot.robot.collision import CollisionChecker

@@ -18,10 +18,10 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
-from garbage import Garbage
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from random_json import Garbage
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 

@@ -19,9 +19,9 @@ from typing import Any
 
 import httpx
 import pytest
-from manual_script import lua_example
+from cobot_run import WAIT_S, until
+from manual_programs import lua_example
 from rosbags.typesys import Stores, get_typestore
-from running import WAIT_S, until
 from websockets.sync.server import ServerConnection, serve
 
 from cobot.client import Client

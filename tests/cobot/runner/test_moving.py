@@ -5,12 +5,11 @@ Oracle: where GET /robot/pose says the TCP is, and the numbers in the file.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual import URL, VirtualService, virtual_service
+from virtual_service import URL, VirtualService
 
 from cobot.errors import CobotError
 from cobot.runner.moving import go
@@ -18,13 +17,6 @@ from cobot.runner.schema import read_sequence, sequence_of
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "paths.json"
 HELIX = {"centre": {"x": 0.4, "y": 0.1, "z": 0.5}, "axis": {"x": 0, "y": 0, "z": 1}, "angle": 1.0}
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
-        yield started
 
 
 def tcp(service: VirtualService) -> np.ndarray:

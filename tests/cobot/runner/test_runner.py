@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cobot_run import WAIT_S
 from rosbags.highlevel import AnyReader
-from running import WAIT_S
 
 JOINTS = {"joints": [0, 0, 0, -1.57, 0, 1.57, 0]}
 STATE = {"name": ["joint1"], "position": [0.1], "velocity": [0.2], "effort": [0.3]}

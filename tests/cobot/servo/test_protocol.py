@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 import pytest
-from garbage import Garbage
+from random_json import Garbage
 
 from cobot.ipc.layout import ServoMode
 from cobot.servo.fields import BrokenRule

@@ -12,7 +12,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-from virtual import virtual_service
+from virtual_service import virtual_service
 
 from cobot.clock import Clock
 from cobot.errors import InputError, UnavailableError

@@ -18,13 +18,13 @@ import httpx
 import numpy as np
 import psutil
 import pytest
-from activities import ACTIVITIES, AWAY, active, goal_asked
+from arm_activities import BUSY, HOME, child, doing, left_alone, name, reset, robot_health
+from cobot_run import WAIT_S, Run, again, answering
+from dds_peers import own_domain
 from faults import Record, watched
-from peers import own_domain
-from running import WAIT_S, Run, again, answering
-from second_opinion import second_robot
-from tasks import BUSY, HOME, child, doing, left_alone, name, reset, robot_health
-from tools import loaded
+from flange_tools import loaded
+from independent_models import second_robot
+from service_activities import ACTIVITIES, AWAY, active, goal_asked
 
 from cobot.config import load_settings
 from cobot.ipc.shm import MemoryRole, RobotMemory

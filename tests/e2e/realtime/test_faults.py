@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arm_activities import TASKS, child, doing, left_alone, name, require_recovery, robot_health
+from cobot_run import WAIT_S, Run, answering
 from faults import BLOCKS, Record, spoil, watched
-from running import WAIT_S, Run, answering
-from tasks import TASKS, child, doing, left_alone, name, require_recovery, robot_health
 
 from cobot import Mode, Robot
 from cobot.config import load_settings

@@ -19,11 +19,11 @@ import httpx
 import numpy as np
 import pytest
 import rest_tour
-from activities import Goal, Servo, followed
+from arm_activities import robot_health
+from cobot_run import WAIT_S, answering
 from franky_run import FrankySimulator, RunOfFranka, StandInArm
-from running import WAIT_S, answering
+from service_activities import Goal, Servo, followed
 from streaming_client import StreamClient
-from tasks import robot_health
 
 from cobot import Mode, Robot
 from cobot.errors import CobotError

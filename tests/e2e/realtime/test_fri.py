@@ -15,11 +15,11 @@ import httpx
 import numpy as np
 import pytest
 import rest_tour
-from activities import Goal, Servo, followed
+from arm_activities import HOME, Motion, robot_health
+from cobot_run import WAIT_S, answering
 from fri_run import CabinetProcess, RunOverFri
-from running import WAIT_S, answering
+from service_activities import Goal, Servo, followed
 from streaming_client import StreamClient
-from tasks import HOME, Motion, robot_health
 
 from cobot.launch.cli import main
 

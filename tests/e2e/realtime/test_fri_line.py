@@ -11,8 +11,8 @@ from pathlib import Path
 
 import httpx
 import numpy as np
+from cobot_run import WAIT_S, Run, unique_name
 from fri_run import CabinetProcess
-from running import WAIT_S, Run, unique_name
 
 from cobot.config import load_settings
 

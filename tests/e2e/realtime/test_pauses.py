@@ -9,10 +9,10 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from activities import active
+from arm_activities import TASKS, child, doing, name, require_recovery, robot_health
+from cobot_run import Run, answering
 from faults import Record, watched
-from running import Run, answering
-from tasks import TASKS, child, doing, name, require_recovery, robot_health
+from service_activities import active
 
 from cobot.config import load_settings
 from cobot.robot import description as robots

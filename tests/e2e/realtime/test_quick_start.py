@@ -12,7 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from running import Run, answering
+from cobot_run import Run, answering
 
 SPEC = Path(__file__).parents[4] / "shared/spec/002_c6979c3efec4c83c.txt"
 HEADINGS = (

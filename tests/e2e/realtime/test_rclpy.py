@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from manual_script import run_script, script
-from peers import own_domain
+from cobot_run import WAIT_S, Run, answering
+from dds_peers import own_domain
+from manual_programs import run_script, script
 from real_ros import PYTHON, built_packages, environment, users_packages
-from running import WAIT_S, Run, answering
 
 # Who comes first builds what all need.
 pytestmark = pytest.mark.timeout(600)

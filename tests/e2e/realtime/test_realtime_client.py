@@ -15,7 +15,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from running import WAIT_S, Run, until
+from cobot_run import WAIT_S, Run, until
 
 from cobot import Mode, Robot
 from cobot.errors import (

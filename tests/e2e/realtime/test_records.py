@@ -13,10 +13,10 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from arm_activities import child, robot_health
+from cobot_run import WAIT_S, Run
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from running import WAIT_S, Run
-from tasks import child, robot_health
 
 from cobot.launch.cli import main
 

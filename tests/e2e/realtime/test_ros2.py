@@ -18,12 +18,12 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from cobot_run import WAIT_S, Run, answering, require_quick
 from cyclone_peer import JointState, String, cyclone_participant, cyclone_reader, cyclone_writer
-from hosts import connect, hosts
-from manual_script import run_script, script, shim_environment
-from peers import own_domain
+from dds_peers import own_domain
+from manual_programs import run_script, script, shim_environment
+from network_namespaces import connect, hosts
 from ros_peer import Client, Peer, until
-from running import WAIT_S, Run, answering, require_quick
 
 from app.aubo.interfaces import interface_definitions
 from cobot.codes import Code

@@ -11,17 +11,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
-from running import WAIT_S, Run, until
+from cobot_run import WAIT_S, Run, until
+from folders import SUPPORT
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-SCRIPT = Path(__file__).parents[2] / "roslibpy_client.py"
+SCRIPT = SUPPORT / "roslibpy_client.py"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 HOME = np.array([0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0])
 
@@ -39,7 +39,7 @@ def address(run: Run) -> str:
 
 
 def roslibpy(run: Run, scenario: str) -> dict[str, Any]:
-    """What that scenario of tests/roslibpy_client.py has seen."""
+    """What that scenario of tests/support/roslibpy_client.py has seen."""
     result = subprocess.run(
         [sys.executable, str(SCRIPT), address(run), run.name, scenario],
         capture_output=True,

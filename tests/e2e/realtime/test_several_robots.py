@@ -19,7 +19,7 @@ import httpx
 import psutil
 import pytest
 from chromium import CHROMIUM, Page, browsing
-from running import WAIT_S, Pair, unique_name, until
+from cobot_run import WAIT_S, Pair, unique_name, until
 
 from cobot import Robot
 from cobot.client import Client

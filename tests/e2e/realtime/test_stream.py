@@ -22,9 +22,9 @@ import httpx
 import numpy as np
 import pytest
 import yaml
-from running import WAIT_S, Run, until
+from arm_activities import CLIENT
+from cobot_run import WAIT_S, Run, until
 from streaming_client import StreamClient
-from tasks import CLIENT
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 
 from cobot import Mode, Robot
@@ -102,7 +102,7 @@ import sys, time
 sys.path.insert(0, {tests!r})
 import numpy as np
 from streaming_client import StreamClient
-from tasks import CLIENT
+from arm_activities import CLIENT
 client = StreamClient({url!r})
 client.session(inner_control_hz=100)
 home = {home!r}

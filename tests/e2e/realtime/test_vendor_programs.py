@@ -15,7 +15,7 @@ import httpx
 import numpy as np
 import psutil
 import pytest
-from running import WAIT_S, Pair, until
+from cobot_run import WAIT_S, Pair, until
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.4, 0.1, 0.0, -1.4, 0.0, 1.4, 0.2]

@@ -13,8 +13,8 @@ import httpx
 import pytest
 import rest_tour
 import yaml
-from running import WAIT_S, Run, answering
-from tasks import Motion, robot_health
+from arm_activities import Motion, robot_health
+from cobot_run import WAIT_S, Run, answering
 
 
 class SlowRun(Run):

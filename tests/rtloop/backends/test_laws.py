@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from laws import simulated_arm as law
-from samples import samples
+from sample_counts import samples
 from scipy.spatial.transform import Rotation
 
 from cobot.config import Settings

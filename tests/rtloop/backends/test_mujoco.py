@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from independent_models import MJCF
 from rig import Rig
-from second_opinion import MJCF
 
 from cobot.config import Settings
 from cobot.ipc.layout import MotionResult

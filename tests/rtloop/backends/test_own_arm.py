@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from cobot_run import unique_name
 from own_arm import Arm, Boasts, BoastsLater
 from paced_arm import PacedArm
-from running import unique_name
 
 from cobot.config import Settings, load_settings
 from cobot.errors import ConfigError

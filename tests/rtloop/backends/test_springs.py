@@ -11,8 +11,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from independent_models import MJCF, changed_world, second_robot
 from scipy.spatial.transform import Rotation
-from second_opinion import MJCF, changed_world, second_robot
 
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription

@@ -1,6 +1,6 @@
 """The contract of backends: those of cobot keep it, and each way of breaking it is found by its check.
 
-Oracle: `broken_arms`, which are the toy with one thing changed.
+Oracle: `broken_backends`, which are the toy with one thing changed.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
     ],
 )
 def test_each_way_of_breaking_it_is_found(settings: Settings, arm: str, check: str, found: str) -> None:
-    name = f"broken_arms:{arm}"
+    name = f"broken_backends:{arm}"
     result = examined(cell_for(settings, name), check)
     assert result.verdict is Verdict.FAILED
     with pytest.raises(AssertionError, match=found):
@@ -138,11 +138,11 @@ def test_each_way_of_breaking_it_is_found(settings: Settings, arm: str, check: s
 
 
 def test_a_failed_check_is_said_and_is_the_exit_status(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["test", "broken_arms:StrangeMode", "--only", "motion", "status", "punctuality"]) == 1
+    assert main(["test", "broken_backends:StrangeMode", "--only", "motion", "status", "punctuality"]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert [line.split("  ")[0] for line in lines[:3]] == ["motion", "status", "punctuality"]
     assert "FAILED" in lines[1]
-    assert lines[-1] == "broken_arms:StrangeMode, every 1 ms: 1 passed, 1 FAILED, 1 not tested"
+    assert lines[-1] == "broken_backends:StrangeMode, every 1 ms: 1 passed, 1 FAILED, 1 not tested"
 
 
 def test_durations_count_when_they_are_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
@@ -162,12 +162,12 @@ def test_beats_are_held_against_the_clock_when_asked_for(
 
 def test_a_robot_is_not_moved_by_it(settings: Settings) -> None:
     with pytest.raises(ConfigError, match=r"moves a real arm.*the contract does not run on a real robot"):
-        cell_for(settings, "broken_arms:Real")
+        cell_for(settings, "broken_backends:Real")
 
 
 def test_a_rig_may_have_no_faults_that_nobody_knows(settings: Settings) -> None:
     with pytest.raises(ConfigError, match="there is no fault 'lightning'; valid are: disconnect, "):
-        cell_for(settings, "broken_arms:StrangeRig")
+        cell_for(settings, "broken_backends:StrangeRig")
 
 
 def test_a_backend_that_is_not_there_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:

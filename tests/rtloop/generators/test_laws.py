@@ -1,7 +1,8 @@
 """The compiled generators compute what their laws say.
 
-Oracles: the same laws in numpy, `tests/laws`, and Ruckig. Each test compares more than 100,000 coordinates of
-random commands. A law in numpy takes thousands of coordinates at once, a compiled generator has 16.
+Oracles: the same laws in numpy, `tests/support/laws`, and Ruckig. Each test compares more than 100,000
+coordinates of random commands. A law in numpy takes thousands of coordinates at once, a compiled generator
+has 16.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from laws.comparison import EXACT, close
 from laws.pose_limiter import PoseLimiter as PoseLimiterLaw
 from laws.target_estimate import Estimate as EstimateLaw
 from laws.target_estimate import fit
-from samples import samples
+from sample_counts import samples
 
 from cobot.errors import InputError
 from cobot.ipc.layout import Interpolation

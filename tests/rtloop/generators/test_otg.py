@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 import ruckig
-from samples import samples
+from sample_counts import samples
 
 from cobot.types import Array
 from rtloop.generators import otg

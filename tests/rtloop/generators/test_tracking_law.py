@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from laws.tracking import Tracker as PlainTracker
-from samples import samples
+from sample_counts import samples
 
 from cobot.types import Array, JointLimits
 from rtloop.generators.tracking import Tracker

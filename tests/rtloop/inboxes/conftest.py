@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from running import unique_name
+from cobot_run import unique_name
 
 from cobot.ipc.shm import MemoryRole, RobotMemory
 

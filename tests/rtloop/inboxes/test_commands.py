@@ -12,8 +12,8 @@ from math import isclose
 import numpy as np
 import pytest
 from rig import Rig
-from samples import samples
-from shaken import Writer
+from sample_counts import samples
+from wild_writer import Writer
 
 from cobot.ipc.layout import RING, Ack, Command, text
 from cobot.ipc.shm import RobotMemory

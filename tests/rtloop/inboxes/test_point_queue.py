@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from running import unique_name
-from samples import samples
-from shaken import Writer
+from cobot_run import unique_name
+from sample_counts import samples
+from wild_writer import Writer
 
 from cobot.errors import InputError
 from cobot.ipc.layout import POINTS

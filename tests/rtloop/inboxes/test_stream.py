@@ -6,8 +6,8 @@ Oracle: the same rules in plain Python, on a mapping of its own, after each of m
 from __future__ import annotations
 
 import numpy as np
-from samples import samples
-from shaken import Writer
+from sample_counts import samples
+from wild_writer import Writer
 
 from cobot.ipc.layout import Ack
 from cobot.ipc.seqlock import Block

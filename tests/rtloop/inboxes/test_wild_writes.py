@@ -10,8 +10,8 @@ import sys
 import time
 
 import pytest
-from running import HELPER_ENVIRONMENT, unique_name
-from shaken import READS, all_blocks
+from cobot_run import HELPER_ENVIRONMENT, unique_name
+from wild_writer import READS, all_blocks
 
 from cobot.ipc.shm import MemoryRole, RobotMemory
 
@@ -21,7 +21,7 @@ LIMIT_S = 240.0
 @pytest.mark.parametrize("dof", [1, 7, 16])
 def test_no_bytes_in_shared_memory_can_crash_what_reads_them(dof: int) -> None:
     memory = RobotMemory.create(unique_name(), dof, 1e-3, 2)
-    command = [sys.executable, "-P", "-m", "shaken", memory.robot]
+    command = [sys.executable, "-P", "-m", "wild_writer", memory.robot]
     writer = subprocess.Popen([*command, "write"], env=HELPER_ENVIRONMENT)
     try:
         begun_s = time.monotonic()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from laws.path import Path as PlainPath
 from laws.path_clock import PathClock as PlainPathClock
-from samples import samples
+from sample_counts import samples
 
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription

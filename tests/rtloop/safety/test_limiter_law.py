@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from laws.limiter import NOTHING, Watch
 from laws.limiter import Safety as PlainSafety
-from samples import samples
+from sample_counts import samples
 
 from cobot.errors import InputError
 from cobot.ipc.layout import Intervention

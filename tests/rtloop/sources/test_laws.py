@@ -1,6 +1,7 @@
 """The compiled sources of streams compute what their laws say.
 
-Oracles: the same laws in numpy, `tests/laws`, around the same generators, which have oracles of their own.
+Oracles: the same laws in numpy, `tests/support/laws`, around the same generators, which have oracles of
+their own.
 Each part is compared on 100,000 coordinates of random sessions, or on as many random inputs; the environment
 variable COBOT_SHARE_OF_SAMPLES takes fewer.
 """
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cobot_run import unique_name
 from laws import cartesian as cartesian_law
 from laws import joint as joint_law
 from laws import servo_law as law
@@ -20,8 +22,7 @@ from laws import target_checks as check_law
 from laws import torque as torque_law
 from laws.comparison import close
 from laws.servo_through_points import ThroughPoints as ThroughPointsLaw
-from running import unique_name
-from samples import samples
+from sample_counts import samples
 
 from cobot.ipc import layout
 from cobot.ipc.layout import Interpolation, Intervention, ServoMode

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from independent_models import changed_world, robot_in
 from laws.collision_monitor import CollisionMonitor as PlainMonitor
-from samples import samples
-from second_opinion import changed_world, robot_in
+from sample_counts import samples
 
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from samples import samples
+from sample_counts import samples
 
 from cobot.errors import InputError
 from rtloop.streaming.contact_monitor import AXES, ContactMonitor

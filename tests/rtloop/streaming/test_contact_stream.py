@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from independent_models import second_robot
 from rig import Rig
 from scipy.integrate import solve_ivp
-from second_opinion import second_robot
 
 from cobot.config import Settings
 from cobot.ipc.layout import Stream

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cobot_run import unique_name
 from laws import feed as law
 from laws.comparison import require_same
-from running import unique_name
-from samples import samples
-from shaken import Writer
+from sample_counts import samples
+from wild_writer import Writer
 
 from cobot.config import Settings
 from cobot.ipc import layout

@@ -6,11 +6,10 @@ Oracle: the table. Each is asked of the motion and of its plan; none of them mov
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 NAN = float("nan")
 JOINTS = [0.3, 0.2, 0.0, -1.5, 0.0, 1.5, 0.0]
@@ -120,12 +119,6 @@ ALL = [(f"/robot/move/{what}", body, said) for what, body, said in BAD]
 ALL += [(f"/robot/plan/{what}", body, said) for what, body, said in BAD + PLANS]
 POINTS = [{"positions": JOINTS, "time_from_start": 3.0}]
 ALL += [("/trajectory/send", {"points": POINTS, "smoothing_rad": NAN}, ["smoothing_rad", "got NaN"])]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
-        yield started
 
 
 @pytest.mark.parametrize(("path", "body", "said"), ALL, ids=[f"{each[0]}-{each[2][0]}" for each in ALL])

@@ -12,8 +12,8 @@ from typing import Any
 
 import httpx
 import pytest
-from asgi import Socket
-from virtual import VirtualService, virtual_service
+from asgi_client import Socket
+from virtual_service import VirtualService
 
 from app.services.clients import CLIENT, Client
 from cobot.codes import Code
@@ -25,13 +25,6 @@ POINTS = {
     "points": [{"positions": HOME, "time_from_start": 0.0}, {"positions": AWAY, "time_from_start": 30.0}]
 }
 PATH = "/robot/control"
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("control")) as started:
-        yield started
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """GET /events and its WebSocket on virtual time; tests/e2e/test_events.py has what needs a network.
 
-Oracles: a reader of text/event-stream after the HTML standard, made of `json` alone (tests/asgi.py); what
-REST says about the same arm.
+Oracles: a reader of text/event-stream after the HTML standard, made of `json` alone
+(tests/support/asgi_client.py); what REST says about the same arm.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from asgi import Closed, EventStream, Refused, Socket
-from virtual import VirtualService, virtual_service
+from asgi_client import Closed, EventStream, Refused, Socket
+from virtual_service import VirtualService, virtual_service
 
 from app.api.routers.events import MAX_LISTENERS
 from app.services.events.ring import TYPES
@@ -34,12 +34,6 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService
 def run(service: VirtualService) -> VirtualService:
     service.go_home()
     return service
-
-
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("pair"), 2) as started:
-        yield started
 
 
 def heard(events: EventStream, kind: str, what: str) -> dict[str, Any]:

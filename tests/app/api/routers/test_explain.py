@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running import PATIENT_PLANNING
+from cobot_run import PATIENT_PLANNING
 from scipy.spatial.transform import Rotation
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 from benchmarks.explanations import examined
 from cobot.errors import LimitError

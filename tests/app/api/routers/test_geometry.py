@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.api.routers.geometry import rendered
 from app.services.state.geometry import geometry_of
@@ -40,12 +39,6 @@ TOOL = {
     "tcp": {"z": 0.15, "a": 0.4},
     "shapes": {"finger": {"shape": "box", "size": [0.02, 0.03, 0.1], "x": 0.0, "y": 0.0, "z": 0.06}},
 }
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("geometry")) as started:
-        yield started
 
 
 def frames(found: dict[str, Any], joints: Array) -> list[tuple[Array, Rotation]]:

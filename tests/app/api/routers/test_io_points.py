@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from panel_arm import PanelArm
 from rig import Rig
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 from cobot.config import Settings
 from cobot.ipc.shm import RobotMemory

@@ -5,26 +5,18 @@ Oracles: the motions one by one, and where /robot/joint_states says the arm is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 CORNER = [0.6, 0.2, 0.0, -1.5, 0.0, 1.5, 0.0]
 END = [0.6, 0.6, 0.0, -1.2, 0.0, 1.5, 0.0]
 GO = {"speed": 1.0}
 MOTIONS = [{"joints": CORNER, **GO}, {"joints": END, **GO}]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
-        yield started
 
 
 def post(service: VirtualService, body: Any) -> Any:

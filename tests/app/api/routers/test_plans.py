@@ -5,14 +5,13 @@ Oracles: where /robot/joint_states says the arm is, and the limits of joint_limi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 from app.api.plan_answers import PlanAnswer
 from cobot.access.roles import Role
@@ -20,13 +19,6 @@ from cobot.access.tokens import TokenFile
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 THERE = [0.3, 0.2, 0.0, -1.5, 0.0, 1.5, 0.0]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
-        yield started
 
 
 def post(service: VirtualService, path: str, body: dict[str, Any]) -> Any:

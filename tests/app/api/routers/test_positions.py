@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 from app.services.motion import positions as taught_positions
 from app.services.motion.goals import Goals

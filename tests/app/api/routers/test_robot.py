@@ -6,22 +6,14 @@ Oracle: what GET /health says about the arm.
 from __future__ import annotations
 
 import runpy
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from virtual import URL, VirtualService, virtual_service
+from virtual_service import URL, VirtualService
 
 ROOT = Path(__file__).parents[4]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
-        yield started
 
 
 def test_a_stopped_motion_answers_its_own_client_too(service: VirtualService) -> None:

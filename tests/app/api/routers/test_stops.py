@@ -5,12 +5,11 @@ Oracle: the limits, and the cycle's own record of what was commanded.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 from cobot.robot.device import Capabilities
 from cobot.types import LoopMode
@@ -18,12 +17,6 @@ from rtloop.device import DeviceWatch
 
 AWAY = [0.8, 0.3, -0.3, -1.2, 0.3, 1.2, 0.5]
 FOUND = "First contact: the device reports joint1 0.0 degrees"
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("stops")) as started:
-        yield started
 
 
 def stopped_in_motion(service: VirtualService, path: str) -> dict[str, Any]:

@@ -15,12 +15,12 @@ import httpx
 import numpy as np
 import pytest
 import yaml
-from asgi import Refused
+from asgi_client import Refused
+from cobot_run import WAIT_S
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from running import WAIT_S
 from streaming_client import Frames
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from cobot.ipc.layout import chunk_dtype, session_dtype, setpoint_dtype
 from cobot.ipc.state_fields import state_dtype
@@ -28,13 +28,6 @@ from cobot.ipc.state_fields import state_dtype
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 CONFIG = Path(__file__).parents[4] / "config"
 LIMITS = yaml.safe_load((CONFIG / "joint_limits.yaml").read_text(encoding="utf-8"))["joint_limits"]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """One for all tests here."""
-    with virtual_service(tmp_path_factory.mktemp("stream")) as started:
-        yield started
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ import light_planner
 import numpy as np
 import psutil
 import pytest
-from running import HELPER_ENVIRONMENT
+from cobot_run import HELPER_ENVIRONMENT
 
 from app.services.motion import planning_pool
 from app.services.motion.planning import PlanningService

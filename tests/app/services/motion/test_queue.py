@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from second_opinion import second_robot
-from virtual import VirtualService, virtual_service
+from independent_models import second_robot
+from virtual_service import VirtualService
 
 from app.aubo.poses import numbers_of
 from app.services.motion.planning import PlanningService
@@ -75,12 +75,6 @@ class Queue:
     @property
     def now(self) -> int:
         return len(self.http.rig.commanded)
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("queue")) as started:
-        yield started
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from second_opinion import second_robot
-from virtual import VirtualService, virtual_service
+from independent_models import second_robot
+from virtual_service import VirtualService
 
 from app.services.motion import queue as motion_queue
 
@@ -22,12 +22,6 @@ HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 RADIUS_M = 0.05
 INTO_ITSELF = {"x": 0.0, "y": 0.0, "z": 0.1}
 Json = dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("queued")) as started:
-        yield started
 
 
 @pytest.fixture

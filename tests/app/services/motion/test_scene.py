@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from virtual import VirtualService
+from virtual_service import VirtualService
 
 from cobot.robot.scene import Scene, SceneFile, SceneObject
 from cobot.types import LoopMode

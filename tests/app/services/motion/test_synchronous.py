@@ -1,6 +1,6 @@
 """Synchronous motions of two robots, each on a stepped cycle of its own.
 
-Oracle: the cycles themselves (tests/rig.py): what was commanded, and when each arm moved.
+Oracle: the cycles themselves (tests/support/rig.py): what was commanded, and when each arm moved.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cobot_run import WAIT_S
 from rig import Rig
-from running import WAIT_S
 
 from app.services.motion.execution import MotionService
 from app.services.motion.planning import PlanningService

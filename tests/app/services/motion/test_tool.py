@@ -14,9 +14,9 @@ import httpx
 import numpy as np
 import pinocchio
 import pytest
-from second_opinion import second_robot
-from tools import INERTIA, LOAD, TCP, loaded
-from virtual import VirtualService
+from flange_tools import INERTIA, LOAD, TCP, loaded
+from independent_models import second_robot
+from virtual_service import VirtualService
 
 from cobot.robot.tool import BARE, Tool, ToolFile
 

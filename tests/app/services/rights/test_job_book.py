@@ -19,9 +19,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from cobot_run import WAIT_S, until
 from hypothesis import given
 from hypothesis import strategies as st
-from running import WAIT_S, until
 
 from app.services.rights import job_book as books
 from app.services.rights.claims import Caller

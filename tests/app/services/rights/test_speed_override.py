@@ -1,6 +1,6 @@
 """Pausing and slowing down motions, on the stepped cycle.
 
-Oracle: the cycle itself (tests/rig.py), and numpy: a paused motion is on the same straight line.
+Oracle: the cycle itself (tests/support/rig.py), and numpy: a paused motion is on the same straight line.
 """
 
 from __future__ import annotations

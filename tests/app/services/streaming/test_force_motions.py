@@ -15,7 +15,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService, virtual_service
 
 from cobot.types import Array
 

@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.services.streaming.freedrive import MAX_LEAD_RAD, PUSHED_SHARE, ROOM_RAD, Guidance
 from app.services.streaming.jog_limits import TCP_M_S
@@ -26,12 +26,6 @@ PATH = "/robot/freedrive"
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 PUSH_N = 30.0
 WALL = {"shape": "box", "size": [1.0, 0.02, 1.0], "x": 0.4, "y": 0.25, "z": 0.6}
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("freedrive")) as started:
-        yield started
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from running import until
+from cobot_run import until
 from virtual_time import VirtualLoop
 
 from app.services.streaming.hung_clients import PERIOD_S, watching_clients

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from streaming_client import Frames
-from virtual import VirtualService, virtual_service
+from virtual_service import VirtualService
 
 from app.services.streaming.jog import SILENCE_S
 from app.services.streaming.jog_limits import TCP_M_S, JogLimits, damped
@@ -22,12 +22,6 @@ from cobot.types import Array
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 EVERY_S = 0.05
 WALL = {"shape": "box", "size": [0.02, 1.0, 1.0], "x": 0.6, "y": 0.0, "z": 0.6}
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("jog")) as started:
-        yield started
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ import asyncio
 
 import numpy as np
 import pytest
+from independent_models import second_robot
 from rig import Rig
-from second_opinion import second_robot
 from servo_bench import Bench, Run, runner
 
 from app.services.rights.claims import Caller

@@ -1,6 +1,7 @@
 """Parts of streaming that need no network: sessions on the stepped cycle, the tick, the log, states as JSON.
 
-Oracle: the cycle itself (tests/rig.py); the standard library's JSON parser with its extensions switched off.
+Oracle: the cycle itself (tests/support/rig.py); the standard library's JSON parser with its extensions
+switched off.
 """
 
 from __future__ import annotations

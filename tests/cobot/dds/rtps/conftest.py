@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from peers import own_domain
+from dds_peers import own_domain
 from rtps_peer import Peer
 
 from cobot.dds.rtps import Participant

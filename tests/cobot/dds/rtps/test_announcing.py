@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable, Iterator
 
 import pytest
+from cobot_run import HELPER_ENVIRONMENT
 from ros_peer import Peer, until
-from running import HELPER_ENVIRONMENT
 
 from cobot.dds.rtps import LastWords, Participant, Qos
 from cobot.ros.messages import Messages

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cobot_run import until
 from cyclone_peer import String, cyclone_participant, cyclone_reader
-from running import until
+from folders import SUPPORT
 
 from cobot.dds.rtps import Participant, Qos, Sample
 
@@ -25,7 +26,7 @@ SIZES = [0, 1, 2, 3, 1000, 70_000, 1 << 20, 2 << 20]
 def echo(domain: int) -> Iterator[None]:
     """`cyclone_echo.py` in the test's domain."""
     command = [sys.executable, str(ECHO), str(domain)]
-    environment = os.environ | {"PYTHONPATH": str(ECHO.parents[2])}
+    environment = os.environ | {"PYTHONPATH": str(SUPPORT)}
     with subprocess.Popen(command, stdin=subprocess.PIPE, env=environment) as process:
         yield
         assert process.stdin is not None

@@ -9,8 +9,8 @@ import random
 from collections.abc import Callable
 
 import pytest
+from cobot_run import until
 from rtps_peer import Peer, number_of, numbered
-from running import until
 
 from cobot.dds.rtps import Participant, Qos, Sample, SampleIdentity, Writer
 

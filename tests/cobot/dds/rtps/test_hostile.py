@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import psutil
+from cobot_run import until
 from rtps_peer import Peer, number_of, numbered
-from running import until
 
 from cobot.dds.rtps import Guid, Limits, Participant, Qos
 from cobot.dds.rtps import submessages as sub

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 
 import pytest
-from hosts import Host, connect, hosts, route
+from cobot_run import until
+from network_namespaces import Host, connect, hosts, route
 from rtps_peer import Peer, number_of, numbered
-from running import until
 
 from cobot.dds.rtps import Participant, Qos, Writer
 

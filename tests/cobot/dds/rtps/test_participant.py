@@ -12,7 +12,7 @@ from collections.abc import Callable
 from ipaddress import IPv4Interface
 
 import pytest
-from running import until
+from cobot_run import until
 
 from cobot.dds.rtps import (
     ClosedError,

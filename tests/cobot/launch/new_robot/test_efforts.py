@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from running import unique_name
+from cobot_run import unique_name
 from swinging_arm import LEVEL, SHOULDER, swinging_arm
 
 from cobot.config import load_settings

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from running import RunOfFolder
+from cobot_run import RunOfFolder
 from scipy.spatial.transform import Rotation
 from urdf_arms import ARMS, urdf
 

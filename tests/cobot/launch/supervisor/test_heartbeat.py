@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from running import WAIT_S
+from cobot_run import WAIT_S
 
 from cobot.launch.process import is_traced
 from cobot.launch.supervisor import heartbeat

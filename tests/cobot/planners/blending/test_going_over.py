@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio
 import pytest
-from second_opinion import second_robot
+from independent_models import second_robot
 
 from cobot.motions.requests import MotionRequest
 from cobot.motions.stretches import Leg

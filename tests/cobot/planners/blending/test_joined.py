@@ -10,8 +10,8 @@ from itertools import zip_longest
 
 import numpy as np
 import pytest
+from independent_models import changed_world, robot_in, second_robot
 from scipy.spatial import cKDTree
-from second_opinion import changed_world, robot_in, second_robot
 
 from cobot.errors import InputError
 from cobot.motions.constraints import Box, Cone, Constraints

@@ -11,7 +11,7 @@ from pathlib import Path as File
 
 import numpy as np
 import pytest
-from second_opinion import changed_world, robot_in, second_robot
+from independent_models import changed_world, robot_in, second_robot
 
 from cobot.errors import InputError
 from cobot.motions.constraints import Box, Cone, Constraints

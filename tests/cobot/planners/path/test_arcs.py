@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from independent_models import largest_rates, rate_limits, second_robot
 from scipy.spatial.transform import Rotation
-from second_opinion import largest_rates, rate_limits, second_robot
 
 from cobot.errors import InputError, PlanningError
 from cobot.motions.requests import Arc, TcpSpeed

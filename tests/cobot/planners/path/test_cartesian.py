@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from independent_models import largest_rates, rate_limits, second_robot
 from scipy.spatial.transform import Rotation, Slerp
-from second_opinion import largest_rates, rate_limits, second_robot
 
 from cobot.errors import InputError, PlanningError, UnreachableError
 from cobot.planners import MotionRequest, plan

@@ -1,7 +1,7 @@
 """Paths that end in the joints they began with, and lines that end in joints that are given.
 
 Oracles: pinocchio's kinematics of the iiwa, and the product of the joints' turns in numpy for the small arms
-(`few_joints`).
+(`few_joint_arms`).
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 
-import few_joints
+import few_joint_arms
 import numpy as np
 import pytest
-from few_joints import FIVE, SEVEN, SIX, Chain
+from few_joint_arms import FIVE, SEVEN, SIX, Chain
 from scipy.spatial.transform import Rotation
 
 from benchmarks.arms import SHIPPED, arm
@@ -203,7 +203,7 @@ def test_a_circle_at_a_limit_turns_its_elbow_and_still_ends_where_it_began(
 
 @pytest.mark.parametrize("chain", [SEVEN, SIX, FIVE], ids=["offset wrist", "six", "five"])
 def test_arms_without_an_arm_angle_repeat_too(chain: Chain) -> None:
-    robot = few_joints.robot_of(chain, radius_m=0.01)
+    robot = few_joint_arms.robot_of(chain, radius_m=0.01)
     start = np.resize([0.2, 0.4, 1.2, 0.9, 0.6, 0.7, 0.2], len(chain.axes))
     here = at(chain.tcp, start)
     free = ("rz",) if chain is FIVE else ()
@@ -219,7 +219,7 @@ def test_arms_without_an_arm_angle_repeat_too(chain: Chain) -> None:
 
 def test_a_circle_that_turns_a_joint_once_round_is_possible_but_does_not_end_where_it_began() -> None:
     """A six-axis arm about its first axis: nothing but that joint can turn, and it cannot turn back."""
-    robot = few_joints.robot_of(SIX, 4.0)
+    robot = few_joint_arms.robot_of(SIX, 4.0)
     start = np.array([-3.2, 0.6, 0.5, 0.3, 0.6, 0.2])
     arc = Arc(np.zeros(3), np.array([0.0, 0.0, 1.0]), 2.0 * np.pi, turns_tool=True)
     request = MotionRequest(start, NOWHERE, PlannerName.CIRC, FULL, arc=arc)
@@ -280,7 +280,7 @@ def test_end_joints_that_do_not_fit_are_refused(iiwa: tuple[RobotDescription, Tc
 
 
 def test_what_works_where_a_path_cannot_end_in_its_joints_is_another_end() -> None:
-    robot = few_joints.robot_of(SIX, 4.0)
+    robot = few_joint_arms.robot_of(SIX, 4.0)
     start = np.array([-3.2, 0.6, 0.5, 0.3, 0.6, 0.2])
     arc = Arc(np.zeros(3), np.array([0.0, 0.0, 1.0]), 2.0 * np.pi, turns_tool=True)
     request = MotionRequest(start, NOWHERE, PlannerName.CIRC, FULL, arc=arc, cyclic=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from independent_models import largest_rates, rate_limits, second_robot
 from scipy.spatial.transform import Rotation
-from second_opinion import largest_rates, rate_limits, second_robot
 
 from cobot.errors import CobotError, UnreachableError
 from cobot.planners import MotionRequest, plan

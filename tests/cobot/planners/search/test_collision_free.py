@@ -11,7 +11,7 @@ from typing import get_args
 import mujoco
 import numpy as np
 import pytest
-from running import WAIT_S
+from cobot_run import WAIT_S
 
 from benchmarks import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout

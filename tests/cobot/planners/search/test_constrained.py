@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from running import WAIT_S
+from cobot_run import WAIT_S
+from independent_models import largest_rates, rate_limits, second_robot
 from scipy.spatial.transform import Rotation
-from second_opinion import largest_rates, rate_limits, second_robot
 
 from benchmarks.scenes import problems
 from cobot.errors import InputError, PlanningError, PlanningTimeout

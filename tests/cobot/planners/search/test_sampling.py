@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from running import WAIT_S
-from second_opinion import Contacts, changed_world, largest_rates, rate_limits, robot_in
+from cobot_run import WAIT_S
+from independent_models import Contacts, changed_world, largest_rates, rate_limits, robot_in
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.planners import MotionRequest, plan

@@ -14,7 +14,7 @@ import pinocchio
 import pytest
 import ruckig
 import toppra
-from second_opinion import second_robot
+from independent_models import second_robot
 from toppra.algorithm import TOPPRA
 from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
 

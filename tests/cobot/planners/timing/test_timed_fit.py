@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ruckig
+from foreign_trajectories import problems, totg, trapezoid
 from laws import jerk_fit as law
 from scipy.interpolate import BSpline, CubicSpline, PPoly
 from scipy.spatial import cKDTree
-from totg import problems, totg, trapezoid
 
 from cobot.errors import LimitError
 from cobot.planners import WaypointRequest, jerk_fit, plan_waypoints

@@ -14,9 +14,9 @@ import pinocchio
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from independent_models import LIMITS as LIMITS_FILE
+from independent_models import Contacts, largest_rates, rate_limits
 from scipy.interpolate import BPoly, CubicSpline
-from second_opinion import LIMITS as LIMITS_FILE
-from second_opinion import Contacts, largest_rates, rate_limits
 
 from benchmarks.arms import Arm, arm, carrying, loaded_model
 from cobot.errors import CobotError, CollisionError, InputError, LimitError

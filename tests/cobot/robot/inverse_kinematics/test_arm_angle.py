@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import arms
+import arms_in_pinocchio
 import numpy as np
 import pytest
-from samples import samples
+from sample_counts import samples
 
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
@@ -25,8 +25,9 @@ def model(request: pytest.FixtureRequest, robot: RobotDescription, tmp_path: Pat
     if request.param == "shipped":
         return robot.model
     random = np.random.default_rng(SEED)
-    axes, points, ranges = (arms.srs if request.param == "askew" else arms.bent)(random)
-    return arms.made(axes, points, ranges, tmp_path, random).model
+    geometry = arms_in_pinocchio.srs if request.param == "askew" else arms_in_pinocchio.bent
+    axes, points, ranges = geometry(random)
+    return arms_in_pinocchio.made(axes, points, ranges, tmp_path, random).model
 
 
 def arm_of(model: RobotModel) -> SrsArm:

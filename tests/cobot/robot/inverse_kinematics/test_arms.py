@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import arms
+import arms_in_pinocchio
 import numpy as np
 import pytest
-from samples import samples
+from arms_in_pinocchio import SomeArm
+from sample_counts import samples
 
 from cobot.errors import UnreachableError
 from cobot.robot.inverse_kinematics import Arm, Criterion, SixAxisArm, SrsArm, inverse, inverse_all
@@ -17,36 +18,38 @@ from cobot.types import Array, JointLimits, Pose
 
 SEED = 20261122
 CLOSED = {
-    "three parallel axes": (arms.universal, SixAxisArm),
-    "three parallel axes, one turned back": (arms.turned_back, SixAxisArm),
-    "spherical wrist": (arms.spherical, SixAxisArm),
-    "skew wrist": (arms.skew_wrist, SixAxisArm),
-    "axes that meet": (arms.crossing, SixAxisArm),
-    "upright axes": (arms.stacked, SixAxisArm),
-    "s-r-s": (arms.srs, SrsArm),
-    "s-r-s with a stop at the straight elbow": (arms.bent, SrsArm),
+    "three parallel axes": (arms_in_pinocchio.universal, SixAxisArm),
+    "three parallel axes, one turned back": (arms_in_pinocchio.turned_back, SixAxisArm),
+    "spherical wrist": (arms_in_pinocchio.spherical, SixAxisArm),
+    "skew wrist": (arms_in_pinocchio.skew_wrist, SixAxisArm),
+    "axes that meet": (arms_in_pinocchio.crossing, SixAxisArm),
+    "upright axes": (arms_in_pinocchio.stacked, SixAxisArm),
+    "s-r-s": (arms_in_pinocchio.srs, SrsArm),
+    "s-r-s with a stop at the straight elbow": (arms_in_pinocchio.bent, SrsArm),
 }
 NUMERIC = {
-    "six axes anywhere": (arms.general(6), Arm),
-    "seven axes anywhere": (arms.general(7), Arm),
-    "seven axes, offset wrist": (arms.offset_wrist, Arm),
-    "an arm on two slides": (arms.gantry, Arm),
+    "six axes anywhere": (arms_in_pinocchio.general(6), Arm),
+    "seven axes anywhere": (arms_in_pinocchio.general(7), Arm),
+    "seven axes, offset wrist": (arms_in_pinocchio.offset_wrist, Arm),
+    "an arm on two slides": (arms_in_pinocchio.gantry, Arm),
 }
 KINDS = CLOSED | NUMERIC
 SIX_AXIS = [name for name, (_, kind) in CLOSED.items() if kind is SixAxisArm]
 SINGULAR = np.array([0.0, 1e-9, -1e-8, 1e-7, 1e-5, 1e-3, np.pi / 2, -np.pi / 2])
 
 
-def arm_of(name: str, folder: Path, random: np.random.Generator, digits: int = 17) -> arms.SomeArm:
+def arm_of(name: str, folder: Path, random: np.random.Generator, digits: int = 17) -> SomeArm:
     axes, points, ranges = KINDS[name][0](random)
-    return arms.made(axes, points, ranges, folder, random, (0, 1) if len(axes) == 8 else (), digits)
+    return arms_in_pinocchio.made(
+        axes, points, ranges, folder, random, (0, 1) if len(axes) == 8 else (), digits
+    )
 
 
-def anywhere(rows: Array, arm: arms.SomeArm, random: np.random.Generator) -> None:
+def anywhere(rows: Array, arm: SomeArm, random: np.random.Generator) -> None:
     """As they are drawn."""
 
 
-def at_limits(rows: Array, arm: arms.SomeArm, random: np.random.Generator) -> None:
+def at_limits(rows: Array, arm: SomeArm, random: np.random.Generator) -> None:
     """Some joints, up to all, exactly at a limit."""
     limits = arm.model.limits
     for row in rows:
@@ -56,7 +59,7 @@ def at_limits(rows: Array, arm: arms.SomeArm, random: np.random.Generator) -> No
         ]
 
 
-def nearly_singular(rows: Array, arm: arms.SomeArm, random: np.random.Generator) -> None:
+def nearly_singular(rows: Array, arm: SomeArm, random: np.random.Generator) -> None:
     """Some joints, up to all, at angles at which axes align or an elbow is straight, or just beside."""
     limits = arm.model.limits
     for row in rows:
@@ -68,7 +71,9 @@ def nearly_singular(rows: Array, arm: arms.SomeArm, random: np.random.Generator)
 @pytest.mark.parametrize("postures", [anywhere, at_limits, nearly_singular])
 @pytest.mark.parametrize("name", KINDS)
 def test_every_pose_of_the_arm_is_solved_within_the_limits(
-    name: str, postures: Callable[[Array, arms.SomeArm, np.random.Generator], None], tmp_path: Path
+    name: str,
+    postures: Callable[[Array, SomeArm, np.random.Generator], None],
+    tmp_path: Path,
 ) -> None:
     random = np.random.default_rng(SEED)
     arm = arm_of(name, tmp_path, random)
@@ -108,9 +113,9 @@ def test_a_file_that_rounds_its_numbers_still_has_a_closed_form_and_exact_answer
 
 def test_an_arm_whose_axes_miss_by_a_millimetre_is_solved_numerically(tmp_path: Path) -> None:
     random = np.random.default_rng(SEED + 3)
-    axes, points, ranges = arms.spherical(random)
+    axes, points, ranges = arms_in_pinocchio.spherical(random)
     points[4] = points[4] + np.array([0.0, 0.0, 1e-3])
-    arm = arms.made(axes, points, ranges, tmp_path, random)
+    arm = arms_in_pinocchio.made(axes, points, ranges, tmp_path, random)
     assert not arm.model.inverse_kinematics.closed_form
     for joints, seed in zip(arm.drawn(random, 20), arm.drawn(random, 20), strict=True):
         pose = arm.pose(joints)
@@ -131,7 +136,7 @@ def test_all_branches_are_those_that_descents_find_and_the_arms_own(name: str, t
         assert np.abs(every[0] - joints).max() < 1e-6
         row = np.concatenate([pose.position, pose.quaternion])
         for found in numeric.solve_all(row, joints, 0, 24, 1):
-            apart = [(found - other) / arms.TURN for other in every]
+            apart = [(found - other) / arms_in_pinocchio.TURN for other in every]
             off = min(np.abs(turns - np.round(turns)).max() for turns in apart)  # up to full turns
             assert off < 1e-6, (joints.tolist(), found.tolist())
 
@@ -140,7 +145,9 @@ def test_a_joint_that_turns_twice_round_stays_in_the_turn_of_the_seed(tmp_path: 
     random = np.random.default_rng(SEED + 5)
     arm = arm_of("three parallel axes", tmp_path, random)
     for seed in arm.drawn(random, 50):
-        joints = np.clip(seed + random.uniform(-0.02, 0.02, 6), -arms.TURN, arms.TURN)
+        joints = np.clip(
+            seed + random.uniform(-0.02, 0.02, 6), -arms_in_pinocchio.TURN, arms_in_pinocchio.TURN
+        )
         found = inverse(arm.model, arm.pose(joints), seed)
         assert np.linalg.norm(found - seed) <= np.linalg.norm(joints - seed) + 1e-9
 

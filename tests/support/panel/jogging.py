@@ -1,0 +1,184 @@
+"""Joints and TCP are moved by holding a button, and step by step."""
+
+from __future__ import annotations
+
+import json
+
+import httpx
+import numpy as np
+from cobot_run import WAIT_S, until
+
+from panel.page import (
+    HOME,
+    MOVED_RAD,
+    Panel,
+    away,
+    button,
+    commanded,
+    is_at,
+    set_to,
+    tcp_at,
+)
+
+HOME_X_M = 0.4
+
+
+def test_a_joint_moves_while_its_button_is_held(panel: Panel) -> None:
+    plus = button("joint", 0, 1)
+    panel.hold(plus, away(panel, 0, 1, 0.0))
+    assert panel.mode() in ("JOINT_IMPEDANCE", "STOPPING", "HOLD")
+    panel.let_go(plus)
+    where = panel.stays()
+    assert where[0] > MOVED_RAD
+    np.testing.assert_allclose(where[1:], HOME[1:], atol=5e-3)
+
+
+def test_a_page_that_loses_the_focus_lets_go(panel: Panel) -> None:
+    minus = button("joint", 0, -1)
+    panel.hold(minus, away(panel, 0, -1, 0.0))
+    panel.page.run("dispatchEvent(new Event('blur'))")
+    panel.stays()
+    assert not panel.page.run("!!cobotPanel.jog.held")
+    panel.let_go(minus)
+
+
+def test_without_a_connection_nothing_is_held(panel: Panel) -> None:
+    panel.page.run("cobotPanel.stream.socket.close()")
+    panel.page.click(button("joint", 0, 1))
+    assert not panel.page.run("!!cobotPanel.jog.held")
+    panel.until("cobotPanel.stream.ready && document.querySelector('#connection').innerText === 'connected'")
+    panel.stays()
+    assert is_at(panel, HOME)
+
+
+def test_a_page_that_falls_silent_is_stopped_by_the_service(panel: Panel) -> None:
+    plus = button("joint", 6, 1)
+    panel.hold(plus, away(panel, 6, 1, 0.0))
+    panel.page.run("clearInterval(cobotPanel.jog.timer)")
+    panel.stays()
+    panel.let_go(plus)
+
+
+def test_the_tcp_moves_along_the_axis_that_is_held(panel: Panel) -> None:
+    def height() -> float:
+        return float(httpx.get(f"{panel.run.url}/robot/pose", timeout=WAIT_S).json()["position"]["z"])
+
+    before, down = height(), button("tcp", 2, -1)
+    panel.hold(down, lambda: height() < before - 0.01)
+    panel.let_go(down)
+    panel.stays()
+    tool = httpx.get(f"{panel.run.url}/robot/pose", timeout=WAIT_S).json()
+    assert abs(tool["position"]["y"]) < 5e-3
+
+
+def test_enter_holds_a_button_too(panel: Panel) -> None:
+    panel.page.run(f"document.querySelector({json.dumps(button('joint', 5, -1))}).focus()")
+    down = {"key": "Enter", "code": "Enter", "windowsVirtualKeyCode": 13}
+
+    def pressed_and_moved() -> bool:
+        if not panel.page.run("!!cobotPanel.jog.held") or "let go" in panel.text("#jog-why"):
+            panel.page.ask("Input.dispatchKeyEvent", type="keyUp", **down)
+            until(panel.rests)
+            panel.page.ask("Input.dispatchKeyEvent", type="rawKeyDown", **down)
+        return away(panel, 5, -1, HOME[5])()
+
+    until(pressed_and_moved)
+    panel.page.ask("Input.dispatchKeyEvent", type="keyUp", **down)
+    panel.stays()
+
+
+def step(panel: Panel, selector: str) -> None:
+    """One press, to the end of its motion, as the panel's own state has it too."""
+    before = commanded(panel)
+    panel.page.click(selector)
+    panel.until(
+        f"!cobotPanel.jog.pending && cobotPanel.state.commanded_position.some((v, i) => v !== {before}[i])"
+    )
+    until(panel.rests)
+    time_s = panel.page.run("cobotPanel.state.robot_time_s")
+    panel.until(f"cobotPanel.state.robot_time_s > {time_s} + 0.1")
+
+
+def test_steps_move_by_just_that_and_do_not_add_up_what_is_measured_beside_it(panel: Panel) -> None:
+    """Oracle: the sum of the steps; for the TCP the end of what the service plans to these joints."""
+    set_to(panel, "#jog-how", "middle")
+    try:
+        for count in (1, 2):
+            step(panel, button("joint", 0, 1))
+            np.testing.assert_allclose(commanded(panel)[0], np.radians(2.0 * count), atol=1e-9)
+        before = tcp_at(panel, commanded(panel))
+        step(panel, button("tcp", 0, -1))
+        after = tcp_at(panel, commanded(panel))
+        np.testing.assert_allclose(np.subtract(after, before), [-0.01, 0.0, 0.0], atol=1e-6)
+        set_to(panel, "#jog-frame", "tool")  # whose z looks down here
+        step(panel, button("tcp", 2, 1))
+        lower = tcp_at(panel, commanded(panel))
+        np.testing.assert_allclose(np.subtract(lower, after), [0.0, 0.0, -0.01], atol=1e-4)
+    finally:
+        set_to(panel, "#jog-how", "hold")
+        set_to(panel, "#jog-frame", "base")
+
+
+def test_a_held_button_asks_for_the_speed_that_the_slider_says_and_the_arm_moves(panel: Panel) -> None:
+    """Oracle: half of the joint's limit at 100 %. That the arm reaches what is asked for is tested where the
+    clock is virtual, in tests/app/services/streaming/test_jog.py: a busy computer lets go before that.
+    """
+    limit = panel.page.run("cobotPanel.readouts.ranges[0].max_velocity")
+    set_to(panel, "#jog-speed", "10")
+    plus = button("joint", 0, 1)
+    panel.page.run(
+        "(s => { s.send = (frame) => {"
+        " if (frame.joints) s.asked = frame.joints;"
+        " return Object.getPrototypeOf(s).send.call(s, frame); }; })(cobotPanel.stream)"
+    )
+    before = panel.run.joints()[0]
+    try:
+        panel.hold(plus, away(panel, 0, 1, before))
+        asked = panel.page.run("cobotPanel.stream.asked")
+    finally:
+        panel.let_go(plus)
+        panel.page.run("delete cobotPanel.stream.send")
+        set_to(panel, "#jog-speed", "50")
+    np.testing.assert_allclose(asked, [0.1 * 0.5 * limit, *[0.0] * 6], rtol=1e-12)
+    panel.stays()
+
+
+def test_a_finger_holds_a_button_too_and_no_step_is_taken_by_holding_nothing(panel: Panel) -> None:
+    plus = button("joint", 0, 1)
+    panel.page.touch(plus)
+
+    def held_and_moved() -> bool:
+        if not panel.page.run("!!cobotPanel.jog.held"):
+            panel.page.lift()
+            until(panel.rests)
+            panel.page.touch(plus)
+        return away(panel, 0, 1, 0.0)()
+
+    try:
+        until(held_and_moved)
+    finally:
+        panel.page.lift()
+    panel.until("!cobotPanel.jog.held")
+    where = panel.stays()
+    panel.page.run(f"document.querySelector({json.dumps(plus)}).click()")  # as a screen reader does
+    assert "choose steps" in panel.text("#jog-why")
+    assert is_at(panel, where)
+
+
+def test_the_arm_is_jogged_up_to_a_wall_and_not_into_it(panel: Panel) -> None:
+    """Oracle: where the TCP is, and where the wall."""
+    box = {"shape": "box", "size": [0.02, 2.0, 2.0], "x": 0.6, "y": 0.0, "z": 0.6}
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        http.post("/scene", json={"objects": {"wall": box}}).raise_for_status()
+        forwards = button("tcp", 0, 1)
+        try:
+            panel.until("cobotPanel.geometry.bodies.some((each) => each.name === 'wall')")
+            panel.until("cobotPanel.view.geometry === cobotPanel.geometry")
+            slowed = "/^At [0-9]+ %: .*wall/.test(document.querySelector('#jog-why').innerText)"
+            panel.hold(forwards, lambda: bool(panel.page.run(slowed)))
+            panel.let_go(forwards)
+            panel.stays()
+            assert HOME_X_M < http.get("/robot/pose").json()["position"]["x"] < 0.59
+        finally:
+            panel.let_go(forwards)
+            http.post("/scene", json={"clear": True}).raise_for_status()

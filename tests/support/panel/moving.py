@@ -1,0 +1,251 @@
+"""Motions are planned, shown, run, followed, slowed down and approved."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from cobot_run import WAIT_S, until
+from PIL import Image
+
+from cobot.clock import SYSTEM
+from panel.page import (
+    HOME,
+    PICTURES,
+    Panel,
+    away,
+    button,
+    forget,
+    planned,
+    set_to,
+    slowly,
+    tcp_at,
+)
+
+
+def test_a_motion_is_shown_before_it_is_run(panel: Panel) -> None:
+    set_to(panel, "#motion-speed", "100")
+    planned(panel, "work")
+    assert "Takes" in panel.text("#plan")
+    assert "mm" in panel.text("#plan")
+    frames = panel.page.run("cobotPanel.view.frames")
+    panel.until(f"cobotPanel.view.ghost && cobotPanel.view.frames > {frames} + 5")
+    np.testing.assert_allclose(panel.run.joints(), HOME, atol=5e-3)
+    panel.page.click("#discard")
+    panel.until("!cobotPanel.view.ghost && document.querySelector('#execute').disabled")
+    planned(panel, "work")
+    panel.page.click("#rehearse")
+    panel.until("document.querySelector('#plan').innerText.startsWith('Dry run: arrives after ')")
+    np.testing.assert_allclose(panel.run.joints(), HOME, atol=5e-3)
+    if PICTURES:
+        panel.page.picture(Path(PICTURES) / "panel.png")
+    panel.page.click("#execute")
+    panel.until("document.querySelector('#plan').innerText === 'The arm has arrived.'")
+    goals = {each["name"]: each["joints"] for each in httpx.get(f"{panel.run.url}/robot/positions").json()}
+    np.testing.assert_allclose(panel.run.joints(), goals["work"], atol=5e-3)
+
+
+@pytest.mark.skipif(not PICTURES, reason="no pictures are asked for")
+def test_the_moving_picture_of_the_documents(panel: Panel) -> None:
+    """A motion is planned, its ghost goes the way, the arm follows: slowly, so that a busy computer has many
+    pictures of it, which are then shown faster.
+    """
+    shots: list[Image.Image] = []
+
+    def shoot(least: int, goes_on: Callable[[], bool] = lambda: False) -> None:
+        begun = len(shots)
+        while len(shots) < begun + least or goes_on():
+            shots.append(Image.open(io.BytesIO(panel.page.shot())).convert("RGB").resize((800, 500)))
+            SYSTEM.sleep(0.3)
+
+    set_to(panel, "#motion-speed", "5")
+    panel.until("document.querySelector('#control').innerText === 'free'")
+    shoot(3)
+    planned(panel, "work")
+    shoot(12)
+    panel.page.click("#execute")
+    shoot(1, lambda: panel.text("#plan") != "The arm has arrived.")
+    shoot(1)
+    assert PICTURES
+    file = Path(PICTURES) / "panel.gif"
+    together = Image.new("RGB", (800, 500 * len(shots)))
+    for index, shot in enumerate(shots):
+        together.paste(shot, (0, 500 * index))
+    colours = together.quantize(128, Image.Quantize.MAXCOVERAGE, kmeans=1)  # one for all, or they flicker
+    few = [shot.quantize(palette=colours, dither=Image.Dither.NONE) for shot in shots]
+    lasts_ms = [120] * (len(few) - 1) + [1500]
+    few[0].save(file, save_all=True, append_images=few[1:], duration=lasts_ms, loop=0, optimize=False)
+    assert file.stat().st_size < 1_500_000
+
+
+def speed(panel: Panel) -> float:
+    return float(httpx.get(f"{panel.run.url}/robot/speed_override", timeout=WAIT_S).json()["fraction"])
+
+
+def test_motions_are_slowed_paused_and_followed(panel: Panel) -> None:
+    """The arm and the jobs as REST tells of them."""
+    try:
+        panel.page.run("document.querySelector('#override-set').focus()")
+        panel.page.key("PageDown", "PageDown")
+        until(lambda: speed(panel) == 0.9)
+        set_to(panel, "#override-set", "50")
+        until(lambda: speed(panel) == 0.5)
+        panel.until("document.querySelector('#override-shown').innerText === '50 %'")
+        slowly(panel)
+        panel.until("document.querySelector('#progress').value > 0.001")
+        panel.until("/^[0-9]+ s left[.]$/.test(document.querySelector('#job-left').innerText)")
+        assert panel.text("#job").startswith("Running (requested by anonymous")
+        panel.page.run("document.querySelector('#pause').focus()")
+        panel.page.key("Enter", "Enter", "\r")
+        panel.until("document.querySelector('#pause').innerText === 'Resume'")
+        newest = httpx.get(f"{panel.run.url}/jobs?n=1", timeout=WAIT_S).json()["jobs"][0]
+        assert newest["state"] == "paused"
+        panel.page.click("#pause")
+        panel.until("document.querySelector('#pause').innerText === 'Pause'")
+        before = panel.run.joints()[0]
+        until(lambda: panel.run.joints()[0] > before + 1e-3)
+        panel.until("cobotPanel.view.way")
+        ends = "cobotPanel.view.way.geometry.attributes.position.array.slice(-3)"
+        end = [0.6, *HOME[1:]]
+        np.testing.assert_allclose(panel.page.run(f"[...{ends}]"), tcp_at(panel, end), atol=1e-5)
+        panel.page.click("#stop")
+        panel.until("!cobotPanel.view.way")
+        panel.until("document.querySelector('#job').innerText.startsWith('Stopped')")
+        assert panel.page.run("document.querySelector('#pause').disabled")
+        httpx.post(f"{panel.run.url}/robot/speed_override", json={"fraction": 0.0}, timeout=WAIT_S)
+        panel.page.run("cobotPanel.job.look()")
+        panel.until("document.querySelector('#override-shown').innerText === '0 %'")
+    finally:
+        set_to(panel, "#override-set", "100")
+        until(lambda: speed(panel) == 1.0)
+
+
+def test_plans_of_others_are_approved_and_taken_back(panel: Panel) -> None:
+    planned(panel, "work")
+    panel.page.click("#discard")
+    body = {"joints": [0.3, *HOME[1:]], "speed": 0.5}
+    answer = httpx.post(f"{panel.run.url}/robot/plan/joints", json=body, timeout=WAIT_S).json()
+    row = f'[data-plan="{answer["plan_id"]}"]'
+    panel.until(f"document.querySelector('{row}')")
+    assert f"{answer['duration_s']:.1f} s" in panel.text(row)
+    own = panel.page.run("cobotPanel.motions.made.at(-1)")
+    assert not panel.page.run(f"!!document.querySelector('[data-plan=\"{own}\"]')")
+
+    def approved_by() -> str | None:
+        plans = httpx.get(f"{panel.run.url}/robot/plans", timeout=WAIT_S).json()
+        return {each["plan_id"]: each["approved_by"] for each in plans}[answer["plan_id"]]
+
+    panel.page.click(f"{row} button")
+    panel.until(f"document.querySelector('{row} button').innerText === 'Take back'")
+    assert approved_by() == "anonymous"
+    panel.page.click(f"{row} button")
+    panel.until(f"document.querySelector('{row} button').innerText === 'Approve'")
+    assert approved_by() is None
+
+
+def test_a_plan_of_somebody_else_is_shown_before_it_is_approved(panel: Panel) -> None:
+    body = {"joints": [0.4, *HOME[1:]], "speed": 0.5}
+    answer = httpx.post(f"{panel.run.url}/robot/plan/joints", json=body, timeout=WAIT_S).json()
+    row = f'[data-plan="{answer["plan_id"]}"]'
+    panel.until(f"document.querySelector('{row}')")
+    panel.page.click(f"{row} button:nth-of-type(2)")
+    panel.until("cobotPanel.view.ghost && document.querySelector('#plan').innerText.includes('Takes')")
+    assert panel.page.run("cobotPanel.view.plan.plan_id") == answer["plan_id"]
+    assert panel.page.run("document.querySelector('#execute').disabled"), "it is not the panel's to run"
+    panel.page.click("#discard")
+    panel.until("!cobotPanel.view.ghost")
+
+
+def test_the_speed_that_somebody_else_sets_is_heard_of(panel: Panel) -> None:
+    try:
+        for fraction in (0.4, 1.0):
+            body = {"fraction": fraction}
+            httpx.post(f"{panel.run.url}/robot/speed_override", json=body, timeout=WAIT_S).raise_for_status()
+            panel.until(f"document.querySelector('#override-shown').innerText === '{100 * fraction:.0f} %'")
+    finally:
+        httpx.post(f"{panel.run.url}/robot/speed_override", json={"fraction": 1.0}, timeout=WAIT_S)
+
+
+QUEUED = 12
+"""More than the newest ten: what goes on is older than those that wait for it."""
+
+
+def test_what_waits_in_the_queue_is_listed_and_taken_out(panel: Panel) -> None:
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        try:
+            http.post("/robot/speed_override", json={"fraction": 0.0}).raise_for_status()
+            jobs = []
+            for angle in np.linspace(0.1, 1.2, QUEUED).tolist():
+                body = {"joints": [angle, *HOME[1:]], "speed": 1.0}
+                jobs.append(
+                    http.post("/robot/move/joints?queue=true", json=body).raise_for_status().json()["id"]
+                )
+            panel.until(f"document.querySelectorAll('#queue li').length === {QUEUED}")
+            panel.until("document.querySelector('#job').innerText.startsWith('Paused (requested by ')")
+            listed = panel.page.run(
+                "[...document.querySelectorAll('#queue li')].map((each) => each.dataset.job)"
+            )
+            assert listed == jobs
+            panel.page.click(f'[data-job="{jobs[1]}"] button')
+            panel.until(f"document.querySelectorAll('#queue li').length === {QUEUED - 1}")
+            assert http.get(f"/jobs/{jobs[1]}").json()["state"] == "cancelled"
+            panel.page.click("#stop")
+            panel.until("document.querySelector('#queue').hidden")
+            until(lambda: http.get(f"/jobs/{jobs[2]}").json()["state"] == "cancelled")
+        finally:
+            http.post("/robot/speed_override", json={"fraction": 1.0}).raise_for_status()
+
+
+def test_a_place_is_taught_gone_to_and_forgotten(panel: Panel) -> None:
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        place = [0.25, *HOME[1:]]
+        assert http.post("/robot/move/joints", json={"joints": place, "speed": 1.0}).json()["success"]
+        panel.until("Math.abs(cobotPanel.state.commanded_position[0] - 0.25) < 1e-4")
+        set_to(panel, "#position-name", "bench")
+        panel.page.click("#position-teach")
+        panel.until("document.querySelector('[data-position=bench]')")
+        taught = {each["name"]: each for each in http.get("/robot/positions").json()}["bench"]
+        assert taught["taught"]
+        np.testing.assert_allclose(taught["joints"], place, atol=1e-4)
+        panel.run.go_home()
+        set_to(panel, "#motion-speed", "100")
+        planned(panel, "bench")
+        panel.page.click("#execute")
+        panel.until("document.querySelector('#plan').innerText === 'The arm has arrived.'")
+        np.testing.assert_allclose(panel.run.joints(), place, atol=5e-3)
+        set_to(panel, "#position-name", "home")
+        panel.page.click("#position-teach")
+        panel.until("document.querySelector('#plan').innerText.includes('SRDF')")
+        assert panel.page.run("document.querySelector('#position-forget').disabled")
+        set_to(panel, "#position-name", "bench")
+        panel.page.click("#position-forget")
+        panel.until("!document.querySelector('[data-position=bench]')")
+        assert "bench" not in [each["name"] for each in http.get("/robot/positions").json()]
+        http.post("/robot/positions", json={"name": "elsewhere", "joints": place}).raise_for_status()
+        panel.until("document.querySelector('[data-position=elsewhere]')")
+        http.delete("/robot/positions/elsewhere").raise_for_status()
+        panel.until("!document.querySelector('[data-position=elsewhere]')")
+        forget(panel, "409")
+
+
+def test_who_has_taken_the_control_moves_the_arm_alone(panel: Panel) -> None:
+    home = {"name": "home", "speed": 1.0}
+    panel.page.click("#take")
+    panel.until("document.querySelector('#take').innerText === 'Give back'")
+    refused = httpx.post(f"{panel.run.url}/robot/move/named", json=home, timeout=WAIT_S)
+    assert refused.status_code == 409
+    plus = button("joint", 0, 1)
+    panel.hold(plus, away(panel, 0, 1, 0.0))
+    panel.let_go(plus)
+    panel.stays()
+    planned(panel, "home")
+    panel.page.click("#execute")
+    panel.until("document.querySelector('#plan').innerText === 'The arm has arrived.'")
+    panel.page.click("#take")
+    panel.until("document.querySelector('#take').innerText === 'Take'")
+    answer = httpx.post(f"{panel.run.url}/robot/move/named", json=home, timeout=WAIT_S)
+    assert answer.json()["success"], answer.text

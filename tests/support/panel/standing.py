@@ -1,0 +1,192 @@
+"""What the panel shows of an arm that stands still, of a real one, and of one that says nothing."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import httpx
+import numpy as np
+from cobot_run import WAIT_S, until
+from panel_arm import fault_file
+
+from panel.page import (
+    Panel,
+    forget,
+    opened_card,
+    set_to,
+    slowly,
+)
+
+
+def test_it_shows_the_arm_where_it_is_and_asks_nobody_else(panel: Panel) -> None:
+    pose = httpx.get(f"{panel.run.url}/robot/pose", timeout=WAIT_S).json()["position"]
+    until(
+        lambda: np.allclose(
+            panel.page.run("cobotPanel.view.arm.tcpPosition()"), [pose[k] for k in "xyz"], atol=2e-3
+        )
+    )
+    panel.until("document.querySelector('#mode').dataset.mode === 'HOLD'")
+    panel.until("document.querySelector('#control').innerText === 'free'")
+    panel.until("document.querySelector('#cycle').innerText.includes('µs')")
+    assert panel.text("#joints .row:nth-child(4) b") == "-90.0 °"
+    assert panel.text("#tcp .row:nth-child(1) b").startswith("40")
+    sources = panel.page.run("performance.getEntriesByType('resource').map((entry) => entry.name)")
+    assert len(sources) > 10
+    assert all(source.startswith(panel.run.url) for source in sources), sources
+    painted = panel.page.run("performance.getEntriesByName('first-contentful-paint')[0]?.startTime")
+    print(f"first paint after {painted:.0f} ms")
+
+
+def test_a_simulation_says_nothing_of_itself(panel: Panel) -> None:
+    panel.until("cobotPanel.device.told")
+    assert panel.page.run("document.querySelector('#device').closest('div').hidden")
+    assert panel.page.run("document.querySelector('#contact').hidden")
+
+
+def test_a_real_robot_is_acknowledged_and_says_how_it_is_and_why_it_has_failed(real: Panel) -> None:
+    """Oracle: what that arm says, and REST."""
+    acknowledge(real)
+    says_how_it_is(real)
+    sets_its_outputs(real)
+    fails_in_words(real)
+
+
+def sets_its_outputs(panel: Panel) -> None:
+    """By name; what the device reports is shown."""
+    opened_card(panel, "io")
+    panel.until("document.querySelectorAll('#device-io label').length === 4")
+    assert panel.text("#device-io label:nth-of-type(4) b") == "on"
+    unknown = [{"name": "N", "kind": "boolean", "direction": "input", "value": None}]
+    shown = "document.querySelector('#device-io b').textContent"
+    told = f"(cobotPanel.deviceIo.points = {json.dumps(unknown)}, cobotPanel.deviceIo.write(), {shown})"
+    assert panel.page.run(told) == "?"  # neither on nor off
+    panel.until("document.querySelectorAll('#device-io label').length === 4")
+    close, speed = ("#device-io label:nth-of-type(1) button", "#device-io label:nth-of-type(3) input")
+    panel.page.click(close)
+    panel.until(f"document.querySelector('{close}').ariaPressed === 'true'")
+    set_to(panel, speed, "12")
+    until(lambda: [each["value"] for each in device(panel)["io"]] == [True, 2.5, 12, True])
+    set_to(panel, speed, "-1")
+    panel.until("document.querySelector('#device-io-why').innerText.includes('from 0 to')")
+    forget(panel, "422")
+
+
+def device(panel: Panel) -> dict[str, Any]:
+    """As REST has it."""
+    return dict(httpx.get(f"{panel.run.url}/robots", timeout=WAIT_S).json()[0]["device"])
+
+
+def acknowledge(panel: Panel) -> None:
+    """Only who has seen to the payload may; what was found is there to be read."""
+    panel.until("!document.querySelector('#contact').hidden")
+    assert "joint4 -90.0 degrees" in panel.text("#contact-found")
+    panel.page.click("#acknowledge")
+    panel.until("document.querySelector('#contact-why').innerText.startsWith('payload_checked')")
+    panel.page.click("#contact-payload")
+    panel.page.click("#acknowledge")
+    panel.until("document.querySelector('#contact').hidden")
+    assert (device(panel)["unacknowledged"], device(panel)["speed_share"]) == ("", 1.0)
+    forget(panel, "422")
+
+
+def says_how_it_is(panel: Panel) -> None:
+    assert panel.text("#device") == "T1, COMMANDING_ACTIVE, GOOD, drives on"
+    opened_card(panel, "device-card")
+    told, rows = device(panel), "[...document.querySelectorAll('#device-all dd')]"
+    shown = dict(panel.page.run(f"{rows}.map((each) => [each.dataset.about, each.innerText])"))
+    assert shown["device_backend"] == f"{told['backend']}: a real robot"
+    assert shown["device_brakes"] == told["status"]["brakes"] == "released"
+    assert shown["device_lost"] == str(told["status"]["packets_lost"]) == "7"
+    assert shown["device_able"].count(",") == len(told["able"]) - 1
+    assert "control of its brakes" in shown["device_able"]
+    assert shown["device_stops"] == "1, 2"
+    stopped = json.dumps(told | {"status": told["status"] | {"safety_stop": "safety stop 1: at rest"}})
+    header = "document.querySelector('#device')"
+    seen = panel.page.run(
+        f"(cobotPanel.device.tell({stopped}), [{header}.textContent, {header}.dataset.level])"
+    )
+    assert seen == ["T1, safety stop 1: at rest", "bad"]
+
+
+def fails_in_words(panel: Panel) -> None:
+    """In each language, and why a reset is refused."""
+    file = fault_file(panel.run.name)
+    file.write_text("drive 3 is too hot", encoding="utf-8")
+    try:
+        panel.until("document.querySelector('#banner-title').innerText === 'Fault'")
+        assert panel.text("#banner-reason") == "reading from the robot failed: drive 3 is too hot"
+        causes = {"de": "Der Roboter sagt nicht", "zh": "无法读取", "en": "The robot does not tell"}
+        for language, cause in causes.items():
+            set_to(panel, "#language", language)
+            assert panel.text("#banner-cause").startswith(cause)
+        panel.page.click("#reset")
+        panel.until("document.querySelector('#banner-way').innerText.includes('drive 3 is too hot')")
+        panel.until("document.querySelector('#log [data-problem][data-type=fault]')")
+    finally:
+        file.unlink()
+
+    def reset() -> bool:
+        panel.page.click("#reset")
+        return bool(panel.page.run("document.querySelector('#banner').hidden"))
+
+    until(reset)
+    until(panel.rests)
+    forget(panel, "409", "503")
+
+
+def test_it_speaks_german_and_chinese(panel: Panel) -> None:
+    def choose(language: str) -> None:
+        set_to(panel, "#language", language)
+
+    try:
+        for language, joints, mode in (("de", "Gelenke", "bereit"), ("zh", "关节", "就绪")):
+            choose(language)
+            assert panel.text("#joints-title") == joints
+            assert panel.text("#mode") == mode
+            assert panel.page.run("document.documentElement.lang") == language
+    finally:
+        choose("en")
+    assert panel.text("#joints-title") == "Joints"
+
+
+def test_a_robot_that_says_nothing_is_told_and_its_values_are_old(panel: Panel) -> None:
+    """The real-time process stands still for as long as the test has it; the connection is good."""
+    process = panel.run.child("rtloop")
+    assert process is not None
+    process.suspend()
+    try:
+        panel.until("document.body.matches('[data-silent]') && !document.querySelector('#banner').hidden")
+        assert panel.text("#banner-title") == "Nobody tells how the arm is"
+        assert panel.page.run("cobotPanel.stream.ready")
+        assert panel.page.run("document.querySelector('#reset').hidden")
+        assert panel.page.run("getComputedStyle(document.querySelector('#joints b')).fontStyle") == "italic"
+    finally:
+        process.resume()
+    panel.until("!document.body.matches('[data-silent]')")
+    until(panel.rests)
+    panel.until("document.querySelector('#banner').hidden")
+    forget(panel, "503")
+
+
+def test_a_page_whose_service_does_not_answer_yet_stops_and_comes_to_life(panel: Panel) -> None:
+    """Nor do its words come, and what this browser keeps is broken."""
+    name = panel.page.run("cobotPanel.api.robot.name")
+    panel.page.run(
+        f"localStorage.setItem('cobot.waypoints.{name}', '[{{}}, 3');"
+        "sessionStorage.setItem('cobot.plans', '{')"
+    )
+    slowly(panel)
+    panel.page.block("*/robots", "*/words.json")
+    try:
+        panel.page.visit(f"{panel.run.url}/")
+        panel.until("window.cobotPanel && !document.querySelector('#banner').hidden")
+        panel.page.key("Escape", "Escape")
+        until(panel.rests)
+    finally:
+        panel.page.block()
+    panel.until("cobotPanel.view?.arm && cobotPanel.view.joints && document.querySelector('#banner').hidden")
+    panel.until("document.querySelector('#mode').innerText === 'ready'")
+    assert panel.page.run("cobotPanel.waypoints.list.length + cobotPanel.motions.made.length") == 0
+    panel.page.run("localStorage.clear(), sessionStorage.clear()")
+    forget(panel, "Failed to load")

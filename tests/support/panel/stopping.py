@@ -1,0 +1,88 @@
+"""STOP, the keys that stop, emergency stops, and tokens."""
+
+from __future__ import annotations
+
+import pytest
+from cobot_run import until
+from streaming_client import StreamClient
+
+from panel.page import (
+    Panel,
+    forget,
+    slowly,
+)
+
+
+@pytest.mark.parametrize("way", ["button", "space", "escape", "space on a button"])
+def test_stop_is_everywhere(panel: Panel, way: str) -> None:
+    slowly(panel)
+    if way == "button":
+        panel.page.click("#stop")
+    elif way == "escape":
+        panel.page.key("Escape", "Escape")
+    else:
+        if way == "space on a button":
+            panel.page.run("document.querySelector('[data-position]').focus()")
+        panel.page.key(" ", "Space", " ")
+    until(panel.rests)
+    assert panel.run.joints()[0] < 0.5
+    assert panel.page.run("document.querySelector('#execute').disabled"), "Space has pressed no other button"
+
+
+def test_a_space_in_a_text_field_is_a_space(panel: Panel) -> None:
+    pressed = panel.page.run("document.querySelector('#stop').dataset.pressed ?? '0'")
+    panel.page.run("document.querySelector('#token-form').hidden = false")
+    panel.page.click("#token")
+    panel.page.key(" ", "Space", " ")
+    assert panel.page.run("document.querySelector('#token').value") == " "
+    assert panel.page.run("document.querySelector('#stop').dataset.pressed ?? '0'") == pressed
+    panel.page.run("document.querySelector('#token').value = ''")
+    panel.page.run("document.querySelector('#token-form').hidden = true")
+
+
+def test_a_wrong_token_is_told(panel: Panel) -> None:
+    try:
+        panel.page.run("document.querySelector('#token-form').hidden = false")
+        panel.page.write("#token", "wrong")
+        panel.page.click("#use-token")
+        panel.until("document.querySelector('#token-why')?.innerText.includes('token')")
+    finally:
+        panel.page.run("sessionStorage.clear()")
+        panel.load()
+
+
+def test_after_an_estop_a_banner_says_why_and_the_way_out(panel: Panel) -> None:
+    with StreamClient(panel.run.url) as client:
+        client.session(inner_control_hz=50)
+        client.send("estop")
+        panel.until("!document.querySelector('#banner').hidden")
+    assert "Emergency stop" in panel.text("#banner")
+    reason = panel.run.health()["robot"]["reason"]  # type: ignore[index]
+    assert reason in panel.text("#banner-reason")
+    assert panel.text("#banner-cause") == "Somebody, or a program, has asked for an emergency stop."
+    assert "Reset" in panel.text("#banner-way")
+    panel.page.click("#reset")
+    panel.until("document.querySelector('#banner').hidden")
+    until(panel.rests)
+
+
+def test_a_stop_that_one_way_does_not_take_goes_the_other_and_one_that_fails_is_told(panel: Panel) -> None:
+    slowly(panel)
+    why = "document.querySelector('#stop-why')"
+    try:
+        panel.page.block("*/stop")
+        panel.page.click("#stop")
+        until(panel.rests)
+        panel.until(f"{why}.hidden")
+        panel.page.run("cobotPanel.stream.send = () => false")
+        panel.page.click("#stop")
+        panel.until(f"!{why}.hidden")
+        assert "the robot's own emergency stop" in panel.text("#stop-why")
+        panel.page.run("cobotPanel.status.connected(true)")
+        assert not panel.page.run(f"{why}.hidden"), "nothing else writes over it"
+    finally:
+        panel.page.block()
+        panel.page.run("delete cobotPanel.stream.send")
+    panel.page.click("#stop")
+    panel.until(f"{why}.hidden")
+    forget(panel, "Failed to load")
