@@ -90,7 +90,7 @@ corpus: setup-test $(CORPUS_STAMP) ## convert and move every robot description o
 
 docs: $(VENV)/.docs-stamp ## build the documents as a site in build/site, which needs no network and no web server
 	$(BIN)/python docs/make_site.py
-	$(BIN)/zensical build --strict --config-file docs/zensical.toml
+	$(BIN)/zensical build --strict --config-file build/zensical.toml
 	$(BIN)/python docs/make_site.py check
 
 COMPILE_LOCK = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate $(UPGRADE)

@@ -116,6 +116,7 @@ def main() -> int:
     """The exit status."""
     if sys.argv[1:] != ["check"]:
         stage(STAGE)
+        shutil.copyfile(ROOT / "docs" / "zensical.toml", ROOT / "build" / "zensical.toml")  # next to the site
         return 0
     found = list(problems(SITE))
     print("\n".join(found) or f"cobot: open {(SITE / 'index.html').relative_to(ROOT)}")

@@ -24,9 +24,11 @@ STOP = "POST /stop"
 STOPS = (STOP, twin_name(STOP))
 CHANGING = ("POST", "PUT", "DELETE")
 PANEL, THREE = "/panel", "/three/{name}"
+PANEL_PLANNERS = f"{PANEL}/planners.js"
 PUBLIC_PATHS = (
     "/",
     PANEL,
+    PANEL_PLANNERS,
     THREE,
     "/docs",
     "/docs/oauth2-redirect",

@@ -6,16 +6,19 @@ ifc-console-viewer and are served from its folder. The package itself is not imp
 
 from __future__ import annotations
 
+import json
 from importlib.util import find_spec
 from pathlib import Path
 
 from fastapi import FastAPI
-from fastapi.responses import FileResponse
+from fastapi.responses import FileResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Message, Receive, Scope, Send
 
-from app.api.roles import PANEL, THREE
+from app.api.roles import PANEL, PANEL_PLANNERS, THREE
 from cobot.errors import NotFoundError
+from cobot.motions.bodies import JointMotion
+from cobot.motions.planners import GOAL_ALONE, PLANNERS
 
 SITE = Path(__file__).parent / "site"
 THREE_PACKAGE = "ifc_console_viewer"
@@ -78,6 +81,18 @@ def find_three(name: str) -> Path:
     )
 
 
+def planners_module() -> str:
+    """The module of the panel with the planners that need only a goal, and the default one.
+
+    `pose` is whether the goal is a pose, and not joint angles.
+    """
+    table = {
+        name: {"pose": PLANNERS[name].follows_path, "summary": PLANNERS[name].summary} for name in GOAL_ALONE
+    }
+    default = JointMotion.model_fields["planner"].default
+    return f"export const PLANNERS = {json.dumps(table)};\nexport const DEFAULT = {json.dumps(default)};\n"
+
+
 def install(app: FastAPI) -> None:
     """Serve the panel."""
 
@@ -88,5 +103,9 @@ def install(app: FastAPI) -> None:
     @app.get(THREE, include_in_schema=False)
     async def three(name: str) -> FileResponse:
         return FileResponse(find_three(name), media_type="text/javascript", headers=HEADERS)
+
+    @app.get(PANEL_PLANNERS, include_in_schema=False)
+    async def planners() -> Response:
+        return Response(planners_module(), media_type="text/javascript", headers=HEADERS)
 
     app.mount(PANEL, _Site(directory=SITE))

@@ -1,7 +1,7 @@
 """The operator panel in a headless Chromium, as a person uses it; the arm's reaction is asked of REST.
 
-The tests stand in tests/panel, by what they show. They are one file for pytest, which starts one browser and
-one service for all of them and can tell in the end which controls nobody has used.
+The tests are in tests/support/panel, by what they show. They are one file for pytest, which starts one
+browser and one service for all of them and can tell in the end which controls nobody has used.
 
 With COBOT_PICTURES=FOLDER they write the documents' pictures of the panel there, one of them moving.
 """

@@ -2,14 +2,13 @@
 // What is in the list is kept in this browser. A sequence that has more than the list can say is shown and run
 // as it is.
 import { abcOf, tcpOf } from "./kinematics.js";
+import { DEFAULT, PLANNERS } from "./planners.js";
 import { partsOf } from "./sequence.js";
 import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
 
 const MOST = 50;
 const MOST_SHOWN = 10; // parts of a long sequence
-const JOINT_WAYS = ["ptp", "auto", "ompl", "chomp"];
-const WAYS = [...JOINT_WAYS, "lin"];
 const POSE = ["x", "y", "z", "a", "b", "c"];
 const ENDS = ["finished", "failed", "cancelled", "interrupted"];
 const element = (id) => document.getElementById(id);
@@ -18,14 +17,14 @@ const numbers = (values, count) => Array.isArray(values) && values.length >= cou
 // Whether it can be a line of the list: joints, or a pose, or both.
 function whole(point) {
   const { way, radius, joints, pose } = point ?? {};
-  const there = way === "lin" ? numbers(pose, 6) : numbers(joints, 1) && JOINT_WAYS.includes(way);
-  return there && Number.isFinite(radius);
+  const planner = PLANNERS[way];
+  return planner && (planner.pose ? numbers(pose, 6) : numbers(joints, 1)) && Number.isFinite(radius);
 }
 
-// What the service plans: a straight line ends at a pose, every other way at joints.
+// The request to the service. A planner that follows a path ends at a pose, every other one at joints.
 function motion({ way, joints, pose }, speed) {
-  if (way === "lin") return { ...Object.fromEntries(POSE.map((name, index) => [name, pose[index]])), planner: "lin", speed };
-  return way === "ptp" ? { joints, speed } : { joints, planner: way, speed };
+  const goal = PLANNERS[way].pose ? Object.fromEntries(POSE.map((name, index) => [name, pose[index]])) : { joints };
+  return { ...goal, planner: way, speed };
 }
 
 export class Waypoints {
@@ -71,7 +70,7 @@ export class Waypoints {
     }
     const { position, quaternion } = tcpOf(geometry, joints);
     this.file = null;
-    this.list.push({ way: "ptp", radius: 0, joints: [...joints], pose: [...position, ...abcOf(quaternion)] });
+    this.list.push({ way: DEFAULT, radius: 0, joints: [...joints], pose: [...position, ...abcOf(quaternion)] });
     this.changed();
   }
 
@@ -201,16 +200,16 @@ export class Waypoints {
   }
 
   // null for what cannot be shown here without losing some of it.
-  opened({ joints, planner = "ptp", radius = 0, speed, ...pose }) {
-    if (!Number.isFinite(radius)) return null;
+  opened({ joints, planner = DEFAULT, radius = 0, speed, ...pose }) {
+    if (!Number.isFinite(radius) || !PLANNERS[planner]) return null;
     const radiusMm = Math.round(1000 * radius);
     if (joints) {
-      const known = numbers(joints, 1) && JOINT_WAYS.includes(planner) && !Object.keys(pose).length;
+      const known = numbers(joints, 1) && !PLANNERS[planner].pose && !Object.keys(pose).length;
       return known ? { way: planner, radius: radiusMm, joints, pose: null } : null;
     }
     const values = POSE.map((name) => pose[name] ?? 0);
     const known = Object.keys(pose).every((name) => POSE.includes(name));
-    return planner === "lin" && known && numbers(values, 6) ? { way: "lin", radius: radiusMm, joints: null, pose: values } : null;
+    return PLANNERS[planner].pose && known && numbers(values, 6) ? { way: planner, radius: radiusMm, joints: null, pose: values } : null;
   }
 
   write() {
@@ -244,8 +243,8 @@ export class Waypoints {
 
   way(point, index) {
     const select = document.createElement("select");
-    const there = WAYS.filter((way) => (way === "lin" ? point.pose : point.joints));
-    select.append(...there.map((way) => new Option(word(`way_${way}`), way)));
+    const there = Object.keys(PLANNERS).filter((way) => (PLANNERS[way].pose ? point.pose : point.joints));
+    select.append(...there.map((way) => new Option(word(`way_${way}`, {}, `${PLANNERS[way].summary} (${way})`), way)));
     select.value = point.way;
     return this.changing(select, "point_way", index, () => (point.way = select.value));
   }

@@ -7,8 +7,8 @@ let catalogue = { en: {} };
 let language = "en";
 const listeners = new Set();
 
-export function word(name, values = {}) {
-  const text = catalogue[language]?.[name] ?? catalogue.en[name] ?? name;
+export function word(name, values = {}, otherwise = name) {
+  const text = catalogue[language]?.[name] ?? catalogue.en[name] ?? otherwise;
   return text.replace(/\{(\w+)\}/g, (whole, key) => values[key] ?? whole);
 }
 

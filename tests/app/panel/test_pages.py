@@ -16,6 +16,7 @@ from app.main import create_app
 from app.panel import pages
 from app.services.events.ring import TYPES
 from cobot.config import Settings
+from cobot.motions.planners import PLANNERS
 from cobot.robot.device import FLAGS, MEASURED_NAMES
 
 REPOSITORY = Path(__file__).parents[3]
@@ -85,6 +86,26 @@ def test_each_module_that_the_panel_or_three_js_imports_is_served(app: FastAPI) 
     )
     for name in used(r"\bTHREE\.(\w+)"):
         assert re.search(rf"\b{name}\b", exported), name
+
+
+def test_the_panel_has_the_planners_of_the_service(app: FastAPI) -> None:
+    """Oracle: docs/planning.md, by which lin alone of these ends at a pose, and each takes a goal alone."""
+    answer = ask(app, "/panel/planners.js")
+    assert answer.headers["content-type"].startswith("text/javascript")
+    assert "script-src 'self';" in answer.headers["content-security-policy"]
+    declared = re.findall(r"^export const (\w+) = (.*);$", answer.text, re.M)
+    found = {name: json.loads(value) for name, value in declared}
+    assert set(found) == {"PLANNERS", "DEFAULT"}
+    assert found["DEFAULT"] == "ptp"
+    assert {name: traits["pose"] for name, traits in found["PLANNERS"].items()} == {
+        "ptp": False,
+        "auto": False,
+        "ompl": False,
+        "chomp": False,
+        "lin": True,
+    }
+    scripts = "".join(file.read_text(encoding="utf-8") for file in SCRIPTS if file.name == "waypoints.js")
+    assert not [name for name in PLANNERS if f'"{name}"' in scripts]
 
 
 def test_without_the_package_of_three_js_the_answer_names_it(
