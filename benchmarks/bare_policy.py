@@ -12,7 +12,7 @@ import time
 import numpy as np
 import websockets.asyncio.server
 
-from cobot.learning.openpi import packed, unpacked
+from cobot.learning.openpi import pack, unpack
 
 LENGTH = 5
 STEP_RAD = 2e-4
@@ -21,15 +21,15 @@ HORIZON = 32
 
 
 async def _serve(socket: websockets.asyncio.server.ServerConnection) -> None:
-    await socket.send(packed({"model": "bare"}))
+    await socket.send(pack({"model": "bare"}))
     signs = itertools.cycle((1.0, -1.0))
     async for content in socket:
         assert isinstance(content, bytes)
-        state = unpacked(content)["observation/state"].astype(float)
+        state = unpack(content)["observation/state"].astype(float)
         actions = np.zeros((LENGTH, HORIZON))
         actions[:, : len(state)] = state
         actions[:, 0] += next(signs) * STEP_RAD * np.arange(1, LENGTH + 1)
-        await socket.send(packed({"actions": actions, "sent_ns": time.monotonic_ns()}))
+        await socket.send(pack({"actions": actions, "sent_ns": time.monotonic_ns()}))
 
 
 async def _run() -> None:

@@ -11,7 +11,7 @@ from cobot.config import load_settings
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.planners.blending.joined import Leg, joined, leg_of
-from cobot.planners.blending.prolonged import begun, prolonged
+from cobot.planners.blending.prolonged import begin_stretch, extend_stretch
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import Array, PlannerName, Pose, Scaling
 
@@ -68,11 +68,11 @@ def corners() -> Iterator[Row]:
 
 def _on_the_way(robot: RobotDescription, legs: list[Leg]) -> tuple[float, float]:
     """How long they take, and how many corners are round, when each comes once the arm goes for the last."""
-    stretch, passed_s, round_corners = begun(robot, legs[:1], [RADIUS_M]), 0.0, 0
+    stretch, passed_s, round_corners = begin_stretch(robot, legs[:1], [RADIUS_M]), 0.0, 0
     for number, leg in enumerate(legs[1:], start=2):
         radius_m = RADIUS_M if number < len(legs) else 0.0
         now_s = min(stretch.valid_s, stretch.trajectory.duration_s) + 0.01
-        stretch = prolonged(robot, stretch, [leg], [radius_m], now_s, now_s + LEAD_S)
+        stretch = extend_stretch(robot, stretch, [leg], [radius_m], now_s, now_s + LEAD_S)
         passed_s += stretch.offset_s
         round_corners += stretch.used_m[0] > 0.0
     return passed_s + stretch.trajectory.duration_s, 100.0 * round_corners / (len(legs) - 1)

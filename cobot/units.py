@@ -1,4 +1,4 @@
-"""Numbers in another unit than the one that is asked for: degrees for radians, millimetres for metres."""
+"""Detection of numbers in the wrong unit: degrees for radians, millimetres for metres."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""What is asked of the arm, and what it is answered: stops, sessions, commands.
+"""Handles requests to the arm, and answers them: stops, sessions, commands.
 
-What happens in every cycle begins with `c_` and is real-time safe; what happens when somebody asks for
-something is Python.
+Methods that run in every cycle begin with `c_` and are real-time safe; methods for requests are Python.
 """
 
 from rtloop.backends.compiled cimport Measured
@@ -17,28 +16,28 @@ from rtloop.mode_machine import OVERTAKEN
 from rtloop.planned.loading import RefusedError
 from rtloop.results import ACCEPTED, LATER, Rejected
 
-# To who wants to stream.
+# For clients that want to stream.
 UNACKNOWLEDGED = (
     "the first contact with the robot is not acknowledged: look at where the arm is and what it carries, "
     "then POST /robot/acknowledge"
 )
-# To who wants to change what a device that moves by itself is doing.
+# For requests to change the motion of a device that executes motions by itself.
 BY_ITSELF = "the device moves by itself along whole motions: on its way it can be stopped, not {}"
 
 cdef int TRAJECTORY = LoopMode.TRAJECTORY
 
 
 cdef class Controller(ModeMachine):
-    """The `update` of the cycle. Real-time safe, but for a RESET, which waits for the drives.
+    """The `update` of the cycle. Real-time safe, except for a RESET, which waits for the drives.
 
     Attributes:
-        tool_and_scene: what the arm carries, and what stands around it.
-        slot: where the motion was read from.
-        stale: whether what is measured has stopped changing although the arm is moved; the loop sets it.
+        tool_and_scene: the arm's load and its surroundings.
+        slot: the slot of the present motion.
+        stale: whether the measured values no longer change although the arm moves; the loop sets it.
     """
 
     def __init__(self, settings, model, memory, backend, device):
-        """device: what is told of it, a `rtloop.device.DeviceWatch`."""
+        """device: receives reports, a `rtloop.device.DeviceWatch`."""
         ModeMachine.__init__(self, settings, model, memory, backend, device)
         self._device, self._output = device, memory.output
         self.tool_and_scene = ToolAndScene(settings, model, memory, backend, self.streaming)
@@ -48,26 +47,26 @@ cdef class Controller(ModeMachine):
         """One cycle; the command is then in `safety`.
 
         Args:
-            measured: as read last.
+            measured: the last values read.
             now_ns: CLOCK_MONOTONIC.
-            robot_time_s: on the robot's clock.
-            fresh: whether it was read in this cycle.
+            robot_time_s: time of the robot's clock.
+            fresh: whether they were read in this cycle.
         """
         self.c_update(measured, now_ns, robot_time_s, fresh)
 
     def acknowledge(self):
-        """Somebody has compared what the first contact has found with the arm: full speed from now on."""
+        """Permit full speed: a user has compared the findings of the first contact with the arm."""
         self._device.acknowledge()
         self.follower.clock.c_scale(self._device.share)
 
     def heed_t1(self):
-        """A session that was begun at full speed does not go on in T1, nor one that now goes too fast."""
+        """End a session that was begun at full speed, or that is too fast now, in T1."""
         share, begun = self._device.t1_share, self.streaming.t1_share
         if self.c_streams() and share is not None and (begun is None or share < begun):
             self.stop("the robot has been switched to T1: sessions that are begun now go with reduced speed")
 
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *:
-        """`update`."""
+        """Run `c_update` for Python."""
         cdef ToolAndScene scene = self.tool_and_scene
         self.safety.now_ns = now_ns
         self._heed_requests(now_ns)
@@ -84,7 +83,7 @@ cdef class Controller(ModeMachine):
         self.c_guide(measured, now_ns, robot_time_s, fresh)
 
     cdef void c_describe(self, StateScalars* state) noexcept nogil:
-        """Fill in what the state block says of the controller and its parts."""
+        """Fill in the state block's fields about the controller and its parts."""
         state.mode = self._mode
         state.settled = self.settling.settled
         state.motion_id = self.motion_id
@@ -157,7 +156,7 @@ cdef class Controller(ModeMachine):
         return ACCEPTED
 
     def _set_output(self, command, Measured measured, bint fresh):
-        """Set the output that its block names, in any mode."""
+        """Set the output in the output block, in any mode."""
         if not self._output.try_read():
             return Rejected("the output could not be read")
         return self._device.set_output(text(self._output.data["name"]), float(self._output.data["value"]))
@@ -211,7 +210,7 @@ cdef class Controller(ModeMachine):
         self.follower.begin(self.handover.swap(self.follower.path))
 
     def _swap(self):
-        """Go on with what has been loaded, if the arm can."""
+        """Continue with the loaded trajectory, if the arm can."""
         refusal = "the motion has come to its end meanwhile"
         if self._guide == PATH:
             refusal = self.follower.refusal(self.handover.path, self.handover.offset_s)
@@ -221,7 +220,7 @@ cdef class Controller(ModeMachine):
         self._finish_loading(Rejected(refusal) if refusal else ACCEPTED)
 
     def _read_scene(self, command, Measured measured, bint fresh):
-        """Read the scene again as soon as the arm rests. A new session waits for it."""
+        """Read the scene again once the arm is at rest. A new session waits for it."""
         if self.c_streams() or self.streaming.session:
             return Rejected(
                 f"somebody streams (mode {self.mode.name}): the scene changes before or after that"

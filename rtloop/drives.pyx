@@ -9,15 +9,15 @@ from rtloop.results import ACCEPTED, LATER, Rejected
 
 
 cdef class Drives:
-    """Two states, each changed by the methods here alone: whether the drives are on, and how far a reset is
-    that takes its time. What begins with `c_` is real-time safe; the rest may take long, for nothing moves.
+    """Two states, changed only by these methods: whether the drives are on, and the progress of a reset in
+    steps. Methods with `c_` are real-time safe; the others may take long, because nothing moves.
     """
 
     def __init__(self, backend, device, int dof, long long limit_cycles):
         """
         Args:
-            device: what is told of it, a `rtloop.device.DeviceWatch`.
-            limit_cycles: that a stop of category 1 waits at the most for an arm that nothing moves to settle.
+            device: receives reports, a `rtloop.device.DeviceWatch`.
+            limit_cycles: maximum time that a stop of category 1 waits for the arm to settle.
         """
         self._backend, self._device, self._dof, self._limit_cycles = backend, device, dof, limit_cycles
         self._stepwise = isinstance(backend, Stepwise)
@@ -33,13 +33,13 @@ cdef class Drives:
         return self.c_resetting()
 
     def switch_off_at_rest(self):
-        """A stop of category 1 has begun."""
+        """Begin a stop of category 1."""
         if self._power == ON:
             self._power = COMING_OFF
         self._resting_cycles = 0
 
     def switch_off(self):
-        """The second half of it; "" or why they stay on."""
+        """Switch the drives off after a stop of category 1; returns "" or why they stay on."""
         self._power = ON
         if 1 not in self._device.capabilities.stops:
             return ""
@@ -90,7 +90,7 @@ cdef class Drives:
         return self._take_over(measured)
 
     def end_reset(self):
-        """Whatever has come of it; the number of its command."""
+        """End the reset, with any result; returns the number of its command."""
         self._reset = NO_RESET
         return self._number
 
@@ -114,16 +114,16 @@ cdef class Drives:
         return self._power == OFF
 
     cdef bint c_resetting(self) noexcept nogil:
-        """Whether a reset is under way, in steps."""
+        """Whether a reset in steps is in progress."""
         return self._reset != NO_RESET
 
     cdef bint c_loose(self) noexcept nogil:
-        """Whether the arm may be anywhere, so that it is commanded to be where it is."""
+        """Whether the arm may be anywhere, so that its commanded position must follow it."""
         return self._power == OFF or self._reset != NO_RESET
 
     cdef bint c_due(self, bint settled) noexcept nogil:
-        """Whether a stop of category 1 has come so far that the drives go off: the arm, which nothing moves,
-        rests, or does not settle all the same. To be asked once a cycle.
+        """Whether the drives are switched off in this cycle of a stop of category 1: the arm is at rest, or
+        has not settled in time. Call it once per cycle.
         """
         if self._power != COMING_OFF:
             return False

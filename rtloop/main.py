@@ -100,7 +100,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
         granted.append(_permissions(rt, clock_name))
         freeze_garbage()
 
-    tool = _carried(settings, robot)
+    tool = _load_tool(settings, robot)
     loop.open(np.array(robot.positions[settings.robot.start_position].joints), tool, be_punctual)
     try:
         _introduce(memory, settings, clock_name, granted[0])
@@ -126,7 +126,7 @@ def _recording(robot: str) -> RecordingMemory | None:
         return None
 
 
-def _carried(settings: Settings, robot: RobotDescription) -> Tool:
+def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
     """The tool with the attached objects. If the scene cannot be read, only the tool: with that file neither
     the service, which starts all motions, nor a session starts.
     """

@@ -1,9 +1,9 @@
-"""Two states, and what changes them: the mode that the arm is in, and what guides it meanwhile.
+"""Two states and their transitions: the mode of the arm, and its present guide.
 
-Everybody sees the mode: `rtloop.modes` has its transitions, and `_enter` alone changes it, but for a restart.
-What guides the arm is a `Guide`, which says what each permits; `c_let` alone changes it. A long module, as
-whatever happens to the arm may change both. What happens in every cycle begins with `c_` and is real-time
-safe; what happens on an event is Python.
+The mode is public: `rtloop.modes` has its transitions, and only `_enter` changes it, except at a restart. The
+guide is a `Guide`, which states what each one permits; only `c_let` changes it. Long, because any event may
+change both states. Methods that run in every cycle begin with `c_` and are real-time safe; methods for events
+are Python.
 """
 
 from libc.string cimport memcpy, memset
@@ -22,7 +22,7 @@ from cobot.types import LoopMode
 from rtloop.modes import STREAMING, TRANSITIONS
 from rtloop.results import Rejected
 
-# To whose command a stop has overtaken.
+# For clients whose command a stop has overtaken.
 OVERTAKEN = "a stop was requested meanwhile"
 
 MODES = tuple(LoopMode)
@@ -33,17 +33,17 @@ cdef unsigned int STREAMING_BITS = sum(1 << mode for mode in STREAMING)
 
 
 cdef class ModeMachine:
-    """Makes the command of each cycle, in `safety`, of what guides the arm, and ends it when it has to end.
+    """Makes each cycle's command, in `safety`, from the present guide, and ends the guide when necessary.
 
     Attributes:
         commands, safety, streaming, settling, drives, handover, follower: its parts.
-        mode, reason: the mode, and why it is ESTOP or FAULT, or why the last stop was made.
+        mode, reason: the mode, and why it is ESTOP or FAULT, or the reason for the last stop.
         motion_id, motion_result: the running motion or the last one.
         deceleration_ns: when the last stop began to slow the arm down, set from the cycle's `now_ns`.
     """
 
     def __init__(self, settings, model, memory, backend, device):
-        """device: what is told of it, a `rtloop.device.DeviceWatch`."""
+        """device: receives reports, a `rtloop.device.DeviceWatch`."""
         rt, limits = settings.rt, model.limits
         self._dof = limits.dof
         if self._dof > MAX_DOF:
@@ -84,16 +84,17 @@ cdef class ModeMachine:
 
     @property
     def settled(self):
-        """At rest, as measured: at the commanded position, or anywhere in FAULT and in a session."""
+        """Whether the arm is measured at rest: at the commanded position, or anywhere in FAULT and in a
+        session."""
         return self.settling.settled
 
     @property
     def moving(self):
-        """Whether a motion is loading or under way, its settling included, or a stream comes to its end."""
+        """Whether a motion is loading, running or settling, or a stream is ending."""
         return self.c_moving()
 
     def start_at(self, position):
-        """Hold a position, shape (dof,), rad, where the arm is at rest."""
+        """Hold a position, shape (dof,), rad, at which the arm is at rest."""
         self._desired_rows[:] = 0.0
         self._desired_rows[0] = position
         self.safety.reset(position)
@@ -102,9 +103,10 @@ cdef class ModeMachine:
         self.settling.c_held()
 
     def let_go(self, position):
-        """The robot has not taken commands for some time, so its drives have stopped by themselves.
+        """Handle a robot that has not taken commands for some time, so that its drives have stopped by
+        themselves.
 
-        When it takes them again, it shall find that it is wanted where it is.
+        When it takes commands again, the commanded position must equal its position.
         """
         problem = self.streaming.close() if self.streaming.session else ""
         self.start_at(position)
@@ -112,7 +114,7 @@ cdef class ModeMachine:
             self.fault(problem)
 
     def restore(self, state):
-        """Take over what a dead rtloop has left: latches stay, an interrupted motion has failed."""
+        """Take over the state of a crashed rtloop: latches stay, an interrupted motion has failed."""
         self.commands.refuse_pending("rtloop was restarted")
         self.motion_id = int(state["motion_id"])
         result = MotionResult(int(state["motion_result"]))
@@ -127,7 +129,7 @@ cdef class ModeMachine:
         self._motion_result = MotionResult.FAILED if result is MotionResult.RUNNING else result
 
     def stop(self, reason):
-        """Come to rest: on the path, if the arm is on it and it leaves room to slow down."""
+        """Stop: on the path, if the arm is on it and it leaves room to slow down."""
         if self.handover.load != NO_LOAD:
             self._finish_loading(Rejected(reason))
         if self._mode == TRAJECTORY or self.c_streams():
@@ -135,20 +137,20 @@ cdef class ModeMachine:
             self._slow_down()
 
     def overrun(self, what):
-        """Cycles have begun so late that nobody can count on the next ones."""
+        """Handle cycles that begin so late that the next ones are not reliable."""
         if self._mode == TRAJECTORY or self.c_streams():
             self.safety.count(Intervention.OVERRUN)
             self.stop(f"{what}: the computer is too slow or too busy")
 
     def estop(self, reason):
-        """Come to rest as after a stop, and stay there until reset."""
+        """Stop, and stay at rest until a reset."""
         if self.drives.c_resetting():
             self._finish_reset(Rejected(OVERTAKEN))
         self._latch(LoopMode.ESTOP, reason)
 
     def fast_stop(self, reason):
-        """Stop category 1: each joint comes to rest as fast as its limits permit, on the path or beside it;
-        then the drives are switched off, until a reset.
+        """Stop category 1: each joint stops as fast as its limits permit, even off the path; then the drives
+        are switched off, until a reset.
         """
         self.estop(reason)
         if self._guide == PATH and not self.follower.by_itself:
@@ -156,21 +158,21 @@ cdef class ModeMachine:
         self.drives.switch_off_at_rest()
 
     def switch_off(self):
-        """The second half of it. The drives may take their time: nothing moves."""
+        """Switch the drives off after a stop of category 1. They may take long, because nothing moves."""
         problem = self.drives.switch_off()
         if problem:
             self.reason = f"{self.reason}; {problem}"
 
     def fault(self, reason):
-        """The device or the tracking failed: come to rest as after a stop, and stay there until reset."""
+        """Handle a failure of the device or of tracking: stop, and stay at rest until a reset."""
         self._latch(LoopMode.FAULT, reason)
 
     def lay_over(self):
-        """What a session has the robot exert on top of the command of this cycle."""
+        """Apply the force or torque that a session adds to this cycle's command."""
         self.streaming.lay_over(self._guide == STREAM)
 
     cdef bint c_moving(self) noexcept nogil:
-        """`moving`."""
+        """Whether a motion is loading, running or settling, or a stream is ending; for compiled code."""
         return (
             self._mode == TRAJECTORY
             or self._mode == STOPPING
@@ -182,7 +184,7 @@ cdef class ModeMachine:
         )
 
     cdef bint c_switches_off(self) noexcept nogil:
-        """Whether the drives go off in this cycle. To be asked once in each."""
+        """Whether the drives are switched off in this cycle. Call it once per cycle."""
         cdef bint moved = self._guide != NOTHING and self._guide != COAST
         return not moved and self.drives.c_due(self.settling.settled)
 
@@ -193,7 +195,7 @@ cdef class ModeMachine:
     cdef void c_guide(
         self, Measured measured, long long now_ns, double robot_time_s, bint fresh
     ) except *:
-        """The command of this cycle, and what has become of the last ones."""
+        """Make this cycle's command, and observe the effect of the last ones."""
         cdef double allowed
         if self._guide == COAST:
             self._coast(measured, fresh)
@@ -231,7 +233,7 @@ cdef class ModeMachine:
             self._slow_down()
 
     def _enter(self, mode, reason=""):
-        """Be in another mode, if that may follow this one."""
+        """Enter another mode, if the transition is permitted."""
         if mode not in TRANSITIONS[self.mode]:
             return False
         self._mode = mode
@@ -239,7 +241,7 @@ cdef class ModeMachine:
         return True
 
     cdef void c_let(self, Guide guide) noexcept nogil:
-        """Have this guide the arm from now on. BRAKE leaves path and stream: each joint comes to rest by
+        """Let this guide command the arm from now on. BRAKE leaves path and stream: each joint stops by
         itself.
         """
         self._guide = guide
@@ -261,7 +263,7 @@ cdef class ModeMachine:
         self.commands.answer(self.drives.end_reset(), result)
 
     cdef void _heed_stream(self) except *:
-        """What the client wants in this cycle."""
+        """The client's target in this cycle."""
         cdef Feed feed = self.streaming.feed
         if feed.not_finite:
             self.estop(self.streaming.not_finite)
@@ -274,8 +276,8 @@ cdef class ModeMachine:
             self.c_let(BRAKE)
 
     cdef void _follow(self, Measured measured, bint fresh) except *:
-        """Where the path wants the arm. A device that moves by itself and was stopped comes to rest anywhere;
-        until then the command is where it says that it is.
+        """The path's target for the arm. A device that executes motions by itself stops anywhere after a
+        stop; until then the command is the position that it reports.
         """
         cdef bint stopping = self._mode != TRAJECTORY
         cdef Way way
@@ -297,7 +299,8 @@ cdef class ModeMachine:
             self._heed_fence()
 
     cdef void _coast(self, Measured measured, bint fresh) except *:
-        """Until it rests, or nobody knows. It has left the path if it is not where it says."""
+        """Wait until it has stopped, or its state is unknown. It has left the path if it is elsewhere than
+        reported."""
         self.follower.place()
         off = np.abs(self._desired_rows[0] - measured.position).max()
         self.follower.left = off > self._settle_position_rad
@@ -306,21 +309,21 @@ cdef class ModeMachine:
             self.c_let(NOTHING)
 
     cdef void _heed_fence(self) except *:
-        """Come to rest before the path leaves the motion's fence."""
+        """Stop before the path leaves the motion's fence."""
         cdef double place[4]
         if self.follower.c_leaves_fence(place):
             self.stop(self.follower.watch.said([place[0], place[1], place[2], place[3]]))
 
     def _lose_track(self, position, allowed):
-        """A joint is too far from where it is commanded to be, or was misread."""
+        """Handle a joint that is too far from its commanded position, or was misread."""
         problem = self.settling.lost(position, allowed)
         if problem:
             self.safety.count(Intervention.TRACKING)
             self.fault(problem)
 
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
-        """Count how long the arm has been still; whether a motion or a stream may have ended."""
-        # In a session it gives way, in FAULT it heeds no command: then it may rest anywhere.
+        """Count how long the arm has been still, and whether a motion or a stream may have ended."""
+        # In a session the arm is compliant, in FAULT it follows no command: then it may be at rest anywhere.
         cdef bint anywhere = self.streaming.session != 0 or self._mode == FAULT
         self.settling.c_settle(
             velocity, fresh and self._guide != PATH and not self.safety.pursuing, anywhere
@@ -333,7 +336,7 @@ cdef class ModeMachine:
         return self.settling.c_ended()
 
     def _rest(self, Measured measured, fresh):
-        """What moved the arm has ended, and it rests, or does not come to rest."""
+        """Finish a motion or stream that has ended: the arm is at rest, or does not come to rest."""
         if self.streaming.session:
             self._end_stream(measured.position, fresh)
         elif self.settling.settled:
@@ -347,10 +350,10 @@ cdef class ModeMachine:
                 self.c_let(BRAKE)
 
     def _end_stream(self, position, fresh):
-        """Go over to position control, once a session has ended and the arm rests.
+        """Switch to position control once a session has ended and the arm is at rest.
 
-        An arm that is pushed aside is held where it is, unless nobody knows where that is; one that is pushed
-        around and does not come to rest is held all the same.
+        An arm that was pushed aside is held at its position, unless that is unknown; an arm that is pushed
+        around and does not come to rest is held too.
         """
         problem = self.streaming.close()
         if self.settling.largest > self._settle_position_rad and fresh and not self.settling.misread:

@@ -1,4 +1,4 @@
-"""Which mode may follow which: the one table, for the code, the tests and docs/architecture.md."""
+"""The permitted transitions between modes: one table for the code, the tests and docs/architecture.md."""
 
 from __future__ import annotations
 

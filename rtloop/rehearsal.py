@@ -46,7 +46,7 @@ def rehearse(
     """
     with _loop(settings, robot, start, trajectory) as (loop, memory):
         _begin(loop, memory, robot.model.carried.version)
-        return _followed(loop, memory, robot.limits, trajectory)
+        return _follow(loop, memory, robot.limits, trajectory)
 
 
 @contextmanager
@@ -92,7 +92,7 @@ def _begin(loop: ControlLoop, memory: RobotMemory, tool: int) -> None:
     raise PlanningError(f"the real-time loop has not loaded this motion in {LOADING_CYCLES} cycles")
 
 
-def _followed(
+def _follow(
     loop: ControlLoop, memory: RobotMemory, limits: JointLimits, trajectory: Trajectory
 ) -> SimulatedRun:
     period_s, state = memory.period_s, memory.state.data

@@ -17,7 +17,7 @@ class Later:
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """Nothing has changed.
+    """The command is rejected; nothing has changed.
 
     Attributes:
         reason: text for the client.

@@ -27,7 +27,7 @@ Message = dict[str, Any]
 
 
 class GoalError(InputError):
-    """The goal cannot be worked on."""
+    """The goal is invalid."""
 
     error_code: ClassVar = FjtError.INVALID_GOAL
 

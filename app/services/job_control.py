@@ -1,4 +1,4 @@
-"""What can be done to jobs: begun without waiting, waited for, cancelled, paused, resumed."""
+"""Operations on jobs: begin without waiting, wait, cancel, pause, resume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all sections of the settings files have in common: what they refuse, and how they say it."""
+"""The common base of all sections of the settings: strict checks and their error messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inputs and outputs in shared memory: what the device reports, and what an output is to have."""
+"""Inputs and outputs in shared memory: the device's report, and the requested value of an output."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ KINDS = tuple(IoKind)
 
 @dataclass(frozen=True, slots=True)
 class IoReport:
-    """Attributes:
-    number: of the report; a later one has a greater number.
+    """A report of inputs and outputs.
+
+    Attributes:
+        number: number of the report; it increases from report to report.
     """
 
     number: int
@@ -24,7 +26,8 @@ class IoReport:
 
 
 def fill_points(record: np.ndarray, points: Sequence[IoPoint]) -> list[str]:
-    """Put them into a record of `cobot.ipc.layout.IO`; the names of those that there is no room for."""
+    """Write points into a record of `cobot.ipc.layout.IO`; returns the names of those without a place in
+    it."""
     kept = [each for each in points if len(each.name.encode()) <= IO_NAME_BYTES][:IO_POINTS]
     count = record["count"] = len(kept)
     record["names"][:count] = [each.name.encode() for each in kept]
@@ -35,10 +38,10 @@ def fill_points(record: np.ndarray, points: Sequence[IoPoint]) -> list[str]:
 
 
 def report_of(record: np.ndarray) -> IoReport:
-    """What stands in such a record.
+    """Read a record of `cobot.ipc.layout.IO`.
 
     Raises:
-        ValueError: no such numbers can be a device's.
+        ValueError: the record is invalid.
     """
     count = int(record["count"])
     kinds = record["kinds"][:count]

@@ -1,4 +1,4 @@
-"""The tool in shared memory: what rtloop has to know of it."""
+"""The tool in shared memory, as far as rtloop needs it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cobot.robot.tool import Tool
 
 
 def fill(record: np.ndarray, tool: Tool) -> None:
-    """Put a tool into a record of `cobot.ipc.layout.TOOL`."""
+    """Write a tool into a record of `cobot.ipc.layout.TOOL`."""
     record["version"], record["mass"], record["centre"] = tool.version, tool.mass, tool.centre
     for name in ("inertia", "tcp", "gravity"):
         value = getattr(tool, name)
@@ -18,10 +18,10 @@ def fill(record: np.ndarray, tool: Tool) -> None:
 
 
 def tool_of(record: np.ndarray) -> Tool:
-    """The tool that stands in a record, without its name and shapes.
+    """Read a tool from a record, without its name and shapes.
 
     Raises:
-        ValueError: no such numbers can be a tool's; `cobot.robot.tool.check_tool` looks at the rest.
+        ValueError: the record is invalid; `cobot.robot.tool.check_tool` checks the rest.
     """
     fields: dict[str, Any] = {}
     for name in ("inertia", "tcp", "gravity"):

@@ -32,7 +32,7 @@ DTYPE = re.compile(f"[<>|=]?[{PLAIN}][0-9]{{1,9}}")
 """Names of these types. numpy accepts far more names, some of which it must first parse as Python."""
 
 
-def packed(message: Mapping[str, Any]) -> bytes:
+def pack(message: Mapping[str, Any]) -> bytes:
     """Encode a message.
 
     Raises:
@@ -44,7 +44,7 @@ def packed(message: Mapping[str, Any]) -> bytes:
         raise InputError(f"the observation cannot be sent: {exc}") from exc
 
 
-def unpacked(content: bytes) -> Any:
+def unpack(content: bytes) -> Any:
     """Decode a message.
 
     Raises:
@@ -113,7 +113,7 @@ class PolicyConnection:
         self._connection: ClientConnection | None = None
         self.metadata: dict[str, Any] = {}
         with self._or_closed():
-            self._connected()
+            self._connect()
 
     def __enter__(self) -> Self:
         return self
@@ -132,14 +132,14 @@ class PolicyConnection:
             ExecutionError: the policy has failed, with the last line of its reason.
             UnavailableError: the server has gone or does not answer in time.
         """
-        content = packed(observation)
+        content = pack(observation)
         with self._or_closed():
-            connection = self._connected()
+            connection = self._connect()
             try:
                 connection.send(content)
             except (WebSocketException, OSError) as exc:
                 raise self._lost(exc) from exc
-            answer = unpacked(self._receive(connection, "answer"))
+            answer = unpack(self._receive(connection, "answer"))
             if not isinstance(answer, dict):
                 raise ExecutionError(f"{self.address}: the answer is a {type(answer).__name__}, not a map")
             return answer
@@ -161,10 +161,10 @@ class PolicyConnection:
             self.close()
             raise
 
-    def _connected(self) -> ClientConnection:
+    def _connect(self) -> ClientConnection:
         if self._connection is None:
             self._connection = self._open()
-            metadata = unpacked(self._receive(self._connection, "describe itself"))
+            metadata = unpack(self._receive(self._connection, "describe itself"))
             self.metadata = metadata if isinstance(metadata, dict) else {}
         return self._connection
 

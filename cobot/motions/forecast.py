@@ -1,4 +1,4 @@
-"""What a planned motion will be like: data that comes from planning processes."""
+"""Data about a planned motion before it runs, from planning processes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from cobot.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Closest:
-    """The least distance between two things along a motion, m, and the share of its duration where it is."""
+    """The shortest distance of two bodies along a motion, m, and where it occurs, as a share of the
+    duration."""
 
     first: str
     second: str
@@ -20,17 +21,18 @@ class Closest:
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """A motion that was planned and not run.
+    """A motion that was planned but not run.
 
     Attributes:
-        trajectory: None if the arm is at the goal already; then there is one sample and nothing moves.
-        times_s: of the samples, shape (n,).
+        trajectory: None if the arm is already at the goal; then there is one sample and nothing moves.
+        times_s: times of the samples, shape (n,).
         joints: shape (n, dof), rad.
-        poses: of the TCP in the base frame, shape (n, 7): m, then w, x, y, z.
-        peaks: by quantity (velocity, acceleration, jerk, torque) the greatest of each joint, shape (dof,);
-            the first three are true extrema.
-        utilisation: the same as shares of the limits that the robot has, not of the request's share.
-        closest_self, closest_environment: at the samples; None if nothing comes as near as was looked for.
+        poses: poses of the TCP in the base frame, shape (n, 7): m, then w, x, y, z.
+        peaks: maximum of each joint, shape (dof,), by quantity (velocity, acceleration, jerk, torque); the
+            first three are true extrema.
+        utilisation: the peaks as shares of the robot's limits, without the request's scaling.
+        closest_self, closest_environment: among the samples; None if everything is farther than the search
+            distance.
     """
 
     trajectory: Trajectory | None

@@ -1,4 +1,4 @@
-"""What a planned motion was like on a simulated copy of the robot: data from planning processes."""
+"""Data about the dry run of a planned motion on a simulated robot, from planning processes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from cobot.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Flaw:
-    """What has gone wrong first.
+    """The first problem of a dry run.
 
     Attributes:
-        time_s: since the motion's start.
-        joint: the one that it is about; None for what is about none.
-        says: what it was, in words.
+        time_s: time since the motion began.
+        joint: the affected joint; None if it affects no single joint.
+        says: description of the problem.
     """
 
     time_s: float
@@ -25,15 +25,15 @@ class Flaw:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedRun:
-    """What the cycle did with a motion.
+    """The real-time loop's execution of a motion in a dry run.
 
     Attributes:
-        times_s: of the rows, since the motion's start, shape (n,).
+        times_s: times of the rows since the motion began, shape (n,).
         positions: measured, shape (n, dof), rad.
-        effort: the greatest of each joint, as a share of its limit, shape (dof,).
-        off_rad: the greatest distance from where it was commanded to be, of each joint, shape (dof,).
-        duration_s: until it had settled, or ended otherwise.
-        flaw: None if it has arrived and settled and nothing had to intervene.
+        effort: maximum of each joint as a share of its limit, shape (dof,).
+        off_rad: maximum distance of each joint from its commanded position, shape (dof,).
+        duration_s: time until it settled or ended otherwise.
+        flaw: None if it arrived and settled without an intervention.
     """
 
     times_s: Array
@@ -46,7 +46,7 @@ class SimulatedRun:
 
 @dataclass(frozen=True, slots=True)
 class Rehearsal:
-    """The same, with what it came near to.
+    """A dry run, with the shortest distances.
 
     Attributes:
         closest_self, closest_environment: see `cobot.motions.forecast.Forecast`, of the measured positions.

@@ -1,4 +1,4 @@
-"""Motions that the arm goes through as one, and what is known of them: data for planning processes."""
+"""Stretches: motions that the arm executes as one, with the data to extend them, for planning processes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from cobot.types import CartesianLimits, JointLimits
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A motion from rest to rest, and the limits that it has been planned with; None for no TCP's.
+    """A motion from rest to rest, with the limits of its plan; `tcp` is None if the TCP has no limits.
 
     Attributes:
-        constraints: what it keeps from its start on.
+        constraints: path constraints, relative to its start.
     """
 
     motion: Trajectory
@@ -25,7 +25,7 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Corner:
-    """A round corner: a curve between the last `before` of one path and the first `after` of the next."""
+    """A blend: a curve that replaces the last `before` of one path and the first `after` of the next."""
 
     curve: Trajectory
     before: float
@@ -35,17 +35,18 @@ class Corner:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Motions as one trajectory, and what is needed to have others follow. Picklable.
+    """Motions as one trajectory, with the data for extending it. Picklable.
 
     Attributes:
-        trajectory: from where the first begins, at rest; or from a place on the trajectory that it replaces.
-        ends_s: when each motion gives way to the next one; of those that are over only the last ones.
-        used_m: of the motions that have come last, how much of the radius is used of the corner before each;
-            0: the arm stops there, or begins.
-        legs, radii_m, corners: since the last stop; each radius is of a motion's end, the last one's too.
-        progress: the parameter of their path over the time since `since_s`, which is right from `valid_s` on;
-            None if no other motion can follow the last one without a stop.
-        offset_s: the path time of the replaced trajectory at which this one begins.
+        trajectory: from rest at the start of the first motion, or from a place on the trajectory that it
+            replaces.
+        ends_s: when each motion gives way to the next; of completed motions only the last ones.
+        used_m: for the latest motions, the used blend radius of the corner before each; 0: the arm stops or
+            begins there.
+        legs, radii_m, corners: those since the last stop; each radius belongs to the end of a motion.
+        progress: path parameter over the time since `since_s`, valid from `valid_s` on; None if no motion can
+            follow without a stop.
+        offset_s: path time of the replaced trajectory at which this one begins.
     """
 
     trajectory: Trajectory
@@ -61,6 +62,6 @@ class Stretch:
 
 
 def alone(leg: Leg) -> Stretch:
-    """A single motion, as it has been planned, after which the arm stops."""
+    """A single planned motion, after which the arm stops."""
     end_s = leg.motion.duration_s
     return Stretch(leg.motion, (end_s,), (0.0,), (leg,), (0.0,), (), None, 0.0, 0.0)

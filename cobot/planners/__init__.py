@@ -65,17 +65,17 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     if request.end_joints is not None:
         check_positions(robot.limits, request.end_joints, "end_joints: the angle", 1.0)
     with advising_units(robot.model, request):
-        return _planned(robot, request)
+        return _plan(robot, request)
 
 
-def _planned(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
+def _plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     if not request.traits.searches:
         robot.collision.check_position(request.start, "the start", 0.0)
         return _direct(robot, request)
     first = leave(robot, request)
     if first is None:
-        return _searched(robot, request)
-    rest = _searched(robot, replace(_after(robot, request, first), start=first.end))
+        return _search(robot, request)
+    rest = _search(robot, replace(_after(robot, request, first), start=first.end))
     return first if rest is None else first.followed_by(rest)
 
 
@@ -101,14 +101,14 @@ def _direct(robot: RobotDescription, request: MotionRequest) -> Trajectory | Non
     """Plan along the path of the request, or straight to its goal."""
     if request.traits.way is Way.PATH:
         trajectory = function_of(request.planner)(robot, request)
-        return None if trajectory is None else _validated(robot, request, trajectory)
+        return None if trajectory is None else _validate(robot, request, trajectory)
     goal = nearest_goal(robot, request)
     if is_there(request.start, goal):
         return None
-    return _validated(robot, request, function_of(request.planner)(robot, request, goal))
+    return _validate(robot, request, function_of(request.planner)(robot, request, goal))
 
 
-def _searched(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
+def _search(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     """Search around obstacles, from a start that is free of collisions and within the limits."""
     goals = joint_goals(robot, request)
     held = _held(robot, request)
@@ -121,26 +121,26 @@ def _searched(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
     if is_there(request.start, goals[0]):
         return None
     if request.planner is PlannerName.AUTO:
-        return _chosen(robot, request, goals)
-    return _validated(robot, request, function_of(request.planner)(robot, request, goals))
+        return _choose(robot, request, goals)
+    return _validate(robot, request, function_of(request.planner)(robot, request, goals))
 
 
-def _chosen(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
+def _choose(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
     """The motion of ptp, or if ptp fails, that of ompl."""
     try:
-        trajectory = _validated(robot, request, plan_ptp(robot, request, goals[0]))
+        trajectory = _validate(robot, request, plan_ptp(robot, request, goals[0]))
         return replace(trajectory, note="auto took ptp: the direct joint motion is free")
     except PlanningError as exc:
         straight = exc
     try:
-        trajectory = _validated(robot, request, function_of(PlannerName.OMPL)(robot, request, goals))
+        trajectory = _validate(robot, request, function_of(PlannerName.OMPL)(robot, request, goals))
     except PlanningError as exc:
         message = f"auto found no motion: ptp: {straight}; {exc}"
         raise type(exc)(message, findings=straight.findings + exc.findings) from exc
     return replace(trajectory, note=f"auto took ompl ({request.algorithm}): ptp: {straight}")
 
 
-def _validated(robot: RobotDescription, request: MotionRequest, trajectory: Trajectory) -> Trajectory:
+def _validate(robot: RobotDescription, request: MotionRequest, trajectory: Trajectory) -> Trajectory:
     try:
         validate(robot, trajectory, request.scaled_limits(robot))
         if (held := _held(robot, request)) is not None:

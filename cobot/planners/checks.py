@@ -1,4 +1,4 @@
-"""The checks that every plan has to pass."""
+"""The checks that every plan must pass."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from cobot.types import Array, JointLimits
 
 ALREADY_THERE_RAD = 1e-6
 TOLERANCE = 1e-9
-"""The share of a limit by which a planned motion may exceed it: rounding."""
+"""Share of a limit by which rounding may make a planned motion exceed it."""
 
 
 def validate(
     robot: RobotDescription, trajectory: Trajectory, limits: JointLimits, labels: list[str] | None = None
 ) -> None:
-    """The checks that no motion escapes: limits on true extrema, efforts, self-collision and
-    surroundings.
+    """Check a motion: limits at its true extrema, efforts, collisions with itself and the surroundings.
 
-    An arm that stands beyond a limit, because it was pushed there, may move back, but not further out.
+    An arm that was pushed beyond a limit may move back, but not further out.
 
     Raises:
-        LimitError: from `check_limits` and `check_efforts`.
-        CollisionError: from the collision checker.
+        LimitError: as `check_limits` and `check_efforts`.
+        CollisionError: as the collision checker.
     """
     check_limits(trajectory, limits.including(trajectory.start), labels, TOLERANCE)
     check_efforts(robot.model, trajectory, limits)
@@ -32,5 +31,5 @@ def validate(
 
 
 def is_there(start: Array, goal: Array) -> bool:
-    """Whether there is nothing to move."""
+    """Whether the arm is already there."""
     return bool(np.abs(goal - start).max() < ALREADY_THERE_RAD)

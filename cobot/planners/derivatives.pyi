@@ -6,8 +6,8 @@ from cobot.robot.chain import Chain
 from cobot.types import Array
 
 def speeds_and_bends(chain: Chain, derivatives: Array) -> Array:
-    """Of the TCP's linear motion, then of its angular one: the amount of the velocity, and of the part of its
-    derivative that is across it, shape (2, 2, n), at joints and their derivatives, shape (4, n, dof)."""
+    """For the TCP's linear motion, then its angular one: magnitude of the velocity, and of the part of its
+    derivative across it, shape (2, 2, n), at joints and their derivatives, shape (4, n, dof)."""
 
 def coordinates_at(
     chain: Chain, derivatives: Array, fastest: Array, directions: Sequence[Array]

@@ -76,7 +76,7 @@ def explain(
             continue
         limited = replace(request, timeout_s=min(request.timeout_s, left_s))
         try:
-            motion = _planned(robot, limited, idea)
+            motion = _plan_idea(robot, limited, idea)
             duration_s = 0.0 if motion is None else motion.duration_s
             if duration_s > LONGEST_S:
                 raise PlanningError(f"it would take {duration_s:.4g} s, allowed is up to {LONGEST_S:g} s")
@@ -89,7 +89,7 @@ def explain(
     return Explanation(tuple(works), tuple(tried.values()), spent_s, budget_s, tuple(request.start.tolist()))
 
 
-def _planned(robot: RobotDescription, request: MotionRequest, idea: Idea) -> Trajectory | None:
+def _plan_idea(robot: RobotDescription, request: MotionRequest, idea: Idea) -> Trajectory | None:
     if idea.first:
         anyhow = {"constraints": None, **_searching(request)}
         plan(robot, replace(request, goal=idea.change["start"], **anyhow))

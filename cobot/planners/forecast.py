@@ -21,10 +21,10 @@ DISTANCE_SAMPLES = 200
 
 def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
     """Plan as `plan` does and describe the motion; raises as `plan` does."""
-    return described(robot, plan(robot, request), request.start, samples)
+    return describe(robot, plan(robot, request), request.start, samples)
 
 
-def described(robot: RobotDescription, trajectory: Trajectory | None, start: Array, samples: int) -> Forecast:
+def describe(robot: RobotDescription, trajectory: Trajectory | None, start: Array, samples: int) -> Forecast:
     """The forecast of a planned motion.
 
     Args:
@@ -63,7 +63,7 @@ def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array)
     return {"velocity": rates[0], "acceleration": rates[1], "jerk": rates[2], "torque": torque}
 
 
-def rehearsed(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
+def evaluate_run(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
     """The shortest distances of a simulated run; a contact is a flaw."""
     distances = _distances(robot, run.positions)
     flaw = run.flaw

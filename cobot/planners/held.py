@@ -1,4 +1,4 @@
-"""Constraints of a motion: by how much a configuration breaks them, and the nearest one that does not."""
+"""Path constraints: how far a configuration violates them, and the nearest one that keeps them."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName
 
 LOOK_S, MAX_LOOKS = 1e-3, 50_000
-"""A motion is looked at so often: between two looks it leaves their chord by less than a hundredth of the
+"""Time between samples of a motion: in between it deviates from the chord by less than a hundredth of the
 allowance."""
 ALLOWANCE = 1e-4
-"""A motion may break a constraint by so much, rad or m; a start or a goal too."""
+"""How far a motion, its start or its goal may violate a constraint, rad or m."""
 INSIDE, INSIDE_SHARE = 2e-3, 0.1
-"""A projected configuration keeps so far inside, rad or m, or this share of what there is if that is less."""
+"""How far inside the constraints a projected configuration stays, rad or m, or as a share of a narrower
+range."""
 TURNS, LONGEST_STEP_RAD, DAMPING = 25, 0.3, 1e-6
 
 
 class Held:
-    """Constraints, for one robot and one start.
+    """The constraints of a motion, for one robot and one start.
 
     Attributes:
-        low, high: of the joints, shape (dof,), rad: their limits, or narrower ranges.
+        low, high: joint limits, or narrower ranges, shape (dof,), rad.
     """
 
     def __init__(self, robot: RobotDescription, constraints: Constraints, start: Array) -> None:
@@ -50,7 +51,7 @@ class Held:
         return bool(inside) and not self._broken(joints, 0.0)[1]
 
     def excess(self, rows: Array) -> Array:
-        """By how much each of `what` is broken, rad or m, negative where it is kept; shape (n, k)."""
+        """How far each of `what` violates each constraint, rad or m, negative if it is kept; shape (n, k)."""
         constraints = self._constraints
         columns = [np.full(len(rows), -np.inf)]
         if constraints.cone is not None or constraints.box is not None:
@@ -65,10 +66,10 @@ class Held:
         return np.stack(columns, axis=1)
 
     def require(self, joints: Array, what: str, share: float | None = None) -> None:
-        """Refuse a configuration that breaks a constraint; `share` is where of a motion it is.
+        """Reject a configuration that violates a constraint; `share` is its place in the motion.
 
         Raises:
-            PlanningError: naming `what`, the constraint, by how much and what is allowed.
+            PlanningError: names `what`, the constraint, the violation and what is allowed.
         """
         excess = self.excess(joints[None])[0]
         worst = int(excess.argmax())
@@ -79,10 +80,10 @@ class Held:
             )
 
     def check(self, trajectory: Trajectory, planner: PlannerName) -> None:
-        """Refuse a motion that breaks a constraint.
+        """Reject a motion that violates a constraint.
 
         Raises:
-            PlanningError: where, which one, and by how much.
+            PlanningError: names the place, the constraint and the violation.
         """
         count = min(MAX_LOOKS, int(trajectory.duration_s / LOOK_S) + 2)
         times = np.linspace(0.0, trajectory.duration_s, count)
@@ -104,9 +105,9 @@ class Held:
         )
 
     def projected(self, joints: Array) -> Array | None:
-        """A configuration near a given one that keeps all constraints with some room; None if none is found.
+        """A configuration near a given one that keeps all constraints with a margin; None if none is found.
 
-        Newton's method on what is broken, by the least motion of the joints.
+        Newton's method on the violated constraints, with the smallest joint motion.
         """
         here = np.clip(joints, self.low, self.high)
         for _ in range(TURNS):
@@ -122,8 +123,8 @@ class Held:
         return None
 
     def _broken(self, joints: Array, inside: float) -> tuple[list[Array], list[float]]:
-        """Of each constraint that is not kept with so much room (rad, m): how the joints change it, shape
-        (dof,), and by how much they should.
+        """For each constraint that is not kept with this margin (rad, m): its gradient by the joints, shape
+        (dof,), and the required change.
         """
         rows: list[Array] = []
         missing: list[float] = []
@@ -149,7 +150,7 @@ class Held:
         return rows, missing
 
     def _angles(self, cone: Cone, poses: Array) -> Array:
-        """Between the tool's axis and its direction, shape (n,), rad."""
+        """The angle between the tool's axis and its direction, shape (n,), rad."""
         w, vector = poses[:, 3:4], poses[:, 4:]
         twice = 2.0 * np.cross(vector, cone.axis)
         axes = cone.axis + w * twice + np.cross(vector, twice)
@@ -157,7 +158,7 @@ class Held:
         return np.asarray(np.arctan2(sines, axes @ self._direction))
 
     def _finding(self, index: int, excess: float, share: float | None) -> Finding:
-        """A broken constraint, by its column of `excess`; its value is what is beyond what is allowed."""
+        """The finding for a violated constraint, by its column of `excess`; its value is the excess."""
         names = ["", *(["orientation"] if self._constraints.cone is not None else [])]
         units = ["", *(["rad"] if self._constraints.cone is not None else [])]
         if self._constraints.box is not None:
@@ -170,7 +171,7 @@ class Held:
         return Finding("constraint", f"{names[index]}, beyond it", excess, 0.0, units[index], share, of)
 
     def _said(self, index: int, joints: Array) -> str:
-        """A broken constraint, by its column of `excess`."""
+        """The sentence for a violated constraint, by its column of `excess`."""
         cone, box = self._constraints.cone, self._constraints.box
         index -= 1
         pose = self._model.poses(joints[None])
@@ -200,6 +201,6 @@ def _outside_box(box: Box, axis: int, value: float) -> str:
 
 
 def _across(axis: Array) -> Array:
-    """A direction at right angles to an axis."""
+    """A direction at a right angle to an axis."""
     across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     return np.asarray(across / np.linalg.norm(across))

@@ -38,7 +38,7 @@ def fit(
     Args:
         control: shape (n, dof), rad; both ends rest, and stay where they are.
         times_s: of the curve, where each of them belongs to, shape (n,): their schedule.
-        corridor: how far each joint may be beside the curve, shape (dof,), rad.
+        corridor: largest deviation of each joint from the curve, shape (dof,), rad.
 
     Returns:
         Control points, and the times of the curve that they belong to by now.

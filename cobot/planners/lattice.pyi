@@ -14,7 +14,7 @@ def cheapest(
     joints' steps times their weights.
 
     Args:
-        rows: joints, shape (n, m, dof), at places and angles; the last angle is beside the first.
+        rows: joints, shape (n, m, dof), at places and angles; the last angle is next to the first.
         costs: of the nodes, shape (n, m), infinite where there is none.
         start: shape (dof,), from which edges lead to all nodes of the first place.
         weights: shape (dof,).

@@ -1,6 +1,6 @@
-"""A picture of a motion: the arm where it ends, faintly where it begins, and the way of its TCP.
+"""A picture of a motion: the arm at its end, faintly at its start, and the path of its TCP.
 
-MuJoCo casts a ray through each pixel, so that it needs no graphics of the computer.
+MuJoCo casts a ray through each pixel, so no graphics hardware is needed.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from cobot.types import Array
 
 WIDTH, HEIGHT = 480, 360
 VIEW_RAD = 0.75
-"""The angle from the top of the picture to its bottom."""
+"""Vertical field of view."""
 EYE = np.array([0.75, -1.0, 0.55])
-"""From what is looked at, in the base frame: from the front, the right and above."""
+"""Direction of the camera in the base frame: from the front, the right and above."""
 PATH = np.array([0.05, 0.35, 0.85])
 UP = np.array([0.0, 0.0, 1.0])
 GHOST = 0.3
 DOT = 1
-"""The path's dots are so many pixels wide to each side."""
+"""Half width of the path's dots, in pixels."""
 AROUND_M = 0.45
-"""What is seen around the base and the path."""
+"""Margin around the base and the path."""
 
 
 def picture(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
-    """A PNG file.
+    """Render a PNG file.
 
     Args:
-        joints: along the motion, shape (n, dof), rad.
-        poses: of the TCP there, in the base frame, shape (n, 7).
+        joints: joints along the motion, shape (n, dof), rad.
+        poses: poses of the TCP there, in the base frame, shape (n, 7).
     """
     checker = robot.collision
     mj = robot.model.among(checker.scene, checker.tool)
@@ -62,15 +62,15 @@ def _cast(mj: mujoco.MjModel, data: mujoco.MjData, joints: Array, eye: Array, ra
 
 
 def _dense(points: Array) -> Array:
-    """The points of a line and others between them, so that it has no gaps."""
+    """The points of a line with additional points between them, so that it has no gaps."""
     steps = np.linspace(0.0, 1.0, 20, endpoint=False)[:, None]
     pieces = [a + steps * (b - a) for a, b in pairwise(points)]
     return np.vstack([*pieces, points[-1:]])
 
 
 def _draw(image: Array, away: Array, view: Array) -> None:
-    """Colour the pixels of points, given from the eye: also of those behind the arm, for who looks wants to
-    know where they are."""
+    """Colour the pixels of points, given relative to the camera, even of those behind the arm, to show where
+    they are."""
     across, down, ahead = view @ away.T
     half = np.tan(VIEW_RAD / 2)
     columns = np.rint((across / ahead / half * HEIGHT / WIDTH + 1.0) / 2.0 * (WIDTH - 1)).astype(int)

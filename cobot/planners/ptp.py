@@ -19,14 +19,14 @@ SHORTEST_PIECE_S = 1e-9
 
 
 def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
-    """Time-optimal under velocity, acceleration and jerk limits, or straight in joint space: as the request's
-    `synchronization` says. Where that needs more than `PLANNED_EFFORT` of a drive, the same path is run more
-    slowly.
+    """Plan a motion that is time-optimal under velocity, acceleration and jerk limits, or straight in joint
+    space, as the request's `synchronization` demands. If it needs more than `PLANNED_EFFORT` of a drive, it
+    is slowed down.
 
-    Ruckig's profiles are piecewise cubics; they are taken over exactly, not sampled.
+    Ruckig's profiles are piecewise cubics, which are converted exactly, not sampled.
 
     Raises:
-        PlanningError: there is no profile, or a drive cannot even hold the arm on the way.
+        PlanningError: no profile exists, or a drive cannot even hold the arm on the way.
     """
     limits = request.scaled_limits(robot)
     if request.synchronization is Synchronization.PHASE:
@@ -42,7 +42,7 @@ def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Tr
 
 
 def _in_phase(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
-    """One profile for the share of the way, which all joints follow."""
+    """One profile for the share of the way, for all joints."""
     way = goal - start
     moved = np.abs(way) > 0.0
     amounts = np.abs(way[moved])
@@ -59,7 +59,7 @@ def _in_phase(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
 
 
 def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
-    """Each joint as the slowest one lets it; in proportion where that costs no time."""
+    """Each joint in the time of the slowest one; in proportion where that costs no time."""
     problem = ruckig.InputParameter(limits.dof)
     problem.current_position = start.tolist()
     problem.target_position = goal.tolist()
@@ -73,7 +73,7 @@ def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
 
 def from_profiles(profiles: list[ruckig.Profile], duration_s: float) -> Trajectory:
     """Ruckig's per-joint profiles of one motion from rest, as one trajectory of cubics."""
-    # Of each joint: begins, positions, velocities, accelerations and jerks of its pieces, (dof, 5, 8).
+    # For each joint: begins, positions, velocities, accelerations and jerks of its pieces, (dof, 5, 8).
     rows = np.array([[[0.0, *each.t], each.p, each.v, each.a, [*each.j, 0.0]] for each in profiles])
     begins = rows[:, 0] = rows[:, 0].cumsum(axis=1)
     times = np.sort(np.minimum(np.append(begins, duration_s), duration_s))

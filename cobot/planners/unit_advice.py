@@ -1,4 +1,4 @@
-"""Advice about millimetres, added to the errors of motions to places that no arm reaches."""
+"""Advice about millimetres, added to errors about positions that no arm reaches."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cobot.units import FAR_M, MILLIMETRES_TO_M
 
 @contextmanager
 def advising_units(model: RobotModel, request: MotionRequest) -> Iterator[None]:
-    """Add to the errors of planning that a position looks like millimetres, if one does."""
+    """Add advice to planning errors if a position looks like millimetres."""
     try:
         yield
     except (InputError, PlanningError) as exc:

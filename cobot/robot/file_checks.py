@@ -1,4 +1,4 @@
-"""What MuJoCo takes of a robot's file and cobot does not."""
+"""Checks of a robot's file beyond MuJoCo's."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ MAX_NAMED = 10
 
 
 def check_names(model: mujoco.MjModel) -> None:
-    """Check that joints, bodies and sites have names that can be keys, topics and words of errors.
+    """Check that joints, bodies and sites have names that work as keys, topics and words in errors.
 
     Raises:
-        ConfigError: one has not.
+        ConfigError: a name does not.
     """
     for kind, count, get in (
         ("joint", model.njnt, model.joint),
@@ -32,16 +32,16 @@ def check_names(model: mujoco.MjModel) -> None:
 
 
 def require_inertials(file: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """Check that MuJoCo has made up no mass of a link that moves.
+    """Check that MuJoCo has not invented the mass of a moving link.
 
-    For a link of a URDF without `<inertial>` it computes a mass from the collision shapes, at 1000 kg/m³ and
-    without a word. `cobot new-robot` assumes masses too, but reports each.
+    For a URDF link without `<inertial>` it silently computes a mass from the collision shapes, at 1000 kg/m³.
+    `cobot new-robot` assumes masses too, but reports each.
 
     Args:
-        model: what `spec` compiles to.
+        model: compiled from `spec`.
 
     Raises:
-        ConfigError: one was, with its link and what to do.
+        ConfigError: a mass is invented; names the link and a remedy.
     """
     if file.suffix.lower() != ".urdf":
         return  # MJCF defines the density of shapes

@@ -1,6 +1,4 @@
-"""How fast a robot's file says that its joints may be, which MuJoCo does not keep, and whether the limits are
-within that.
-"""
+"""Speed limits of a robot's file, which MuJoCo ignores, and the check that the joint limits keep them."""
 
 from __future__ import annotations
 
@@ -16,16 +14,16 @@ from cobot.xml_file import number, parse, where
 MOVING = ("revolute", "continuous", "prismatic")
 """Types of joints that a drive can move."""
 VELOCITY_OF = "max_velocity "
-"""What the <numeric> of a joint's velocity is called in a model.xml, before the joint's name."""
+"""Prefix of the <numeric> with a joint's velocity limit in a model.xml, before the joint's name."""
 TOLERANCE = 1e-4
-"""Values that differ by this share are the same: MuJoCo writes six digits."""
+"""Relative difference below which values count as equal, because MuJoCo writes six digits."""
 
 
 def check_velocities(file: Path, mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Refuse velocities that the model's file does not allow. A file that says nothing allows any.
+    """Reject velocities beyond those of the model's file. A file without velocities allows any.
 
     Raises:
-        ConfigError: names the joint, both velocities and the way out.
+        ConfigError: names the joint, both velocities and a remedy.
     """
     allowed = _velocities(file, mj)
     for index, name in enumerate(limits.names):

@@ -12,9 +12,9 @@ from cobot.foreign import bounded, plain_text
 from cobot.strict import shown
 
 MAX_DIGITAL = 2**53 - 1
-"""Whole numbers up to here are exact as a double."""
+"""Integers up to this are exact as doubles."""
 ANALOG_SHARE = 1e-3
-"""An analog output has its value when the device reports one that is off by so little, as converters are."""
+"""Tolerance of an analog output's reported value, because converters are inexact."""
 
 
 MAX_POINTS = 1000
@@ -31,7 +31,7 @@ class IoKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class IoPoint:
-    """An input or output, and the value that the device reports; of a boolean 0.0 or 1.0."""
+    """An input or output with the value that the device reports; 0.0 or 1.0 for a boolean."""
 
     name: str
     kind: IoKind
@@ -40,7 +40,7 @@ class IoPoint:
 
     @property
     def shown(self) -> bool | int | float | None:
-        """The value as one of its kind; None if the device reports what is no number."""
+        """The value in the type of its kind; None if the device reports an invalid number."""
         if not math.isfinite(self.value):
             return None
         if self.kind is IoKind.BOOLEAN:
@@ -59,10 +59,10 @@ class IoPoint:
 
 
 def io_points(reported: Iterable[object]) -> tuple[IoPoint, ...]:
-    """What a device reports, of which nothing is certain.
+    """Check a device's report, which may contain anything.
 
     Raises:
-        InputError: too many points, something else among them, or a name that cannot be printed.
+        InputError: too many points, an object of another type, or a name that is not printable.
     """
     points = bounded(reported, MAX_POINTS, "inputs and outputs")
     for point in points:
@@ -80,10 +80,10 @@ def io_points(reported: Iterable[object]) -> tuple[IoPoint, ...]:
 
 
 def output_of(points: Sequence[IoPoint], name: str) -> IoPoint:
-    """The output of that name.
+    """The output of this name.
 
     Raises:
-        NotFoundError: there is none, with the names of those that there are.
+        NotFoundError: it does not exist; lists the outputs.
         InputError: it is an input.
     """
     point = next((each for each in points if each.name == name), None)
@@ -96,10 +96,10 @@ def output_of(points: Sequence[IoPoint], name: str) -> IoPoint:
 
 
 def number_of(point: IoPoint, value: float) -> float:
-    """A value for an output as the number that it is.
+    """Convert a value for an output into a number.
 
     Raises:
-        InputError: it is not of the output's kind.
+        InputError: it does not fit the output's kind.
         LimitError: it is out of range.
     """
     if point.kind is IoKind.BOOLEAN:
@@ -118,7 +118,7 @@ def number_of(point: IoPoint, value: float) -> float:
 
 
 def require_number(point: IoPoint, number: float) -> None:
-    """See that an output can have this number.
+    """Check that an output can have this number.
 
     Raises:
         LimitError: it cannot.

@@ -1,4 +1,4 @@
-"""joint_limits.yaml in MoveIt's format, and the one check of joint positions against it."""
+"""Reading joint_limits.yaml in MoveIt's format, and checking joint positions."""
 
 from __future__ import annotations
 
@@ -28,16 +28,15 @@ MAX_POSITION, MAX_RATE = 1e3, 1e6
 def load_joint_limits(path: Path) -> JointLimits:
     """Read the limits, in the order of the file.
 
-    Every joint needs all of them: a robot without an acceleration limit cannot be stopped in a
-    known distance.
+    Every joint needs all limits: without an acceleration limit the stopping distance of a robot is unknown.
 
     Raises:
-        ConfigError: naming the file, the joint, the key and what is valid.
+        ConfigError: names the file, the joint, the key and what is valid.
     """
     content = read_yaml(path)
     joints = content.get("joint_limits") if isinstance(content, dict) else None
     if not isinstance(joints, dict) or not joints or set(content) != {"joint_limits"}:
-        raise ConfigError(f"{path}: must hold joint_limits: with an entry for each joint, and nothing else")
+        raise ConfigError(f"{path}: must contain joint_limits: with an entry per joint, and nothing else")
     rows = [_joint(path, str(name), entry) for name, entry in joints.items()]
     low, high, velocity, acceleration, jerk, effort = (vector(column) for column in zip(*rows, strict=True))
     names = tuple(str(name) for name in joints)
@@ -47,13 +46,13 @@ def load_joint_limits(path: Path) -> JointLimits:
 def check_positions(
     limits: JointLimits, joints: Array, what: str = "joint angle", share: float | None = None
 ) -> None:
-    """Refuse joint positions beyond the limits.
+    """Reject joint positions beyond the limits.
 
     Args:
-        share: where of a motion they are: 0 at the start, 1 at the goal.
+        share: their place in a motion: 0 at the start, 1 at the goal.
 
     Raises:
-        LimitError: naming every joint that is beyond, its value and its range.
+        LimitError: names every joint beyond its limits, its value and its range.
     """
     ranges = zip(limits.names, joints, limits.min_position, limits.max_position, strict=True)
     beyond = [
@@ -77,7 +76,7 @@ def check_positions(
 
 
 def _mistaken(limits: JointLimits, joints: Array) -> str:
-    """What other unit the values look like; "" for none."""
+    """Advice if the values look like another unit; "" otherwise."""
     slides = np.array(limits.slides or (False,) * limits.dof)
     angles, ways = np.abs(joints[~slides]), np.abs(joints[slides])
     if len(ways) and ways.max() > MILLIMETRES_FROM_M:
@@ -91,7 +90,7 @@ def _joint(path: Path, name: str, entry: Any) -> tuple[float, ...]:
     """(min position, max position, max velocity, acceleration, jerk, effort) of one entry."""
     where = f"{path}: joint_limits.{name}"
     if not isinstance(entry, dict):
-        raise ConfigError(f"{where}: must hold {', '.join(_KEYS)}")
+        raise ConfigError(f"{where}: must contain {', '.join(_KEYS)}")
     for key in entry:
         if key not in _KEYS:
             raise ConfigError(f"{where}: unknown key {key!r}; valid are: {', '.join(_KEYS)}")

@@ -1,4 +1,4 @@
-"""What the arm carries altogether: the tool, and what is attached to it."""
+"""The total load of the arm: the tool and the attached objects."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 def carrying(tool: Tool, scene: Scene, tcp_in_flange: Numbers7) -> Tool:
-    """The tool as the drives feel it: with the masses of what is attached.
+    """The tool with the masses of the attached objects, as the drives carry it.
 
-    Its version is the sum of the tool's and of `Scene.loads`: both only rise, so no two that follow each
-    other have the same.
+    Its version is the sum of the tool's version and `Scene.loads`: both only increase, so successive loads
+    never have the same version.
     """
     tcp = Pose.from_numbers(tcp_in_flange)
     parts = [(tool.mass, np.array(tool.centre), tool.inertia_matrix)]
@@ -43,10 +43,10 @@ def carrying(tool: Tool, scene: Scene, tcp_in_flange: Numbers7) -> Tool:
 def check_load(
     model: RobotModel, limits: JointLimits, tool: Tool, scene: Scene, joints: Array, max_payload_kg: float
 ) -> None:
-    """See that the arm may carry this, and that its drives can hold it where it is.
+    """Check that the arm may carry a load, and that its drives can hold it in the present posture.
 
     Raises:
-        InputError, LimitError: see `check_tool`; with the joint, what it would need, and its limit.
+        InputError, LimitError: as `check_tool`; names the joint, the needed effort and its limit.
     """
     whole = carrying(tool, scene, model.tcp_in_flange(tool))
     held = "".join(f", with {name} of {each.mass:g} kg" for name, each in scene.load.items())
@@ -73,12 +73,12 @@ def check_load(
 
 
 def moved(mass: float, arm: Array) -> Array:
-    """The inertia of a point mass at the end of an arm, shape (3, 3), kg·m²."""
+    """The inertia of a point mass at a distance, shape (3, 3), kg·m²."""
     return mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
 
 
 def _in_flange(each: SceneObject, pose: Pose) -> tuple[float, Array, Array]:
-    """Mass, centre and inertia about it, along the flange's axes, of an object at a pose."""
+    """Mass, centre, and inertia about the centre along the flange's axes, of an object at a pose."""
     turn = pose.rotation
     middle, inertia = homogeneous(each)
     if each.centre is not None:
@@ -89,10 +89,10 @@ def _in_flange(each: SceneObject, pose: Pose) -> tuple[float, Array, Array]:
 
 
 def homogeneous(each: SceneObject) -> tuple[Array, Array]:
-    """Centre and inertia about it of a solid of one density, in its own frame: shapes (3,), (3, 3).
+    """Centre, and inertia about it, of a solid with uniform density, in its own frame: shapes (3,), (3, 3).
 
-    The usual formulas; the round ends of a capsule are two half spheres, whose centre is 3/8 of the radius
-    from their flat side.
+    These are the standard formulas; the round ends of a capsule are two half spheres, whose centre is 3/8 of
+    the radius from their flat side.
     """
     if each.shape not in COMPOUND:
         return np.zeros(3), each.mass * np.diag(_squares(each))
@@ -104,14 +104,14 @@ def homogeneous(each: SceneObject) -> tuple[Array, Array]:
 
 
 def _of_box(box: Array) -> tuple[float, Array, Array]:
-    """Volume, centre, and inertia about it at the density 1."""
+    """Volume, centre, and inertia about it for density 1."""
     volume = float(np.prod(box[3:]))
     squares = np.square(box[3:])
     return volume, box[:3], volume / 12.0 * np.diag(squares.sum() - squares)
 
 
 def _of_hull(corners: Array) -> tuple[float, Array, Array]:
-    """The same of a convex solid, as MuJoCo has it."""
+    """Volume, centre and inertia of a convex solid, computed by MuJoCo."""
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(name="hull", uservert=corners.ravel().tolist())
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
@@ -120,7 +120,7 @@ def _of_hull(corners: Array) -> tuple[float, Array, Array]:
     try:
         mj = spec.compile()
     except ValueError as exc:
-        raise InputError(f"mesh: it has no inertia, give it: {' '.join(str(exc).split())}") from exc
+        raise InputError(f"mesh: its inertia cannot be computed: {' '.join(str(exc).split())}") from exc
     turn = matrix_of(mj.body_iquat[1])
     return float(mj.body_mass[1]), np.array(mj.body_ipos[1]), turn @ np.diag(mj.body_inertia[1]) @ turn.T
 
@@ -136,7 +136,7 @@ def _squares(each: SceneObject) -> Array:
     length = each.size[1]
     across, along = radius**2 / 4.0 + length**2 / 12.0, radius**2 / 2.0
     if each.shape == "capsule":
-        ends = 4.0 * radius / (4.0 * radius + 3.0 * length)  # Their share of the volume.
+        ends = 4.0 * radius / (4.0 * radius + 3.0 * length)  # their share of the volume
         offset = 0.5 * length * (0.5 * length + 0.75 * radius)
         across = (1.0 - ends) * across + ends * (0.4 * radius**2 + offset)
         along = (1.0 - ends) * along + ends * 0.4 * radius**2

@@ -45,7 +45,7 @@ def parts(vertices: Array, triangles: Indices, tolerance_m: float) -> tuple[Arra
         LimitError: too many triangles or corners, or more solids than `MAX_SOLIDS`; then with a tolerance
             that fits.
     """
-    vertices, triangles = _welded(vertices, triangles)
+    vertices, triangles = _weld(vertices, triangles)
     hulls, others = [], []
     for group in _components(len(vertices), triangles):
         if _is_convex(vertices, group):
@@ -65,7 +65,7 @@ def parts(vertices: Array, triangles: Indices, tolerance_m: float) -> tuple[Arra
     return _fitting(vertices[np.concatenate(others)], tolerance_m, MAX_SOLIDS - len(hulls)), hulls
 
 
-def _welded(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
+def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
     """The mesh with each corner once and without triangles of area 0."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
     triangles = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)

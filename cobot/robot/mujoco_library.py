@@ -1,7 +1,7 @@
 """Makes the C interface of MuJoCo available to compiled modules.
 
-They are not linked against the library: its place is only known when they are imported, and differs between
-a checkout and an installation. The package whose compiled modules call MuJoCo imports this one in its
+They are not linked against the library, because its path is known only at import and differs between a
+checkout and an installation. A package whose compiled modules call MuJoCo imports this module in its
 `__init__`, because Python resolves all symbols of a module when it opens the file.
 """
 
@@ -17,17 +17,17 @@ log = logging.getLogger("cobot.mujoco")
 
 
 def _library() -> Path:
-    """The file that `import mujoco` has loaded: another copy would have models of its own."""
+    """The file that `import mujoco` has loaded; another copy would have separate models."""
     folder = Path(mujoco.__file__).parent
     found = sorted([*folder.glob("libmujoco.so*"), *folder.glob("libmujoco*.dylib")])
     if not found:
-        raise ImportError(f"mujoco-core brings no library: there is no libmujoco in {folder}")
+        raise ImportError(f"mujoco-core contains no library: there is no libmujoco in {folder}")
     return found[0]
 
 
-# It is loaded already, for its own bindings alone. Opened again it stays the same one, and its symbols
-# become visible to all.
+# It is already loaded, but only for its own bindings. Opening it again makes its symbols visible to all
+# modules.
 LIBRARY = ctypes.CDLL(str(_library()), mode=ctypes.RTLD_GLOBAL)
 
-# Without a handler MuJoCo appends its warnings to a file in the folder where the user happens to be.
+# Without a handler MuJoCo appends its warnings to a file in the current folder.
 mujoco.set_mju_user_warning(lambda text: log.warning("MuJoCo: %s", text))

@@ -1,4 +1,4 @@
-"""Pictures without the computer's graphics: MuJoCo casts a ray through each pixel."""
+"""Rendering without graphics hardware: MuJoCo casts a ray through each pixel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FAR_M = 100.0
 
 
 def base_frame(mj: mujoco.MjModel, data: mujoco.MjData, name: str) -> tuple[Array, Array]:
-    """Rotation and place of a body in MuJoCo's world."""
+    """Rotation and position of a body in MuJoCo's world."""
     mujoco.mj_kinematics(mj, data)
     base = mj.body(name).id
     return data.xmat[base].reshape(3, 3).copy(), data.xpos[base].copy()
@@ -34,7 +34,7 @@ def rays_of(view: Array, width: int, height: int, view_rad: float) -> Array:
     """Unit vectors through the pixels, row by row, shape (height · width, 3).
 
     Args:
-        view_rad: the angle from the top of the picture to its bottom.
+        view_rad: vertical field of view.
     """
     half = np.tan(view_rad / 2)
     down = np.linspace(-half, half, height)
@@ -44,7 +44,7 @@ def rays_of(view: Array, width: int, height: int, view_rad: float) -> Array:
 
 
 def cast(mj: mujoco.MjModel, data: mujoco.MjData, eye: Array, rays: Array) -> Array:
-    """The colours of the pixels, 0 to 1, shape (n, 3); `data` has the bodies where they are."""
+    """The colours of the pixels, 0 to 1, shape (n, 3), for the bodies' positions in `data`."""
     count = len(rays)
     geoms, distances, normals = np.empty(count, np.int32), np.empty(count), np.empty(3 * count)
     mujoco.mj_multiRay(mj, data, eye, rays.ravel(), None, True, -1, geoms, distances, normals, count, FAR_M)
@@ -60,7 +60,7 @@ def pixels_of(colours: Array, width: int, height: int) -> np.ndarray:
 
 
 def png(pixels: np.ndarray) -> bytes:
-    """A file of pixels, shape (height, width, 3), as the PNG specification (ISO/IEC 15948) has it."""
+    """A PNG file of pixels, shape (height, width, 3), as specified in ISO/IEC 15948."""
     height, width, _ = pixels.shape
 
     def chunk(kind: bytes, content: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""Rotation matrices for what is laid out once, when a robot is read."""
+"""Rotation matrices for code that runs once, when a robot is read."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What has no formula, as boxes: point clouds and height fields. Each box is one of whole cells of a grid,
-and cells that are neighbours are joined; so the boxes together are the cells, no more and no less.
+"""Point clouds and height fields as boxes. Each box consists of whole cells of a grid, and neighbouring cells
+are joined; together the boxes are exactly the cells.
 """
 
 from __future__ import annotations
@@ -14,28 +14,28 @@ from cobot.errors import InputError, LimitError
 from cobot.types import Array
 
 MAX_SOLIDS = 500
-"""A scene has no more solids: a streaming session looks at all of them within a cycle."""
+"""Maximum number of solids of a scene, because a streaming session checks all of them in a cycle."""
 MIN_M = 1e-6
-"""A column that is lower is none."""
+"""A lower column is ignored."""
 LARGEST_M = 200.0
-"""Coarser than this nothing is tried to find what would fit."""
+"""Coarsest resolution that is tried when searching for one that fits."""
 TRIES = 4
-"""Between the last that did not fit and the first that did."""
+"""Bisections between the last resolution that did not fit and the first one that did."""
 
 
 def cloud(points: Array, voxel_m: float) -> Array:
-    """The voxels that points are in, joined to boxes.
+    """The voxels that contain points, joined to boxes.
 
     Args:
         points: shape (n, 3), m.
-        voxel_m: their edge; the grid begins at the origin.
+        voxel_m: edge of a voxel; the grid begins at the origin.
 
     Returns:
         Middle and edges of each box, shape (k, 6), m.
 
     Raises:
         InputError: there are no points, or one is not finite.
-        LimitError: there are more boxes than `MAX_SOLIDS`; with the voxel size that would fit.
+        LimitError: more boxes than `MAX_SOLIDS`; with a voxel size that fits.
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     if not len(points) or not np.isfinite(points).all():
@@ -49,10 +49,10 @@ def cloud(points: Array, voxel_m: float) -> Array:
 
 
 def fitting(make: Callable[[float], Array], edge_m: float, what: str, grid: str) -> Array:
-    """The boxes of a grid of this edge, shape (k, 6), m, if these are not too many.
+    """The boxes of a grid with this edge, shape (k, 6), m, if there are not too many.
 
     Raises:
-        LimitError: they are; it names the smallest edge of those tried for which they are not.
+        LimitError: there are too many; names the smallest tried edge that fits.
     """
     boxes = make(edge_m)
     if len(boxes) > MAX_SOLIDS:
@@ -65,7 +65,7 @@ def fitting(make: Callable[[float], Array], edge_m: float, what: str, grid: str)
 
 
 def coarser(fits: Callable[[float], bool], edge_m: float) -> str:
-    """The smallest edge of those tried that fits, in words: doubled, and then halved in on."""
+    """The smallest tried edge that fits, in words: found by doubling and bisection."""
     low_m = high_m = edge_m
     while not fits(high_m := _rounded_up(2.0 * high_m)):
         low_m = high_m
@@ -81,15 +81,15 @@ def coarser(fits: Callable[[float], bool], edge_m: float) -> str:
 
 
 def _rounded_up(value: float) -> float:
-    """To the next larger number of three digits."""
+    """Round up to three digits."""
     digits = 10.0 ** (math.floor(math.log10(value)) - 2.0)
     return float(f"{math.ceil(value / digits - 1e-9) * digits:.3g}")
 
 
 def joined(cells: Array) -> Array:
-    """Cells of a grid, shape (n, 3), each once, as boxes: low and high corner, shape (k, 6), in cells.
+    """Join distinct cells of a grid, shape (n, 3), to boxes: low and high corner, shape (k, 6), in cells.
 
-    In the best of the six orders of the axes, not the fewest that are possible.
+    The best of the six orders of the axes is used; this is not necessarily the smallest number of boxes.
     """
     single = np.hstack([cells, cells + 1])
     best = single
@@ -103,7 +103,7 @@ def joined(cells: Array) -> Array:
 
 
 def _along(boxes: Array, axis: int) -> Array:
-    """Boxes that continue each other along an axis become one."""
+    """Join boxes that continue each other along an axis."""
     others = [column for column in range(6) if column % 3 != axis]
     boxes = boxes[np.lexsort([boxes[:, axis], *(boxes[:, column] for column in others)])]
     same = (boxes[1:, others] == boxes[:-1, others]).all(axis=1)
@@ -116,20 +116,20 @@ def _along(boxes: Array, axis: int) -> Array:
 
 
 def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) -> Array:
-    """A grid of heights as columns, whose neighbours of the same height are joined.
+    """A grid of heights as columns; neighbours of the same height are joined.
 
     Args:
-        heights: shape (rows, columns), m; rows along y, columns along x; NaN: nothing stands there.
-        resolution_m: the edge of a cell; the first one's corner is the origin.
-        floor_m: where all columns begin; one that is not higher is none.
-        step_m: heights are rounded up to its multiples above the floor; 0: they are not.
+        heights: shape (rows, columns), m; rows along y, columns along x; NaN: no column.
+        resolution_m: edge of a cell; the corner of the first one is the origin.
+        floor_m: bottom of all columns; columns that are not higher are ignored.
+        step_m: heights are rounded up to multiples of this above the floor; 0: they are not rounded.
 
     Returns:
         Middle and edges of each box, shape (k, 6), m.
 
     Raises:
         InputError: nothing is above the floor.
-        LimitError: there are more boxes than `MAX_SOLIDS`; with the step that would fit, or that none does.
+        LimitError: more boxes than `MAX_SOLIDS`; with a step that fits, if there is one.
     """
     above = np.where(np.isnan(heights), 0.0, heights - floor_m)
     if not (above > MIN_M).any():

@@ -17,8 +17,8 @@ def load_named_positions(path: Path, joint_names: tuple[str, ...], group: str) -
     """The named positions of a planning group, by name, in the order of the file.
 
     Raises:
-        ConfigError: unreadable, no such group, a state without one of the joints or with an unknown
-            one, a value that is no finite number, a name that occurs twice.
+        ConfigError: the file is unreadable, the group is missing, a state lacks a joint or has an unknown
+            one, a value is not a finite number, or a name occurs twice.
     """
     root = _parse(path)
     groups = [str(element.get("name")) for element in root.iter("group")]
@@ -41,7 +41,7 @@ def disabled_pairs(path: Path) -> set[frozenset[str]]:
     """The pairs of links whose collisions are disabled (`disable_collisions`), by name.
 
     Raises:
-        ConfigError: unreadable, or an element without its two links.
+        ConfigError: the file is unreadable, or an element lacks one of its two links.
     """
     pairs = set()
     for element in _parse(path).iter("disable_collisions"):
@@ -59,7 +59,7 @@ def write_srdf(
     positions: Mapping[str, Array],
     pairs: Iterable[tuple[str, str]],
 ) -> None:
-    """A group of these joints with its named positions, and the pairs of links that may touch."""
+    """The text of a group with named positions for these joints, and the pairs of links that may touch."""
     root = ElementTree.Element("robot", name=group_name)
     group = ElementTree.SubElement(root, "group", name=group_name)
     for name in names:
@@ -77,7 +77,7 @@ def write_srdf(
 def _parse(path: Path) -> ElementTree.Element:
     try:
         text = path.read_text(encoding="utf-8")
-        if "<!DOCTYPE" in text:  # entities could blow up the parser, and an SRDF has no use for them
+        if "<!DOCTYPE" in text:  # entities could overload the parser, and an SRDF does not need them
             raise ConfigError(f"{path}: must not have a DOCTYPE")
         return ElementTree.fromstring(text)
     except FileNotFoundError as exc:
@@ -107,7 +107,7 @@ def _position(
             values[joint_name] = float(joint.get("value") or "")
         except ValueError as exc:
             raise ConfigError(
-                f"{path}: position {name!r}: {joint_name} is no number: {joint.get('value')!r}"
+                f"{path}: position {name!r}: {joint_name} is not a number: {joint.get('value')!r}"
             ) from exc
         if not math.isfinite(values[joint_name]):
             raise ConfigError(f"{path}: position {name!r}: {joint_name} is not finite")

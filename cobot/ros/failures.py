@@ -47,7 +47,7 @@ def error_code_of(error: CobotError) -> FjtError:
 
 
 def failed_result(result: Message, error: CobotError) -> Message:
-    """The result of a goal that was accepted and came to nothing.
+    """The result of a goal that was accepted and then failed.
 
     Args:
         result: the defaults of the type, which would mean success; changed in place.

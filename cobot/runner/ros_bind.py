@@ -87,13 +87,13 @@ class RosBridge:
 
     def advertise(self, topic: object = None, type_: object = None, keep_last: object = None) -> int:
         """Open a topic for writing and return its handle."""
-        endpoint = self._described(topic, type_)
+        endpoint = self._new_endpoint(topic, type_)
         self._depth(keep_last)  # only checked: one ordered connection keeps all messages
         return self._open(endpoint, {"op": "advertise"})
 
     def subscribe(self, topic: object = None, type_: object = None, keep_last: object = None) -> int:
         """Open a topic for reading and return its handle; the newest `keep_last` unread messages are kept."""
-        endpoint = self._described(topic, type_)
+        endpoint = self._new_endpoint(topic, type_)
         depth = self._depth(keep_last)
         endpoint.received = deque(maxlen=depth)
         return self._open(endpoint, {"op": "subscribe", "queue_length": depth})
@@ -128,7 +128,7 @@ class RosBridge:
             op = "unadvertise" if endpoint.received is None else "unsubscribe"
             self._send({"op": op, "topic": endpoint.topic, "id": f"lua:{handle}"})
 
-    def _described(self, topic: object, type_: object) -> _Endpoint:
+    def _new_endpoint(self, topic: object, type_: object) -> _Endpoint:
         if sum(not endpoint.closed for endpoint in self._endpoints.values()) >= MAX_ENDPOINTS:
             raise InputError(f"{MAX_ENDPOINTS} publishers and subscribers are open, which is the maximum")
         return _Endpoint(
@@ -210,13 +210,13 @@ class RosBridge:
     def _receive(self, connection: ClientConnection) -> None:
         try:
             for raw in connection:
-                self._received(json.loads(raw))
+                self._handle(json.loads(raw))
             self._problem = f"{self._url}: the connection was closed"
         except (WebSocketException, OSError, ValueError) as exc:
             self._problem = f"{self._url}: {exc}"
         self._watch.wake()
 
-    def _received(self, message: dict[str, Any]) -> None:
+    def _handle(self, message: dict[str, Any]) -> None:
         match message.get("op"):
             case "publish":
                 for endpoint in tuple(self._endpoints.values()):

@@ -1,4 +1,4 @@
-"""What moves: a simulation or a robot, behind one small protocol."""
+"""Backends: a simulation or a real robot behind one small protocol."""
 
 from __future__ import annotations
 

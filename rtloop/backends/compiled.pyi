@@ -1,7 +1,7 @@
 from cobot.types import Array
 
 JOINT_ROWS: int
-"""Of `Measured.joints`."""
+"""Rows of `Measured.joints`."""
 
 class Measured:
     """What a robot reports in one cycle, in one buffer: a single product finds what is not finite.

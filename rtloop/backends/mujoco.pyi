@@ -14,7 +14,7 @@ class MujocoBackend(CompiledBackend):
 
     Attributes:
         nominal_stiffness, nominal_cartesian_stiffness: see `ImpedanceControlled`.
-        fail_read, fail_write: what the device shall complain of from now on; "" for nothing.
+        fail_read, fail_write: error that the device reports from now on; "" for none.
         drive_fault: what the drives complain of: no reading and no `enable` until it is "" again.
         push: what the surroundings exert at the TCP, shape (6,), N and N·m, base frame; it may be written in
             place.

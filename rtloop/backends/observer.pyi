@@ -14,7 +14,7 @@ class Observer:
 
     Args:
         model, data: MuJoCo's, in which the arm moves.
-        jacobian: of the TCP, shape (6, dof), that whoever owns it renews before each `update`.
+        jacobian: of the TCP, shape (6, dof); its owner renews it before each `update`.
     """
 
     effort: Array

@@ -1,4 +1,4 @@
-"""Which backends there are: those that ship with cobot, and those that any installed package declares."""
+"""The available backends: those of cobot, and those that installed packages declare."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ SHIPPED = {
     "mujoco": "rtloop.backends.mujoco:MujocoBackend",
     "fri": "rtloop.backends.fri:FriBackend",
 }
-"""Also entry points of cobot itself; here they are found in a source tree that is not installed, too."""
+"""The backends of cobot, which are also its entry points; this finds them in an uninstalled source tree
+too."""
 
 
 def backend_names() -> dict[str, str]:
-    """The names that `robot.backend` may have, each with where its class is."""
+    """The valid names for `robot.backend`, each with the location of its class."""
     found = {each.name: each.value for each in entry_points(group=GROUP)}
     return {**found, **SHIPPED}
 
 
 def backend_class(name: str) -> Callable[..., Backend]:
-    """The class of a name, or of "package.module:Class".
+    """The class for a name, or for "package.module:Class".
 
     Raises:
-        ConfigError: there is none, with the valid names.
+        ConfigError: it does not exist; lists the valid names.
     """
     names = backend_names()
     module, _, attribute = names.get(name, name).partition(":")
@@ -51,18 +52,18 @@ def backend_class(name: str) -> Callable[..., Backend]:
     except BaseException as exc:  # a foreign module may raise anything
         raise _unloadable(name, exc) from exc
     if not callable(kind):
-        raise ConfigError(f"robot.backend: cannot load {name!r}: {attribute} is no class")
+        raise ConfigError(f"robot.backend: cannot load {name!r}: {attribute} is not a class")
     made: Callable[..., Backend] = kind
     return made
 
 
 def make_backend(settings: Settings, limits: JointLimits) -> Backend:
-    """The backend that `robot.backend` names.
+    """Make the backend of `robot.backend`.
 
     Raises:
-        ConfigError: there is no such class, it has no such options, it cannot be driven with this period, or
-            it cannot be made.
-        BackendError: its own reason.
+        ConfigError: the class does not exist, an option is invalid, the period is not supported, or the class
+            cannot be instantiated.
+        BackendError: raised by the backend.
     """
     name = settings.robot.backend.type
     kind = backend_class(name)

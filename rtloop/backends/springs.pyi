@@ -5,8 +5,8 @@ from cobot.types import Array
 from rtloop.backends import Impedance
 
 def nominal_stiffness(robot: RobotModel) -> tuple[Array, Array]:
-    """Of the joints, shape (dof,), N·m/rad, and of the TCP, shape (6,), N/m and N·m/rad; zero where it
-    cannot move.
+    """Stiffness of the joints, shape (dof,), N·m/rad, and of the TCP, shape (6,), N/m and N·m/rad; zero where
+    the TCP cannot move.
     """
 
 class Springs:
@@ -18,7 +18,7 @@ class Springs:
     Args:
         robot: whose model the data belongs to.
         data: MuJoCo's, in which the arm moves.
-        jacobian: of the TCP, shape (6, dof), that whoever owns it renews in each cycle.
+        jacobian: of the TCP, shape (6, dof); its owner renews it in each cycle.
     """
 
     joint_stiffness: Array

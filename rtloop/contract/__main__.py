@@ -31,22 +31,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        "cobot backend", description="What drives a robot: docs/your-backend.md."
-    )
+    parser = argparse.ArgumentParser("cobot backend", description="Backends of robots: docs/your-backend.md.")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    shown = commands.add_parser("list", help="which there are, what each can do, and whether it works here")
-    shown.add_argument("--json", action="store_true", help="as a list of objects, for programs")
-    new = commands.add_parser("new", help="write a package with a backend that works, for a toy device")
-    new.add_argument("name", metavar="NAME", help="as in robot.backend, such as my_arm")
-    new.add_argument("--dir", type=Path, default=Path(), metavar="DIR", help="in which its folder is made")
+    shown = commands.add_parser("list", help="list all backends, what each can do, and whether it works here")
+    shown.add_argument("--json", action="store_true", help="print JSON, for programs")
+    new = commands.add_parser("new", help="create a package with a working backend for a toy device")
+    new.add_argument("name", metavar="NAME", help="name for robot.backend, such as my_arm")
+    new.add_argument("--dir", type=Path, default=Path(), metavar="DIR", help="parent of the new folder")
     new.add_argument("--trajectory", action="store_true", help="for a device that takes whole motions")
     test = commands.add_parser("test", help="run the contract on a backend and its simulated device")
     test.add_argument("name", metavar="NAME", help="one of `list`, or package.module:Class")
     test.add_argument("--config", type=Path, metavar="FILE", help="settings with the arm and its options")
-    test.add_argument("--realtime", action="store_true", help="durations count, too")
-    test.add_argument("--only", nargs="+", choices=list(CHECKS), metavar="CHECK", help="instead of all")
-    test.add_argument("--json", action="store_true", help="as a list of objects, for programs")
+    test.add_argument("--realtime", action="store_true", help="check durations too")
+    test.add_argument(
+        "--only", nargs="+", choices=list(CHECKS), metavar="CHECK", help="run only these checks"
+    )
+    test.add_argument("--json", action="store_true", help="print JSON, for programs")
     return parser
 
 

@@ -1,4 +1,4 @@
-"""What the checks are about: a backend, its arm, and a device for each check."""
+"""The subject of the checks: a backend, its arm, and a new device for each check."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ REST_S = 0.2
 
 
 class NotTested(Exception):
-    """This device or its rig does not offer what a check needs; the text says what."""
+    """The device or its rig lacks something that a check needs; the text says what."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """What is tested.
+    """A backend under test.
 
     Attributes:
         kind: the backend's class.
-        settings: with the backend's name, its options and a period that it can be driven with.
+        settings: settings with the backend's name, its options and a supported period.
         robot: the arm.
-        realtime: whether durations count.
+        realtime: whether durations are checked.
     """
 
     kind: Any
@@ -38,7 +38,7 @@ class Cell:
 
     @contextmanager
     def driven(self) -> Iterator[Driver]:
-        """A device and its backend, open and at rest; and closed in the end."""
+        """A device with its backend, open and at rest; closed afterwards."""
         with self.closed() as driver:
             driver.start()
             driver.until(
@@ -51,7 +51,7 @@ class Cell:
 
     @contextmanager
     def closed(self) -> Iterator[Driver]:
-        """The same, not open yet."""
+        """A device with its backend, not open yet."""
         driver = Driver(self.settings, self.robot, rig_of(self.kind, self.settings, self.robot.limits))
         try:
             yield driver

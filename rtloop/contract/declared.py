@@ -1,4 +1,4 @@
-"""What has to hold of what a class says of itself."""
+"""Checks of what a class declares about itself."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ CLAIMS = {
     "payload": ("set_tool",),
     "io": ("set_output",),
 }
-"""Each of these capabilities, with the methods of which it needs one."""
+"""Capabilities, each with methods of which it needs at least one."""
 
 
 def options(cell: Cell) -> str:
-    """An unknown option and a wrong period are refused, by name."""
+    """An unknown option and a wrong period are rejected, naming them."""
     backend = cell.settings.robot.backend
     key = "no_such_option"
     unknown = backend.model_copy(update={"options": {**backend.options, key: 1}})
@@ -30,10 +30,10 @@ def options(cell: Cell) -> str:
     _refused(cell, cell.settings.model_copy(update={"robot": robot}), key)
     periods = capabilities_of(cell.kind).periods_s
     if not periods:
-        return "an unknown option is refused; any period goes"
+        return "an unknown option is rejected; any period is supported"
     rt = cell.settings.rt.model_copy(update={"period_s": 7.7 * max(periods)})
     _refused(cell, cell.settings.model_copy(update={"rt": rt}), "rt.period_s")
-    return "an unknown option and another period are refused"
+    return "an unknown option and another period are rejected"
 
 
 def _refused(cell: Cell, settings: Settings, word: str) -> None:
@@ -42,12 +42,12 @@ def _refused(cell: Cell, settings: Settings, word: str) -> None:
     except ConfigError as exc:
         if word in str(exc):
             return
-        raise ContractError(f"the refusal does not name {word}: {exc}") from exc
+        raise ContractError(f"the error does not name {word}: {exc}") from exc
     raise ContractError(f"{word} is not refused")
 
 
 def claims(cell: Cell) -> str:
-    """What `capabilities` says, the class has methods for."""
+    """The class has methods for its `capabilities`."""
     with cell.closed() as driver:
         backend = driver.rig.backend()
     able = capabilities_of(backend)

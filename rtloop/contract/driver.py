@@ -192,7 +192,7 @@ class Driver:
     def send(self, kind: int, **fields: int) -> str:
         """Send a command to rtloop; "" if it is accepted, otherwise the reason."""
         self.ask(kind, **fields)
-        return self.answered()
+        return self.await_answer()
 
     def ask(self, kind: int, **fields: int) -> None:
         """Write a command for rtloop's next cycle."""
@@ -209,7 +209,7 @@ class Driver:
         self.memory.head.data["id"] = self._command
         self.memory.head.publish()
 
-    def answered(self) -> str:
+    def await_answer(self) -> str:
         """Wait for rtloop's answer to the last command; "" if it is accepted, otherwise the reason."""
         ack = self.memory.acks[self._command % RING]
         self.until("rtloop answers a command", lambda: int(ack.data["id"]) == self._command)
@@ -222,7 +222,7 @@ class Driver:
     def begin_move(self) -> None:
         """Begin to move each joint a little towards the middle of its range, from rest to rest."""
         self.ask_move()
-        refusal = self.answered()
+        refusal = self.await_answer()
         if refusal:
             raise ContractError(f"a motion is rejected: {refusal}")
 

@@ -39,7 +39,7 @@ def ends(fault: str, cell: Cell, *, moving: bool) -> str:
     """A fault ends a motion, or holding the arm, with a reason, and permits no reset while it lasts; then the
     arm can move again.
     """
-    return _comes_while(fault, cell, _move if moving else _rest, stays=True)
+    return _inject_while(fault, cell, _move if moving else _rest, stays=True)
 
 
 def while_stopping(fault: str, cell: Cell) -> str:
@@ -50,14 +50,14 @@ def while_stopping(fault: str, cell: Cell) -> str:
         driver.stop()
         driver.step(2)
 
-    return _comes_while(fault, cell, stop, stays=False)
+    return _inject_while(fault, cell, stop, stays=False)
 
 
 def in_stream(fault: str, cell: Cell) -> str:
     """As `ends`, while a client streams positions."""
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("nothing can be streamed to a device that executes motions by itself")
-    return _comes_while(fault, cell, begin_stream, stays=True)
+    return _inject_while(fault, cell, begin_stream, stays=True)
 
 
 def while_loading(fault: str, cell: Cell) -> str:
@@ -66,12 +66,12 @@ def while_loading(fault: str, cell: Cell) -> str:
         _require(driver, fault)
         driver.ask_move()
         with driver.fault(fault):
-            said = _ended(driver, fault)
-            driver.answered()
+            said = _await_fault(driver, fault)
+            driver.await_answer()
             result = driver.loop.controller.motion_result
             if result in (MotionResult.RUNNING, MotionResult.ARRIVED):
                 raise ContractError(f"{fault} while a motion is loaded: it is {result.name}")
-        _recovers(cell, driver)
+        _require_recovery(cell, driver)
     return said
 
 
@@ -80,15 +80,15 @@ def while_enabling(fault: str, cell: Cell) -> str:
     with cell.driven() as driver:
         _require(driver, fault)
         with driver.fault(fault):
-            said = _ended(driver, fault)
+            said = _await_fault(driver, fault)
         driver.run(MEANWHILE_S)
         driver.ask(Command.RESET)
         driver.step(ENABLING_CYCLES)
         with driver.fault(fault):
-            refused = driver.answered()
-            _ended(driver, fault)
-            _stays_so(driver, fault)
-        _recovers(cell, driver)
+            refused = driver.await_answer()
+            _await_fault(driver, fault)
+            _require_lasting(driver, fault)
+        _require_recovery(cell, driver)
     return refused or said
 
 
@@ -97,15 +97,15 @@ def twice(fault: str, cell: Cell) -> str:
     with cell.driven() as driver:
         _require(driver, fault)
         with driver.fault(fault):
-            said = _ended(driver, fault)
+            said = _await_fault(driver, fault)
         driver.step(2)
         with driver.fault(fault):
             driver.run(MEANWHILE_S)
-            _stays_so(driver, fault)
-        _recovers(cell, driver)
+            _require_lasting(driver, fault)
+        _require_recovery(cell, driver)
         with driver.fault(fault):
-            _ended(driver, fault)
-        _recovers(cell, driver)
+            _await_fault(driver, fault)
+        _require_recovery(cell, driver)
     return said
 
 
@@ -127,7 +127,7 @@ def mode_change(cell: Cell) -> str:
             went_on = driver.mode not in ENDED
         running = MotionResult.RUNNING
         driver.until("a motion ends", lambda: driver.loop.controller.motion_result != running)
-        _recovers(cell, driver)
+        _require_recovery(cell, driver)
     told = f"{before} to {after}: " if before is not None else ""
     return f"{told}{'the motion goes on' if went_on else 'the motion ends'}"
 
@@ -141,16 +141,16 @@ def _move(driver: Driver) -> None:
     driver.run(REST_S)
 
 
-def _comes_while(fault: str, cell: Cell, begin: Callable[[Driver], None], *, stays: bool) -> str:
+def _inject_while(fault: str, cell: Cell, begin: Callable[[Driver], None], *, stays: bool) -> str:
     """The reason reported for a fault that occurs after `begin`; with `stays` it lasts for some resets."""
     with cell.driven() as driver:
         _require(driver, fault)
         begin(driver)
         with driver.fault(fault):
-            said = _ended(driver, fault)
+            said = _await_fault(driver, fault)
             if stays:
-                _stays_so(driver, fault)
-        _recovers(cell, driver)
+                _require_lasting(driver, fault)
+        _require_recovery(cell, driver)
     return said
 
 
@@ -159,7 +159,7 @@ def _require(driver: Driver, fault: str) -> None:
         raise NotTested(f"its rig has no fault {fault}")
 
 
-def _ended(driver: Driver, fault: str) -> str:
+def _await_fault(driver: Driver, fault: str) -> str:
     """The reported reason for a fault."""
     driver.until(f"{fault} is a fault", lambda: driver.mode in ENDED)
     if not driver.reason:
@@ -167,7 +167,7 @@ def _ended(driver: Driver, fault: str) -> str:
     return driver.reason
 
 
-def _stays_so(driver: Driver, fault: str) -> None:
+def _require_lasting(driver: Driver, fault: str) -> None:
     """While the cause lasts, a reset is rejected, or the fault is detected again."""
     driver.run(MEANWHILE_S)
     written = len(driver.heard.commands)
@@ -183,7 +183,7 @@ def _stays_so(driver: Driver, fault: str) -> None:
             raise ContractError(f"{fault}: a command is not finite")
 
 
-def _recovers(cell: Cell, driver: Driver) -> None:
+def _require_recovery(cell: Cell, driver: Driver) -> None:
     """Reset, no jump, a motion; the backend is neither closed nor opened."""
     driver.run(MEANWHILE_S)
     before = len(driver.heard.commands)

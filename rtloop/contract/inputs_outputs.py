@@ -1,4 +1,4 @@
-"""What has to hold of inputs and outputs, where a backend has them."""
+"""Checks of inputs and outputs, if a backend has them."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ UNKNOWN = "no such output"
 
 
 def io(cell: Cell) -> str:
-    """Each output takes another value and is reported with it, and takes its old one back, while the arm is
-    held; one that does not exist is refused.
+    """Each output takes another value, reports it, and takes its old value again, while the arm is held; an
+    unknown output is rejected.
     """
     if not capabilities_of(cell.kind).io:
         raise NotTested("capabilities.io is not claimed")
@@ -42,11 +42,11 @@ def io(cell: Cell) -> str:
             raise ContractError(f"set_output({UNKNOWN!r}) raises no BackendError")
         if driver.mode != LoopMode.HOLD:
             raise ContractError(f"afterwards the mode is {driver.mode.name}: {driver.reason}")
-    return f"{len(outputs)} outputs of {len(points)} inputs and outputs"
+    return f"{len(outputs)} outputs among {len(points)} inputs and outputs"
 
 
 def _require_sound(points: list[IoPoint]) -> None:
-    """Raises ContractError: they cannot be shown, or named in an address."""
+    """Raises ContractError: names are invalid or duplicate, or there are too many."""
     names = [each.name for each in points]
     if len(set(names)) < len(names) or len(names) > IO_POINTS:
         raise ContractError(f"io(): at most {IO_POINTS}, each with a name of its own; got {sorted(names)}")

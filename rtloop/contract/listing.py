@@ -1,4 +1,4 @@
-"""Which backends there are, and what each is."""
+"""The list of backends, with a description of each."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rtloop.backends.registry import GROUP, SHIPPED
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """A backend, for people.
+    """The description of a backend, for people.
 
     Attributes:
         origin: the distribution that declares it.
         place: package.module:Class.
-        periods_s: of the cycle; empty for any.
+        periods_s: supported cycle periods; empty for any.
         capabilities: in words; "" if its class cannot be loaded.
-        contract: what `cobot backend test` drives: "simulated device", "itself" or "nothing".
+        contract: what `cobot backend test` uses: "simulated device", "itself" or "nothing".
         problem: why it cannot be used here; "" if it can.
     """
 
@@ -38,7 +38,7 @@ class Listed:
 
 
 def listed() -> list[Listed]:
-    """All, by name."""
+    """All backends, by name."""
     origins = {
         each.name: f"{each.dist.name} {each.dist.version}" for each in entry_points(group=GROUP) if each.dist
     }
@@ -67,7 +67,7 @@ def _one(name: str, origin: str, place: str) -> Listed:
 
 
 def _missing(kind: Any) -> str:
-    """What it imports only when it is used, and is not there: a class names it as `sdk`."""
+    """Its missing SDK, which it imports only when it is made; a class names it as `sdk`."""
     sdk = getattr(kind, "sdk", "")
     if not sdk or importlib.util.find_spec(sdk) is not None:
         return ""

@@ -1,4 +1,4 @@
-"""`cobot backend new`: a distribution with a backend that works, for a device that is a toy."""
+"""`cobot backend new`: creates a distribution with a working backend for a toy device."""
 
 from __future__ import annotations
 

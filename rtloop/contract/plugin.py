@@ -6,7 +6,7 @@ A test that takes `contract_check` and names a backend is run once for each chec
     def test_contract(contract_check):
         contract_check()
 
-What cannot be tested is skipped, with the reason.
+Untestable checks are skipped, with the reason.
 """
 
 from __future__ import annotations

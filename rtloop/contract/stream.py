@@ -1,4 +1,4 @@
-"""A client that streams positions, in one process with the cycle."""
+"""A client that streams positions, in the process of the cycle."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from rtloop.backends import ImpedanceControlled
 from rtloop.contract.driver import ContractError, Driver
 
 STREAMED_RAD, STREAM_S = 0.02, 0.3
-"""How far the stream leads each joint, and for how long."""
+"""Distance and duration by which the stream moves each joint."""
 
 
 def begin_stream(driver: Driver) -> None:
-    """Open a session, whose targets lead the arm on its way.
+    """Open a session whose targets move the arm.
 
     Raises:
-        ContractError: it is refused.
+        ContractError: it is rejected.
     """
     memory = driver.memory
     session, block, ack = memory.session.data, memory.setpoint, memory.session_ack
@@ -30,7 +30,7 @@ def begin_stream(driver: Driver) -> None:
         lambda: ack.try_read() and int(ack.data["session"]) == int(session["number"]),
     )
     if int(ack.data["result"]) != Ack.ACCEPTED:
-        raise ContractError(f"a stream is refused: {text(ack.data['message'])}")
+        raise ContractError(f"a stream is rejected: {text(ack.data['message'])}")
     start = driver.heard.commands[-1][0][0]
     goal = start + np.sign(driver.middle - start) * STREAMED_RAD
     for share in np.linspace(0.0, 1.0, round(STREAM_S / driver.period_s)):

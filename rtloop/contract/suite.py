@@ -1,4 +1,4 @@
-"""All checks of a backend, and what has come of each."""
+"""All checks of a backend, with their results."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What has come of a check: what was found, what is wrong, or what it lacks."""
+    """The result of a check: what was found, what is wrong, or what is missing."""
 
     check: str
     verdict: Verdict
@@ -44,7 +44,7 @@ class Result:
 
 
 def settings_for(settings: Settings, name: str) -> Settings:
-    """Those of a robot with this backend: with its options, if they speak of it, and a period that it has."""
+    """Settings for a robot with this backend: its options, if given for it, and a supported period."""
     robot, rt = settings.robot, settings.rt
     if robot.backend.type != name:
         backend = robot.backend.model_copy(update={"type": name, "options": {}})
@@ -56,10 +56,10 @@ def settings_for(settings: Settings, name: str) -> Settings:
 
 
 def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> Cell:
-    """What is tested of a backend.
+    """Prepare a backend for the checks.
 
     Raises:
-        ConfigError: there is no such backend, it would move something real, or the settings are wrong.
+        ConfigError: the backend does not exist, would move a real arm, or the settings are invalid.
     """
     settings = settings_for(settings, name)
     kind: Any = backend_class(name)
@@ -69,9 +69,9 @@ def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> Cell:
 
 
 def examined(cell: Cell, check: str) -> Result:
-    """One check. A backend that raises what it must not is one that has failed."""
+    """Run one check. A backend that raises an unexpected exception has failed it."""
     try:
-        with np.errstate(all="ignore"):  # as in rtloop: what is not finite is found by comparisons
+        with np.errstate(all="ignore"):  # as in rtloop: comparisons find values that are not finite
             return Result(check, Verdict.PASSED, CHECKS[check](cell))
     except NotTested as exc:
         return Result(check, Verdict.NOT_TESTED, str(exc))
@@ -84,6 +84,6 @@ def examined(cell: Cell, check: str) -> Result:
 
 
 def run(cell: Cell) -> Iterator[Result]:
-    """All checks, one after the other."""
+    """Run all checks, one after the other."""
     for check in CHECKS:
         yield examined(cell, check)

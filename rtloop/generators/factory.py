@@ -1,4 +1,4 @@
-"""The interpolator of each kind that a stream can ask for."""
+"""Makes the interpolator that a stream requests."""
 
 from __future__ import annotations
 

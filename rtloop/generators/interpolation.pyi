@@ -13,7 +13,7 @@ class Interpolator:
     reference: Array
 
     def __init__(self, n: int, period_s: float) -> None:
-        """Of n coordinates.
+        """An interpolator of n coordinates.
 
         Raises:
             InputError: they are more than the compiled cycle has room for.

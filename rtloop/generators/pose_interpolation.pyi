@@ -44,11 +44,11 @@ class PoseInterpolator:
 
     @property
     def twist(self) -> Array:
-        """Of this cycle, a copy, shape (6,): m/s and rad/s."""
+        """The twist of this cycle, a copy, shape (6,): m/s and rad/s."""
 
     @property
     def acceleration(self) -> Array:
-        """Of this cycle, a copy, shape (6,): m/s² and rad/s². Of the angular part, terms are missing that are
+        """The acceleration of this cycle, a copy, shape (6,): m/s² and rad/s². The angular part lacks terms
         of second order in the turn since the newest command."""
 
 class MinJerkMove:

@@ -10,7 +10,7 @@ def fit(count: int) -> Array:
 class Estimate:
     """What a stream does at its newest target. Real-time safe.
 
-    A parabola is fitted to the newest targets, to three of them at the least. The mean velocity of the last
+    A parabola is fitted to the newest targets, to at least three of them. The mean velocity of the last
     interval alone would be right for half an interval ago: a reference that believes it has to speed up
     and slow down between any two commands as soon as the stream accelerates.
     """

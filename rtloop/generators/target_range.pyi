@@ -23,7 +23,7 @@ class TargetRange:
     @property
     def n(self) -> int: ...
     def __init__(self, n: int, period_s: float, command_s: float) -> None:
-        """Of n coordinates; `command_s` is the time between two targets.
+        """The range of n coordinates; `command_s` is the time between two targets.
 
         Raises:
             InputError: more coordinates than the compiled cycle has room for.

@@ -3,12 +3,12 @@
 from cobot.types import Array, JointLimits
 
 class Tracker:
-    """Plans anew in each cycle, each joint for itself. Real-time safe.
+    """Plans again in each cycle, each joint independently. Real-time safe.
 
     States have the shape (3, dof): rad, rad/s, rad/s².
 
     Attributes:
-        ahead: where the arm shall be one period later.
+        ahead: target of the arm one period later.
     """
 
     @property

@@ -5,10 +5,10 @@ from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory
 
 class Inbox:
-    """A block that somebody else writes, read when it has changed. Real-time safe.
+    """A block of another process, read when it has changed. Real-time safe.
 
     Attributes:
-        readable: whether `data` is what somebody has written; if not, it is tried again in the next cycle.
+        readable: whether `data` is consistent; if not, the next cycle reads it again.
         torn_reads: how often it was not consistent.
     """
 

@@ -3,7 +3,7 @@
 from cobot.types import Array
 
 class Path:
-    """Evaluated without allocation. Whoever writes to its arrays calls `begin` afterwards.
+    """Evaluated without allocation. Call `begin` after writing to its arrays.
 
     Attributes:
         segments: how many it has; 0 before the first path.

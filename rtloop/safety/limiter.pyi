@@ -51,7 +51,7 @@ class Safety:
             catch_up: how much faster than a moving request a pursuit of it may be, rad/s.
         """
     def slow_down(self, share: float) -> None:
-        """Permit only a share of the velocities; who is faster is slowed down within the other limits."""
+        """Permit only a share of the velocities; a faster arm is slowed down within the other limits."""
     def stay_within(self, targets: TargetRange | None) -> None:
         """Let no streamed joint go where it could stop only beyond these bounds. None: no such bounds."""
     def reset(self, position: Array) -> None:
@@ -64,7 +64,7 @@ class Safety:
 
         Args:
             request: shape (3, dof): rad, rad/s, rad/s².
-            streamed: nobody knows what comes next.
+            streamed: whether it comes from a stream, whose next target is unknown.
 
         Returns:
             False when the request is not finite: the caller has to latch an e-stop.

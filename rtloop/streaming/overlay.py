@@ -1,4 +1,4 @@
-"""What a session has a robot exert on top of its positions, where the robot's own drives give way."""
+"""Forces or torques that a session adds to positions, for drives with their own compliance."""
 
 from __future__ import annotations
 
@@ -11,27 +11,29 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import Backend, ImpedanceControlled, TorqueControlled, WrenchControlled
 
 RISE_S = 0.1
-"""A force goes from nothing to the most in this time, and back, so that it does not jump."""
+"""Time in which a force rises from zero to its maximum, or falls back, so that it does not jump."""
 MAX_WRENCH = np.array([150.0] * 3 + [30.0] * 3)
-"""N and N·m. Nothing but the surroundings ends the push of a force on drives that give way."""
+"""Maximum, N and N·m: only the surroundings limit the motion that a force causes with compliant drives."""
 
 
 class Overlay:
-    """Attributes:
-    exerted: what is asked of the robot now, shape (dof,) or (6,).
+    """Ramps what a session adds.
+
+    Attributes:
+        exerted: present value, shape (dof,) or (6,).
     """
 
     def __init__(self, write: Callable[[Array], None], most: Array, period_s: float) -> None:
         """
         Args:
             write: the backend's method.
-            most: that it may be, each row.
+            most: maximum of each row.
         """
         self._write, self._most, self._step = write, most, most * period_s / RISE_S
         self.exerted = np.zeros(len(most))
 
     def follow(self, wanted: Array) -> None:
-        """One period on towards what the client wants."""
+        """Advance by one period towards the client's target."""
         within = np.clip(wanted, -self._most, self._most)
         self.exerted += np.clip(within - self.exerted, -self._step, self._step)
         self._write(self.exerted)
@@ -42,7 +44,7 @@ class Overlay:
 
 
 def overlay_of(request: np.ndarray, backend: Backend, limits: JointLimits, period_s: float) -> Overlay | None:
-    """Of a session, `cobot.ipc.layout.session_dtype`; None where positions and an impedance do all of it."""
+    """The overlay of a session, `cobot.ipc.layout.session_dtype`; None if it needs none."""
     if isinstance(backend, ImpedanceControlled):
         return None
     if request["stream"] == Stream.JOINT_TORQUE and isinstance(backend, TorqueControlled):

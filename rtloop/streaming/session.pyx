@@ -1,4 +1,4 @@
-"""A streaming session: who may, what is streamed, and what ends it."""
+"""A streaming session: its admission, its streams, and the reasons for its end."""
 
 from dataclasses import replace
 
@@ -28,25 +28,26 @@ MODES = {
     Stream.JOINT_TORQUE: LoopMode.JOINT_TORQUE,
 }
 cdef int COUNT_CONTACT = Intervention.CONTACT
-# Every so many cycles the kernel is asked whether the client's process still lives.
+# Number of cycles between two checks whether the client's process still exists.
 cdef long long ALIVE_CYCLES = 50
-# A pose that was limited to the TCP's velocity has to be followed at that velocity, and little more.
+# A pose limited to the TCP's velocity must be followed at little more than that velocity.
 CATCH_UP_RAD_S = 0.05
-# The springs that follow a torque-controlled reference are well below what the estimate of external torques
-# can follow, or the two would swing against each other.
+# The springs that follow a torque-controlled reference are much softer than the estimate of external torques
+# can
+# follow; otherwise both would oscillate against each other.
 TORQUE_FREQUENCY_RAD_S = 12.0
 
 
 cdef class Session:
-    """Follows one client's targets. What begins with `c_` is real-time safe, the rest happens at rest.
+    """Follows one client's targets. Methods with `c_` are real-time safe, the others run at rest.
 
     Attributes:
         box: the blocks of the client.
         session: number of the session that moves the arm, 0 for none.
-        mode: of rtloop, for this session.
-        t1_share: of the joints' speed that it goes with by hand, None if it was not begun in T1.
-        overlay: what it has the robot exert on top of positions, a `rtloop.streaming.overlay.Overlay`; None
-            where positions and an impedance do all of it.
+        mode: rtloop's mode for this session.
+        t1_share: share of the joints' speed in T1, None if it was not begun in T1.
+        overlay: adds forces or torques to positions, a `rtloop.streaming.overlay.Overlay`; None if positions
+            and an impedance suffice.
     """
 
     def __init__(self, settings, model, memory, backend, Safety safety):
@@ -89,12 +90,12 @@ cdef class Session:
 
     @property
     def move_running(self):
-        """Whether a `move_to_pose` is under way."""
+        """Whether a `move_to_pose` is running."""
         return self.targets is not None and self.targets.c_move_running()
 
     @property
     def problem(self):
-        """Why the session cannot go on; "" while it can."""
+        """Why the session cannot continue; "" while it can."""
         cdef int problem = self.feed.problem
         if problem == NO_PROBLEM:
             return ""
@@ -111,7 +112,7 @@ cdef class Session:
 
     @property
     def not_finite(self):
-        """What the client has streamed that is no number; "" while it has not."""
+        """Describe a streamed value that is not finite; "" if there is none."""
         if self.feed is None or not self.feed.not_finite:
             return ""
         return (self.points.points if self.has_points else self.feed.source).explain()
@@ -122,20 +123,20 @@ cdef class Session:
         return self._stream_limits
 
     def watch(self, CollisionMonitor monitor):
-        """Have another collision monitor from the next session on."""
+        """Use another collision monitor from the next session on."""
         self._collision_monitor = monitor
 
     def open(self, command, mode, stops, t1_share=None):
-        """Answer the client that asks: begin the session in which it streams.
+        """Answer a client's request: begin the session that it asks for.
 
         Args:
-            command: where the arm is commanded to be, at rest, shape (3, dof).
-            mode: of rtloop; only HOLD permits a session.
-            stops: that were requested so far.
+            command: commanded position of the arm, at rest, shape (3, dof).
+            mode: rtloop's mode; only HOLD permits a session.
+            stops: number of stops requested so far.
             t1_share: see `Session`.
 
         Returns:
-            "" or why not.
+            "" or the reason for the rejection.
         """
         self.t1_share = t1_share
         request = self.box.session.data
@@ -153,7 +154,7 @@ cdef class Session:
         return refusal
 
     def close(self):
-        """The arm is at rest, and to be position-controlled again; "" or why the robot is not."""
+        """Switch the arm, which is at rest, to position control; returns "" or why the robot refuses."""
         self.session = 0
         self._client.end()
         self._safety.use(self._limits)
@@ -169,7 +170,7 @@ cdef class Session:
         return ""
 
     def _begun(self, request, command):
-        """Begin it; why that cannot be, "" if it can: a robot may refuse another impedance."""
+        """Begin the session; returns "" or why it cannot: a robot may reject another impedance."""
         try:
             self._begin(request, command)
         except BackendError as exc:
@@ -179,7 +180,7 @@ cdef class Session:
 
     def _begin(self, request, command):
         stream = Stream(int(request["stream"]))
-        # Poses have limits of their own, torques have none but the robot's.
+        # Poses have their own limits, torques have only the robot's.
         joints = stream is Stream.JOINT_IMPEDANCE or int(request["servo_mode"]) != ServoMode.NONE
         within = self._session_limits
         if self.t1_share is not None:
@@ -237,18 +238,18 @@ cdef class Session:
         return Impedance(False, request["stiffness"].copy(), request["damping_ratio"].copy())
 
     def lay_over(self, bint streaming):
-        """Have the robot exert what the client wants, or nothing more while the arm comes to rest."""
+        """Add the client's force or torque, or none while the arm stops."""
         memset(self._c_exerted, 0, len(self._exerted) * sizeof(double))
         if streaming:
             self.feed.source.c_exert(self._c_exerted)
         self.overlay.follow(self._exerted[:len(self.overlay.exerted)])
 
     cdef void c_advance(self, const double* external, double robot_time_s) noexcept nogil:
-        """One period on; then the feed says what to do.
+        """Advance by one period; then the feed decides what to do.
 
         Args:
-            external: torques that the surroundings exert on the joints (dof,), N·m, and behind them their
-                wrench at the TCP (6,), N and N·m.
+            external: torques that the surroundings exert on the joints (dof,), N·m, followed by their wrench
+                at the TCP (6,), N and N·m.
         """
         self._cycle += 1
         if not self.box.c_wants(self.session):
@@ -264,7 +265,7 @@ cdef class Session:
             self.feed.c_end(OBSTACLE)
 
     cdef void c_describe(self, StateScalars* state) noexcept nogil:
-        """Fill in what the state block says of the session; its counts stay until the next one begins."""
+        """Fill in the state block's fields about the session; counters stay until the next one begins."""
         state.session = self.session
         state.setpoint_seen = state.move_seen = state.move_running = state.chunk_seen = 0
         state.point_seen = state.points_taken = state.points_dropped = 0
@@ -283,11 +284,11 @@ cdef class Session:
             state.underruns = self.points.points.underruns
 
     cdef long long c_torn_reads(self) noexcept nogil:
-        """How often a block of the client was not consistent."""
+        """How often a block of the client was inconsistent."""
         return self.box.c_torn_reads() + self._queue.c_torn_reads()
 
     cdef bint c_from_service(self) noexcept nogil:
-        """Whether it is a servo session, whose points wait here: they come from the service, and nobody else
-        can end it.
+        """Whether it is a servo session, whose points wait here: they come from the service, and no other
+        client can end it.
         """
         return self.session != 0 and self.has_points

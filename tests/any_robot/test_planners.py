@@ -27,7 +27,7 @@ from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Arc, MotionRequest, WaypointRequest
 from cobot.planners import plan
 from cobot.planners.blending.joined import leg_of
-from cobot.planners.blending.prolonged import begun, prolonged
+from cobot.planners.blending.prolonged import begin_stretch, extend_stretch
 from cobot.robot.description import load_robot
 from cobot.robot.feasibility import check_efforts, check_limits
 from cobot.robot.scene import Scene, SceneObject
@@ -132,8 +132,8 @@ def test_a_motion_that_comes_while_the_arm_moves(made: Made) -> None:
         assert motion is not None
         legs.append(leg_of(robot, request, motion))
         start = motion.end
-    first = begun(robot, legs[:1], [0.03])
-    both = prolonged(robot, first, legs[1:], [0.0], 0.0, 0.2).trajectory
+    first = begin_stretch(robot, legs[:1], [0.03])
+    both = extend_stretch(robot, first, legs[1:], [0.0], 0.0, 0.2).trajectory
     assert list(Judge(made.arm, robot).flaws(both, robot.limits)) == []
     assert np.array_equal(both.sample([0.0, 0.1, 0.2]), first.trajectory.sample([0.0, 0.1, 0.2]))
     assert np.abs(both.end - start).max() < 1e-9

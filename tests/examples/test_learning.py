@@ -48,13 +48,13 @@ def test_the_policy_s_example_moves_the_arm(
 ) -> None:
     need("msgpack")
     from cobot.learning import policy
-    from cobot.learning.openpi import packed, unpacked
+    from cobot.learning.openpi import pack, unpack
 
     async def serve(socket: Any) -> None:
-        await socket.send(packed({"model": "a little further"}))
+        await socket.send(pack({"model": "a little further"}))
         async for content in socket:
-            here = unpacked(content)["observation/state"]
-            await socket.send(packed({"actions": here + 0.01 * np.arange(1, 16)[:, None] * np.eye(7)[0]}))
+            here = unpack(content)["observation/state"]
+            await socket.send(pack({"actions": here + 0.01 * np.arange(1, 16)[:, None] * np.eye(7)[0]}))
 
     with virtual_service(tmp_path) as service, answering(serve) as address:
         before = service.joints()

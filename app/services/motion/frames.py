@@ -100,10 +100,10 @@ class Frames:
         return [each for each, frame in self._frames.items() if frame.parent == name]
 
     def between(self, name: str, reference: str) -> Pose:
-        """Where one frame is in another.
+        """The pose of one frame in another.
 
         Raises:
-            NotFoundError: there is no such frame.
+            NotFoundError: a frame does not exist.
         """
         return self._in_world(reference).inverse() @ self._in_world(name)
 

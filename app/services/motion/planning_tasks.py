@@ -76,17 +76,17 @@ def leg(robot: RobotDescription, request: LegRequest, envelope: Envelope) -> Leg
     return None if motion is None else leg_of(slower, request, motion)
 
 
-def begun(
+def begin_stretch(
     robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float], envelope: Envelope
 ) -> Stretch:
-    """See `cobot.planners.blending.prolonged.begun`."""
-    from cobot.planners.blending.prolonged import begun
+    """See `cobot.planners.blending.prolonged.begin_stretch`."""
+    from cobot.planners.blending.prolonged import begin_stretch
     from cobot.planners.rated import with_envelope
 
-    return begun(with_envelope(robot, envelope), legs, radii_m)
+    return begin_stretch(with_envelope(robot, envelope), legs, radii_m)
 
 
-def prolonged(
+def extend_stretch(
     robot: RobotDescription,
     under_way: Stretch,
     legs: Sequence[Leg],
@@ -94,15 +94,15 @@ def prolonged(
     times_s: tuple[float, float],
     envelope: Envelope,
 ) -> Stretch:
-    """See `cobot.planners.blending.prolonged.prolonged`.
+    """See `cobot.planners.blending.prolonged.extend_stretch`.
 
     Args:
         times_s: now, and before which nothing may change.
     """
-    from cobot.planners.blending.prolonged import prolonged
+    from cobot.planners.blending.prolonged import extend_stretch
     from cobot.planners.rated import with_envelope
 
-    return prolonged(with_envelope(robot, envelope), under_way, legs, radii_m, *times_s)
+    return extend_stretch(with_envelope(robot, envelope), under_way, legs, radii_m, *times_s)
 
 
 def joined(
@@ -118,11 +118,11 @@ def joined(
     return joined(robot, [leg_of(robot, *pair) for pair in pairs], radii_m)
 
 
-def described(robot: RobotDescription, trajectory: Trajectory | None, start: Array, samples: int) -> Forecast:
-    """See `cobot.planners.forecast.described`."""
-    from cobot.planners.forecast import described
+def describe(robot: RobotDescription, trajectory: Trajectory | None, start: Array, samples: int) -> Forecast:
+    """See `cobot.planners.forecast.describe`."""
+    from cobot.planners.forecast import describe
 
-    return described(robot, trajectory, start, samples)
+    return describe(robot, trajectory, start, samples)
 
 
 def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
@@ -132,12 +132,12 @@ def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> F
     return forecast(robot, request, samples)
 
 
-def rehearsed(robot: RobotDescription, settings: Settings, start: Array, trajectory: Trajectory) -> Rehearsal:
+def dry_run(robot: RobotDescription, settings: Settings, start: Array, trajectory: Trajectory) -> Rehearsal:
     """See `rtloop.rehearsal.rehearse` and `cobot.planners.forecast.rehearsed`."""
-    from cobot.planners.forecast import rehearsed
+    from cobot.planners.forecast import evaluate_run
     from rtloop.rehearsal import rehearse
 
-    return rehearsed(robot, rehearse(settings, robot, start, trajectory))
+    return evaluate_run(robot, rehearse(settings, robot, start, trajectory))
 
 
 def pictured(robot: RobotDescription, joints: Array, poses: Array) -> bytes:

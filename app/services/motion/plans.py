@@ -18,11 +18,11 @@ from app.services.motion.plan import QUEUED_TOLERANCE_RAD, Plan
 from app.services.motion.plan_attempt import MIN_COMPUTE_S, PlanAttempt, PlanOptions
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import (
-    described,
+    describe,
+    dry_run,
     forecast,
     pictured,
     planned,
-    rehearsed,
 )
 from app.services.motion.queue_moves import QueueRequest
 from app.services.rights.claims import Caller
@@ -127,7 +127,7 @@ class PlanService:
             return await attempt.of(request, partial(planned, request=request))
 
         trajectory = await self._moves.sequence(goals, radii_m, begin, plan, attempt.compute)
-        return await attempt.compute(partial(described, trajectory=trajectory, start=begin, samples=samples))
+        return await attempt.compute(partial(describe, trajectory=trajectory, start=begin, samples=samples))
 
     async def picture(self, plan_id: str) -> bytes:
         """A plan as a PNG. One is drawn at a time, as one is made.
@@ -214,7 +214,7 @@ class PlanService:
         trajectory = plan.forecast.trajectory
         if trajectory is None:
             return plan, None
-        work = partial(rehearsed, settings=self._settings, start=plan.start, trajectory=trajectory)
+        work = partial(dry_run, settings=self._settings, start=plan.start, trajectory=trajectory)
         running = asyncio.create_task(self._rehearse(work, timeout_s))
         leaving = asyncio.create_task(gone.wait())
         try:

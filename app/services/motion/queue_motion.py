@@ -123,7 +123,7 @@ class QueueMotion:
         return None
 
     async def _plan(self, claim: Claim, legs: Sequence[Leg], radii: Sequence[float]) -> Stretch | None:
-        """A stretch through these legs; None if there is nothing to move."""
+        """Plan a stretch through these legs; None if there are none."""
         if not legs:
             return None
         if len(legs) == 1 and radii[0] == 0.0:

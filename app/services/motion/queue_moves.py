@@ -10,7 +10,7 @@ from typing import TypeVar
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import check_radii
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import LegRequest, begun, leg, prolonged
+from app.services.motion.planning_tasks import LegRequest, begin_stretch, extend_stretch, leg
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job
@@ -217,9 +217,11 @@ class MovePlanner:
                 raise exc.said(f"the scene has changed since it was queued: {exc}") from exc
 
     async def begin_stretch(self, claim: Claim, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
-        """See `planning_tasks.begun`; raises as `PlanningService.compute`."""
+        """See `planning_tasks.begin_stretch`; raises as `PlanningService.compute`."""
         envelope = self._settings.envelope
-        return await self._compute(claim, partial(begun, legs=legs, radii_m=radii_m, envelope=envelope))
+        return await self._compute(
+            claim, partial(begin_stretch, legs=legs, radii_m=radii_m, envelope=envelope)
+        )
 
     async def prolong(
         self,
@@ -229,9 +231,9 @@ class MovePlanner:
         radii_m: Sequence[float],
         times_s: tuple[float, float],
     ) -> Stretch:
-        """See `planning_tasks.prolonged`; raises as `PlanningService.compute`."""
+        """See `planning_tasks.extend_stretch`; raises as `PlanningService.compute`."""
         work = partial(
-            prolonged,
+            extend_stretch,
             under_way=under_way,
             legs=legs,
             radii_m=radii_m,

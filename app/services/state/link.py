@@ -69,8 +69,8 @@ class RobotLink:
         self.memory.close()
 
     def _take_over(self) -> None:
-        """Count on from where the last service stopped, and end its motion. Where that cannot be read, from
-        what rtloop saw.
+        """Continue the counters of the last service, and end its motion. Unreadable counters are taken from
+        what rtloop has seen.
         """
         memory = self.memory
         seen = memory.state.data if memory.state.try_read() else None

@@ -260,7 +260,7 @@ class StreamService:
         self._link.events.publish("estop", what="asked for", by=str(CLIENT.get()), session=session.number)
 
     def lose(self, session: Session) -> None:
-        """Its client's connection is gone: as after its last target, the arm is given its time."""
+        """End a session whose client has lost its connection, after the usual timeout for targets."""
         asyncio.get_running_loop().call_later(
             self.command_timeout_s, session.end, "the connection to the client was lost"
         )

@@ -65,7 +65,7 @@ class _Remote:
 
 @dataclass(slots=True)
 class _Peer:
-    """metatraffic, user: the one address each at which it is reached; knows_us: it acknowledged discovery."""
+    """metatraffic, user: its address for each; knows_us: whether it has acknowledged discovery."""
 
     public: RemoteParticipant
     metatraffic: Address

@@ -182,7 +182,7 @@ class Wire:
         """Run the timers that are due; returns the seconds until the next one."""
         now_s = time.monotonic()
         while self._timers and self._timers[0][0] <= now_s:
-            self._guarded(heapq.heappop(self._timers)[2])
+            self._run_guarded(heapq.heappop(self._timers)[2])
         self._wakes_at = self._timers[0][0] if self._timers else float("inf")
         return max(0.0, self._wakes_at - time.monotonic()) if self._timers else None
 
@@ -198,9 +198,9 @@ class Wire:
                 if self._loss is not None and self._loss():
                     self.statistics.datagrams_dropped += 1
                     continue
-                self._guarded(partial(self._on_datagram, view[:size], address[0]))
+                self._run_guarded(partial(self._on_datagram, view[:size], address[0]))
 
-    def _guarded(self, action: Callable[[], None]) -> None:
+    def _run_guarded(self, action: Callable[[], None]) -> None:
         """Run an action; log its errors, because they must not end this thread."""
         try:
             action()

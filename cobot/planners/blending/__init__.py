@@ -1,1 +1,1 @@
-"""Several motions as one that goes through their ends without a stop."""
+"""Blending: several motions become one that passes their ends without a stop."""

@@ -99,7 +99,7 @@ class LimitedPath:
         return bool(within) and keeps_effort(robot.model, window, self.limits, TRANSITION_EFFORT)
 
 
-def gone_over(
+def make_transition(
     robot: RobotDescription, course: LimitedPath, old: Timing, new: Timing, until: float, from_s: float
 ) -> tuple[Trajectory, float, float] | None:
     """A trajectory that begins as the old one and ends as the new one, bit for bit.
@@ -129,7 +129,7 @@ def _through(
     until: float,
     window: tuple[float, float],
 ) -> tuple[Trajectory, float, float] | None:
-    """The result of `gone_over` for a transition of about this begin and duration, `window`; None if it
+    """The result of `make_transition` for a transition of about this begin and duration, `window`; None if it
     fails."""
     first = int(np.searchsorted(old.trajectory.breakpoints_s, window[0]))
     begin_s = float(old.trajectory.breakpoints_s[first])

@@ -93,7 +93,7 @@ def joined(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float
         used += part.used_m
         whole = part.trajectory if whole is None else whole.followed_by(part.trajectory)
     assert whole is not None
-    notes = [whole.note, *told(radii_m, used)]
+    notes = [whole.note, *radius_notes(radii_m, used)]
     whole = replace(whole, note="; ".join(filter(None, notes)))
     return Blended(whole, tuple(ends), tuple(blended), tuple(used))
 
@@ -106,7 +106,7 @@ def check_radii(legs: Sequence[Leg], radii_m: Sequence[float]) -> None:
             raise InputError(f"radii[{index}]: is {radius:g} m, must be 0 or more")
 
 
-def told(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]:
+def radius_notes(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]:
     """Notes on corners that do not use their radius."""
     return [
         f"motion {number}: its blend uses {1e3 * used:.3g} mm of its radius of {1e3 * radius:.4g} mm"

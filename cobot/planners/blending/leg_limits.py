@@ -18,7 +18,7 @@ RATES = ("max_velocity", "max_acceleration", "max_jerk")
 
 
 def rates(robot: RobotDescription, leg: Leg) -> Array:
-    """Its limits of velocity, acceleration and jerk: of the joints, and of the TCP, shape (3, dof + 2)."""
+    """Velocity, acceleration and jerk limits of a motion: joints, then TCP, shape (3, dof + 2)."""
     limits = with_room(robot, leg.limits)
     of_joints = np.array([getattr(limits, name) for name in RATES])
     of_tcp = np.full((3, PARTS), UNLIMITED)
@@ -29,7 +29,7 @@ def rates(robot: RobotDescription, leg: Leg) -> Array:
 
 
 def largest_rates(robot: RobotDescription, legs: Sequence[Leg]) -> Array:
-    """The largest of each limit, of the TCP's among the motions that have any."""
+    """The largest value of each limit, for the TCP among the motions that limit it."""
     largest = np.max([rates(robot, leg) for leg in legs], axis=0)
     with_tcp = [rates(robot, leg) for leg in legs if leg.tcp is not None]
     if with_tcp:
@@ -38,7 +38,7 @@ def largest_rates(robot: RobotDescription, legs: Sequence[Leg]) -> Array:
 
 
 def largest(robot: RobotDescription, legs: Sequence[Leg]) -> tuple[JointLimits, CartesianLimits | None]:
-    """The limits of which the zones have shares."""
+    """The limits to which the shares of the zones refer."""
     greatest = largest_rates(robot, legs)
     dof = robot.limits.dof
     limits = replace(legs[0].limits, **dict(zip(RATES, greatest[:, :dof], strict=True)))

@@ -17,7 +17,7 @@ from itertools import pairwise
 
 from cobot.errors import PlanningError
 from cobot.motions.stretches import Corner, Leg, Stretch
-from cobot.planners.blending.going_over import LimitedPath, Timing, gone_over
+from cobot.planners.blending.going_over import LimitedPath, Timing, make_transition
 from cobot.planners.blending.joined import Part, check_radii, corners_of, part_of, with_stops
 from cobot.planners.timing.path import Path
 from cobot.planners.timing.time_law import with_room
@@ -31,7 +31,7 @@ KEPT_S = 3.0
 """Motions that ended longer ago than this are not joined again: the new motions do not depend on them."""
 
 
-def begun(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
+def begin_stretch(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
     """Join motions from rest; the arm stops where the radius is 0 or blending is impossible.
 
     Args:
@@ -45,7 +45,7 @@ def begun(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]
     return _following(robot, None, legs, radii_m)
 
 
-def prolonged(
+def extend_stretch(
     robot: RobotDescription,
     under_way: Stretch,
     legs: Sequence[Leg],
@@ -53,7 +53,7 @@ def prolonged(
     now_s: float,
     from_s: float,
 ) -> Stretch:
-    """Append motions to one that is under way, without changing it before `from_s`; see `begun`.
+    """Append motions to one that is under way, without changing it before `from_s`; see `begin_stretch`.
 
     Args:
         now_s: present path time; the result leaves out what is before it.
@@ -150,7 +150,7 @@ def _rounded(
     until = sum(path.length for path in paths[:old]) - corners[len(corners) - count].before
     course = LimitedPath.of(robot, all_legs[:end], paths[:end], corners)
     timing = Timing(part.blended.trajectory, part.progress)
-    found = gone_over(robot, course, _timing(under_way, left_out), timing, until, from_s)
+    found = make_transition(robot, course, _timing(under_way, left_out), timing, until, from_s)
     if found is None:
         return None
     whole, since_s, valid_s = found

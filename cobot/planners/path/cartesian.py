@@ -62,21 +62,21 @@ def follow(
     motion = None
     if simple is not None and _is_free(robot, simple):
         try:
-            motion = _timed(robot, request, simple, tcp)
+            motion = _time_path(robot, request, simple, tcp)
         except (PlanningError, InputError) as exc:
             reason = exc
     if motion is not None and motion.duration_s <= SLOW * _shortest_s(path, tcp):
         return motion
     meshes = len(MESHES) if motion is None else 1
-    other, reached = _redundant(robot, request.start, path, meshes, end)
+    other, reached = _plan_redundancy(robot, request.start, path, meshes, end)
     if other is not None:
-        motions = [_timed(robot, request, other, tcp), *([] if motion is None else [motion])]
+        motions = [_time_path(robot, request, other, tcp), *([] if motion is None else [motion])]
         return min(motions, key=lambda one: one.duration_s)
     if motion is None and simple is not None:
-        return _timed(robot, request, simple, tcp)  # the final check reports what it touches
+        return _time_path(robot, request, simple, tcp)  # the final check reports what it touches
     if motion is None:
         assert reason is not None
-        raise _refused(robot.model.kinematics(path.free), reason, reached, end)
+        raise _unreachable(robot.model.kinematics(path.free), reason, reached, end)
     return motion
 
 
@@ -86,7 +86,7 @@ def _stands(joint_path: Path) -> bool:
     return is_there(places[0], places)
 
 
-def _refused(arm: Arm, reason: CobotError, reached: float, end: Array | None) -> UnreachableError:
+def _unreachable(arm: Arm, reason: CobotError, reached: float, end: Array | None) -> UnreachableError:
     """The error if neither the simple way nor any other configuration of a redundant arm reaches the end."""
     if not arm.redundant:
         return UnreachableError(str(reason), findings=reason.findings)
@@ -104,7 +104,7 @@ def _refused(arm: Arm, reason: CobotError, reached: float, end: Array | None) ->
     return UnreachableError(f"{reason}; {more}", findings=findings)
 
 
-def _timed(
+def _time_path(
     robot: RobotDescription, request: MotionRequest, joint_path: Path, tcp: CartesianLimits
 ) -> Trajectory:
     return time_optimal(robot, joint_path, request.scaled_limits(robot), tcp).trajectory
@@ -146,7 +146,7 @@ def _is_free(robot: RobotDescription, joint_path: Path) -> bool:
     return robot.collision.clearance.contact(joint_path.bezier()) is None
 
 
-def _redundant(
+def _plan_redundancy(
     robot: RobotDescription, start: Array, path: TcpPath, meshes: int, end: Array | None
 ) -> tuple[Path | None, float]:
     """A collision-free joint path by planning the arm angle, from coarse to fine, and the share that any
@@ -154,7 +154,7 @@ def _redundant(
     reached = 0.0
     arm = robot.model.kinematics(path.free)
     if arm.arm_angle is None:
-        return _by_particles(robot, start, path, end) if arm.redundant else (None, reached)
+        return _plan_by_particles(robot, start, path, end) if arm.redundant else (None, reached)
     for mesh in MESHES[:meshes]:
         graph = Graph(robot, start, path, mesh, end)
         for free in (False, True):
@@ -170,10 +170,10 @@ def _redundant(
     return None, reached
 
 
-def _by_particles(
+def _plan_by_particles(
     robot: RobotDescription, start: Array, path: TcpPath, end: Array | None
 ) -> tuple[Path | None, float]:
-    """The result of `_redundant` for an arm without an arm angle."""
+    """The result of `_plan_redundancy` for an arm without an arm angle."""
     reached = 0.0
     for count, factor in ((FEW, 1), (MANY, 1), (FEW, FINER), (MANY, FINER)):
         if count == MANY and reached < (FAR if factor == 1 else 1.0):

@@ -1,4 +1,4 @@
-"""The joints along a path of the TCP, each from the ones before, and why they cannot go on."""
+"""Joints along a TCP path, each solved from the previous ones, and why they cannot continue."""
 
 from __future__ import annotations
 
@@ -27,20 +27,21 @@ from cobot.robot.inverse_kinematics import allowed, apart, cause_of, missing
 from cobot.types import Array, JointLimits
 
 STEP_RAD = 0.4
-"""Where a joint would turn further from one place to the next, there is one more between them."""
+"""If a joint would turn further between two places, a place is added between them."""
 SAME_RAD = 1e-6
-"""Joints that differ by less are the same."""
+"""Joints that differ by less count as equal."""
 STEPS = 60
-"""A descent from one place to the next takes no more steps."""
+"""Maximum number of steps of a descent from one place to the next."""
 
 
 def continued(
     robot: RobotDescription, start: Array, path: TcpPath, end: Array | None = None
 ) -> tuple[Path | None, CobotError | None]:
-    """The joints by inverse kinematics at even places, each from the one before, or why they cannot go on.
+    """The joints at even places by inverse kinematics, each from the previous one, or why they cannot
+    continue.
 
     Args:
-        end: the joints in which they end, shape (dof,), with the TCP at the end of the path; None: any.
+        end: joints at the end, shape (dof,), with the TCP at the end of the path; None: any.
     """
     try:
         shares, rows = _chain(robot, start, path)
@@ -52,7 +53,7 @@ def continued(
 
 
 def _led_to(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, end: Array) -> Array:
-    """The joints, shape (n, dof), with what they miss at the end spread over the whole path."""
+    """The joints, shape (n, dof), with their distance from the required end spread over the whole path."""
     arm, drift = robot.model.kinematics(path.free), end - rows[-1]
     if np.abs(drift).max() > SAME_RAD:
         if not arm.redundant:
@@ -77,7 +78,7 @@ def _led_to(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
 
 
 def _elsewhere(path: TcpPath, limits: JointLimits, joint: int, value: float, end: float) -> UnreachableError:
-    """An arm that has no choice of its joints ends in others than it has to."""
+    """The error for an arm without redundancy that ends in other joints than required."""
     name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(
         f"{path.name}: the path ends with {name} at {value:.4f} {unit} instead of {end:.4f} {unit}, and this "
@@ -87,7 +88,7 @@ def _elsewhere(path: TcpPath, limits: JointLimits, joint: int, value: float, end
 
 
 def joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
-    """Joints at a share of the path, from near ones."""
+    """The joints at a share of the path, from near ones."""
     descend = robot.model.kinematics(path.free).descend
 
     def at(share: float, near: Array) -> Array | None:
@@ -98,7 +99,7 @@ def joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
 
 
 def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:
-    """Shares, and the joints there, from one to the next."""
+    """Shares of the path, and the joints there, one after the other."""
     arm = robot.model.kinematics(path.free)
     descend = partial(arm.descend, steps=STEPS, share=POSE_SHARE)
     even = np.linspace(0.0, 1.0, path.places + 1)
@@ -131,7 +132,8 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
 
 
 def _farthest(descend: Callable[..., Any], poses: dict[float, Array], near: Array) -> float:
-    """At which share of these poses an arm with few joints stays furthest away, by lin's tolerance."""
+    """The share at which an arm with few joints stays farthest from these poses, in terms of lin's
+    tolerance."""
 
     def excess(share: float) -> float:
         _, _, distance_m, angle_rad = descend(poses[share], near)
@@ -141,7 +143,7 @@ def _farthest(descend: Callable[..., Any], poses: dict[float, Array], near: Arra
 
 
 def _at_limit(limits: JointLimits, joints: Array, step: Array) -> list[int]:
-    """The joints that this step has driven into a limit."""
+    """The joints that this step drives into a limit."""
     stuck = ((joints <= limits.min_position) | (joints >= limits.max_position)) & (step > 1e-9)
     return [int(joint) for joint in stuck.nonzero()[0]] if stuck.any() else []
 
@@ -159,7 +161,8 @@ def _failure(
     at_limit: list[int],
     solved: bool,
 ) -> UnreachableError:
-    """Why it ends at the first of these shares; `joints` are those of the second if they are not solved."""
+    """The error for a path that ends at the first share; `joints` are those of the second if they are not
+    solved."""
     share, next_share = shares
     place = f"{path.name}: at {100 * share:.0f} % of the path"
     limits = robot.limits

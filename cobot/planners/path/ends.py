@@ -1,4 +1,4 @@
-"""The joints in which a path of the TCP ends: those it began with, joints that are given, or any."""
+"""Required joints at the end of a TCP path: those at its start, given ones, or any."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 
 CLOSED_M, CLOSED_RAD = 2.0 * LARGEST_DEVIATION_M, 2.0 * LARGEST_DEVIATION_RAD
-"""A path whose end is so near to the TCP of the joints counts as ending there, and is led there exactly: the
-pose may have been rounded to four digits."""
+"""A path that ends this close to the TCP pose of the joints is led exactly there, because the pose may have
+been rounded to four digits."""
 ALLOWED = f"allowed are {1e3 * CLOSED_M:g} mm and {np.degrees(CLOSED_RAD):g} degrees"
 
 
 def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Array | None:
-    """The joints in which a path to this pose has to end, shape (dof,); None if any will do.
+    """The joints at the end of a path to this pose, shape (dof,); None if any are allowed.
 
     Raises:
-        PlanningError: their TCP is not at the pose; with how far from it.
+        PlanningError: their TCP is not at the pose; with the distance.
     """
     if request.end_joints is not None:
         away = _away(robot.model.forward(request.end_joints), goal, request)
@@ -51,7 +51,7 @@ def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Array
 def followed(
     robot: RobotDescription, request: MotionRequest, path: TcpPath, end: Array, required: bool
 ) -> Trajectory | None:
-    """As `follow`; where the end is not required and cannot be had, the motion ends in other joints."""
+    """As `follow`, but if the end is not required and impossible, the motion ends in other joints."""
     if required:
         return follow(robot, request, path, end)
     try:
@@ -66,7 +66,7 @@ def followed(
 
 
 def full_turns(start: Pose, arc: Arc | None) -> float | None:
-    """The angle, rad, of an arc of full turns, if it ends as near to its start as counts; None of others."""
+    """The angle, rad, of an arc that ends at its start after full turns; None for other arcs."""
     if arc is None or arc.angle_rad is None or arc.axis is None or arc.rise_m != 0.0:
         return None
     angle = 2.0 * np.pi * round(arc.angle_rad / (2.0 * np.pi))

@@ -58,10 +58,10 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
     """
     if len(rows) > 1 and np.abs(np.diff(rows, axis=0)).max() <= EVEN_STEP_RAD and _is_even(shares):
         joint_path = Path.through_even(rows)
-        if not _spoiled(robot, path, joint_path, shares, shares, rows[0]).any():
+        if not _find_spoiled(robot, path, joint_path, shares, shares, rows[0]).any():
             return joint_path
     low, high = _bounds(robot, rows[0])
-    shares, rows = _thinned(*_without_jumps(path, robot, shares, rows, joints_at))
+    shares, rows = _thin(*_refine_jumps(path, robot, shares, rows, joints_at))
     for _ in range(ROUNDS):
         outside = np.argwhere((rows < low) | (rows > high))
         if len(outside):
@@ -73,10 +73,10 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
             )
         parameters = _lengths(shares, rows)
         joint_path = Path.through(parameters, rows)
-        spoiled = _spoiled(robot, path, joint_path, parameters, shares, rows[0])
+        spoiled = _find_spoiled(robot, path, joint_path, parameters, shares, rows[0])
         if not spoiled.any():
             return joint_path
-        shares, rows = _halved(path, shares, rows, spoiled, joints_at)
+        shares, rows = _halve(path, shares, rows, spoiled, joints_at)
     raise _inaccurate(path)
 
 
@@ -113,7 +113,7 @@ def _is_even(shares: Array) -> bool:
     return bool(steps.max() - steps.min() < 1e-9)
 
 
-def _without_jumps(
+def _refine_jumps(
     path: TcpPath, robot: RobotDescription, shares: Array, rows: Array, joints_at: JointsAt
 ) -> tuple[Array, Array]:
     """Add places where the joints turn far between two places."""
@@ -127,10 +127,10 @@ def _without_jumps(
             place, joint = int(jumps[0]), int(steps[jumps[0]].argmax())
             where = f"{path.name}: at {100 * shares[place]:.0f} % of the path"
             raise jump_of(where, robot.limits, joint, float(steps[place, joint]), float(shares[place]))
-        shares, rows = _halved(path, shares, rows, far, joints_at)
+        shares, rows = _halve(path, shares, rows, far, joints_at)
 
 
-def _thinned(shares: Array, rows: Array) -> tuple[Array, Array]:
+def _thin(shares: Array, rows: Array) -> tuple[Array, Array]:
     """Remove places that are much closer together than most: a spline through them would overshoot."""
     steps = _chords(shares, rows)
     least = THIN * min(LARGEST_STEP_RAD, float(steps.sum()) / len(steps))
@@ -146,7 +146,7 @@ def _thinned(shares: Array, rows: Array) -> tuple[Array, Array]:
     return shares[kept], rows[kept]
 
 
-def _halved(
+def _halve(
     path: TcpPath, shares: Array, rows: Array, which: Array, joints_at: JointsAt
 ) -> tuple[Array, Array]:
     """Add a place in the middle of the intervals that `which` selects, a mask of shape (n - 1,)."""
@@ -191,7 +191,7 @@ def _chords(shares: Array, rows: Array) -> Array:
     return np.asarray(np.sqrt((ways**2).sum(axis=1) + (SHARE_RAD * np.diff(shares)) ** 2))
 
 
-def _spoiled(
+def _find_spoiled(
     robot: RobotDescription, path: TcpPath, joint_path: Path, parameters: Array, shares: Array, start: Array
 ) -> Array:
     """In which intervals the joint path leaves a limit or its TCP leaves the TCP path."""

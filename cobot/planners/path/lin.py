@@ -16,10 +16,10 @@ from cobot.types import Array, Pose
 
 
 def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """The straight line from the present pose of the TCP to the goal pose; None if it is there.
+    """The straight line from the present pose of the TCP to the goal pose; None if the TCP is already there.
 
     Raises:
-        PlanningError: from `follow` and `end_of`.
+        PlanningError: as `follow` and `end_of`.
     """
     assert isinstance(request.goal, Pose)
     start = robot.model.forward(request.start)
@@ -31,7 +31,7 @@ def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | No
 
 
 def straight_line(start: Pose, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:
-    """The path itself."""
+    """The path of the line."""
     across, turn = goal.position - start.position, turn_between(start, goal)
 
     def poses(shares: Array) -> Array:

@@ -67,7 +67,7 @@ class Particles:
         self._poses = path.poses(self.shares)
         self.reached = 0.0
         self._end = end
-        self._way = self._carried(start)
+        self._way = self._carry(start)
 
     def ways(self) -> Iterator[Array]:
         """Joints at all shares, shape (n, dof), the smoothest way first; nothing if no way reaches the
@@ -75,7 +75,7 @@ class Particles:
         for count in SMOOTHINGS if self._way is not None else ():
             yield self._smooth(count)
 
-    def _carried(self, start: Array) -> Array | None:
+    def _carry(self, start: Array) -> Array | None:
         rows, costs = start[None], np.zeros(1)
         history, parents = [rows], [np.zeros(1, dtype=np.intp)]
         for place, (share, pose) in enumerate(zip(self.shares[1:], self._poses[1:], strict=True), start=1):

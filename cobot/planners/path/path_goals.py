@@ -1,4 +1,4 @@
-"""The poses that a path of the TCP leads to, as an arm with few joints or free rotations reaches them."""
+"""Goal poses of TCP paths, adapted to what an arm with few joints or free rotations can reach."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from cobot.types import Pose
 
 
 def reachable(robot: RobotDescription, request: MotionRequest, before: Pose, goal: Pose) -> Pose:
-    """The pose that counts for a goal to which a path leads from the pose `before`.
+    """The pose to use as the goal of a path from the pose `before`.
 
-    An arm that comes near most poses only goes to the one next to the goal, if that is within lin's
-    tolerance. A rotation that is free is chosen so that the TCP turns the short way.
+    An arm that reaches most poses only approximately goes to the reachable pose nearest to the goal, if that
+    is within lin's tolerance. A free rotation is chosen so that the TCP turns the shorter way.
     """
     if robot.model.inverse_kinematics.lacking:
         try:
             joints = inverse(robot.model, goal, request.start, free=request.free_axes)
-        except UnreachableError:  # The path says at which share it ends.
+        except UnreachableError:  # planning the path reports the share at which it ends
             return untwisted(before, goal, request.free_axes)
         goal = robot.model.forward(joints)
     return untwisted(before, goal, request.free_axes)

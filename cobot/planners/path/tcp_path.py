@@ -1,4 +1,4 @@
-"""Where the TCP leads on a path, without when: poses over a share of the path."""
+"""TCP paths without timing: poses over a share of the path."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class TcpPath:
     """A path of the TCP over u in [0, 1].
 
     Attributes:
-        name: of the planner, for messages.
-        poses: of shares u, shape (n,), the poses in the base frame, shape (n, 7): x, y, z (m), w, x, y, z.
-        length_m, angle_rad: how far the TCP travels and turns.
-        places: at so many even shares the joints are looked for first.
-        free: the rotations of the TCP that it does not fix: none, one or all three.
+        name: name of the planner, for messages.
+        poses: for shares u, shape (n,), the poses in the base frame, shape (n, 7): x, y, z (m), w, x, y, z.
+        length_m, angle_rad: distance and rotation of the TCP.
+        places: number of even shares at which the joints are first solved.
+        free: rotations of the TCP that the path leaves free: none, one or all three.
     """
 
     name: str
@@ -43,19 +43,19 @@ class TcpPath:
 
 
 def turn_between(start: Pose, goal: Pose) -> Array:
-    """The rotation vector, shape (3,), rad, that takes one orientation to the other the short way."""
+    """The rotation vector, shape (3,), rad, that takes one orientation to the other the shorter way."""
     return np.array(quaternion.between(start.quaternion.tolist(), goal.quaternion.tolist()))
 
 
 def least_turn(robot: RobotDescription) -> float:
-    """A turn between two poses that is smaller, rad, is left out, unless the arm can only be at such poses as
-    fit each other.
+    """Rotations below this, rad, are ignored. It is smaller for an arm that can only reach poses that fit
+    each other.
     """
     return LEAST_RAD if robot.model.inverse_kinematics.lacking else quaternion.SMALL_RAD
 
 
 def turned(start: Array, turn: Array, shares: Array, least_rad: float = quaternion.SMALL_RAD) -> Array:
-    """The quaternions, shape (n, 4), after shares of a turn (a rotation vector) from `start`: slerp."""
+    """The quaternions, shape (n, 4), after shares of a rotation vector from `start`: slerp."""
     angle = math.sqrt(turn @ turn)
     if angle < least_rad:
         return start[None].repeat(len(shares), axis=0)
@@ -66,7 +66,7 @@ def turned(start: Array, turn: Array, shares: Array, least_rad: float = quaterni
 
 
 def angles_between(rows: Array, others: Array, free: tuple[FreeAxis, ...] = ()) -> Array:
-    """Rad, shape (n,), between orientations, quaternions of shape (n, 4), but for rotations that are free."""
+    """Angles, rad, shape (n,), between orientations, quaternions of shape (n, 4), without free rotations."""
     if len(free) == len(FREE_AXES):
         return np.zeros(len(rows))
     if free:
@@ -77,7 +77,7 @@ def angles_between(rows: Array, others: Array, free: tuple[FreeAxis, ...] = ()) 
 
 
 def untwisted(start: Pose, goal: Pose, free: tuple[FreeAxis, ...]) -> Pose:
-    """The goal with the rotation that is free chosen so that the TCP turns the short way from the start."""
+    """The goal with its free rotation chosen so that the TCP turns the shorter way from the start."""
     if not free:
         return goal
     if len(free) == len(FREE_AXES):
@@ -88,7 +88,7 @@ def untwisted(start: Pose, goal: Pose, free: tuple[FreeAxis, ...]) -> Pose:
 
 
 def _tilt(start: Array, goal: Array, axis: FreeAxis) -> tuple[Array, float]:
-    """About which direction, shape (3,), and by which angle, rad, an axis of the TCP turns the short way."""
+    """The direction, shape (3,), and angle, rad, by which an axis of the TCP turns the shorter way."""
     index = FREE_AXES.index(axis)
     before, after = _axis(start, index), _axis(goal, index)
     normal = np.cross(before, after)

@@ -1,1 +1,1 @@
-"""Ways around obstacles: ompl and chomp."""
+"""Planners that find ways around obstacles: ompl and chomp."""

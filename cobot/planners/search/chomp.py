@@ -56,7 +56,7 @@ def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) ->
     deadline_s = time.monotonic() + request.timeout_s
     problem: CollisionError | None = None
     for note, corners in _starts(robot, request, goals, deadline_s):
-        points, why = _optimised(robot, corners, SMOOTHING if note else 0, deadline_s, request.timeout_s)
+        points, why = _optimise(robot, corners, SMOOTHING if note else 0, deadline_s, request.timeout_s)
         problem = problem or why
         if points is None:
             continue
@@ -89,7 +89,7 @@ def _starts(
     yield "chomp started from a path of ompl: it found none near the straight line", corners
 
 
-def _optimised(
+def _optimise(
     robot: RobotDescription, corners: Array, least_iterations: int, deadline_s: float, timeout_s: float
 ) -> tuple[Array | None, CollisionError | None]:
     """A free polyline, shape (n, dof), with these ends; or None and the obstacle.
@@ -100,20 +100,20 @@ def _optimised(
     ends = robot.collision.clearance.distances(corners[[0, -1]], 1.0).min(initial=1.0)
     margin_m = robot.collision.margin_m
     least_m = float(max(margin_m, min(margin_m + SPARE_M, ends - 1e-9)))
-    points = _sampled(corners)
+    points = _sample(corners)
     with robot.collision.keeping(least_m) as clearance:
         while True:
-            points, free = _descended(
+            points, free = _descend(
                 robot, clearance, points, least_m, least_iterations, deadline_s, timeout_s
             )
             if free is not None:
                 return free, None
             if 2 * len(points) > MAX_POINTS or not clearance.are_free(points).all():
                 return None, _obstacle(robot, clearance, points)
-            points = _doubled(points)
+            points = _double(points)
 
 
-def _descended(
+def _descend(
     robot: RobotDescription,
     clearance: Clearance,
     points: Array,
@@ -152,7 +152,7 @@ def _descended(
 
 def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> CollisionError:
     """The error that reports the deepest contact and its place."""
-    points = _doubled(_doubled(points))
+    points = _double(_double(points))
     distances = clearance.distances(points, 1.0)
     row, pair = np.unravel_index(int(distances.argmin()), distances.shape)
     contact = Contact(*robot.collision.names(int(pair)), float(distances[row, pair]))
@@ -164,14 +164,14 @@ def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> C
     )
 
 
-def _sampled(corners: Array) -> Array:
+def _sample(corners: Array) -> Array:
     """`POINTS` evenly spaced points along a polyline, and its corners, so that its shape stays the same."""
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     places = np.union1d(np.linspace(0.0, reached[-1], POINTS), reached)
     return np.stack([np.interp(places, reached, column) for column in corners.T], axis=1)
 
 
-def _doubled(points: Array) -> Array:
+def _double(points: Array) -> Array:
     """The same polyline with a point between any two."""
     out = np.empty((2 * len(points) - 1, points.shape[1]))
     out[::2], out[1::2] = points, 0.5 * (points[:-1] + points[1:])

@@ -60,7 +60,7 @@ def plan_constrained(robot: RobotDescription, request: MotionRequest, goals: Arr
     reasons = []
     for way in sorted(found, key=_length):
         with robot.collision.keeping(room_m):
-            corners = search.evened(way)
+            corners = search.even_out(way)
         try:
             motion = smooth_motion(robot, corners, request.scaled_limits(robot), held)
             held.check(motion, PlannerName.OMPL)
@@ -122,13 +122,13 @@ class _Steps:
         """Several paths; fewer if the first ones took much work."""
         end_s, begun = time.monotonic() + self._timeout_s, self._clearance.evaluations
         found: list[list[Array]] = []
-        while len(found) < SEARCHES and (way := self._connected(start, goals, end_s)):
-            found.append(self._shortened(way))
+        while len(found) < SEARCHES and (way := self._connect(start, goals, end_s)):
+            found.append(self._shorten(way))
             if self._clearance.evaluations - begun > MUCH_WORK:
                 break
         return found
 
-    def _connected(self, start: Array, goals: Array, end_s: float) -> list[Array] | None:
+    def _connect(self, start: Array, goals: Array, end_s: float) -> list[Array] | None:
         """The places of a path, each one step from the previous one; None if the time is over."""
         self.trees = near, far = _Tree(start[None]), _Tree(goals)
         roots, target = len(goals) - 1, goals[0]
@@ -145,10 +145,10 @@ class _Steps:
             near, far = self.trees
             if len(near) > len(far) - roots:
                 near, far = far, near
-            target = self._wanted(near)
+            target = self._draw_target(near)
         return None
 
-    def _wanted(self, tree: _Tree) -> Array:
+    def _draw_target(self, tree: _Tree) -> Array:
         """A configuration for this tree to grow towards."""
         low, high = self._held.low, self._held.high
         if self._random.random() >= NEARBY:
@@ -156,7 +156,7 @@ class _Steps:
         place = tree[int(self._random.integers(len(tree)))]
         return np.clip(place + self._random.normal(0.0, NEARBY_RAD, len(place)), low, high)
 
-    def _shortened(self, way: list[Array]) -> list[Array]:
+    def _shorten(self, way: list[Array]) -> list[Array]:
         """Shorten a path wherever steps lead straight from one place to another."""
         for _ in range(SHORTCUTS):
             if len(way) < 3:
@@ -167,7 +167,7 @@ class _Steps:
                 way[begin + 1 : end + 1] = places
         return way
 
-    def evened(self, way: list[Array]) -> Array:
+    def even_out(self, way: list[Array]) -> Array:
         """The path in short steps, with each place moved to the middle of its neighbours, shape (n, dof)."""
         reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
         count = max(3, int(np.ceil(reached[-1] / EVEN_STEP_RAD)) + 1)

@@ -44,7 +44,7 @@ def without_detours(
     """
     random = np.random.default_rng(seed)
     best = min(paths, key=length)
-    cloud = np.vstack([divided(path, STEP_RAD)[1:-1] for path in paths])
+    cloud = np.vstack([divide(path, STEP_RAD)[1:-1] for path in paths])
     stalls, number = 0, 0
     while stalls < STALLS:
         nodes = np.vstack([best[:1], cloud, goals])
@@ -53,24 +53,24 @@ def without_detours(
         if way is not None:
             best = shortened(clearance, way, seed)
         stalls = stalls + 1 if length(best) > (1.0 - GAIN) * before_rad else 0
-        drawn = _drawn(best, goals, bounds, SPREADS_RAD[number % len(SPREADS_RAD)], random)
+        drawn = _draw(best, goals, bounds, SPREADS_RAD[number % len(SPREADS_RAD)], random)
         number += 1
-        cloud = np.vstack([divided(best, STEP_RAD)[1:-1], drawn[clearance.are_free(drawn)]])
+        cloud = np.vstack([divide(best, STEP_RAD)[1:-1], drawn[clearance.are_free(drawn)]])
     return best
 
 
-def _drawn(
+def _draw(
     way: Array, goals: Array, bounds: tuple[Array, Array], spread_rad: float, random: np.random.Generator
 ) -> Array:
     """Configurations around a path through which a shorter one may pass, shape (n, dof)."""
-    places = divided(way, FINE_RAD)
+    places = divide(way, FINE_RAD)
     drawn = places[random.integers(len(places), size=DRAWS)]
     drawn = np.clip(drawn + spread_rad * random.normal(size=drawn.shape), *bounds)
     onward = np.linalg.norm(drawn[:, None] - goals, axis=2).min(axis=1)
     return np.asarray(drawn[np.linalg.norm(drawn - way[0], axis=1) + onward < length(way)])
 
 
-def divided(corners: Array, step_rad: float) -> Array:
+def divide(corners: Array, step_rad: float) -> Array:
     """A polyline with corners added until none is farther than `step_rad` from the previous one."""
     parts = [corners[:1]]
     for begin, end in pairwise(corners):

@@ -1,4 +1,4 @@
-"""ompl: a way around obstacles by sampling. Under constraints it samples where they hold."""
+"""Planner ompl: a way around obstacles by sampling. Under constraints it samples only where they hold."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from cobot.types import Array
 
 
 def plan_ompl(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
-    """A smooth motion around obstacles, to one of the goals, shape (n, dof), all of them free.
+    """A smooth motion around obstacles to one of the goals, shape (n, dof), which are free.
 
     Raises:
-        PlanningTimeout: no path within the request's time.
-        CollisionError, PlanningError: the smoothed path touches something, or breaks a constraint.
+        PlanningTimeout: no path was found within the request's time.
+        CollisionError, PlanningError: the smoothed path touches something or violates a constraint.
     """
     if request.constraints is not None:
         held = Held(robot, request.constraints, request.start)

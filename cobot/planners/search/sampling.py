@@ -66,7 +66,7 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
     start = np.clip(request.start, limits.min_position, limits.max_position)
     with robot.collision.keeping(room(robot, np.vstack([start, goals]))) as clearance:
         if request.algorithm == RRT_CONNECT:
-            corners = _connected(robot, clearance, start, goals, request)
+            corners = _connect(robot, clearance, start, goals, request)
         else:
             search = _Search(robot, clearance, start, goals, request.algorithm)
             found = search.run(request.timeout_s)
@@ -77,7 +77,7 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
     return corners
 
 
-def _connected(
+def _connect(
     robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, request: MotionRequest
 ) -> Array | None:
     """The first path if it is close to the direct way; otherwise the shortest of several and of their

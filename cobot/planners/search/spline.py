@@ -1,4 +1,4 @@
-"""From the corner points of a polyline in joint space to a smooth path."""
+"""Smoothing of a polyline in joint space."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 DEGREE = 5
 FIRST_POINTS, LAST_POINTS = 12, 400
 LOOKS = 4
-"""At so many places of each piece constraints are looked at before all is timed."""
+"""Samples per piece at which constraints are checked before the path is timed."""
 
 
 def smooth_motion(
@@ -30,10 +30,9 @@ def smooth_motion(
 ) -> Trajectory:
     """A motion near a polyline, shape (n, dof), that is free of collisions.
 
-    The points are the control polygon of a clamped B-spline: the path stays within their hull, so
-    within the position limits, starts and ends exactly, and has four continuous derivatives. More
-    points along the polyline bring it nearer, until it is as free as the polyline is, and keeps the
-    constraints as that does.
+    The points are the control polygon of a clamped B-spline. The path stays within their hull, therefore
+    within the position limits. It starts and ends exactly, and has four continuous derivatives. Points are
+    added along the polyline until the path is as free as the polyline and keeps the constraints as it does.
 
     Raises:
         CollisionError: it still touches something with `LAST_POINTS` points.
@@ -59,9 +58,9 @@ def smooth_motion(
 
 
 def resampled(corners: Array, count: int) -> Array:
-    """`count` control points along a polyline, shape (count, dof), its ends included.
+    """`count` control points along a polyline, shape (count, dof), including its ends.
 
-    They stand at the Greville abscissae, for which the spline of a straight line runs evenly.
+    They are at the Greville abscissae, so that the spline of a straight line has constant speed.
     """
     knots = _knots(count)
     greville = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(count)])

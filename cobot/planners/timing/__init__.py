@@ -1,1 +1,1 @@
-"""Curves of the joints, and when the arm is where on them: the time law, and points that come with times."""
+"""Joint curves and their time parameterization, and points that come with times."""

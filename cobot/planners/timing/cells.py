@@ -1,7 +1,7 @@
-"""The splines of the time law: s(τ), a cubic one, and the square of the rate dτ/dt, a quadratic one.
+"""Splines of the time parameterization: a cubic one for s(τ), a quadratic one for the square of the rate
+dτ/dt.
 
-Both have their knots at the whole numbers τ, between which are the cells. x is a place within a cell, from 0
-to 1.
+Both have their knots at integer τ; the cells are between the knots. x is the position in a cell, from 0 to 1.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ MIDDLE = 0.5
 
 
 def basis(x: float) -> Array:
-    """A quadratic B-spline and its two derivatives, by the cell's three control points, shape (3, 3)."""
+    """A quadratic B-spline and its two derivatives, per control point of the cell, shape (3, 3)."""
     return np.array(
         [
             [0.5 * (1.0 - x) ** 2, 0.5 + x * (1.0 - x), 0.5 * x**2],
@@ -28,13 +28,13 @@ def basis(x: float) -> Array:
 
 
 def bases(x: float, count: int) -> Array:
-    """The same for each of so many cells, shape (count, 3, 3)."""
+    """`basis` for each of `count` cells, shape (count, 3, 3)."""
     return np.broadcast_to(basis(x), (count, 3, 3))
 
 
 @lru_cache(maxsize=32)
 def acceleration_stations(cells: int) -> tuple[Array, Array]:
-    """The cells of places, shape (n,), and the bases there, (n, 3, 3): all beginnings, middles, the end."""
+    """Cells, shape (n,), and their bases, (n, 3, 3): at each cell's beginning and middle, and at the end."""
     even = np.arange(cells)
     index = np.concatenate([even, even, even[-1:]])
     return index, np.concatenate([bases(0.0, cells), bases(MIDDLE, cells), bases(1.0, 1)])
@@ -42,7 +42,7 @@ def acceleration_stations(cells: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=32)
 def jerk_stations(cells: int, ending: int) -> tuple[Array, Array]:
-    """The same of all beginnings, all ends, and the middles of so many cells at either end."""
+    """Cells and bases: at both ends of each cell, and in the middle of `ending` cells at either end."""
     even = np.arange(cells)
     index = np.concatenate([even, even, even[:ending], even[-ending:]])
     return index, np.concatenate([bases(0.0, cells), bases(1.0, cells), bases(MIDDLE, 2 * ending)])
@@ -50,7 +50,7 @@ def jerk_stations(cells: int, ending: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=32)
 def duration_stations(cells: int) -> tuple[Array, Array, Array]:
-    """The same of all beginnings, middles and ends, with the weights of Simpson's rule, shape (n, 1)."""
+    """Cells and bases: at the beginning, middle and end of each cell, and Simpson's weights, shape (n, 1)."""
     weights = np.repeat([1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0], cells)[:, None]
     base = np.concatenate([bases(x, cells) for x in (0.0, MIDDLE, 1.0)])
     return np.tile(np.arange(cells), 3), base, weights

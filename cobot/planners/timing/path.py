@@ -1,4 +1,4 @@
-"""Where the joints lead, without when: a curve in joint space as piecewise polynomials of a parameter."""
+"""Joint paths without timing: curves in joint space as piecewise polynomials of a parameter."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 DEGREE = ORDER - 1
 SWUNG = 1.0
-"""Rad; a piece whose control points are so far outside is taken for outside without its extrema."""
+"""Rad; a piece whose control points are this far outside counts as outside without computing its extrema."""
 POINTS_ALONG = 200
-"""A trajectory's path is taken through so many of its points."""
+"""Number of a trajectory's points through which its path is taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +79,9 @@ class Path:
 
     @classmethod
     def of_trajectory(cls, trajectory: Trajectory) -> Path:
-        """The way of a motion that does not stop on it, over its length in joint space.
+        """The path of a motion without stops, over its length in joint space.
 
-        It is taken through `POINTS_ALONG` points at least, at equal steps of this length.
+        It passes at least `POINTS_ALONG` points of the motion at equal steps of this length.
         """
         times = np.linspace(0.0, trajectory.duration_s, 16 * max(POINTS_ALONG, trajectory.segments) + 1)
         steps = np.linalg.norm(np.diff(trajectory.sample(times), axis=0), axis=1)
@@ -124,7 +124,7 @@ class Path:
 
 
 def spline_through(parameters: Array, points: Array) -> BSpline:
-    """What `Path.through` is made of."""
+    """The splines that `Path.through` is made of."""
     from scipy.interpolate import make_interp_spline
 
     return make_interp_spline(parameters, points, k=min(DEGREE, len(points) - 1), check_finite=False)
@@ -132,7 +132,7 @@ def spline_through(parameters: Array, points: Array) -> BSpline:
 
 @lru_cache(maxsize=8)
 def _even_units(count: int) -> tuple[Array, Array]:
-    """Breakpoints and coefficients, shape (pieces, count, 6), of the splines through 1 at one of so many even
-    places and 0 at the others: every spline through such places is a sum of them."""
+    """Breakpoints and coefficients, shape (pieces, count, 6), of the splines that are 1 at one of `count`
+    even places and 0 at the others; every spline through these places is a sum of them."""
     path = Path.through(np.linspace(0.0, 1.0, count), np.eye(count))
     return path.breakpoints, path.coefficients

@@ -9,15 +9,15 @@ from cobot.findings import Finding
 
 
 def fastest_profile(problem: ruckig.InputParameter) -> ruckig.Trajectory:
-    """The solution of a problem.
+    """Solve a problem.
 
     Raises:
-        PlanningError: Ruckig finds none, as with limits that are all but zero.
+        PlanningError: Ruckig finds no profile, for example because limits are almost 0.
     """
     solution = ruckig.Trajectory(problem.degrees_of_freedom)
     try:
         result = ruckig.Ruckig(problem.degrees_of_freedom).calculate(problem, solution)
-    except (ruckig.RuckigError, ValueError):  # ValueError: a result that its binding does not know
+    except (ruckig.RuckigError, ValueError):  # ValueError: a result unknown to its binding
         result = None
     if result in (ruckig.Result.Working, ruckig.Result.Finished):
         return solution

@@ -1,9 +1,9 @@
-"""Points that were written with few decimals, at short steps: their rounding, taken out of the jerk again.
+"""Removal of rounding from points with few decimals and short steps, whose jerk it would spoil.
 
-At 2 ms, half a unit of the sixth decimal is a jerk of hundreds of rad/s³. The smoothest curve that stays
-within one unit of every point is as good an answer to what was written as the points themselves. It is
-Whittaker's: the least sum of squared deviations and of squared fourth differences, so that where the jerk is
-constant nothing is changed.
+At 2 ms, half a unit of the sixth decimal is a jerk of hundreds of rad/s³. The smoothest curve within one unit
+of every point represents the rounded numbers as well as the points themselves. It is Whittaker's: it
+minimises the sum of squared deviations and of squared fourth differences, so that a motion with constant jerk
+is unchanged.
 
 Source: Eilers, "A perfect smoother", Analytical Chemistry 75, 2003, equations 4 to 6.
 """
@@ -17,30 +17,30 @@ import numpy as np
 from cobot.types import Array
 
 DECIMALS = range(4, 10)
-"""With fewer decimals a unit is too much to move by; with more there is nothing to take out."""
+"""Range of decimals: with fewer, a unit is too large a correction; with more, there is nothing to remove."""
 MIN_POINTS = 100
 LONGEST_STEP_S = 0.02
-"""Points further apart are meant one by one, s."""
+"""Points farther apart are intended individually, s."""
 UNEVEN = 0.01
-"""Steps of time may differ by this share."""
+"""Share by which time steps may differ."""
 WINDOWS = (24.0, 16.0, 12.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0)
-"""Over so many points it is smoothed: the most that stays within the rounding."""
+"""Numbers of points over which the curve is smoothed; the largest that stays within the rounding is used."""
 ORDER = 4
 REST = 1e4
-"""How much more than the differences it weighs that the motion comes from rest, and to rest."""
+"""Weight of starting and ending at rest, relative to the differences."""
 DIFFERENCE = np.array([(-1) ** k * math.comb(ORDER, k) for k in range(ORDER + 1)], dtype=np.float64)
 
 
 def smoothed(times_s: Array, positions: Array) -> tuple[Array, float] | None:
-    """The points without the noise of their rounding; the first and the last one stay where they are.
+    """The points without their rounding; the first and the last one stay where they are.
 
     Args:
         times_s: shape (n,), increasing.
-        positions: shape (n, dof), rad; the motion rests at both ends.
+        positions: shape (n, dof), rad; the motion is at rest at both ends.
 
     Returns:
-        Positions of the same shape, and the unit in which the given ones were written, rad: no position is
-        further from the given one. None if they are not such points.
+        Positions of the same shape, at most one unit from the given ones, and that unit, rad. None if the
+        points are not rounded like this.
     """
     steps_s = np.diff(times_s)
     if (
@@ -60,7 +60,7 @@ def smoothed(times_s: Array, positions: Array) -> tuple[Array, float] | None:
 
 
 def _unit(positions: Array) -> float | None:
-    """The last decimal that the numbers have, if they have few."""
+    """The last decimal of the numbers, if they have few."""
     for decimals in DECIMALS:
         if np.abs(np.round(positions, decimals) - positions).max() < 1e-3 * 10.0**-decimals:
             return float(10.0**-decimals)
@@ -68,10 +68,10 @@ def _unit(positions: Array) -> float | None:
 
 
 def _change(positions: Array, weight: float) -> Array:
-    """What smoothing adds to each row; solved for the change itself, which is far more exact than the sum.
+    """The change of each row by smoothing; solving for the change is far more accurate than for the sum.
 
     Args:
-        weight: of the differences; what repeats within fewer than 2 π weight^(1/8) rows is taken out.
+        weight: of the differences; variations with a period below 2 π weight^(1/8) rows are removed.
     """
     from scipy.linalg import solveh_banded
 
@@ -94,7 +94,7 @@ def _change(positions: Array, weight: float) -> Array:
 
 
 def _rest(band: Array, pull: Array, positions: Array, rows: range, weight: float) -> None:
-    """Have the points at one end be those of a motion from rest with constant jerk: 1, 8 and 27 parts."""
+    """Make the points at one end those of a motion from rest with constant jerk: 1, 8 and 27 parts."""
     end, *near, far = rows
     for number, row in enumerate(near, start=1):
         share = (number / (len(rows) - 1)) ** 3

@@ -106,7 +106,7 @@ def time_optimal(
     coordinates = Coordinates(robot.model, path, limits, tcp_limits, zones=zones)
     most = MAX_CELLS * (1 if zones is None else len(zones.ends))
     laws = (_first_law(coordinates, cells, most) for cells in (CELLS_PER_BUILD_UP, FINER_CELLS))
-    return _solved(robot, coordinates, laws)
+    return _solve_laws(robot, coordinates, laws)
 
 
 def with_room(robot: RobotDescription, limits: JointLimits) -> JointLimits:
@@ -134,7 +134,7 @@ def _first_law(coordinates: Coordinates, per_build_up: int, most_cells: int) -> 
     return reference_motion(*shares, speed, length, bounds)[0]
 
 
-def _solved(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Array]) -> Timed:
+def _solve_laws(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Array]) -> Timed:
     """The fastest motion with the first of these timings, or with the next, of more cells, if that is too
     coarse."""
     limits = coordinates.limits
@@ -142,13 +142,13 @@ def _solved(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Ar
         try:
             for points in laws:
                 problem = _Problem(robot, coordinates, points)
-                first = problem.solved()
+                first = problem.solve()
                 if first.stretched <= COARSE:
                     break
-            timed = problem.refined(first)
+            timed = problem.refine(first)
             if not keeps_effort(robot.model, timed.trajectory, limits, PLANNED_EFFORT):
                 problem.limit_efforts()
-                timed = problem.refined(problem.solved())
+                timed = problem.refine(problem.solve())
             if not timed.trajectory.duration_s < LONGEST_S:
                 raise ValueError(f"it would take {timed.trajectory.duration_s:.3g} s")
         except (ValueError, InputError, OverflowError) as exc:
@@ -191,22 +191,22 @@ class _Problem:
         self._shares = np.minimum(self._shares, shares[:, knots[1:]])
         self._tightened = self._shares[1:].copy()
 
-    def refined(self, best: Timed) -> Timed:
+    def refine(self, best: Timed) -> Timed:
         """Solve again, with limits tightened where extrema exceed them, until this gains nothing."""
         for _ in range(min(ROUNDS + self._coordinates.zones - 1, MAX_ROUNDS)):
             if best.stretched <= TIGHT:
                 break
-            again = self.solved()
+            again = self.solve()
             if again.trajectory.duration_s < best.trajectory.duration_s:
                 best = again
         return best
 
-    def solved(self) -> Timed:
+    def solve(self) -> Timed:
         """The fastest motion that keeps the limits at the checked places, stretched to keep them
         everywhere."""
         bounded = [self._acceleration_rows(), self._jerk_rows()]
         rate, _, _ = fastest_rate(self._cells, _duration(self._cells), bounded, GAP, ITERATIONS)
-        return self._timed(rate)
+        return self._make_motion(rate)
 
     def _acceleration_rows(self) -> Stations:
         """The bounds of accelerations, velocities and efforts, at knots and in the middle of cells."""
@@ -243,7 +243,7 @@ class _Problem:
         allowed = allowed_shares(share)
         self._efforts = first, second, -allowed - share, allowed - share
 
-    def _timed(self, rate: Array) -> Timed:
+    def _make_motion(self, rate: Array) -> Timed:
         """The motion as quintics that match path and rate in value and two derivatives at the knots."""
         times, squares, slopes = times_of(rate)
         first, second, _ = chained(self._at_knots[1:], self._knots)

@@ -108,7 +108,7 @@ class _Fitting:
 
     def steps(self) -> Iterator[None]:
         """Try one candidate after the other, and yield after each."""
-        start = self._sampled()
+        start = self._sample()
         for counts in AVERAGES:
             control, times_s = (self._averages(each, counts) for each in start)
             used = self._judge(control, times_s)[1]
@@ -117,7 +117,7 @@ class _Fitting:
                 break
         yield from self._rounds()
 
-    def _sampled(self) -> tuple[Array, Array]:
+    def _sample(self) -> tuple[Array, Array]:
         """The curve's averages over each step, and their times, with rest at both ends."""
         curve = self._curve
         rows_s = np.linspace(0.0, curve.duration_s, len(curve.positions))
@@ -149,7 +149,7 @@ class _Fitting:
             work += turns * len(times_s)
             if work > WORK:
                 return
-            control = curve.at(times_s) if control is None else _resampled(control, belongs_s, times_s)
+            control = curve.at(times_s) if control is None else _resample(control, belongs_s, times_s)
             control[:AT_REST], control[-AT_REST:] = curve.positions[0], curve.positions[-1]
             corridor = share * self._corridor
             control, belongs_s = fit(curve, control, times_s, step_s, self._limits, corridor, turns)
@@ -216,5 +216,5 @@ class _Fitting:
         return needed, share
 
 
-def _resampled(control: Array, belongs_s: Array, times_s: Array) -> Array:
+def _resample(control: Array, belongs_s: Array, times_s: Array) -> Array:
     return np.stack([np.interp(times_s, belongs_s, column) for column in control.T], axis=1)

@@ -1,9 +1,9 @@
-"""Motions as uniform cubic B-splines, of which the limits can be read off.
+"""Motions as uniform cubic B-splines, whose control points show whether limits hold.
 
-With control points c at a step h the velocity lies in the hull of Δc / h, the acceleration runs straight from
-one Δ²c / h² to the next, and the jerk is Δ³c / h³ from knot to knot: what bounds the differences bounds the
-motion everywhere, and not on samples. Knot k lies at (c[k] + 4 c[k+1] + c[k+2]) / 6; three equal control
-points at an end are rest there.
+With control points c at a step h, the velocity is in the hull of Δc / h, the acceleration is linear from one
+Δ²c / h² to the next, and the jerk is Δ³c / h³ from knot to knot. Bounds of these differences therefore hold
+everywhere, not only at samples. Knot k is at (c[k] + 4 c[k+1] + c[k+2]) / 6; three equal control points at an
+end mean rest.
 
 Source: de Boor, "A Practical Guide to Splines", chapter X.
 """
@@ -16,11 +16,11 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array, JointLimits
 
 AT_REST = 3
-"""A spline has so many equal control points at each end, where it rests."""
+"""Number of equal control points at each end, where the spline is at rest."""
 
 
 def stretch_needed(control: Array, step_s: float, limits: JointLimits) -> Array:
-    """By which factor the time around each control point has to be stretched, shape (n,)."""
+    """The factor by which the time around each control point must be stretched, shape (n,)."""
     found = np.zeros(len(control))
     difference = control
     for order, bound in enumerate((limits.max_velocity, limits.max_acceleration, limits.max_jerk), start=1):
@@ -69,9 +69,9 @@ def spline_at(control: Array, step_s: float, times_s: Array) -> tuple[Array, Arr
 
 
 def averaged(values: Array, count: int) -> Array:
-    """The moving average over `count` rows, longer by `count` - 1: both ends rest before and after.
+    """The moving average over `count` rows, longer by `count` - 1, with rest before and after both ends.
 
-    It exceeds no bound that the values' differences keep, and divides their next difference by `count`.
+    It keeps every bound of the values' differences, and divides their next difference by `count`.
     """
     if count <= 1:
         return values

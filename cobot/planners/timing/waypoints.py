@@ -94,9 +94,9 @@ def _within_limits(course: Course, limits: JointLimits, request: WaypointRequest
     longest_s = _longest_s(request, motion.duration_s)
     changed = None
     if has_corridor:
-        changed = _followed(asked, motion, limits, corridor, longest_s, excess)
+        changed = _follow(asked, motion, limits, corridor, longest_s, excess)
     elif request.retime:
-        changed = _slowed_evenly(motion, limits)
+        changed = _slow_evenly(motion, limits)
     if changed is None or changed.duration_s > longest_s:
         raise _with_way_out(excess, asked.duration_s, changed, request)
     left = _excess(changed, limits, course.labels if changed.segments == motion.segments else None)
@@ -121,7 +121,7 @@ def _within_efforts(
         return motion
     slower = stretch_to_efforts(robot.model, motion, robot.limits)
     if slower is not None and slower.duration_s <= _longest_s(request, asked_s):
-        return _evenly(motion, slower, f": {excess}")
+        return _with_even_note(motion, slower, f": {excess}")
     if not request.check_limits:
         return motion
     if slower is None:
@@ -153,10 +153,10 @@ def _without_rounding(course: Course, motion: Trajectory) -> Trajectory | None:
         "because the jerk of the rounding exceeds the limits"
     )
     cleaned = replace(course, positions=positions).motion()
-    return _noted(cleaned, note, replace(motion.changes, smoothed_rad=off_rad))
+    return _with_note(cleaned, note, replace(motion.changes, smoothed_rad=off_rad))
 
 
-def _followed(
+def _follow(
     asked: Trajectory,
     cleaned: Trajectory,
     limits: JointLimits,
@@ -166,15 +166,15 @@ def _followed(
 ) -> Trajectory:
     """The requested motion within a corridor, or the cleaned one slowed down evenly, whichever is shorter."""
     inside = in_range(cleaned, limits)  # slowing down does not bring a joint back into its range
-    even = _slowed_evenly(cleaned, limits) if asked.segments <= FEW else None
+    even = _slow_evenly(cleaned, limits) if asked.segments <= FEW else None
     if even is not None and inside and even.duration_s <= AS_ASKED * asked.duration_s:
         return even
     found = fitted(asked, limits, corridor, longest_s)
     if found is None or found.motion.duration_s > UNASKED_STRETCH * asked.duration_s:
-        even = even or _slowed_evenly(cleaned, limits)
+        even = even or _slow_evenly(cleaned, limits)
         if found is None or (inside and found.motion.duration_s >= even.duration_s):
             return even
-    slowed_s = _slowed(found, asked.duration_s)
+    slowed_s = _slow_interval(found, asked.duration_s)
     changes = replace(
         asked.changes,
         smoothed_rad=found.off_rad,
@@ -187,23 +187,23 @@ def _followed(
             f" and takes {found.motion.duration_s:.3f} s instead of {asked.duration_s:.3f} s, "
             f"slower from {slowed_s[0]:.3f} s to {slowed_s[1]:.3f} s"
         )
-    return _noted(replace(found.motion, note=asked.note), f"{note}: {excess}", changes)
+    return _with_note(replace(found.motion, note=asked.note), f"{note}: {excess}", changes)
 
 
-def _slowed_evenly(motion: Trajectory, limits: JointLimits) -> Trajectory:
+def _slow_evenly(motion: Trajectory, limits: JointLimits) -> Trajectory:
     slower = stretch_to_limits(motion, limits)
-    return motion if slower is motion else _evenly(motion, slower)
+    return motion if slower is motion else _with_even_note(motion, slower)
 
 
-def _evenly(motion: Trajectory, slower: Trajectory, why: str = "") -> Trajectory:
+def _with_even_note(motion: Trajectory, slower: Trajectory, why: str = "") -> Trajectory:
     """The slower motion, with a note."""
     asked_s = motion.duration_s / motion.changes.stretch
     changes = replace(motion.changes, stretch=slower.duration_s / asked_s, slowed_s=(0.0, asked_s))
     note = f"the whole motion was slowed down from {motion.duration_s:.3f} s to {slower.duration_s:.3f} s"
-    return _noted(slower, note + why, changes)
+    return _with_note(slower, note + why, changes)
 
 
-def _slowed(found: Fitted, duration_s: float) -> tuple[float, float] | None:
+def _slow_interval(found: Fitted, duration_s: float) -> tuple[float, float] | None:
     """The interval, in the points' times, in which the motion falls behind them, without a little at either
     end."""
     late_s = found.motion.duration_s - duration_s
@@ -215,7 +215,7 @@ def _slowed(found: Fitted, duration_s: float) -> tuple[float, float] | None:
     return float(found.times_s[begin]), float(found.times_s[max(end, begin)])
 
 
-def _noted(motion: Trajectory, note: str, changes: Changes) -> Trajectory:
+def _with_note(motion: Trajectory, note: str, changes: Changes) -> Trajectory:
     return replace(motion, note="; ".join(filter(None, (motion.note, note))), changes=changes)
 
 

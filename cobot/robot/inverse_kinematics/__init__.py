@@ -1,4 +1,4 @@
-"""Inverse kinematics: joint angles that bring the TCP to a pose, of all arms, by one criterion.
+"""Inverse kinematics: the best joint angles for a TCP pose by a criterion, for any arm.
 
 `RobotModel.inverse_kinematics` is the `Arm` that the model's geometry permits: in closed form with all
 branches for S-R-S arms (over the arm angle, `arm_angle`) and the usual six-axis arms, numeric for all others.
@@ -61,26 +61,27 @@ __all__ = [
 ]
 
 SOLUTIONS = 24
-"""Descents that succeed, of an arm without a closed form, before the best is taken or all are shown."""
+"""Number of successful descents, for an arm without a closed form, from which the best or all are
+returned."""
 CLEARANCE_SPREAD = 12
 APART_RAD = 1e-3
 PIECE_M, PIECE_RAD = 0.05, 0.2
 MAX_PIECES = 10
 STEPS_ALONG = 20
 BRANCH_RAD = 0.5
-"""A continued motion is gone in pieces of this length, m and rad, no more than so many, each in so many
-steps; in none may a joint turn further than the last of these, rad."""
+"""A continued motion is split into pieces of this length, m and rad, with this maximum number of pieces and
+steps per piece; in no piece may a joint turn further than the last value, rad."""
 
 Clearance = Callable[[Array], float]
 
 
 class Criterion(StrEnum):
-    """Which of the joints that lead to a pose is best."""
+    """The criterion that selects among the joints for a pose."""
 
-    NEAREST = "nearest"  # to the seed, by the Euclidean distance of the joints
-    LIMITS = "limits"  # the joint that is nearest to a limit, as a share of its range, is as far as can be
+    NEAREST = "nearest"  # closest to the seed, by the Euclidean distance of the joints
+    LIMITS = "limits"  # largest distance of the joint nearest to its limit, as a share of its range
     MANIPULABILITY = "manipulability"  # √det(J Jᵀ), m and rad (Yoshikawa 1985)
-    CLEARANCE = "clearance"  # what a function of the caller's says
+    CLEARANCE = "clearance"  # largest value of the caller's function
 
 
 COMPILED = {
@@ -102,15 +103,15 @@ def inverse(
 ) -> Array:
     """The best joint angles, shape (dof,), rad, that bring the TCP to a pose.
 
-    With a closed form the best of all; without, where nearest ones are asked for, those to which a descent
-    from the seed leads, and else the best of some from random starts.
+    In closed form the best of all solutions. Otherwise, for the nearest ones, the result of a descent from
+    the seed; for other criteria, the best of several from random starts.
 
     Args:
-        clearance: the distance, m, of joints (dof,) to what must not be touched, for that criterion.
-        free: the rotations of the TCP that the pose does not fix: none, one or all three.
+        clearance: distance, m, of joints (dof,) to obstacles, for the criterion of that name.
+        free: rotations of the TCP that the pose leaves free: none, one or all three.
 
     Raises:
-        UnreachableError: none found; with how near the TCP came, and why.
+        UnreachableError: none found; with the reason and the smallest distance of the TCP.
     """
     arm, row = model.kinematics(free), row_of(pose)
     if criterion is Criterion.CLEARANCE or not (arm.closed_form or criterion is Criterion.NEAREST):
@@ -119,7 +120,7 @@ def inverse(
     if joints is None:
         raise out_of_reach(model, pose, seed, random_seed, free)
     if criterion is Criterion.NEAREST and arm.is_vague(joints):
-        # Rounding moves the joints of a closed form there: the descent ends near the seed.
+        # Rounding moves the joints of a closed form here: the descent ends near the seed.
         near = solve_near(model, pose, seed)
         if near.solved and np.linalg.norm(near.joints - seed) < np.linalg.norm(joints - seed):
             return near.joints
@@ -136,18 +137,18 @@ def inverse_all(
     random_seed: int = 0,
     free: tuple[FreeAxis, ...] = (),
 ) -> list[Array]:
-    """Joint angles, each shape (dof,), rad, that bring the TCP to a pose, apart from each other, best first.
+    """Distinct joint angles, each shape (dof,), rad, that bring the TCP to a pose, best first.
 
-    With a closed form of each branch the best ones, in each interval of arm angles that the limits permit;
-    without, what descents from random starts have found.
+    In closed form the best of each branch in each permitted interval of arm angles; otherwise the results of
+    descents from random starts.
 
     Args:
-        seed: for the nearest; without one it is the middle of the limits.
-        spread: of an S-R-S arm, so many in each such interval, evenly along the arm angle.
+        seed: for the nearest solution; default: the middle of the limits.
+        spread: for an S-R-S arm, number of solutions per such interval, evenly along the arm angle.
         free: as for `inverse`.
 
     Raises:
-        UnreachableError: none found; with how near the TCP came, and why.
+        UnreachableError: none found; with the reason and the smallest distance of the TCP.
     """
     limits = model.limits
     arm, row = model.kinematics(free), row_of(pose)
@@ -167,7 +168,7 @@ def inverse_all(
 
 
 def _apart(rows: Array) -> list[Array]:
-    """Without those that are the same as one before."""
+    """The rows without duplicates."""
     kept: list[Array] = []
     while len(rows):
         kept.append(rows[0])
@@ -197,12 +198,12 @@ def _cost(model: RobotModel, joints: Array, seed: Array, criterion: Criterion) -
 
 
 def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
-    """Joint angles, shape (dof,), rad, at a pose, on the branch on which the arm stands with `joints`.
+    """Joint angles, shape (dof,), rad, at a pose, on the branch of the arm at `joints`.
 
-    What is far away is gone to on a straight line, in pieces, so that the branch cannot change unnoticed.
+    A distant pose is approached on a straight line, in pieces, so that the branch cannot change unnoticed.
 
     Raises:
-        UnreachableError: it is too far, out of reach, or only another branch leads there.
+        UnreachableError: the pose is too far away, out of reach, or only on another branch.
     """
     here = model.forward(joints)
     turn = np.array(quaternion.between(here.quaternion.tolist(), pose.quaternion.tolist()))

@@ -1,4 +1,4 @@
-"""How near the TCP comes to a pose, and why it does not get there."""
+"""The smallest distance of the TCP from an unreachable pose, and the reason."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ if TYPE_CHECKING:
 
 STEPS = 60
 MIN_GAP_M = 1e-6
-"""A pose that is out of reach by less is not reported as out of reach."""
+"""A pose that is beyond the reach by less is not reported as out of reach."""
 NEAR_STARTS, NEAR_STEPS = 12, 300
-"""Random starts and steps of the descents that come as near to an unreachable pose as they can."""
+"""Random starts and steps of the descents towards an unreachable pose."""
 TURN_RAD = 2.0 * np.pi
 NEAR_M, NEAR_RAD = 5e-5, float(np.radians(0.01))
-"""An arm that cannot move its TCP in all six directions is at a pose when it is within these."""
+"""Tolerance within which an arm that cannot move its TCP in all six directions counts as being at a pose."""
 POSE_DOF = 6
 ROUNDING = 1e-6
-"""What is less is called 0, mm or degrees."""
+"""Values below this are reported as 0, mm or degrees."""
 NUMBERS = ("no", "one", "two", "three", "four", "five")
 
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """Where one descent ended: at a solution, or as near to it as it came (m, rad)."""
+    """The end of a descent: a solution, or the nearest point that it reached (m, rad)."""
 
     joints: Array
     solved: bool
@@ -58,8 +58,8 @@ def row_of(pose: Pose) -> Array:
 
 
 def reach_gap(model: RobotModel, pose: Pose) -> float:
-    """How far a pose is beyond what the arm reaches in its orientation, at least, m; 0 if it is not, or if
-    only other limits of the joints prevent it.
+    """How far a pose is beyond the arm's reach in its orientation, at least, m; 0 if it is within, or if only
+    other joint limits prevent it.
     """
     return model.inverse_kinematics.gap(row_of(pose))
 
@@ -67,14 +67,15 @@ def reach_gap(model: RobotModel, pose: Pose) -> float:
 def solve_near(
     model: RobotModel, pose: Pose, seed: Array, steps: int = STEPS, free: tuple[FreeAxis, ...] = ()
 ) -> Descent:
-    """One descent from `seed`, of at most `steps` steps, which stays continuous along a path."""
+    """A descent from `seed` with at most `steps` steps, which stays continuous along a path."""
     return Descent(*model.kinematics(free).descend(row_of(pose), seed, steps))
 
 
 def nearest_to(
     model: RobotModel, pose: Pose, seed: Array, random_seed: int = 0, free: tuple[FreeAxis, ...] = ()
 ) -> Descent:
-    """How near the TCP comes to a pose that it cannot reach: the best of some descents, one from the seed."""
+    """The smallest distance of the TCP from an unreachable pose: the best of several descents, one from the
+    seed."""
     random, limits = np.random.default_rng(random_seed), model.limits
     starts = random.uniform(limits.min_position, limits.max_position, (NEAR_STARTS, limits.dof))
     descend, row = model.kinematics(free).descend, row_of(pose)
@@ -85,9 +86,9 @@ def nearest_to(
 def freed(
     model: RobotModel, pose: Pose, seed: Array, free: tuple[FreeAxis, ...] = ()
 ) -> tuple[FreeAxis, ...] | None:
-    """Which rotations of the TCP must be free for an arm to reach a pose: one, where one is enough, about z
-    if that helps, because tools point along it; None if the arm can move its TCP in every direction, or if
-    no free rotation helps.
+    """The rotations of the TCP that must be free for an arm to reach a pose: one if that is enough,
+    preferably about z, along which tools point. None if the arm can move its TCP in every direction, or if no
+    free rotation helps.
     """
     if not model.inverse_kinematics.lacking:
         return None
@@ -95,7 +96,7 @@ def freed(
 
 
 def freer(free: tuple[FreeAxis, ...]) -> Iterator[tuple[FreeAxis, ...]]:
-    """What may be free instead of less: one rotation, about z first, then all."""
+    """Larger sets of free rotations: one, about z first, then all."""
     if not free:
         yield from ((axis,) for axis in reversed(FREE_AXES))
     if len(free) < len(FREE_AXES):
@@ -105,10 +106,10 @@ def freer(free: tuple[FreeAxis, ...]) -> Iterator[tuple[FreeAxis, ...]]:
 def cause_of(
     model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...] = (), share: float = 1.0
 ) -> Cause:
-    """Why no joints lead to a pose, where a descent has come as near as `near`.
+    """Why no joints lead to a pose, given the descent that came nearest.
 
     Args:
-        share: where of a motion the pose is.
+        share: place of the pose in a motion.
     """
     gap = model.kinematics(free).gap(row_of(pose))
     if gap > MIN_GAP_M:
@@ -145,7 +146,7 @@ def _limit(
 
 
 def _missing_joint(model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...]) -> Cause | None:
-    """What an arm cannot do that has too few joints for every pose."""
+    """What an arm with too few joints for every pose cannot do."""
     if not model.inverse_kinematics.lacking:
         return None
     dof = model.limits.dof
@@ -171,7 +172,7 @@ def _missing_joint(model: RobotModel, pose: Pose, near: Array, free: tuple[FreeA
 def out_of_reach(
     model: RobotModel, pose: Pose, seed: Array, random_seed: int, free: tuple[FreeAxis, ...] = ()
 ) -> UnreachableError:
-    """Why a pose has no joints, and how near the TCP comes to it."""
+    """The error for a pose without joints: the reason, and the smallest distance of the TCP."""
     x, y, z = pose.position
     nearest = nearest_to(model, pose, seed, random_seed, free)
     cause = cause_of(model, pose, nearest.joints, free)
@@ -191,7 +192,7 @@ def out_of_reach(
 def missing(
     model: RobotModel, distance_m: float, angle_rad: float, to: str, share: float, of: tuple[str, ...] = ()
 ) -> list[Finding]:
-    """How far the TCP stays from the goal or the path."""
+    """How far the TCP is from the goal or the path."""
     most_m, most_rad = (NEAR_M, NEAR_RAD) if model.inverse_kinematics.lacking else (0.0, 0.0)
     return [
         Finding("reach", f"distance to the {to}", float(distance_m), most_m, "m", share, of),

@@ -18,7 +18,7 @@ msgpack = need("msgpack")
 from cobot.errors import ExecutionError, InputError, UnavailableError  # noqa: E402
 from cobot.learning import openpi  # noqa: E402
 from cobot.learning.chunks import actions_of  # noqa: E402
-from cobot.learning.openpi import PolicyConnection, packed, unpacked  # noqa: E402
+from cobot.learning.openpi import PolicyConnection, pack, unpack  # noqa: E402
 
 MESSAGE: dict[str, Any] = {
     "prompt": "pick up the cube",
@@ -37,20 +37,20 @@ def same(one: Any, other: Any) -> bool:
 
 
 def test_what_is_packed_is_unpacked() -> None:
-    assert same(unpacked(packed(MESSAGE)), MESSAGE)
+    assert same(unpack(pack(MESSAGE)), MESSAGE)
 
 
 def test_both_directions_are_the_published_client_s() -> None:
     theirs = pytest.importorskip("openpi_client.msgpack_numpy", reason="openpi-client is not installed")
-    assert same(theirs.unpackb(packed(MESSAGE)), MESSAGE)
-    assert same(unpacked(theirs.packb(MESSAGE)), MESSAGE)
-    assert packed(MESSAGE) == theirs.packb(MESSAGE)
+    assert same(theirs.unpackb(pack(MESSAGE)), MESSAGE)
+    assert same(unpack(theirs.packb(MESSAGE)), MESSAGE)
+    assert pack(MESSAGE) == theirs.packb(MESSAGE)
 
 
 @pytest.mark.parametrize("value", [object(), np.array([object()]), np.array([1j]), 2**70])
 def test_what_has_no_form_is_refused(value: object) -> None:
     with pytest.raises(InputError, match="the observation cannot be sent"):
-        packed({"value": value})
+        pack({"value": value})
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_what_has_no_form_is_refused(value: object) -> None:
 )
 def test_what_is_no_message_is_said_to_be_none(content: bytes) -> None:
     with pytest.raises(ExecutionError, match="invalid message of openpi's protocol"):
-        unpacked(content)
+        unpack(content)
 
 
 SCALARS = st.one_of(
@@ -94,7 +94,7 @@ ARRAYS = st.fixed_dictionaries(
 
 def is_a_message_or_refused(content: bytes) -> None:
     with contextlib.suppress(ExecutionError):
-        unpacked(content)
+        unpack(content)
 
 
 @settings(max_examples=500)
@@ -106,7 +106,7 @@ def test_whatever_calls_itself_an_array_is_one_or_no_message(value: dict[bytes, 
 @settings(max_examples=500)
 @given(st.lists(st.tuples(st.integers(0, 400), st.integers(0, 255)), min_size=1, max_size=4))
 def test_a_message_with_other_bytes_in_it_is_one_or_none(changes: list[tuple[int, int]]) -> None:
-    content = bytearray(packed(MESSAGE))
+    content = bytearray(pack(MESSAGE))
     for place, byte in changes:
         content[place % len(content)] = byte
     is_a_message_or_refused(bytes(content))
@@ -114,10 +114,10 @@ def test_a_message_with_other_bytes_in_it_is_one_or_none(changes: list[tuple[int
 
 def test_a_server_is_asked_and_answers() -> None:
     async def serve(socket: Any) -> None:
-        await socket.send(packed({"model": "still"}))
+        await socket.send(pack({"model": "still"}))
         async for content in socket:
-            seen = unpacked(content)
-            await socket.send(packed({"actions": np.tile(seen["observation/state"], (5, 1))}))
+            seen = unpack(content)
+            await socket.send(pack({"actions": np.tile(seen["observation/state"], (5, 1))}))
 
     with answering(serve) as address, PolicyConnection(address) as policy:
         assert policy.metadata == {"model": "still"}
@@ -127,7 +127,7 @@ def test_a_server_is_asked_and_answers() -> None:
 
 def test_a_server_that_fails_gives_its_reason_in_one_line() -> None:
     async def serve(socket: Any) -> None:
-        await socket.send(packed({}))
+        await socket.send(pack({}))
         await socket.recv()
         await socket.send("Traceback (most recent call last):\n  File \"x.py\"\nKeyError: 'state'\n")
 
@@ -149,7 +149,7 @@ def test_a_server_that_fails_gives_its_reason_in_one_line() -> None:
 )
 def test_a_server_s_reason_is_printable_and_bounded(text: str, words: str) -> None:
     async def serve(socket: Any) -> None:
-        await socket.send(packed({}))
+        await socket.send(pack({}))
         await socket.recv()
         await socket.send(text)
 
@@ -168,9 +168,9 @@ def test_an_answer_beyond_the_limit_is_named_and_the_next_one_is_taken(
     sizes = iter((20_000, 1))
 
     async def serve(socket: Any) -> None:
-        await socket.send(packed({}))
+        await socket.send(pack({}))
         async for _ in socket:
-            await socket.send(packed({"actions": bytes(next(sizes))}))
+            await socket.send(pack({"actions": bytes(next(sizes))}))
 
     with answering(serve) as address, PolicyConnection(address) as policy:
         with pytest.raises(ExecutionError, match=f"{address}: the policy's answer has more than 10000 bytes"):
@@ -189,7 +189,7 @@ def test_an_answer_without_actions_is_described_in_few_words() -> None:
 
 def test_a_server_that_goes_away_or_says_nothing_is_named() -> None:
     async def serve(socket: Any) -> None:
-        await socket.send(packed({}))
+        await socket.send(pack({}))
         await socket.recv()
 
     with answering(serve) as address, PolicyConnection(address) as policy:
@@ -213,12 +213,12 @@ def test_an_answer_that_comes_too_late_is_no_later_question_s() -> None:
     late = asyncio.Event()
 
     async def serve(socket: Any) -> None:
-        await socket.send(packed({}))
+        await socket.send(pack({}))
         async for _ in socket:
             number = next(asked)
             if number == 1:
                 await late.wait()
-            await socket.send(packed({"actions": number}))
+            await socket.send(pack({"actions": number}))
             late.set()
 
     with answering(serve) as address, PolicyConnection(address) as policy:

@@ -93,7 +93,7 @@ def test_a_wrong_limit_is_refused_with_joint_key_and_value(
     "document", [{}, [], None, "text", {"joint_limits": {}}, {"joint_limits": []}, {"limits": {"joint1": {}}}]
 )
 def test_a_file_without_joints_is_refused(tmp_path: Path, document: object) -> None:
-    with pytest.raises(ConfigError, match=r"limits\.yaml: must hold joint_limits"):
+    with pytest.raises(ConfigError, match=r"limits\.yaml: must contain joint_limits"):
         load_joint_limits(written(tmp_path, document))
 
 

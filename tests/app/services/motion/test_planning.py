@@ -26,7 +26,7 @@ from cobot_run import HELPER_ENVIRONMENT
 from app.services.motion import planning_pool
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_pool import PlanningPool
-from app.services.motion.planning_tasks import rehearsed
+from app.services.motion.planning_tasks import dry_run
 from cobot.config import Settings
 from cobot.errors import InputError, PlanningError, PlanningTimeout, UnavailableError
 from cobot.launch.process import Niceness, is_stopped
@@ -175,7 +175,7 @@ def test_a_motion_is_rehearsed_there_as_it_is_here(
     home = np.array(robot.positions["home"].joints)
     motion = plan(robot, MotionRequest(home, home + 0.1, PlannerName.PTP, Scaling(1.0)))
     assert motion is not None
-    work = partial(rehearsed, settings=settings, start=home, trajectory=motion)
+    work = partial(dry_run, settings=settings, start=home, trajectory=motion)
     there, here = runner.run(real.compute(work, WAIT_S)), work(robot)
     assert there.flaw is None
     np.testing.assert_array_equal(there.run.positions, here.run.positions)

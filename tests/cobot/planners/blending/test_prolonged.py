@@ -19,7 +19,7 @@ from cobot.motions.requests import Envelope, MotionRequest, RatedMove
 from cobot.motions.stretches import Leg, Stretch, alone
 from cobot.planners.blending.going_over import JERK
 from cobot.planners.blending.joined import joined
-from cobot.planners.blending.prolonged import begun, prolonged
+from cobot.planners.blending.prolonged import begin_stretch, extend_stretch
 from cobot.planners.rated import plan_rated
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -79,11 +79,11 @@ def one_by_one(
     robot: RobotDescription, legs: list[Leg], radii_m: list[float]
 ) -> tuple[Stretch, list[Stretch], Trajectory]:
     """Each leg comes while the arm moves along the one before: the last stretch, all, what was followed."""
-    stretch = begun(robot, legs[:1], radii_m[:1])
+    stretch = begin_stretch(robot, legs[:1], radii_m[:1])
     every, followed, passed_s = [stretch], stretch.trajectory, 0.0
     for each, radius in zip(legs[1:], radii_m[1:], strict=True):
         now_s = stretch.valid_s + 0.01
-        longer = prolonged(robot, stretch, [each], [radius], now_s, now_s + LEAD_S)
+        longer = extend_stretch(robot, stretch, [each], [radius], now_s, now_s + LEAD_S)
         assert taken_by_rtloop(stretch.trajectory, longer, now_s, now_s + LEAD_S - 0.02)
         passed_s += longer.offset_s
         index = int(np.argmin(np.abs(followed.breakpoints_s - passed_s)))
@@ -141,8 +141,8 @@ def test_motions_that_come_while_the_arm_moves_are_joined_without_a_stop(
 
 def test_several_motions_may_come_at_once_with_stops_among_them(robot: RobotDescription) -> None:
     legs = lines(robot)
-    first = begun(robot, legs[:1], [RADIUS_M])
-    longer = prolonged(robot, first, legs[1:], [0.0, 0.0], 0.01, 0.2)
+    first = begin_stretch(robot, legs[:1], [RADIUS_M])
+    longer = extend_stretch(robot, first, legs[1:], [0.0, 0.0], 0.01, 0.2)
     assert longer.used_m[0] > 0.9 * RADIUS_M
     assert longer.used_m[1] == 0.0
     corner_s = longer.ends_s[1]
@@ -171,9 +171,9 @@ def test_random_chains_of_joint_moves_keep_all_limits_and_what_has_been_handed_o
 
 def test_one_that_comes_late_follows_after_a_stop_that_takes_no_time(robot: RobotDescription) -> None:
     legs = lines(robot)[:2]
-    first = begun(robot, legs[:1], [RADIUS_M])
+    first = begin_stretch(robot, legs[:1], [RADIUS_M])
     late_s = first.trajectory.duration_s - 0.1
-    longer = prolonged(robot, first, legs[1:], [0.0], late_s, late_s + 0.05)
+    longer = extend_stretch(robot, first, legs[1:], [0.0], late_s, late_s + 0.05)
     assert longer.used_m == (0.0,)
     assert longer.trajectory.duration_s == pytest.approx(
         first.trajectory.duration_s + legs[1].motion.duration_s - longer.offset_s
@@ -186,9 +186,9 @@ def test_a_single_motion_without_a_radius_is_what_was_planned(robot: RobotDescri
     only = lines(robot)[0]
     assert alone(only).trajectory is only.motion
     np.testing.assert_array_equal(
-        begun(robot, [only], [0.0]).trajectory.coefficients, alone(only).trajectory.coefficients
+        begin_stretch(robot, [only], [0.0]).trajectory.coefficients, alone(only).trajectory.coefficients
     )
-    after = prolonged(robot, alone(only), lines(robot)[1:2], [0.0], 0.0, 0.2)
+    after = extend_stretch(robot, alone(only), lines(robot)[1:2], [0.0], 0.0, 0.2)
     assert after.ends_s[0] == only.motion.duration_s
 
 
@@ -208,7 +208,7 @@ def test_a_motion_with_a_duration_takes_it_also_between_others(robot: RobotDescr
     )
     assert slow is not None
     assert slow.motion.duration_s == pytest.approx(6.0)
-    stretch = begun(robot, [legs[0], slow, legs[2]], [RADIUS_M, RADIUS_M, 0.0])
+    stretch = begin_stretch(robot, [legs[0], slow, legs[2]], [RADIUS_M, RADIUS_M, 0.0])
     assert min(stretch.used_m[1:]) > 0.9 * RADIUS_M
     assert 4.5 < stretch.ends_s[1] - stretch.ends_s[0] < 6.3
 
@@ -220,7 +220,7 @@ def test_where_the_way_through_the_corner_touches_something_it_is_rounded_less_o
     legs.append(leg(robot, legs[0].motion.end, off(robot, 0.0, 0.3, -0.3), 0.2, 1.2))
 
     def motion(world: RobotDescription) -> Stretch:
-        return prolonged(world, begun(world, legs[:1], [0.15]), legs[1:], [0.0], 0.0, 0.1)
+        return extend_stretch(world, begin_stretch(world, legs[:1], [0.15]), legs[1:], [0.0], 0.0, 0.1)
 
     free = motion(robot)
     inside = second_robot().path(free.trajectory.sample([free.ends_s[0]]))[0][0]
@@ -253,12 +253,14 @@ def test_a_corner_keeps_the_constraints_of_both_motions_each_up_to_its_middle(
     before = second_robot().path(legs[1].motion.start[None])[1].apply([0.0, 0.0, 1.0])[0]
     assert np.arccos(np.clip(axes @ before, -1.0, 1.0)).max() <= 1e-3 + 1e-4
     level = replace(legs[0], constraints=not_below(place[2] - 0.0002))
-    assert prolonged(robot, begun(robot, [level], [RADIUS_M]), legs[1:2], [0.0], 0.0, 0.2).used_m == (0.0,)
+    assert extend_stretch(
+        robot, begin_stretch(robot, [level], [RADIUS_M]), legs[1:2], [0.0], 0.0, 0.2
+    ).used_m == (0.0,)
 
 
 def test_radii_that_do_not_fit_the_motions_are_refused(robot: RobotDescription) -> None:
     legs = lines(robot)
     with pytest.raises(InputError, match="radii: 3 motions have 2 corners, got 1 radii"):
-        begun(robot, legs, [RADIUS_M, 0.0])
+        begin_stretch(robot, legs, [RADIUS_M, 0.0])
     with pytest.raises(InputError, match=r"radii\[0\]: is -0.1 m"):
-        prolonged(robot, begun(robot, legs[:1], [0.0]), legs[1:], [-0.1, 0.0], 0.0, 0.1)
+        extend_stretch(robot, begin_stretch(robot, legs[:1], [0.0]), legs[1:], [-0.1, 0.0], 0.0, 0.1)
