@@ -105,7 +105,7 @@ def test_a_key_beside_the_limits_is_refused(tmp_path: Path) -> None:
 def test_a_joint_that_is_no_mapping_is_refused(tmp_path: Path) -> None:
     document = content()
     document["joint_limits"]["joint2"] = 1.0
-    with pytest.raises(ConfigError, match=r"joint_limits\.joint2: must hold has_position_limits"):
+    with pytest.raises(ConfigError, match=r"joint_limits\.joint2: must contain has_position_limits"):
         load_joint_limits(written(tmp_path, document))
 
 
