@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, model_validator
 
-from cobot.strict import StrictModel
+from cobot.strict import StrictModel, keys_of
 
 ABSENT: Any = object()
 """The value of a field that the document leaves to its default."""
@@ -82,7 +82,7 @@ class RequestModel(StrictModel):
         for name, value in content.items():
             shape = shapes.get(name)
             found = value if shape is None else shape.read(value)
-            if found is value or (found is ABSENT and cls.model_fields[name].is_required()):
+            if found is value or (found is ABSENT and keys_of(cls)[name].is_required()):
                 continue
             read = dict(content) if read is content else read
             read[name] = found
@@ -95,8 +95,11 @@ class RequestModel(StrictModel):
 def _shapes(model: type[BaseModel]) -> Mapping[str, Shape]:
     found = {}
     for name, field in model.model_fields.items():
-        shape = _shape(field.annotation)
-        found[name] = replace(shape, filled=shape.filled or _has_items(field.metadata))
+        annotation: Any = field.annotation
+        if isinstance(annotation, ForwardRef):  # of a type that was defined after the model
+            annotation = get_type_hints(model, include_extras=True)[name]
+        shape = _shape(annotation)
+        found[field.alias or name] = replace(shape, filled=shape.filled or _has_items(field.metadata))
     return found
 
 

@@ -66,3 +66,11 @@ def kuka_angles(q: Sequence[float]) -> Vector:
     if cos_b < GIMBAL_LOCK:
         return math.atan2(-xy, yy), b, 0.0
     return math.atan2(yx, xx), b, math.atan2(zy, zz)
+
+
+def kuka_quaternion(a: float, b: float, c: float) -> Quaternion:
+    """Return the unit quaternion of KUKA angles, rad: R = Rz(A) Ry(B) Rx(C)."""
+    about_z = (math.cos(a / 2.0), 0.0, 0.0, math.sin(a / 2.0))
+    about_y = (math.cos(b / 2.0), 0.0, math.sin(b / 2.0), 0.0)
+    about_x = (math.cos(c / 2.0), math.sin(c / 2.0), 0.0, 0.0)
+    return product(product(about_z, about_y), about_x)

@@ -8,9 +8,11 @@ import math
 import reprlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic.fields import FieldInfo
 
 SHOWN_CHARACTERS = 80
 LONG_CHARACTERS = 40
@@ -62,10 +64,17 @@ class StrictModel(BaseModel):
     def _refuse_unknown(cls, content: Any) -> Any:
         """Pydantic rejects an extra key too, but does not list the valid ones."""
         if isinstance(content, dict):
+            valid = keys_of(cls)
             for key in content:
-                if key not in cls.model_fields:
-                    raise ValueError(unknown_key(str(key), list(cls.model_fields)))
+                if key not in valid:
+                    raise ValueError(unknown_key(str(key), list(valid)))
         return content
+
+
+@cache
+def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """A model's fields by their names in the document: `is` is a field `is_` with this alias."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
 def unknown_key(name: str, valid: list[str]) -> str:

@@ -19,12 +19,13 @@ from cobot.addresses import CONTROL_TOKEN
 from cobot.client.connection import Json
 from cobot.client.events import EventConnection
 from cobot.client.force import ForceMoves
+from cobot.client.steps import Steps
 from cobot.errors import CobotError, UnavailableError
 
 STOP_TRIES, STOP_TIMEOUT_S = 3, 15.0
 
 
-class Client(ForceMoves, EventConnection):
+class Client(ForceMoves, Steps, EventConnection):
     """One robot's service.
 
     Args:
@@ -101,18 +102,6 @@ class Client(ForceMoves, EventConnection):
                 /robot/tool.
         """
         return self._json("POST", "/robot/tool", json=changes)
-
-    def io(self) -> list[Json]:
-        """The device's inputs and outputs: `name`, `kind`, `direction`, `value`."""
-        return list(self._json("GET", "/robot/io")["points"])
-
-    def set_output(self, name: str, value: float) -> Json:
-        """Set an output of the device by its name. Returns when the device reports the new value.
-
-        Args:
-            value: true or false for a boolean output, else a number.
-        """
-        return self._json("PUT", f"/robot/io/{quote(name, safe='')}", json={"value": value})
 
     def scene(self) -> Json:
         """`version`, `objects`, `frames` and `allowed` pairs."""

@@ -13,6 +13,7 @@ from cobot.addresses import DEFAULT_URL
 from cobot.client.connection import MOTION_TIMEOUT_S
 from cobot.errors import InputError
 from cobot.launch.process import Niceness, be, die_with_parent
+from cobot.runner.library import Library
 from cobot.runner.lua_sandbox import Limits, require_lua
 from cobot.runner.progress import Progress
 from cobot.runner.runner import ReturnCode, Run, run
@@ -31,6 +32,7 @@ def main() -> int:
     commands = parser.add_subparsers(dest="command", required=True)
     runner = commands.add_parser("run", help="run a sequence file or a Lua program", epilog=RETURN_CODES)
     runner.add_argument("file", type=Path, help="- for standard input")
+    runner.add_argument("--folder", type=Path, help="of called sequences; default: that of the file")
     runner.add_argument("--lua", action="store_true", help="it is a Lua program, as one named *.lua is")
     runner.add_argument("--memory", type=_count, default=64, help="of a Lua program, MiB (%(default)s)")
     runner.add_argument(
@@ -55,13 +57,14 @@ def main() -> int:
     runner.add_argument("--name", help=argparse.SUPPRESS)  # of the file that comes as standard input
     checker = commands.add_parser("check", help="validate a sequence file, or the syntax of a Lua program")
     checker.add_argument("file", type=Path)
+    checker.add_argument("--folder", type=Path, help="of called sequences; default: that of the file")
     commands.add_parser("schema", help="print the JSON schema of sequence files")
     arguments = parser.parse_args()
     match arguments.command:
         case "run":
             return _run(arguments)
         case "check":
-            return _check(arguments.file)
+            return _check(arguments.file, arguments.folder)
     print(schema_text(), end="")
     return 0
 
@@ -93,6 +96,7 @@ def _run(arguments: argparse.Namespace) -> int:
         Run(
             file=arguments.file,
             name=name,
+            folder=arguments.folder or arguments.file.parent,
             lua=Limits(arguments.memory << 20, arguments.instructions) if lua else None,
             url=arguments.url,
             iterations=arguments.iterations,
@@ -111,16 +115,17 @@ def _run(arguments: argparse.Namespace) -> int:
     return status
 
 
-def _check(file: Path) -> int:
+def _check(file: Path, folder: Path | None) -> int:
     try:
         if file.suffix == ".lua":
             require_lua(read_file(file), file.name)
             return ReturnCode.DONE
         sequence = read_sequence(file)
+        Library(folder or file.parent).require(sequence, file.name)
     except InputError as exc:
         print(f"{file}: {exc}", file=sys.stderr)
         return ReturnCode.BAD_INPUT
-    print(f"{file}: {len(sequence.waypoints)} waypoints, {'with' if sequence.home else 'without'} home")
+    print(f"{file}: {len(sequence.items)} {sequence.word}s, {'with' if sequence.home else 'without'} home")
     return 0
 
 

@@ -21,6 +21,8 @@ from cobot.runner.lua_values import lua, number, numbers, plain, text
 from cobot.runner.moving import go
 from cobot.runner.ros_bind import RosBridge
 from cobot.runner.schema import sequence_of
+from cobot.runner.steps import groups
+from cobot.runner.targets import Target
 from cobot.strict import shown
 
 Result = TypeVar("Result")
@@ -110,8 +112,8 @@ class Program:
     def _move(self, *targets: object) -> None:
         """The waypoints of a sequence file; those with a radius are gone through without a stop."""
         sequence = sequence_of({"waypoints": [plain(target, "the target") for target in targets]})
-        for chain in sequence.chains():
-            motion = [target for _, target in chain]
+        for chain in groups(sequence.waypoints):
+            motion = [target for _, target in chain if isinstance(target, Target)]
             self._motion(f"move to {shown(motion[-1].body())}", partial(go, self._client, motion))
 
     def _move_joint(self, joints: object = None, speed: object = None, scale: object = None) -> None:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cobot.client import Client
-from cobot.runner.schema import AnyTarget, ArcTarget, JointTarget, NamedTarget
+from cobot.client.pallets import Place
+from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, Target
 
 
-def go(client: Client, chain: Sequence[AnyTarget]) -> dict[str, Any]:
+def go(client: Client, chain: Sequence[Target], frames: Mapping[str, Place] | None = None) -> dict[str, Any]:
     """Go to the last target of a chain, through the others without a stop; returns on arrival.
+
+    Args:
+        frames: places of pallets, by the `frame_id` with which targets are relative to them.
 
     Raises:
         CobotError: the service's, see `Client`.
     """
-    bodies = [target.body() for target in chain]
+    bodies = [_resolve(target.body(), frames or {}) for target in chain]
     if len(chain) > 1:
         return client.move_sequence(bodies, [target.radius for target in chain[:-1]])
     (target,), (body,) = chain, bodies
@@ -29,3 +33,8 @@ def go(client: Client, chain: Sequence[AnyTarget]) -> dict[str, Any]:
     else:
         answer = client.move_pose(**body)
     return answer
+
+
+def _resolve(body: dict[str, Any], frames: Mapping[str, Place]) -> dict[str, Any]:
+    place = frames.get(body.get("frame_id", ""))
+    return body if place is None else place.resolve(body)

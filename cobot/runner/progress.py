@@ -1,4 +1,4 @@
-"""The runner's progress reports to the service before each motion, and the service's answers."""
+"""The runner's progress reports to the service before each step, and the service's answers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import json
 import os
 import sys
 from typing import Any
+
+Report = dict[str, Any]
 
 
 class Progress:
@@ -16,34 +18,43 @@ class Progress:
         answers: descriptor from which answers are read; None if the runner must not wait for answers.
 
     Attributes:
-        behind: waypoint that was reached last, 0 for none.
+        behind: step of the outermost list that was done last, 0 for none.
     """
 
     def __init__(self, told: int | None, answers: int | None) -> None:
         self._told = told
         self._answers = None if answers is None else os.fdopen(answers, "rb")
+        self._place: Report = {}
         self.behind = 0
 
-    def tell(self, place: dict[str, int], *, asking: bool = False) -> None:
+    def tell(self, place: Report, *, asking: bool = False, within: bool = False) -> None:
         """Report a step.
 
         Args:
-            place: `iteration`, `n_iterations`, `waypoint`, `n_waypoints`.
+            place: `iteration`, `n_iterations`, `waypoint`, `n_waypoints`; `step` and `share` of a sequence.
+            within: this is the question of `paused_s`, during a step.
         """
+        self._place = place
         if self._told is None:
             return
-        line = {**place, "behind": self.behind, "asking": asking}
+        line = {**place, "behind": self.behind, "asking": asking, "within": within}
         try:
             os.write(self._told, json.dumps(line).encode() + b"\n")
         except BrokenPipeError:  # the service has ended, and the next request will report that
             print("the service no longer reads the progress", file=sys.stderr)
 
-    def ask(self, place: dict[str, int]) -> int | None:
-        """Report a step and wait until it is permitted. Returns the waypoint to move to instead, if any."""
+    def ask(self, place: Report) -> int | None:
+        """Report a step and wait until it is permitted. Returns the step to go on with instead, if any."""
         self.tell(place, asking=self._answers is not None)
-        if self._answers is None:
-            return None
-        line = self._answers.readline()  # empty if the service has ended
-        answer: dict[str, Any] = json.loads(line) if line else {}
-        waypoint: int | None = answer.get("waypoint")
+        waypoint: int | None = self._answer().get("waypoint")
         return waypoint
+
+    def paused_s(self) -> float:
+        """How long the program has been paused in all, in seconds; if it is paused now, once it goes on."""
+        self.tell(self._place, asking=self._answers is not None, within=True)
+        return float(self._answer().get("paused_s", 0.0))
+
+    def _answer(self) -> Report:
+        line = self._answers.readline() if self._answers is not None else b""  # empty: the service has ended
+        answer: Report = json.loads(line) if line else {}
+        return answer

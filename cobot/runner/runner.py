@@ -1,31 +1,32 @@
-"""Runs a sequence, target by target, over HTTP, with a log line for each step."""
+"""Runs a sequence file or a Lua program, as often as asked, with a log and a recording."""
 
 from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cobot.client import Client
 from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.foreign import plain_lines
+from cobot.runner.interpreter import Interpreter
+from cobot.runner.library import Library
 from cobot.runner.lua_sandbox import Limits, run_apart
-from cobot.runner.moving import go
 from cobot.runner.progress import Progress
-from cobot.runner.schema import AnyTarget, Sequence, read_file, read_sequence
+from cobot.runner.schema import Sequence, read_file, read_sequence
 
 if TYPE_CHECKING:  # imported only by runs that record: it takes longer than all other imports
     from cobot.runner.recorder import Recorder
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
-Chain = list[tuple[int, AnyTarget]]
+Event = dict[str, Any]
 
 
 class ReturnCode(IntEnum):
@@ -51,15 +52,17 @@ class Run:
 
     Attributes:
         name: name of the file, for messages.
+        folder: folder of the sequences that are called.
         lua: limits of a Lua program; None for a sequence file.
         motion_token: the service's token, by which it recognises the sequence's requests; None for a manual
             start.
         from_service: whether the service started the run.
-        progress: consulted before each motion.
+        progress: consulted before each step.
     """
 
     file: Path
     name: str
+    folder: Path
     lua: Limits | None
     url: str
     iterations: int
@@ -79,29 +82,28 @@ def run(order: Run) -> int:
     recorder: Recorder | None = None
     try:
         source = read_file(order.file) if order.lua else b""
+        library = Library(order.folder)
         sequence = None if order.lua else read_sequence(order.file)
+        if sequence is not None:
+            library.require(sequence, order.name)
         recorder = _recorder(order)
         if recorder is not None:
             recorder.start()
             log(f"recording {', '.join(recorder.topics)} to {order.bag}")
         timeout_s, token = order.motion_timeout_s, order.motion_token
         with Client(order.url, motion_timeout_s=timeout_s, motion_token=token) as client:
+            report = recorder.event if recorder is not None else lambda _: None
+            interpreter = Interpreter(client, library, order.progress, log, report)
             if sequence is None:
-                _iterate_program(order, source, client, recorder)
+                _iterate_program(order, source, client, interpreter, report)
             else:
-                _iterate(order, sequence, client, recorder)
+                _iterate(order, sequence, interpreter)
     except Ended as exc:
         log(f"ended by {exc}")
         return 128 + exc.number
-    except InputError as exc:
-        log(f"error: {exc}")
-        return ReturnCode.BAD_INPUT
-    except UnavailableError as exc:
-        log(f"error: {exc}")
-        return ReturnCode.UNAVAILABLE
     except CobotError as exc:
-        log(f"error: {exc}")
-        return ReturnCode.MOTION_FAILED
+        log(f"error: {exc}" if order.lua or order.name == "-" else f"error: {order.name}: {exc}")
+        return _return_code(exc)
     finally:
         _ignore_signals()  # so that the bag is closed
         if recorder is not None:
@@ -110,6 +112,12 @@ def run(order: Run) -> int:
                 log(f"the recording ended with: {recorder.problem}")
     log("done")
     return ReturnCode.DONE
+
+
+def _return_code(error: CobotError) -> ReturnCode:
+    if isinstance(error, InputError):
+        return ReturnCode.BAD_INPUT
+    return ReturnCode.UNAVAILABLE if isinstance(error, UnavailableError) else ReturnCode.MOTION_FAILED
 
 
 def _recorder(order: Run) -> Recorder | None:
@@ -148,42 +156,9 @@ def _ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def _iterate(order: Run, sequence: Sequence, client: Client, recorder: Recorder | None) -> None:
-    chains = sequence.chains()
+def _iterate(order: Run, sequence: Sequence, interpreter: Interpreter) -> None:
     for iteration in _iterations(order):
-        left = chains
-        while left:
-            place = _place(order, iteration, left[0], sequence)
-            waypoint = order.progress.ask(place)
-            if waypoint is not None:
-                left = _from(chains, waypoint)
-                place = _place(order, iteration, left[0], sequence)
-                log(f"continuing from waypoint {waypoint}")
-                order.progress.tell(place)
-            _step(order, client, recorder, place, [target for _, target in left[0]])
-            order.progress.behind = place["waypoint"]
-            left = left[1:]
-
-
-def _place(order: Run, iteration: int, chain: Chain, sequence: Sequence) -> dict[str, int]:
-    return {
-        "iteration": iteration,
-        "n_iterations": order.iterations,
-        "waypoint": chain[-1][0],
-        "n_waypoints": len(sequence.waypoints),
-    }
-
-
-def _from(chains: list[Chain], waypoint: int) -> list[Chain]:
-    """The rest of an iteration that continues from a waypoint, which may be inside a chain.
-
-    Raises:
-        InputError: the waypoint does not exist.
-    """
-    for index, chain in enumerate(chains):
-        if chain[-1][0] >= waypoint:
-            return [[each for each in chain if each[0] >= waypoint], *chains[index + 1 :]]
-    raise InputError(f"there is no waypoint {waypoint}: the last one is {chains[-1][-1][0]}")
+        interpreter.run(sequence, iteration, order.iterations)
 
 
 def _iterations(order: Run) -> Iterator[int]:
@@ -194,7 +169,9 @@ def _iterations(order: Run) -> Iterator[int]:
         yield iteration
 
 
-def _iterate_program(order: Run, source: bytes, client: Client, recorder: Recorder | None) -> None:
+def _iterate_program(
+    order: Run, source: bytes, client: Client, interpreter: Interpreter, report: Callable[[Event], None]
+) -> None:
     from cobot.runner.lua_program import Program
 
     assert order.lua is not None
@@ -202,41 +179,10 @@ def _iterate_program(order: Run, source: bytes, client: Client, recorder: Record
         place = {"iteration": iteration, "n_iterations": order.iterations, "waypoint": 0, "n_waypoints": 0}
         order.progress.tell(place)
 
-        def moved(event: dict[str, object], place: dict[str, int] = place) -> None:
+        def moved(event: Event, place: Event = place) -> None:
             if event["event"] == "start":
                 order.progress.ask(place)
-            if recorder is not None:
-                recorder.event({**event, **place})
+            report({**event, **place})
 
         program = Program(client, order.url, order.lua, say if order.from_service else log, moved)
         run_apart(partial(program.run, source, order.name), program.watch)
-
-
-def _step(
-    order: Run, client: Client, recorder: Recorder | None, place: dict[str, int], chain: list[AnyTarget]
-) -> None:
-    """Go to the last target of a chain, passing the others without a stop."""
-    target = chain[-1]
-    name = f"waypoint {place['waypoint']}/{place['n_waypoints']}" if place["waypoint"] else "home"
-    where = f"iteration {place['iteration']}/{place['n_iterations']}, {name}"
-    if len(chain) > 1:
-        first = place["waypoint"] - len(chain) + 1
-        where += f", through {f'waypoint {first}' if first else 'home'} on without a stop"
-    if target.label:
-        where += f" ({target.label})"
-    log(f"{where}: start")
-    event = {**place, "target": target.model_dump()}
-    if len(chain) > 1:
-        event["through"] = [each.model_dump() for each in chain[:-1]]
-    if recorder is not None:
-        recorder.event({"event": "start", **event})
-    try:
-        answer = go(client, chain)
-    except CobotError as exc:
-        if recorder is not None:
-            recorder.event({"event": "failed", "reason": str(exc), **event})
-        raise type(exc)(f"{where}: {exc}") from exc
-    note = f"; {answer['note']}" if len(chain) > 1 and answer.get("note") else ""
-    log(f"{where}: arrived after {answer['duration_s']:.2f} s{note}")
-    if recorder is not None:
-        recorder.event({"event": "arrived", "motion_id": answer["motion_id"], **event})

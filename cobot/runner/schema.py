@@ -1,122 +1,97 @@
-"""The sequence file: JSON with an optional home and the waypoints to visit."""
+"""The sequence file: JSON, with an optional home, and waypoints or steps."""
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from cobot import shipped
 from cobot.errors import InputError
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import (
-    ARC,
-    JOINT,
-    MAX_MOTIONS,
-    MOTION_TAGS,
-    NAMED,
-    POSE,
-    JointMotion,
-    MoveArc,
-    MoveJoints,
-    MovePose,
-    Radius,
-    kind_of,
+from cobot.runner.steps import (
+    IGNORED_TAGS,
+    MAX_DEPTH,
+    MAX_STEPS,
+    Block,
+    Numbered,
+    Step,
+    groups,
+    require_stops,
+    walk,
 )
+from cobot.runner.targets import AnyTarget, Target
 from cobot.strict import sentences, without_repetition
 
 SCHEMA_FILE = shipped.FOLDER / "sequences" / "sequence.schema.json"
-
-
-class Target(RequestModel):
-    """Fields of every target in addition to its motion, which is a body of POST /robot/move/..."""
-
-    label: str = Field("", max_length=200, description="For the log.")
-    radius: Radius = Field(
-        0.0,
-        description="How far from here, m, the TCP may leave its path to go on without a stop; 0: it stops.",
-    )
-
-    def body(self) -> dict[str, Any]:
-        """The body of its motion request: the fields that were given."""
-        return self.model_dump(exclude={*Target.model_fields}, exclude_unset=True)
-
-
-class JointTarget(Target, MoveJoints):
-    """Joint angles."""
-
-
-class NamedTarget(Target, JointMotion):
-    """A named position."""
-
-    named: str = Field(min_length=1, max_length=200, description="One of GET /robot/positions.")
-
-    def body(self) -> dict[str, Any]:
-        body = super().body()
-        return {"name": body.pop("named"), **body}
-
-
-class ArcTarget(Target, MoveArc):
-    """Wherever an angle about an axis leads the TCP: arcs, full circles, helices."""
-
-
-class PoseTarget(Target, MovePose):
-    """A pose of the TCP."""
-
-    through_radius: Radius = Field(
-        0.0, description="What `radius` is of a motion alone: that of the poses of `through`, of polyline."
-    )
-
-    def body(self) -> dict[str, Any]:
-        body = super().body()
-        return body | ({"radius": body.pop("through_radius")} if "through_radius" in body else {})
-
-
-AnyTarget = Annotated[
-    Annotated[JointTarget, Tag(JOINT)]
-    | Annotated[NamedTarget, Tag(NAMED)]
-    | Annotated[ArcTarget, Tag(ARC)]
-    | Annotated[PoseTarget, Tag(POSE)],
-    Discriminator(kind_of),
-]
+MAX_JSON_DEPTH = 2 * MAX_DEPTH + 20
+"""Maximum depth of a document: each list of steps adds two levels, and a waypoint has some of its own."""
+Waypoints = Annotated[list[AnyTarget], Field(min_length=1, max_length=MAX_STEPS)]
 
 
 class Sequence(RequestModel):
-    """Targets that are visited in order, any number of times; each iteration begins at home, if given."""
+    """Steps that run in order, in each iteration after the way home. `waypoints` are steps that only move."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"oneOf": [{"required": ["waypoints"]}, {"required": ["steps"]}]}
+    )
 
     home: AnyTarget | None = None
-    waypoints: list[AnyTarget] = Field(min_length=1, max_length=100_000)
+    waypoints: Waypoints = Field(default_factory=list, description="Waypoints alone. Give this or `steps`.")
+    steps: Block = Field(default_factory=list, description="Waypoints and other steps.")
+
+    @property
+    def items(self) -> list[Target | Step]:
+        """The steps, or the waypoints."""
+        return list(self.steps or self.waypoints)
+
+    @property
+    def word(self) -> str:
+        """What the log calls one of them."""
+        return "step" if self.steps else "waypoint"
 
     @model_validator(mode="after")
-    def _ends_at_rest(self) -> Self:
-        if self.waypoints[-1].radius > 0.0:
-            last = len(self.waypoints) - 1
-            raise ValueError(
-                f"waypoints[{last}].radius: the last waypoint has a radius, but the arm stops there; "
-                "leave it out"
-            )
-        for chain in self.chains():
-            if len(chain) > MAX_MOTIONS:
-                first, end = chain[0][0], chain[-1][0]
-                raise ValueError(
-                    f"waypoints[{max(first - 1, 0)}] to [{end - 1}] are {len(chain)} without a stop, "
-                    f"allowed are {MAX_MOTIONS}; remove the radius of one between them"
-                )
+    def _require_one_list(self) -> Self:
+        if bool(self.steps) == bool(self.waypoints):
+            given = "both are given" if self.steps else "waypoints: is missing, and so is steps"
+            raise ValueError(f"{given}; a sequence has either waypoints or steps")
         return self
 
-    def chains(self) -> list[list[tuple[int, AnyTarget]]]:
-        """The targets, each with its number from 1 (0 for home), grouped by what is visited without a
-        stop."""
-        chains: list[list[tuple[int, AnyTarget]]] = [[]]
-        home = [] if self.home is None else [(0, self.home)]
-        for number, target in [*home, *enumerate(self.waypoints, start=1)]:
-            chains[-1].append((number, target))
-            if target.radius == 0.0:
-                chains.append([])
-        return [chain for chain in chains if chain]
+    @model_validator(mode="after")
+    def _require_stops(self) -> Self:
+        first = self.items[0]
+        if self.home is not None and self.home.radius > 0.0 and not isinstance(first, Target):
+            raise ValueError("home.radius: the first step is not a waypoint; leave the radius out")
+        require_stops(self.items, f"{self.word}s", self.word, self.home)
+        for place, depth, step in walk(self.items, f"{self.word}s"):
+            if depth > MAX_DEPTH:
+                raise ValueError(f"{place}: steps are nested more than {MAX_DEPTH} deep; flatten them")
+            if isinstance(step, Step):
+                for key, block in step.blocks().items():
+                    require_stops(block, f"{place}.{key}", "step")
+        return self
+
+    def groups(self) -> list[list[Numbered]]:
+        """The steps by what runs without a stop, with their numbers from 1 (0 for home)."""
+        if self.home is None:
+            return groups(self.items)
+        return groups([self.home, *self.items], first=0)
+
+    def groups_from(self, number: int) -> list[list[Numbered]]:
+        """The groups of an iteration that begins with this step, which may be in the middle of a group.
+
+        Raises:
+            InputError: there is no such step.
+        """
+        found = self.groups()
+        for index, group in enumerate(found):
+            if group[-1][0] >= number:
+                return [[each for each in group if each[0] >= number], *found[index + 1 :]]
+        raise InputError(f"there is no {self.word} {number}: the last one is {len(self.items)}")
 
 
 def read_file(path: Path) -> bytes:
@@ -149,16 +124,39 @@ def read_sequence(path: Path) -> Sequence:
     return sequence_of(content)
 
 
+def _require_flat(content: Any) -> None:
+    """See that a document can be validated: what recurses over it has a stack of its own.
+
+    Raises:
+        InputError: it is nested too deeply.
+    """
+    level = [content]
+    for _ in range(MAX_JSON_DEPTH):
+        level = [item for each in level for item in _items(each)]
+        if not level:
+            return
+    raise InputError(
+        f"steps are nested too deeply, allowed are {MAX_DEPTH} lists in each other; flatten them"
+    )
+
+
+def _items(value: Any) -> Iterator[Any]:
+    if isinstance(value, dict):
+        return iter(value.values())
+    return iter(value if isinstance(value, list) else ())
+
+
 def sequence_of(content: Any) -> Sequence:
     """Validate a sequence from a file or a program.
 
     Raises:
         InputError: names each place, its value and what is valid.
     """
+    _require_flat(content)
     try:
         return Sequence.model_validate(content)
     except ValidationError as exc:
-        raise InputError(sentences(exc.errors(), ignored=MOTION_TAGS)) from exc
+        raise InputError(sentences(exc.errors(), ignored=IGNORED_TAGS)) from exc
 
 
 def schema_text() -> str:

@@ -6,11 +6,11 @@ import asyncio
 from enum import StrEnum
 from pathlib import Path
 
-from app.services.programs.paths import below
 from app.services.programs.sequences import SequenceOrder, SequenceService
 from app.services.rights.ownership import Ownership
 from app.services.rights.stopping import StopService
 from cobot.errors import ConflictError, ExecutionError, InputError, NotFoundError
+from cobot.folders import below
 from cobot.launch.process import RUN_MODULE
 
 SUFFIXES = (".json", ".lua")
@@ -82,7 +82,7 @@ class ProgramService:
             raise ConflictError(f"a program is running ({self.loaded or 'a sequence'}); stop it first")
         path = self._path(name)
         async with self._checking:  # each check is a process
-            await _check(path)
+            await _check(path, self._folder)
         self.loaded = name
 
     async def run(self, stops: int) -> None:
@@ -158,13 +158,15 @@ class ProgramService:
         return path
 
 
-async def _check(path: Path) -> None:
+async def _check(path: Path, folder: Path) -> None:
     """Have the runner look at a program, in a process of its own, as it will be run."""
     process = await asyncio.create_subprocess_exec(
         *RUN_MODULE,
         "cobot.runner",
         "check",
         str(path),
+        "--folder",
+        str(folder),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,

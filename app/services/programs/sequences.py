@@ -18,7 +18,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
-from app.services.programs.paths import below
 from app.services.programs.steps import Steps
 from app.services.rights.job import JobKind
 from app.services.rights.ownership import Ownership
@@ -34,6 +33,7 @@ from cobot.errors import (
     MotionStopped,
     UnavailableError,
 )
+from cobot.folders import below
 from cobot.launch.process import RUN_MODULE
 from cobot.logs import printable
 
@@ -41,7 +41,7 @@ LINE_BYTES = 65536
 LINE_CHARACTERS = 2000
 """Maximum number of characters that are kept of a line. Thousands of lines are kept, and each client may read
 hundreds of them at once."""
-PROGRESS = ("iteration", "waypoint", "n_waypoints")
+PROGRESS = ("iteration", "waypoint", "n_waypoints", "step")
 ERRORS: dict[int, type[CobotError]] = {2: InputError, 4: UnavailableError}
 """What the runner's return codes mean; all others are motions that have failed."""
 ERROR_LINE = " error: "
@@ -85,6 +85,7 @@ class SequenceStatus:
     n_iterations: int | None = None
     waypoint: int | None = None
     n_waypoints: int | None = None
+    step: str | None = None
     started_at: datetime | None = None
     finished_at: datetime | None = None
     returncode: int | None = None
@@ -217,7 +218,7 @@ class SequenceService:
         self, order: SequenceOrder, bag: Path | None, token: str
     ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader, int]:
         """The runner, the pipe on which it reports its progress, and that on which it is answered."""
-        arguments = ["run", "-", "--url", self._base_url]
+        arguments = ["run", "-", "--url", self._base_url, "--folder", str(self._settings.programs)]
         if order.name:
             arguments.append(f"--name={_printable(order.name)}")
         arguments += ["--motion-timeout", repr(self._motion_timeout_s)]
@@ -321,11 +322,23 @@ class SequenceService:
                     iteration=event["iteration"],
                     waypoint=event["waypoint"],
                     n_waypoints=event["n_waypoints"],
+                    step=event.get("step"),
                 )
-                self._tell("waypoint", **{name: event[name] for name in PROGRESS})
-                self._count(event["iteration"], event["waypoint"], event["n_waypoints"])
+                if not event["within"]:
+                    self._tell("waypoint", **{name: event.get(name) for name in PROGRESS})
+                    self._count(event)
                 if event["asking"] and self._steps is not None:
-                    self._steps.asked(event["behind"], event["n_waypoints"])
+                    await self._answer(self._steps, event)
+
+    async def _answer(self, steps: Steps, event: dict[str, Any]) -> None:
+        """What the runner has asked, once nothing is paused: outputs and grippers wait as motions do."""
+        override = self._ownership.speed_override
+        if event["within"]:
+            await override.opened.wait()
+            steps.answer_time(override.paused_s)
+        elif steps.asked(event["behind"], event["n_waypoints"]):
+            await override.opened.wait()
+            steps.answer()
 
     def _tell(self, what: str, **data: Any) -> None:
         self._link.events.publish("sequence", what=what, sequence=self.status.sequence_id, **data)
@@ -346,11 +359,11 @@ class SequenceService:
         if job is not None:
             job.hold(held)
 
-    def _count(self, iteration: int, waypoint: int, n_waypoints: int) -> None:
-        """How far the sequence is: it goes to this waypoint."""
-        job, rounds = self._ownership.sequence_job, self.status.n_iterations or 1
-        if job is not None and n_waypoints:
-            job.at_waypoint((iteration - 1) * n_waypoints + max(waypoint - 1, 0), rounds * n_waypoints)
+    def _count(self, event: dict[str, Any]) -> None:
+        """How far the sequence is: it begins this step."""
+        job, rounds, steps = self._ownership.sequence_job, self.status.n_iterations or 1, event["n_waypoints"]
+        if job is not None and steps:
+            job.at_waypoint((event["iteration"] - 1 + event["share"]) * steps, rounds * steps)
 
     def _release(self, token: str, error: BaseException | None) -> None:
         self._tokens.withdraw(token)

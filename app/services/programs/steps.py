@@ -1,6 +1,7 @@
-"""Between two waypoints: whether a sequence goes on, and where to.
+"""Between two steps: whether a sequence goes on, and where to.
 
-The runner asks before each of its motions, and waits for the answer: a line of JSON in a pipe.
+The runner asks before each of its steps, and waits for the answer: a line of JSON in a pipe. A waypoint is
+the number of a step in the outermost list.
 """
 
 from __future__ import annotations
@@ -37,20 +38,31 @@ class Steps:
         self._n_waypoints: int | None = None  # until it has asked
         self.held = False
 
-    def asked(self, behind: int, n_waypoints: int) -> None:
-        """The runner stands and asks whether to go on.
+    def asked(self, behind: int, n_waypoints: int) -> bool:
+        """The runner waits and asks whether to go on.
 
         Args:
             behind: the waypoint that it has reached last, 0 for none.
             n_waypoints: how many there are, 0 for a program.
+
+        Returns:
+            Whether it is to get its answer: from `answer`, as soon as nothing is paused.
         """
         self._n_waypoints = n_waypoints
         due = self._first is None and self._hold_at is not None and behind >= self._hold_at
         if self._hold_first or due:
             self._hold_first, self._hold_at, self.held = False, None, True
             self._changed(True)
-        else:
-            self._answer(None)
+            return False
+        return True
+
+    def answer(self) -> None:
+        """Let the runner, which has asked, go on."""
+        self._answer(None)
+
+    def answer_time(self, paused_s: float) -> None:
+        """Tell the runner, which has asked within a step, how long it has been paused in all."""
+        self._write({"paused_s": paused_s})
 
     def hold(self, waypoint: int) -> None:
         """Have it wait once it has reached this waypoint, or has passed it without a stop.
@@ -97,5 +109,8 @@ class Steps:
     def _answer(self, waypoint: int | None) -> None:
         first, self._first = self._first, None
         waypoint = first if waypoint is None else waypoint
+        self._write({"waypoint": waypoint})
+
+    def _write(self, answer: dict[str, float | None]) -> None:
         with contextlib.suppress(OSError):  # it has ended
-            os.write(self._descriptor, json.dumps({"waypoint": waypoint}).encode() + b"\n")
+            os.write(self._descriptor, json.dumps(answer).encode() + b"\n")

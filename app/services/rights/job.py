@@ -137,7 +137,7 @@ class Job:
     _started_at: datetime | None = None
     _path_time_s: float = 0.0
     _part_s: float | None = None
-    _waypoints: tuple[int, int] | None = None
+    _waypoints: tuple[float, int] | None = None
     _held: bool = False
     _error: JobError | None = None
 
@@ -197,8 +197,8 @@ class Job:
         if self._part_s is not None:
             self._path_time_s = max(self._part_s - left_s, self._path_time_s)
 
-    def at_waypoint(self, done: int, of: int) -> None:
-        """A sequence has so many waypoints behind it."""
+    def at_waypoint(self, done: float, of: int) -> None:
+        """A sequence has so many waypoints behind it, those that are begun as a share."""
         self._waypoints = done, of
 
     def hold(self, held: bool) -> None:

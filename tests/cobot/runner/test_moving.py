@@ -27,7 +27,7 @@ def tcp(service: VirtualService) -> np.ndarray:
 def test_every_planner_of_the_api_moves_the_arm_in_a_sequence(service: VirtualService) -> None:
     service.go_home()
     client, places, notes = service.client(URL), [], []
-    chains = read_sequence(EXAMPLE).chains()
+    chains = read_sequence(EXAMPLE).groups()
     for chain in chains:
         answer = go(client, [target for _, target in chain])
         places.append(tcp(service))
@@ -54,6 +54,6 @@ def test_every_planner_of_the_api_moves_the_arm_in_a_sequence(service: VirtualSe
 def test_what_only_the_robot_knows_is_refused_by_the_service(
     service: VirtualService, target: dict[str, object], said: str
 ) -> None:
-    (chain,) = sequence_of({"waypoints": [target]}).chains()
+    (chain,) = sequence_of({"waypoints": [target]}).groups()
     with pytest.raises(CobotError, match=said):
         go(service.client(URL), [each for _, each in chain])

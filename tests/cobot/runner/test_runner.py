@@ -118,7 +118,7 @@ def test_the_first_failure_ends_the_sequence(tmp_path: Path, service: Service) -
     result = run(tmp_path, service.url, {"waypoints": [JOINTS] * 5})
     assert result.returncode == 3
     assert len(service.posted) == 2
-    assert "error: iteration 1/1, waypoint 2/5: too far" in result.stdout
+    assert "error: sequence.json: iteration 1/1, waypoint 2/5: too far" in result.stdout
 
 
 @pytest.mark.parametrize(
@@ -168,9 +168,10 @@ def test_progress_is_reported_on_the_pipe(tmp_path: Path, service: Service) -> N
     assert result.returncode == 0
     assert [event["waypoint"] for event in events] == [1, 2]
     place = {"iteration": 1, "n_iterations": 1, "waypoint": 1, "n_waypoints": 2}
+    end = {"asking": False, "within": False}
     assert events == [
-        {**place, "behind": 0, "asking": False},
-        {**place, "waypoint": 2, "behind": 1, "asking": False},
+        {**place, "step": "waypoint 1/2", "share": 0.0, "behind": 0, **end},
+        {**place, "waypoint": 2, "step": "waypoint 2/2", "share": 0.5, "behind": 1, **end},
     ]
 
 

@@ -15,16 +15,8 @@ from pydantic import BaseModel
 
 from cobot.errors import InputError
 from cobot.motions.bodies import MoveArc, MoveJoints, MoveNamed, MovePose
-from cobot.runner.schema import (
-    SCHEMA_FILE,
-    ArcTarget,
-    JointTarget,
-    NamedTarget,
-    PoseTarget,
-    Target,
-    read_sequence,
-    schema_text,
-)
+from cobot.runner.schema import SCHEMA_FILE, read_sequence, schema_text, sequence_of
+from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, PoseTarget, Target
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 POSE = {"x": 0.4, "y": 0.0, "z": 0.5, "a": 0.0, "b": 3.14, "c": 0.0}
@@ -160,6 +152,145 @@ def test_what_is_no_json_is_refused_with_its_place(tmp_path: Path, text: str, wo
     with pytest.raises(InputError) as caught:
         read_sequence(written(tmp_path, text))
     assert words in str(caught.value)
+
+
+PART = {"input": "part", "is": True}
+WAIT = {"wait_s": 1.5}
+GRID = {"origin": POSE, "counts": [2, 3], "offsets": [{"x": 0.1}, {"y": 0.1}]}
+OUTPUT = {"output": "lamp", "value": True}
+
+
+def nested(depth: int) -> dict[str, Any]:
+    """A step in so many others."""
+    step: dict[str, Any] = WAIT
+    for _ in range(depth):
+        step = {"repeat": {}, "do": [step]}
+    return step
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        JOINTS,
+        {"set": OUTPUT, "label": "light"},
+        {"set": {"output": "level", "value": 0.5}},
+        {"wait_for": PART},
+        {"wait_for": {"input": "level", "below": 3}, "timeout_s": 0},
+        WAIT,
+        {"repeat": {}, "do": [WAIT]},
+        {
+            "repeat": {"count": 3, "while": PART, "until": {"input": "level", "above": 1}},
+            "do": [JOINTS, WAIT],
+        },
+        {"if": PART, "then": [WAIT]},
+        {"if": PART, "then": [WAIT], "else": [JOINTS]},
+        {"call": "pick.json"},
+        {"pallet": GRID, "do": [{**POSE, "frame_id": "place"}]},
+        {"on_error": {}, "do": [WAIT]},
+        {"on_error": {"retry": 3, "run": [JOINTS], "go_on": True}, "do": [WAIT]},
+        nested(19),
+    ],
+)
+def test_every_kind_of_step_is_valid_for_both(tmp_path: Path, validator: Any, step: dict[str, Any]) -> None:
+    content = {"home": JOINTS, "steps": [step]}
+    validator.validate(content)
+    assert len(read_sequence(written(tmp_path, content)).items) == 1
+
+
+@pytest.mark.parametrize(
+    ("step", "words"),
+    [
+        ({"sett": OUTPUT}, "steps[0]: must be a step with one of set, wait_for, wait_s, repeat, if, call,"),
+        ("home", "steps[0]: must be a step with one of"),
+        ({"set": {"output": "lamp"}}, "steps[0].set.value: is missing"),
+        ({"set": OUTPUT, "wait_s": 1}, "steps[0]: unknown key 'wait_s'"),
+        ({"wait_for": {**PART, "iss": 1}}, "steps[0].wait_for: unknown key 'iss' (did you mean 'is'?)"),
+        (
+            {"wait_for": PART, "timeout_s": 1e6},
+            "steps[0].timeout_s: must be less than or equal to 86400, got",
+        ),
+        ({"wait_s": -1}, "steps[0].wait_s: must be greater than or equal to 0, got -1"),
+        ({"repeat": {"count": 0}, "do": [WAIT]}, "steps[0].repeat.count"),
+        ({"repeat": {"count": 1.5}, "do": [WAIT]}, "steps[0].repeat.count: must be an integer, got 1.5"),
+        ({"repeat": {}, "do": []}, "steps[0].do: must have at least 1 item"),
+        ({"repeat": {}}, "steps[0].do: is missing"),
+        ({"if": PART, "then": [WAIT], "elsee": []}, "did you mean 'else'"),
+        ({"if": PART, "then": [{"wait_s": "long"}]}, "steps[0].then[0].wait_s: must be a number, got 'long'"),
+        ({"call": ""}, "steps[0].call"),
+        (
+            {"pallet": {**GRID, "counts": []}, "do": [WAIT]},
+            "steps[0].pallet.counts: must have at least 1 item",
+        ),
+        ({"on_error": {"retry": -1}, "do": [WAIT]}, "steps[0].on_error.retry"),
+        ({"on_error": {"then": "stop"}, "do": [WAIT]}, "steps[0].on_error: unknown key 'then'"),
+    ],
+)
+def test_a_step_that_one_refuses_the_other_refuses_too(
+    tmp_path: Path, validator: Any, step: object, words: str
+) -> None:
+    content = {"steps": [step]}
+    assert not validator.is_valid(content)
+    with pytest.raises(InputError) as caught:
+        read_sequence(written(tmp_path, content))
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("steps", "words"),
+    [
+        (
+            [{"wait_for": {"input": "part"}}],
+            'steps[0].wait_for: give one of "is" (true or false), "above" and',
+        ),
+        ([{"wait_for": {**PART, "above": 1}}], 'steps[0].wait_for: give one of "is"'),
+        ([{**JOINTS, "radius": 0.1}, WAIT], "steps[0].radius: the next step is not a waypoint, but the arm"),
+        (
+            [{"repeat": {}, "do": [{**JOINTS, "radius": 0.1}]}],
+            "steps[0].do[0].radius: the last step has a radius",
+        ),
+        (
+            [WAIT, {"pallet": {**GRID, "counts": [2, 0]}, "do": [WAIT]}],
+            "steps[1].pallet: counts[1] is 0, allowed",
+        ),
+        (
+            [{"pallet": {**GRID, "counts": [1000, 1000]}, "do": [WAIT]}],
+            "steps[0].pallet: counts: 1000 x 1000 are 1000000 places, allowed are 1 to 10000",
+        ),
+        ([{"pallet": {**GRID, "counts": [2]}, "do": [WAIT]}], "counts has 1 directions and offsets has 2"),
+        ([{"pallet": {**GRID, "frame": "tool"}, "do": [WAIT]}], "frame: 'tool' is another frame"),
+        (
+            [{"pallet": {**GRID, "origin": {**POSE, "frame_id": "tool"}}, "do": [WAIT]}],
+            "origin.frame_id: 'tool' moves with the arm; a pallet needs a fixed frame",
+        ),
+        ([nested(20)], "steps are nested more than 20 deep; flatten them"),
+        ([nested(200)], "steps are nested too deeply, allowed are 20 lists in each other"),
+    ],
+)
+def test_what_a_schema_cannot_say_is_refused_with_its_place(
+    tmp_path: Path, steps: list[Any], words: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        read_sequence(written(tmp_path, {"steps": steps}))
+    assert words in str(caught.value)
+
+
+def test_ten_thousand_steps_in_each_other_are_refused(tmp_path: Path) -> None:
+    text = '{"repeat": {}, "do": [' * 10_000 + '{"wait_s": 1}' + "]}" * 10_000
+    with pytest.raises(InputError, match="not valid JSON: nested too deeply"):
+        read_sequence(written(tmp_path, f'{{"steps": [{text}]}}'))
+
+
+def test_a_sequence_has_waypoints_or_steps(validator: Any) -> None:
+    both = {"waypoints": [JOINTS], "steps": [WAIT]}
+    assert not validator.is_valid(both)
+    with pytest.raises(InputError, match="both are given; a sequence has either waypoints or steps"):
+        sequence_of(both)
+
+
+def test_one_step_may_stand_without_brackets_as_matlab_writes_it() -> None:
+    content = {"steps": {"repeat": {"count": 2}, "do": {"if": PART, "then": WAIT}}}
+    (step,) = sequence_of(content).items
+    assert sequence_of({"steps": [step.model_dump(by_alias=True, exclude_unset=True)]}).items == [step]
 
 
 def test_a_file_with_many_errors_names_the_first_and_counts_the_rest(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ def test_programs_are_checked_one_after_the_other(tmp_path: Path, monkeypatch: p
     under_way = []
     most = 0
 
-    async def check(path: Path) -> None:
+    async def check(path: Path, _folder: Path) -> None:
         nonlocal most
         under_way.append(path)
         most = max(most, len(under_way))

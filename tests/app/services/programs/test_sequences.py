@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import sys
 
@@ -10,6 +11,7 @@ import pytest
 from rig import Rig, no_tokens
 
 from app.services.programs.sequences import LINE_BYTES, LINE_CHARACTERS, SequenceOrder, SequenceService
+from app.services.programs.steps import Steps
 from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from cobot.errors import UnavailableError
@@ -104,4 +106,53 @@ def test_a_runner_that_is_killed_does_not_end_with_the_error_of_the_one_before(
         assert killed == "the runner ended with return code -9"
 
     asyncio.run(run())
+    link.close()
+
+
+def test_while_a_program_is_paused_it_begins_no_step_and_its_time_does_not_count(rig: Rig) -> None:
+    """Oracle: what the runner's end of the pipe has, and the clock of the link."""
+    link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
+    ownership = Ownership(link)
+    service = SequenceService(ownership, link, rig.settings.sequences, "http://robot.test", 1.0, no_tokens())
+    place = {
+        "iteration": 1,
+        "waypoint": 1,
+        "n_waypoints": 2,
+        "step": "step 1.2 of 2",
+        "share": 0.25,
+        "behind": 0,
+    }
+    read_end, write_end = os.pipe()
+    os.set_blocking(read_end, False)
+
+    def answered() -> list[dict[str, float | None]]:
+        try:
+            return [json.loads(line) for line in os.read(read_end, 65536).splitlines()]
+        except BlockingIOError:
+            return []
+
+    async def run() -> None:
+        service._steps = Steps(write_end, None, lambda held: None)
+        reported = asyncio.StreamReader()
+        reading = asyncio.create_task(service._read_progress(reported))
+        ownership.speed_override._asked = True  # as `pause` does before the arm comes to rest
+        ownership.speed_override._settle()
+        for within in (False, True):
+            reported.feed_data(json.dumps({**place, "asking": True, "within": within}).encode() + b"\n")
+        await asyncio.sleep(0.05)
+        assert answered() == []
+        assert service.status.step == "step 1.2 of 2"
+        ownership.speed_override.reset()
+        while len(found := answered()) < 2:
+            await asyncio.sleep(0.01)
+        assert found[0] == {"waypoint": None}
+        assert found[1]["paused_s"] == pytest.approx(ownership.speed_override.paused_s)
+        assert ownership.speed_override.paused_s >= 0.05
+        reported.feed_eof()
+        await reading
+
+    asyncio.run(run())
+    service._steps = None
+    os.close(read_end)
+    os.close(write_end)
     link.close()

@@ -29,7 +29,8 @@ class Bench:
         return [json.loads(line)["waypoint"] for line in lines]
 
     def ask(self, behind: int, of: int = 4) -> list[int | None]:
-        self.steps.asked(behind, of)
+        if self.steps.asked(behind, of):
+            self.steps.answer()
         return self.answers()
 
     def close(self) -> None:
@@ -127,6 +128,6 @@ def test_a_program_waits_before_its_next_motion_only(bench: Bench) -> None:
 
 def test_a_runner_that_has_ended_is_no_error(bench: Bench) -> None:
     os.close(bench._read_end)
-    bench.steps.asked(0, 4)
+    bench.steps.answer()
     bench._read_end, other = os.pipe()
     os.close(other)

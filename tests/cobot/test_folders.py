@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.services.programs.paths import below
 from cobot.errors import InputError
+from cobot.folders import below
 
 
 @pytest.mark.parametrize("name", ["a.json", "sub/b.lua", "sub/../a.json", "no such file"])

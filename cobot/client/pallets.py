@@ -1,0 +1,134 @@
+"""Pallets: a grid of places, and motions that are relative to one of them.
+
+A place is a frame. The client calculates with it; the service sees poses in the frame of the pallet's origin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product as combinations
+from typing import Any, Self
+
+from cobot.errors import InputError
+from cobot.orientations import Quaternion, Vector, kuka_angles, kuka_quaternion, product, rotated
+
+MAX_PLACES = 10_000
+MAX_DIRECTIONS = 3
+TOOL_FRAME = "tool"
+POSITION, ANGLES = "xyz", "abc"
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place of a pallet.
+
+    Attributes:
+        position: of the place in the frame, m.
+        quaternion: of the place in the frame, (w, x, y, z).
+        frame_id: frame of both, as in POST /robot/move/pose.
+        number: of the place in its pallet, from 1.
+    """
+
+    position: Vector
+    quaternion: Quaternion
+    frame_id: str = ""
+    number: int = 1
+
+    @classmethod
+    def of(cls, pose: Mapping[str, Any], number: int = 1) -> Self:
+        """The place at a pose: x, y, z (m), a, b, c (KUKA angles, rad) and `frame_id`."""
+        x, y, z = (float(pose.get(axis) or 0.0) for axis in POSITION)
+        a, b, c = (float(pose.get(axis) or 0.0) for axis in ANGLES)
+        return cls((x, y, z), kuka_quaternion(a, b, c), str(pose.get("frame_id") or ""), number)
+
+    def at(self, **pose: Any) -> dict[str, Any]:
+        """A body of POST /robot/move/pose, at a pose relative to this place. Other fields stay unchanged."""
+        return self.resolve({**dict.fromkeys(POSITION, 0.0), **pose})
+
+    def resolve(self, body: Mapping[str, Any]) -> dict[str, Any]:
+        """A body of POST /robot/move/pose or move/arc whose poses, points and axis are relative to this
+        place, in the frame of the place."""
+        resolved = {**body, "frame_id": self.frame_id}
+        if "x" in body:
+            resolved |= self._pose(body)
+        for name in ("via", "centre"):
+            if body.get(name) is not None:
+                resolved[name] = self._named(self._point(body[name]))
+        if body.get("axis") is not None:
+            resolved["axis"] = self.turn(body["axis"])
+        if body.get("through"):
+            resolved["through"] = [self._pose(each) for each in body["through"]]
+        return resolved
+
+    def turn(self, vector: Mapping[str, Any]) -> dict[str, float]:
+        """A direction that is relative to this place, in the frame of the place."""
+        return self._named(rotated(self.quaternion, _vector(vector)))
+
+    def _pose(self, pose: Mapping[str, Any]) -> dict[str, float]:
+        turn = kuka_quaternion(*(float(pose.get(axis, 0.0)) for axis in ANGLES))
+        angles = kuka_angles(product(self.quaternion, turn))
+        return self._named(self._point(pose)) | dict(zip(ANGLES, angles, strict=True))
+
+    def _point(self, point: Mapping[str, Any]) -> Vector:
+        x, y, z = rotated(self.quaternion, _vector(point))
+        return self.position[0] + x, self.position[1] + y, self.position[2] + z
+
+    @staticmethod
+    def _named(vector: Vector) -> dict[str, float]:
+        return dict(zip(POSITION, vector, strict=True))
+
+
+def _vector(values: Mapping[str, Any]) -> Vector:
+    return float(values.get("x", 0.0)), float(values.get("y", 0.0)), float(values.get("z", 0.0))
+
+
+def _shown(count: object) -> str:
+    """A count in an error: an integer may have more digits than can be written."""
+    return "too large" if isinstance(count, int) and abs(count) > 10**12 else repr(count)[:40]
+
+
+def require_grid(counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]) -> int:
+    """The number of places of a grid.
+
+    Raises:
+        InputError: there are too few or too many, or counts and offsets do not agree.
+    """
+    if not 1 <= len(counts) <= MAX_DIRECTIONS:
+        raise InputError(f"counts has {len(counts)} directions, allowed are 1 to {MAX_DIRECTIONS}")
+    if len(counts) != len(offsets):
+        raise InputError(
+            f"counts has {len(counts)} directions and offsets has {len(offsets)}; give one offset per count"
+        )
+    for index, count in enumerate(counts):
+        if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_PLACES:
+            raise InputError(f"counts[{index}] is {_shown(count)}, allowed are 1 to {MAX_PLACES}")
+    if math.prod(counts) > MAX_PLACES:
+        shown = " x ".join(map(str, counts))
+        raise InputError(f"counts: {shown} are {math.prod(counts)} places, allowed are 1 to {MAX_PLACES}")
+    return math.prod(counts)
+
+
+def places(
+    origin: Mapping[str, Any], counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]
+) -> Iterator[Place]:
+    """The places of a pallet. The first direction is counted fastest.
+
+    Args:
+        origin: pose of the first place: x, y, z, a, b, c and `frame_id`.
+        counts: number of places in each direction, one to three.
+        offsets: from one place to the next, for each direction: x, y, z in the frame of the origin's pose, m.
+
+    Raises:
+        InputError: see `require_grid`; or the origin is in the frame of the tool, which moves.
+    """
+    require_grid(counts, offsets)
+    if origin.get("frame_id") == TOOL_FRAME:
+        raise InputError("origin.frame_id is 'tool', which moves with the arm; a pallet needs a fixed frame")
+    first = Place.of(origin)
+    ways = [_vector(offset) for offset in offsets]
+    for number, steps in enumerate(combinations(*(range(count) for count in reversed(counts))), start=1):
+        pairs = list(zip(reversed(steps), ways, strict=True))
+        x, y, z = (first.position[axis] + sum(n * way[axis] for n, way in pairs) for axis in range(3))
+        yield Place((x, y, z), first.quaternion, first.frame_id, number)

@@ -1,0 +1,193 @@
+"""Steps of programs, under the same names as in sequence files and Lua: docs/programs.md."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+from urllib.parse import quote
+
+from cobot.client.conditions import describe, find_input, holds, require_condition
+from cobot.client.connection import Json
+from cobot.client.jobs import JobHandle, Jobs
+from cobot.client.pallets import Place, places
+from cobot.clock import SYSTEM, Clock
+from cobot.errors import (
+    CobotError,
+    DeviceError,
+    ExecutionError,
+    InputError,
+    MotionStopped,
+    PlanningError,
+)
+
+Result = TypeVar("Result")
+WAIT_FOR_TIMEOUT_S = 60.0
+POLL_S = 0.05
+"""Time between two looks at the inputs, in seconds. A shorter signal can be missed."""
+MAX_TIME_S = 86_400.0
+"""Maximum duration of a wait, in seconds."""
+MAX_RETRIES = 1000
+RECOVERABLE = (PlanningError, ExecutionError, DeviceError)
+"""Errors that `on_error` handles: a motion, a wait or a device that has failed. A mistake in the program, a
+stop and a robot that is not available always end it."""
+
+
+def is_recoverable(error: BaseException) -> bool:
+    """Whether `on_error` handles it."""
+    return isinstance(error, RECOVERABLE) and not isinstance(error, MotionStopped)
+
+
+def require_time(value: object, name: str) -> float:
+    """A time in seconds.
+
+    Raises:
+        InputError: it is not a number from 0 to `MAX_TIME_S`.
+    """
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value <= MAX_TIME_S:
+        return float(value)
+    raise InputError(f"{name} is {json.dumps(value, default=repr)[:40]}, allowed is 0 to {MAX_TIME_S:g} s")
+
+
+def wait_until(
+    condition: Mapping[str, Any],
+    read: Callable[[], Sequence[Json]],
+    timeout_s: float,
+    clock: Clock = SYSTEM,
+    paused_s: Callable[[], float] = lambda: 0.0,
+) -> float:
+    """Wait until a condition holds. Returns how long it took, s.
+
+    Args:
+        read: reads the inputs.
+        paused_s: total time for which the program has been paused. Such time does not count.
+
+    Raises:
+        ExecutionError: the condition does not hold within `timeout_s`.
+        NotFoundError, InputError: there is no such input, or it has another kind.
+    """
+    begin_s, paused_before_s = clock.now_s(), paused_s()
+    end_s = begin_s + timeout_s
+    while not holds(condition, points := read()):
+        if clock.now_s() >= end_s:
+            paused_now_s = paused_s()
+            if paused_now_s <= paused_before_s:
+                value = json.dumps(find_input(points, condition["input"])["value"])
+                raise ExecutionError(
+                    f"wait_for: {describe(condition)} did not become true within {timeout_s:g} s; the input "
+                    f"is {value}. Check the sensor, or give a longer timeout_s"
+                )
+            end_s, paused_before_s = end_s + paused_now_s - paused_before_s, paused_now_s
+            continue
+        clock.sleep(min(POLL_S, max(end_s - clock.now_s(), 0.0)))
+    return clock.now_s() - begin_s
+
+
+def wait(seconds: float, clock: Clock = SYSTEM, paused_s: Callable[[], float] = lambda: 0.0) -> None:
+    """Wait; time for which the program is paused does not count."""
+    begin_s, paused_before_s = clock.now_s(), paused_s()
+    end_s = begin_s + seconds
+    while (left_s := end_s - clock.now_s()) > 0.0:
+        clock.sleep(left_s)
+        end_s = begin_s + seconds + paused_s() - paused_before_s
+
+
+def on_error(
+    work: Callable[[], Result],
+    *,
+    retry: int = 0,
+    run: Callable[[CobotError], object] | None = None,
+    go_on: bool = False,
+) -> Result | None:
+    """Do something, again if it fails. Returns its result, or None if it has failed and `go_on` is set.
+
+    Args:
+        retry: number of further attempts.
+        run: called after each failed attempt with its error.
+        go_on: whether the error of the last attempt is dropped. Otherwise it is raised.
+
+    Raises:
+        CobotError: an error that no retry can heal, see `RECOVERABLE`, or that of the last attempt.
+    """
+    if isinstance(retry, bool) or not isinstance(retry, int) or not 0 <= retry <= MAX_RETRIES:
+        raise InputError(f"retry is {retry!r}, allowed is 0 to {MAX_RETRIES}")
+    for attempt in range(retry + 1):
+        try:
+            return work()
+        except CobotError as exc:
+            if not is_recoverable(exc):
+                raise
+            if run is not None:
+                run(exc)
+            if attempt == retry and not go_on:
+                raise
+    return None
+
+
+class Steps(Jobs):
+    """The steps of sequence files, for Python programs."""
+
+    def io(self) -> list[Json]:
+        """The device's inputs and outputs: `name`, `kind`, `direction`, `value`."""
+        return list(self._json("GET", "/robot/io")["points"])
+
+    def set(self, output: str, value: float) -> Json:
+        """Set an output of the device by its name. Returns when the device reports the new value.
+
+        Args:
+            value: true or false for a boolean output, else a number.
+        """
+        return self._json("PUT", f"/robot/io/{quote(output, safe='')}", json={"value": value})
+
+    def set_output(self, name: str, value: float) -> Json:
+        """Set an output; the earlier name of `set`."""
+        return self.set(name, value)
+
+    def wait_for(self, condition: Mapping[str, Any], timeout_s: float = WAIT_FOR_TIMEOUT_S) -> float:
+        """Wait until a condition holds, as `{"input": "part_there", "is": True}`. Returns how long it took.
+
+        Raises:
+            ExecutionError: it does not hold within `timeout_s`.
+        """
+        require_condition(condition)
+        return wait_until(condition, self.io, require_time(timeout_s, "timeout_s"))
+
+    def wait_s(self, seconds: float) -> None:
+        """Wait."""
+        wait(require_time(seconds, "wait_s"))
+
+    def on_error(
+        self,
+        work: Callable[[], Result],
+        *,
+        retry: int = 0,
+        run: Callable[[CobotError], object] | None = None,
+        go_on: bool = False,
+    ) -> Result | None:
+        """Do something, again if it fails; see `cobot.client.steps.on_error`."""
+        return on_error(work, retry=retry, run=run, go_on=go_on)
+
+    def pallet(
+        self, origin: Mapping[str, Any], counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]
+    ) -> Iterator[Place]:
+        """The places of a pallet; see `cobot.client.pallets.places`. `move_pose(**place.at(z=-0.1))` goes to
+        0.1 m before a place."""
+        return places(origin, counts, offsets)
+
+    def call(self, path: str | Path, timeout_s: float = math.inf) -> Json:
+        """Run a sequence file or a Lua program to its end. Returns its job.
+
+        Raises:
+            CobotError: it has failed, or has not ended within `timeout_s`.
+        """
+        with Path(path).open("rb") as file:
+            job = self._json(
+                "POST",
+                "/sequences/start",
+                params={"wait": False},
+                files={"config": (Path(path).name, file, "application/json")},
+                data={"n_iterations": "1", "delay_between_iterations": "0"},
+            )
+        return JobHandle(self, str(job["id"])).wait(timeout_s)

@@ -1,0 +1,294 @@
+"""Steps of sequences: waypoints, and what happens between them.
+
+The key of a step says what it does: `{"set": {...}}`, `{"repeat": {...}, "do": [...]}`. A step without such a
+key is a waypoint, see `cobot.runner.targets`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
+
+from cobot.client.pallets import TOOL_FRAME, require_grid
+from cobot.client.steps import MAX_RETRIES, MAX_TIME_S, WAIT_FOR_TIMEOUT_S
+from cobot.errors import InputError
+from cobot.loose_lists import RequestModel
+from cobot.motions.bodies import (
+    ARC,
+    JOINT,
+    KINDS,
+    MAX_MOTIONS,
+    MOTION_TAGS,
+    NAMED,
+    POSE,
+    FrameId,
+    PathPose,
+    kind_of,
+)
+from cobot.motions.conditions import InputCondition, PointName
+from cobot.motions.fields import Coordinate, Finite
+from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, PoseTarget, Target
+
+MAX_STEPS = 100_000
+"""Maximum number of steps in one list."""
+MAX_DEPTH = 20
+"""Maximum number of lists of steps in each other; a called sequence counts as one."""
+MAX_ROUNDS = 1_000_000_000
+FIXED_FRAMES = ("", "base", "world", TOOL_FRAME)
+"""Names that no pallet can give to its places."""
+
+Seconds = Annotated[Finite, Field(ge=0.0, le=MAX_TIME_S)]
+
+
+class Step(RequestModel):
+    """What every step can have."""
+
+    label: str = Field("", max_length=200, description="For the log.")
+
+    def blocks(self) -> dict[str, Block]:
+        """The lists of steps in this step, by their place in it."""
+        return {}
+
+
+class OutputValue(RequestModel):
+    """An output and its value."""
+
+    output: PointName = Field(description="One of the outputs of GET /robot/io.")
+    value: bool | int | Finite = Field(
+        description="boolean: true or false; digital: a whole number from 0 on; analog: a number."
+    )
+
+
+class SetStep(Step):
+    """Set an output of the device, as PUT /robot/io/NAME."""
+
+    set: OutputValue
+
+
+class WaitForStep(Step):
+    """Wait until a condition holds."""
+
+    wait_for: InputCondition
+    timeout_s: Seconds = Field(
+        WAIT_FOR_TIMEOUT_S, description="If the condition does not hold within this time, the step fails, s."
+    )
+
+
+class WaitStep(Step):
+    """Wait for a time."""
+
+    wait_s: Seconds = Field(description="Duration, s.")
+
+
+class Rounds(RequestModel):
+    """How often steps are repeated. Without a field: until the sequence is stopped."""
+
+    count: int | None = Field(None, ge=1, le=MAX_ROUNDS, description="Maximum number of rounds.")
+    while_: InputCondition | None = Field(
+        None, alias="while", description="Checked before each round: the next round begins while it holds."
+    )
+    until: InputCondition | None = Field(
+        None, description="Checked after each round: no further round begins once it holds."
+    )
+
+
+class RepeatStep(Step):
+    """Repeat steps."""
+
+    repeat: Rounds
+    do: Block
+
+    def blocks(self) -> dict[str, Block]:
+        return {"do": self.do}
+
+
+class IfStep(Step):
+    """Do steps if a condition holds, or others if it does not."""
+
+    if_: InputCondition = Field(alias="if")
+    then: Block
+    else_: Block = Field(default_factory=list, alias="else")
+
+    def blocks(self) -> dict[str, Block]:
+        return {"then": self.then, "else": self.else_}
+
+
+class CallStep(Step):
+    """Run another sequence file of the same folder once, its `home` included."""
+
+    call: str = Field(min_length=1, max_length=200, description="File below the folder of programs.")
+
+
+class Offset(RequestModel):
+    """From one place to the next, in the frame in which the origin is given, m."""
+
+    x: Coordinate = Field(0.0, description="m")
+    y: Coordinate = Field(0.0, description="m")
+    z: Coordinate = Field(0.0, description="m")
+
+
+class Origin(PathPose):
+    """The pose of the first place."""
+
+    frame_id: FrameId = ""
+
+
+class Grid(RequestModel):
+    """A grid of places. The first direction is counted fastest."""
+
+    frame: str = Field(
+        "place",
+        min_length=1,
+        max_length=200,
+        description="Name of the place in the steps: with this `frame_id` poses are relative to the place.",
+    )
+    origin: Origin
+    counts: list[int] = Field(
+        min_length=1, max_length=3, description="Number of places in each direction, one to three."
+    )
+    offsets: list[Offset] = Field(
+        min_length=1, max_length=3, description="For each direction, from one place to the next."
+    )
+
+    @model_validator(mode="after")
+    def _require_places(self) -> Self:
+        if self.frame in FIXED_FRAMES:
+            raise ValueError(f"frame: {self.frame!r} is another frame; choose a name such as 'place'")
+        if self.origin.frame_id == TOOL_FRAME:
+            raise ValueError("origin.frame_id: 'tool' moves with the arm; a pallet needs a fixed frame")
+        try:
+            require_grid(self.counts, [each.model_dump() for each in self.offsets])
+        except InputError as exc:
+            raise ValueError(str(exc)) from exc
+        return self
+
+
+class PalletStep(Step):
+    """Do steps at each place of a grid."""
+
+    pallet: Grid
+    do: Block
+
+    def blocks(self) -> dict[str, Block]:
+        return {"do": self.do}
+
+
+class Recovery(RequestModel):
+    """What happens when a motion, a wait or a device fails in steps."""
+
+    retry: int = Field(0, ge=0, le=MAX_RETRIES, description="Number of further attempts.")
+    run: Block = Field(default_factory=list, description="Steps that run after each failed attempt.")
+    go_on: bool = Field(
+        False, description="true: after the last attempt the sequence goes on. false: it ends with the error."
+    )
+
+
+class OnErrorStep(Step):
+    """Do steps, again if they fail."""
+
+    on_error: Recovery
+    do: Block
+
+    def blocks(self) -> dict[str, Block]:
+        return {"on_error.run": self.on_error.run, "do": self.do}
+
+
+TAGS: dict[str, str] = {
+    key: f"{key} step" for key in ("set", "wait_for", "wait_s", "repeat", "if", "call", "pallet", "on_error")
+}
+"""The tag of each kind of step in pydantic's errors, by its key."""
+IGNORED_TAGS = (*MOTION_TAGS, *TAGS.values())
+A_STEP = f"must be a step with one of {', '.join(TAGS)}, or a waypoint with joints, named, angle or x, y, z"
+
+
+def _kind(value: Any) -> str | None:
+    """The tag of a step; None for what is neither a step nor a waypoint."""
+    if isinstance(value, BaseModel):
+        return next((TAGS[key] for key, kind in _KINDS.items() if isinstance(value, kind)), kind_of(value))
+    if not isinstance(value, dict):
+        return None
+    tag = next((TAGS[key] for key in TAGS if key in value), None)
+    is_waypoint = bool(value.keys() & {*KINDS, *PoseTarget.model_fields, *ArcTarget.model_fields})
+    return tag or (kind_of(value) if is_waypoint else None)
+
+
+AnyStep = Annotated[
+    Annotated[JointTarget, Tag(JOINT)]
+    | Annotated[NamedTarget, Tag(NAMED)]
+    | Annotated[ArcTarget, Tag(ARC)]
+    | Annotated[PoseTarget, Tag(POSE)]
+    | Annotated[SetStep, Tag(TAGS["set"])]
+    | Annotated[WaitForStep, Tag(TAGS["wait_for"])]
+    | Annotated[WaitStep, Tag(TAGS["wait_s"])]
+    | Annotated[RepeatStep, Tag(TAGS["repeat"])]
+    | Annotated[IfStep, Tag(TAGS["if"])]
+    | Annotated[CallStep, Tag(TAGS["call"])]
+    | Annotated[PalletStep, Tag(TAGS["pallet"])]
+    | Annotated[OnErrorStep, Tag(TAGS["on_error"])],
+    Discriminator(_kind, custom_error_type="step", custom_error_message=A_STEP),
+]
+Block = Annotated[list[AnyStep], Field(min_length=1, max_length=MAX_STEPS)]
+Numbered = tuple[int, "Target | Step"]
+_KINDS: dict[str, type[Step]] = {
+    "set": SetStep,
+    "wait_for": WaitForStep,
+    "wait_s": WaitStep,
+    "repeat": RepeatStep,
+    "if": IfStep,
+    "call": CallStep,
+    "pallet": PalletStep,
+    "on_error": OnErrorStep,
+}
+
+
+def groups(steps: Sequence[Target | Step], first: int = 1) -> list[list[Numbered]]:
+    """The steps with their numbers. Waypoints that the arm goes through without a stop are one group, with
+    the waypoint where it stops."""
+    found: list[list[Numbered]] = [[]]
+    for number, step in enumerate(steps, start=first):
+        found[-1].append((number, step))
+        if not isinstance(step, Target) or step.radius == 0.0:
+            found.append([])
+    return [group for group in found if group]
+
+
+def require_stops(
+    steps: Sequence[Target | Step], place: str, word: str, before: Target | None = None
+) -> None:
+    """Check the radii of one list.
+
+    Args:
+        place: of the list, as `steps[2].do`.
+        word: for one of them: step or waypoint.
+        before: the way home, if it comes first.
+
+    Raises:
+        ValueError: a radius where the arm stops, or too many waypoints without a stop.
+    """
+    for index, step in enumerate(steps):
+        if isinstance(step, Target) and step.radius > 0.0:
+            following = steps[index + 1] if index + 1 < len(steps) else None
+            why = f"the last {word} has a radius" if following is None else "the next step is not a waypoint"
+            if not isinstance(following, Target):
+                raise ValueError(f"{place}[{index}].radius: {why}, but the arm stops there; leave it out")
+    for group in groups(steps) if before is None else groups([before, *steps], first=0):
+        if len(group) > MAX_MOTIONS:
+            first, end = group[0][0], group[-1][0]
+            raise ValueError(
+                f"{place}[{max(first - 1, 0)}] to [{end - 1}] are {len(group)} without a stop, allowed are "
+                f"{MAX_MOTIONS}; remove the radius of one between them"
+            )
+
+
+def walk(
+    steps: Sequence[Target | Step], place: str, depth: int = 1
+) -> Iterator[tuple[str, int, Target | Step]]:
+    """All steps, those in other steps included: place, depth (1 for the outermost list) and step."""
+    for index, step in enumerate(steps):
+        here = f"{place}[{index}]"
+        yield here, depth, step
+        if isinstance(step, Step):
+            for key, block in step.blocks().items():
+                yield from walk(block, f"{here}.{key}", depth + 1)

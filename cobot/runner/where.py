@@ -1,0 +1,70 @@
+"""Where a sequence is, for the log, the status and errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from cobot.client.pallets import Place
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """A list of steps, or one of them.
+
+    Attributes:
+        word: for one of the outermost list: step or waypoint.
+        total: number of steps of the outermost list of the file.
+        numbers: of the steps that lead here, as `3`, `2` for the second step in the third one.
+        notes: rounds and places, from the outermost one on.
+        caller: where the file was called, with a comma; empty for the file that was started.
+        frames: places of pallets, by the names that the steps give them.
+        begin: share of an iteration that is behind when this begins, 0 to 1.
+        width: share of an iteration that this takes.
+    """
+
+    word: str
+    total: int
+    numbers: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    caller: str = ""
+    frames: Mapping[str, Place] = field(default_factory=dict)
+    begin: float = 0.0
+    width: float = 1.0
+
+    def at(self, number: int, of: int) -> Where:
+        """A step of this list.
+
+        Args:
+            of: number of steps in the list.
+        """
+        width = self.width / of
+        begin = self.begin + max(number - 1, 0) * width
+        return replace(self, numbers=(*self.numbers, str(number)), begin=begin, width=width)
+
+    def in_part(self, name: str) -> Where:
+        """A list of steps that is not the main one of this step."""
+        return replace(self, numbers=(*self.numbers, name))
+
+    def in_round(self, name: str, number: int, of: int | None) -> Where:
+        """One round of this step; without `of` the number of rounds is unknown."""
+        note = f"{name} {number}" if of is None else f"{name} {number} of {of}"
+        width = 0.0 if of is None else self.width / of
+        begin = self.begin + (number - 1) * width
+        return replace(self, notes=(*self.notes, note), begin=begin, width=width)
+
+    def with_place(self, name: str, place: Place) -> Where:
+        """Poses in the frame of this name are relative to the place."""
+        return replace(self, frames={**self.frames, name: place})
+
+    def in_file(self, name: str, word: str, total: int) -> Where:
+        """The steps of a file that this step calls."""
+        caller = f"{self}, {name} "
+        return replace(self, word=word, total=total, numbers=(), notes=(), caller=caller)
+
+    def __str__(self) -> str:
+        if self.numbers == ("0",):
+            return f"{self.caller}home"
+        of = "/" if self.word == "waypoint" else " of "
+        notes = f" ({', '.join(self.notes)})" if self.notes else ""
+        return f"{self.caller}{self.word} {'.'.join(self.numbers)}{of}{self.total}{notes}"
