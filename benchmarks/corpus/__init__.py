@@ -99,7 +99,10 @@ def _failure(description: Description, outcome: Outcome, *, moved: bool) -> str:
     if description.refused is not None:
         return f"was expected to be refused: {description.refused}"
     if outcome.check:
-        return f"cobot check: {outcome.check}"
+        expected = description.check is not None and description.check in outcome.check
+        return "" if expected else f"cobot check: {outcome.check}"
+    if description.check is not None:
+        return f"was expected to fail cobot check: {description.check}"
     return "" if outcome.good or not moved else outcome.moved
 
 

@@ -50,12 +50,14 @@ class Description:
         name: unique, made of the package and the file.
         options: of `cobot new-robot`, besides --output.
         refused: a part of the expected reason for refusing it; None for an arm that has to be converted.
+        check: a part of what `cobot check` is expected to fail with; None for an arm that has to pass.
     """
 
     name: str
     file: Path
     options: tuple[str, ...] = ()
     refused: str | None = None
+    check: str | None = None
 
 
 def installed() -> bool:
@@ -83,7 +85,7 @@ def real_descriptions(folder: Path) -> Iterator[Description]:
         entry = expected.get(name, {})
         package_options = ("--package", str(packages)) if file.suffix == ".urdf" else ()
         options = (*package_options, *map(str, entry.get("options", ())))
-        yield Description(name, file, options, entry.get("refused"))
+        yield Description(name, file, options, entry.get("refused"), entry.get("check"))
 
 
 def _name(file: Path, site: Path) -> str:
@@ -97,6 +99,7 @@ def _link_packages(site: Path, links: Path) -> Path:
     links.mkdir(parents=True, exist_ok=True)
     rtb = site / "rtbdata" / "xacro"
     folders = {folder.name: folder for folder in rtb.iterdir()}
+    folders["armer_xarm"] = site / "rtbdata" / "armer_xarm"
     for kuka in (rtb / "kuka_description").iterdir():
         folders[kuka.name if kuka.name == "kuka_resources" else f"{kuka.name}_support"] = kuka
     folders |= {name: rtb / folder for name, folder in NAMES_IN_URIS.items()}
