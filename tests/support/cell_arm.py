@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rig import Rig
-from virtual import VirtualService
+from virtual_service import VirtualService
 
 from cobot.config import Settings
 from cobot.ipc.shm import RobotMemory
