@@ -1,4 +1,4 @@
-"""Conditions on inputs, as sequences, programs and motions take them."""
+"""Conditions on inputs, as the steps of sequences take them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PointName = Annotated[str, Field(min_length=1, max_length=200)]
 """Name of an input or output, as in GET /robot/io."""
 
 
-class InputCondition(RequestModel):
+class StepCondition(RequestModel):
     """A condition on an input: `is` for a boolean one, `above` or `below` for the others."""
 
     input: PointName = Field(description="One of the inputs of GET /robot/io.")

@@ -13,7 +13,7 @@ from cobot.client.pallets import places
 from cobot.client.steps import on_error, wait, wait_until
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError
-from cobot.motions.conditions import InputCondition
+from cobot.motions.conditions import StepCondition
 from cobot.runner import schema
 from cobot.runner.library import Library
 from cobot.runner.moving import go
@@ -228,7 +228,7 @@ class Interpreter:
         elif step.else_:
             self._block(step.else_, here.in_part("else"))
 
-    def _holds(self, condition: InputCondition, step: Step, here: Where) -> bool:
+    def _holds(self, condition: StepCondition, step: Step, here: Where) -> bool:
         text = self._text(step, here)
         try:
             found = holds(condition.as_json(), self._client.io())

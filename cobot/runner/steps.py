@@ -27,7 +27,7 @@ from cobot.motions.bodies import (
     PathPose,
     kind_of,
 )
-from cobot.motions.conditions import InputCondition, PointName
+from cobot.motions.conditions import PointName, StepCondition
 from cobot.motions.fields import Coordinate, Finite
 from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, PoseTarget, Target
 
@@ -70,7 +70,7 @@ class SetStep(Step):
 class WaitForStep(Step):
     """Wait until a condition holds."""
 
-    wait_for: InputCondition
+    wait_for: StepCondition
     timeout_s: Seconds = Field(
         WAIT_FOR_TIMEOUT_S, description="If the condition does not hold within this time, the step fails, s."
     )
@@ -86,10 +86,10 @@ class Rounds(RequestModel):
     """How often steps are repeated. Without a field: until the sequence is stopped."""
 
     count: int | None = Field(None, ge=1, le=MAX_ROUNDS, description="Maximum number of rounds.")
-    while_: InputCondition | None = Field(
+    while_: StepCondition | None = Field(
         None, alias="while", description="Checked before each round: the next round begins while it holds."
     )
-    until: InputCondition | None = Field(
+    until: StepCondition | None = Field(
         None, description="Checked after each round: no further round begins once it holds."
     )
 
@@ -107,7 +107,7 @@ class RepeatStep(Step):
 class IfStep(Step):
     """Do steps if a condition holds, or others if it does not."""
 
-    if_: InputCondition = Field(alias="if")
+    if_: StepCondition = Field(alias="if")
     then: Block
     else_: Block = Field(default_factory=list, alias="else")
 
