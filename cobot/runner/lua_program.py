@@ -17,6 +17,7 @@ from cobot.codes import code_of
 from cobot.errors import CobotError, ExecutionError, InputError
 from cobot.motions.bodies import JointMotion, TcpMotion
 from cobot.runner.lua_sandbox import Function, Limits, Sandbox, Watch
+from cobot.runner.lua_steps import LuaSteps
 from cobot.runner.lua_values import lua, number, numbers, plain, text
 from cobot.runner.moving import go
 from cobot.runner.ros_bind import RosBridge
@@ -49,12 +50,16 @@ class Program:
         limits: Limits,
         log: Callable[[str], None],
         report: Report = lambda _: None,
+        call: Callable[[str], None] = lambda _: None,
+        paused_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         """
         Args:
             url: of the service or of a robot at it, see `cobot.addresses`.
             log: gets what the program says.
-            report: gets each motion's start and end.
+            report: gets the start and the end of each motion and each other step.
+            call: runs a sequence file.
+            paused_s: total time for which the program has been paused.
         """
         self.watch = Watch(limits.instructions)
         self._client = client
@@ -64,7 +69,17 @@ class Program:
         self._robot = robot
         self._begun_s = time.monotonic()
         self._bridge = RosBridge(root, self.watch)
-        self._sandbox = Sandbox(self._functions(), self.watch, limits)
+        self._steps = LuaSteps(
+            client,
+            self.watch,
+            self._unless_ended,
+            report,
+            self._lua,
+            lambda: self._sandbox.failure,
+            call,
+            paused_s,
+        )
+        self._sandbox = Sandbox(self._functions() | self._steps.functions(), self.watch, limits)
 
     def run(self, source: bytes, name: str) -> None:
         """Run it to its end. See `Sandbox.run`."""

@@ -184,5 +184,13 @@ def _iterate_program(
                 order.progress.ask(place)
             report({**event, **place})
 
-        program = Program(client, order.url, order.lua, say if order.from_service else log, moved)
+        program = Program(
+            client,
+            order.url,
+            order.lua,
+            say if order.from_service else log,
+            moved,
+            partial(interpreter.call, place=place),
+            order.progress.paused_s,
+        )
         run_apart(partial(program.run, source, order.name), program.watch)

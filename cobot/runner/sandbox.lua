@@ -8,6 +8,7 @@ local host, poll, interval = ...
 local error, pcall, rawget, setmetatable, type, select = error, pcall, rawget, setmetatable, type, select
 local load, sethook, string, table, coroutine = load, debug.sethook, string, table, coroutine
 local insert, concat, tostring = table.insert, table.concat, tostring
+local pack, unpack = table.pack, table.unpack
 local create, resume = coroutine.create, coroutine.resume
 local stopped -- the reason, from when the program has to end
 
@@ -144,6 +145,49 @@ local function subscriber(handle)
     close = function() ended() return outcome(host.close(handle)) end,
   }
 end
+
+-- for place in pallet(origin, counts, offsets) do move(place:at { z = -0.1 }) end
+local function place_of(pose)
+  local place = object {
+    at = function(_, relative) ended() return outcome(host.place_at(pose, relative)) end,
+  }
+  place.number = pose.number
+  return place
+end
+local function each_place(found)
+  local number = 0
+  return function()
+    number = number + 1
+    if found[number] then return place_of(found[number]) end
+  end
+end
+function env.pallet(...) ended() return opened(each_place, host.places(...)) end
+
+-- on_error(work, { retry = 2, run = function(reason) ... end, go_on = true }): the results of work
+local options_of_on_error = { retry = true, run = true, go_on = true }
+local function packed(ok, ...) return ok, pack(...) end
+function env.on_error(work, options)
+  options = options or {}
+  if type(work) ~= "function" or type(options) ~= "table" then
+    error("on_error takes a function, and a table of options", 2)
+  end
+  for name in pairs(options) do
+    if not options_of_on_error[name] then
+      error("the options of on_error are retry, run and go_on; got " .. tostring(name), 2)
+    end
+  end
+  local valid, retry = host.require_retry(options.retry or 0)
+  if not valid then error(retry, 2) end
+  for attempt = 0, retry do
+    local ok, results = packed(env.pcall(work))
+    if ok then return unpack(results, 1, results.n) end
+    local reason = results[1]
+    if not outcome(host.is_recoverable(reason)) then error(reason, 0) end
+    if options.run then options.run(reason) end
+    if attempt == retry and not options.go_on then error(reason, 0) end
+  end
+end
+
 local ros_bind = {}
 function ros_bind.ros_publisher_factory(...) ended() return opened(publisher, host.advertise(...)) end
 function ros_bind.ros_subscriber_factory(...) ended() return opened(subscriber, host.subscribe(...)) end
