@@ -24,6 +24,7 @@ class RobotSection(Section):
     start_position: str
     max_payload_kg: Annotated[float, Field(ge=0.0, le=10_000.0)]
     backend: Backend
+    cell: Location | None
 
 
 class RtSection(Section):

@@ -85,6 +85,7 @@ cdef extern from "mujoco/mujoco.h" nogil:
         int* geom_bodyid
         double* geom_size
         double* geom_rbound
+        double* geom_surfacevel
         int* site_bodyid
         double* site_pos
         double* site_quat
@@ -195,6 +196,8 @@ cdef extern from "mujoco/mujoco.h" nogil:
     void mj_jacSite(const mjModel* m, const mjData* d, double* jacp, double* jacr, int site)
     void mj_applyFT(const mjModel* m, mjData* d, const double* force, const double* torque,
                     const double* point, int body, double* qfrc_target)
+    double mj_ray(const mjModel* m, const mjData* d, const double* pnt, const double* vec,
+                  const uint8_t* geomgroup, int flg_static, int bodyexclude, int* geomid, double* normal)
     double mj_geomDistance(const mjModel* m, mjData* d, int geom1, int geom2, double distmax, double* fromto)
 
     int mju_cholFactor(double* mat, int n, double mindiag)

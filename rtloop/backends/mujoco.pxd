@@ -9,6 +9,7 @@ cdef class MujocoBackend(CompiledBackend):
     cdef int _tcp, _tcp_body
     cdef const mjModel* _c_model
     cdef mjData* _c_data
+    cdef mjData* _sensed  # whose sensors are read
     cdef object _robot
     cdef readonly object _model, _data, _position
     cdef readonly object nominal_stiffness, nominal_cartesian_stiffness
@@ -39,12 +40,13 @@ cdef class MujocoBackend(CompiledBackend):
     cdef public bint stale, not_finite
     cdef void _take(self, double* values) noexcept nogil
     cdef void _step(self, const double* command) noexcept nogil
+    cdef void _find_torques(self, const double* command) noexcept nogil
     cdef void _find_jacobian(self) noexcept nogil
     cdef void _find_pull(self) noexcept nogil
     cdef void _pull_stiffly(self) noexcept nogil
     cdef void _begin_transition(self) noexcept nogil
     cdef void _fade_transition(self) noexcept nogil
-    cdef void _exert_push(self) noexcept nogil
+    cdef void _push_on(self, mjData* data, int body) noexcept nogil
     cdef void _report(self) noexcept nogil
     cdef void _read_sensors(self, double* wrench) noexcept nogil
     cdef _make_up_for_losses(self)

@@ -59,6 +59,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._data = mujoco.MjData(self._model)
         mujoco.set_mjcb_time(None)  # nobody reads MuJoCo's timers, for which it asks the time again and again
         self._c_model, self._c_data = model_of(self._model), data_of(self._data)
+        self._sensed = self._c_data
         self._position = self._data.qpos
         self._tcp = self._model.site(names.tcp).id
         self._tcp_body = self._model.site_bodyid[self._tcp]
@@ -205,10 +206,17 @@ cdef class MujocoBackend(CompiledBackend):
 
     cdef void _step(self, const double* command) noexcept nogil:
         """One period: M and bias are of its beginning, and so is the torque."""
+        mj_step1(self._c_model, self._c_data)
+        self._find_torques(command)
+        self._push_on(self._c_data, self._tcp_body)
+        mj_step2(self._c_model, self._c_data)
+        self._observer.c_update()
+
+    cdef void _find_torques(self, const double* command) noexcept nogil:
+        """The drives' torques, into the data's `ctrl`."""
         cdef mjData* data = self._c_data
         cdef double inertia[MAX_DOF]
         cdef int i, dof = self._dof
-        mj_step1(self._c_model, data)
         self._find_jacobian()
         memcpy(self._command, command, 3 * dof * sizeof(double))
         self._find_pull()
@@ -218,9 +226,6 @@ cdef class MujocoBackend(CompiledBackend):
         self._fade_transition()
         for i in range(dof):
             data.ctrl[i] = self._pull[i] + inertia[i] + self._c_transition[i] + data.qfrc_bias[i]
-        self._exert_push()
-        mj_step2(self._c_model, data)
-        self._observer.c_update()
 
     cdef void _find_jacobian(self) noexcept nogil:
         """Of the TCP in the base frame, for all that follows in this cycle."""
@@ -289,11 +294,11 @@ cdef class MujocoBackend(CompiledBackend):
         for i in range(self._dof):
             self._c_transition[i] = self._transition_from[i] * share
 
-    cdef void _exert_push(self) noexcept nogil:
+    cdef void _push_on(self, mjData* data, int body) noexcept nogil:
         """MuJoCo wants it at the body's centre of mass, in the world frame."""
         cdef const double* push = self._c_push
         cdef const double* turn = self._base_rotation
-        cdef double* force = self._c_data.xfrc_applied + 6 * self._tcp_body
+        cdef double* force = data.xfrc_applied + 6 * body
         cdef double lever[3]
         cdef bint pushing = False
         cdef int i
@@ -305,7 +310,7 @@ cdef class MujocoBackend(CompiledBackend):
         for i in range(3):
             force[i] = turn[3 * i] * push[0] + turn[3 * i + 1] * push[1] + turn[3 * i + 2] * push[2]
             force[3 + i] = turn[3 * i] * push[3] + turn[3 * i + 1] * push[4] + turn[3 * i + 2] * push[5]
-            lever[i] = self._c_data.site_xpos[3 * self._tcp + i] - self._c_data.xipos[3 * self._tcp_body + i]
+            lever[i] = self._c_data.site_xpos[3 * self._tcp + i] - data.xipos[3 * body + i]
         force[3] += lever[1] * force[2] - lever[2] * force[1]
         force[4] += lever[2] * force[0] - lever[0] * force[2]
         force[5] += lever[0] * force[1] - lever[1] * force[0]
@@ -331,8 +336,8 @@ cdef class MujocoBackend(CompiledBackend):
         cdef int row, i
         if self._force_address < 0:
             return
-        memcpy(readings, self._c_data.sensordata + self._force_address, 3 * sizeof(double))
-        memcpy(readings + 3, self._c_data.sensordata + self._torque_address, 3 * sizeof(double))
+        memcpy(readings, self._sensed.sensordata + self._force_address, 3 * sizeof(double))
+        memcpy(readings + 3, self._sensed.sensordata + self._torque_address, 3 * sizeof(double))
         for row in range(6):
             product = 0.0
             for i in range(6):

@@ -5,6 +5,7 @@ from cobot.robot.mujoco cimport mjData, mjModel
 cdef class Observer:
     cdef const mjModel* _model
     cdef mjData* _data
+    cdef mjData* _solved  # whose dry friction counts
     cdef object _owners  # of what the addresses lead to
     cdef int _dof
     cdef double _before[MAX_DOF]

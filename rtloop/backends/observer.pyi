@@ -22,6 +22,7 @@ class Observer:
     friction: Array
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, jacobian: Array) -> None: ...
+    def solve_by(self, data: mujoco.MjData) -> None: ...
     def reset(self) -> None:
         """The arm stands still and nothing pushes it."""
 

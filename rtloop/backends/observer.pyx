@@ -29,6 +29,7 @@ cdef class Observer:
         cdef int dof = checked_dof(model.nv)
         self._owners = model, data, jacobian
         self._model, self._data = model_of(model), data_of(data)
+        self._solved = self._data
         self._jacobian = doubles(jacobian, 6 * dof)
         self._dof = dof
         self._share = 1.0 - exp(-GAIN_HZ * self._model.opt.timestep)
@@ -37,6 +38,11 @@ cdef class Observer:
         self.c_effort, self.c_friction = doubles(self.effort, dof), doubles(self.friction, dof)
         self.c_wrench = doubles(self.wrench, 6)
         self.reset()
+
+    def solve_by(self, data: object) -> None:
+        """Take the dry friction from the data of a larger model, whose first joints are those of the arm."""
+        self._owners = *self._owners, data
+        self._solved = data_of(data)
 
     def reset(self) -> None:
         cdef int joint
@@ -50,9 +56,10 @@ cdef class Observer:
 
     cdef void c_update(self) noexcept nogil:
         cdef mjData* data = self._data
+        cdef mjData* solved = self._solved
         cdef double momentum[MAX_DOF]  # M (dq' - dq)
         cdef double external
-        cdef int i, row = data.ne, dof = self._dof
+        cdef int i, row = solved.ne, dof = self._dof
         for i in range(dof):
             self._change[i] = data.qvel[i] - self._before[i]
             self._before[i] = data.qvel[i]
@@ -60,8 +67,8 @@ cdef class Observer:
         # MuJoCo's forces of constraint: equalities, then dry friction, if a model does not switch it off.
         for i in range(dof):
             self.c_friction[i] = 0.0
-            if self._model.dof_frictionloss[i] > 0.0 and row < data.ne + data.nf:
-                self.c_friction[i] = data.efc_force[row]
+            if self._model.dof_frictionloss[i] > 0.0 and row < solved.ne + solved.nf:
+                self.c_friction[i] = solved.efc_force[row]
                 row += 1
             external = (
                 momentum[i] * self._rate_hz

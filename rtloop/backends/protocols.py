@@ -239,6 +239,28 @@ class HasIo(Protocol):
 
 
 @runtime_checkable
+class HasCell(Protocol):
+    """A simulation with loose parts.
+
+    Attributes:
+        part_names: names of the parts.
+    """
+
+    part_names: tuple[str, ...]
+
+    def part_poses(self, poses: Array) -> None:
+        """Write the poses of all parts in the base frame into `poses`, shape (n, 7): x, y, z (m) and
+        w, x, y, z. Real-time safe.
+        """
+        ...
+
+    def reset_cell(self) -> None:
+        """Put parts, hand, outputs and counters back to their state at the start. The arm stays where it is.
+        Called between two cycles."""
+        ...
+
+
+@runtime_checkable
 class TrajectoryDevice(Protocol):
     """A robot arm that takes a whole motion at a time and executes it by itself, used instead of a `Backend`.
 

@@ -22,6 +22,8 @@ SHIPPED = {
 }
 """The backends of cobot, which are also its entry points; this finds them in an uninstalled source tree
 too."""
+WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}
+"""The backends that simulate a cell, by the name that they have without one."""
 
 
 def backend_names() -> dict[str, str]:
@@ -66,7 +68,7 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
         BackendError: raised by the backend.
     """
     name = settings.robot.backend.type
-    kind = backend_class(name)
+    kind = backend_class(name if settings.robot.cell is None else _with_cell(name))
     settings.backend_options(getattr(kind, "Options", NoOptions))
     refusal = capabilities_of(kind).period_refusal(settings.rt.period_s)
     if refusal:
@@ -79,6 +81,20 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
         raise
     except BaseException as exc:  # a foreign class may raise anything
         raise _unloadable(name, exc) from exc
+
+
+def _with_cell(name: str) -> str:
+    """The class of a backend with a cell.
+
+    Raises:
+        ConfigError: this backend simulates none.
+    """
+    if name not in WITH_CELL:
+        raise ConfigError(
+            f"robot.cell: the backend {name!r} has no simulated cell, only {', '.join(WITH_CELL)} has one; "
+            "set robot.cell to null"
+        )
+    return WITH_CELL[name]
 
 
 def _unloadable(name: str, exc: BaseException) -> ConfigError:

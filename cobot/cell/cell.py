@@ -1,0 +1,273 @@
+"""The cell file: which hand, parts, fixtures, belts and switches the simulation has.
+
+All lengths are in metres, all positions in the robot's base frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Field, field_validator, model_validator
+
+from cobot.config.section import parse
+from cobot.errors import ConfigError
+from cobot.robot.io_points import IoKind
+from cobot.strict import StrictModel, shown
+from cobot.yaml_file import read_mapping
+
+CELL_FILE = "cell.yaml"
+MAX_PARTS = 32
+MAX_FIXTURES = 64
+MAX_BELTS = 8
+MAX_SWITCHES = 16
+MAX_OUTPUTS = 16
+HAND = "hand"
+"""Name of the hand, and first part of the names of its inputs and outputs."""
+COUNT = "count"
+"""Last part of the name of the input with a light barrier's count."""
+SPEED = "speed"
+"""Last part of the name of the output that sets a belt's speed."""
+SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
+"""Shapes of parts and fixtures, with the number of their lengths."""
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
+Coordinate = Annotated[float, Field(ge=-20.0, le=20.0)]
+Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], Field(strict=False)]
+Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
+Angles = Annotated[tuple[Angle, Angle, Angle], Field(strict=False)]
+Friction = Annotated[float, Field(ge=0.0, le=5.0)]
+Edge = Annotated[float, Field(ge=0.002, le=1.0)]
+Edges = Annotated[tuple[Edge, Edge, Edge], Field(strict=False)]
+Mass = Annotated[float, Field(ge=0.001, le=100.0)]
+BeltSpeed = Annotated[float, Field(ge=-2.0, le=2.0)]
+
+
+class Entry(StrictModel):
+    """Base of all entries of the file."""
+
+    model_config = ConfigDict(frozen=True)
+
+
+class Hand(Entry):
+    """A hand with two parallel fingers at the flange. The fingers move along the flange's x axis, and its z
+    axis points out of the hand.
+
+    Attributes:
+        stroke_m: largest width between the fingers.
+        max_force_n: largest force of each finger.
+        max_speed_m_s: largest speed of the width.
+        mass_kg: of the hand with its fingers.
+        palm_m: edges of the palm along x, y and z.
+        finger_m: edges of a finger: thickness (x), width (y) and length (z).
+        tcp_from_tip_m: distance of the TCP from the fingertips.
+    """
+
+    stroke_m: Annotated[float, Field(ge=0.005, le=0.5)] = 0.08
+    max_force_n: Annotated[float, Field(ge=1.0, le=2000.0)] = 100.0
+    max_speed_m_s: Annotated[float, Field(ge=0.01, le=1.0)] = 0.2
+    mass_kg: Annotated[float, Field(ge=0.05, le=50.0)] = 0.8
+    palm_m: Edges = (0.12, 0.06, 0.07)
+    finger_m: Edges = (0.012, 0.022, 0.055)
+    tcp_from_tip_m: Annotated[float, Field(ge=0.0, le=1.0)] = 0.01
+
+    @model_validator(mode="after")
+    def _has_its_tcp_between_the_fingers(self) -> Hand:
+        if self.tcp_from_tip_m > self.finger_m[2]:
+            raise ValueError(
+                f"tcp_from_tip_m is {self.tcp_from_tip_m:g}, it must be at most the length of a finger, "
+                f"{self.finger_m[2]:g} m"
+            )
+        return self
+
+    @property
+    def tcp_m(self) -> float:
+        """Distance of the TCP from the flange."""
+        return self.palm_m[2] + self.finger_m[2] - self.tcp_from_tip_m
+
+
+class Solid(Entry):
+    """A fixture: a solid that does not move.
+
+    Attributes:
+        size_m: box: edges along x, y and z; cylinder (along z): radius and length; sphere: radius.
+        position_m: of its middle.
+        rotation_deg: about the fixed x, y and z axes of the base frame, in this order.
+        friction: coefficient of friction. Where two solids touch, the larger one counts, or that of the part.
+    """
+
+    MAX_LENGTH_M: ClassVar[float] = 10.0
+
+    shape: Literal["box", "cylinder", "sphere"]
+    size_m: Annotated[tuple[float, ...], Field(strict=False)]
+    position_m: Point
+    rotation_deg: Angles = (0.0, 0.0, 0.0)
+    friction: Friction = 0.8
+
+    @field_validator("shape", mode="before")
+    @classmethod
+    def _is_no_mesh(cls, shape: Any) -> Any:
+        if shape == "mesh":
+            raise ValueError(
+                "meshes are not supported here; approximate the body by a box, a cylinder or a sphere"
+            )
+        return shape
+
+    @model_validator(mode="after")
+    def _has_its_lengths(self) -> Solid:
+        wanted = SHAPES[self.shape]
+        if len(self.size_m) != wanted:
+            raise ValueError(
+                f"size_m has {len(self.size_m)} {'length' if len(self.size_m) == 1 else 'lengths'}, "
+                f"a {self.shape} has {wanted}"
+            )
+        for length in self.size_m:
+            if not (math.isfinite(length) and 0.002 <= length <= self.MAX_LENGTH_M):
+                raise ValueError(
+                    f"size_m: {shown(length)} is out of range, allowed is 0.002 to {self.MAX_LENGTH_M:g} m"
+                )
+        return self
+
+
+class Part(Solid):
+    """A loose body: it falls, slides, can be grasped and dropped."""
+
+    MAX_LENGTH_M: ClassVar[float] = 2.0
+
+    mass_kg: Mass
+
+
+class Belt(Entry):
+    """A conveyor belt: a box whose surface moves along its own x axis. The output NAME.speed sets its
+    speed."""
+
+    size_m: Annotated[
+        tuple[
+            Annotated[float, Field(ge=0.05, le=10.0)],
+            Annotated[float, Field(ge=0.02, le=5.0)],
+            Annotated[float, Field(ge=0.005, le=2.0)],
+        ],
+        Field(strict=False),
+    ]
+    position_m: Point
+    rotation_deg: Angles = (0.0, 0.0, 0.0)
+    friction: Friction = 0.8
+    speed_m_s: BeltSpeed = 0.0
+
+
+class LightBarrier(Entry):
+    """A boolean input: true while something is between two points. With `count`, a second input NAME.count
+    counts how often it became true."""
+
+    type: Literal["light_barrier"]
+    from_m: Point
+    to_m: Point
+    count: bool = False
+
+    @model_validator(mode="after")
+    def _has_a_length(self) -> LightBarrier:
+        if math.dist(self.from_m, self.to_m) < 1e-3:
+            raise ValueError("from_m and to_m are the same point, they must be at least 0.001 m apart")
+        return self
+
+
+class ContactSwitch(Entry):
+    """A boolean input: true while something presses on a fixture, a belt or a part.
+
+    Attributes:
+        body: name of that body.
+        force_n: sum of the normal forces at which it switches.
+    """
+
+    type: Literal["contact"]
+    body: str
+    force_n: Annotated[float, Field(ge=0.01, le=10_000.0)] = 0.5
+
+
+class Distance(Entry):
+    """An analog input: the distance, m, to what is in front of a point; `range_m` if nothing is nearer."""
+
+    type: Literal["distance"]
+    from_m: Point
+    direction: Point
+    range_m: Annotated[float, Field(ge=0.01, le=20.0)]
+
+    @field_validator("direction")
+    @classmethod
+    def _is_a_direction(cls, direction: tuple[float, float, float]) -> tuple[float, float, float]:
+        if math.hypot(*direction) < 1e-6:
+            raise ValueError("direction is zero, it must point somewhere")
+        return direction
+
+
+class Output(Entry):
+    """An output without an effect in the simulation, as a lamp has."""
+
+    kind: Annotated[IoKind, Field(strict=False)]
+
+
+Switch = Annotated[LightBarrier | ContactSwitch | Distance, Field(discriminator="type")]
+
+
+class Cell(Entry):
+    """A cell.
+
+    Attributes:
+        floor_m: height of the floor in the base frame; None: no floor.
+    """
+
+    floor_m: Coordinate | None = 0.0
+    hand: Hand | None = None
+    parts: Annotated[dict[Name, Part], Field(max_length=MAX_PARTS)] = {}
+    fixtures: Annotated[dict[Name, Solid], Field(max_length=MAX_FIXTURES)] = {}
+    belts: Annotated[dict[Name, Belt], Field(max_length=MAX_BELTS)] = {}
+    switches: Annotated[dict[Name, Switch], Field(max_length=MAX_SWITCHES)] = {}
+    outputs: Annotated[dict[Name, Output], Field(max_length=MAX_OUTPUTS)] = {}
+
+    @model_validator(mode="after")
+    def _has_each_name_once(self) -> Cell:
+        bodies = [*self.parts, *self.fixtures, *self.belts]
+        points = [*self.switches, *self.outputs, *self.belts]
+        for names in (bodies, points):
+            for index, name in enumerate(names):
+                if name == HAND:
+                    raise ValueError(f"the name {HAND!r} is reserved for the hand")
+                if name in names[:index]:
+                    raise ValueError(f"the name {name!r} occurs twice: each needs a name of its own")
+        for name, switch in self.switches.items():
+            if isinstance(switch, ContactSwitch) and switch.body not in bodies:
+                raise ValueError(
+                    f"switches.{name}.body: there is no {shown(switch.body)}; "
+                    f"valid are: {', '.join(bodies) or 'none'}"
+                )
+        return self
+
+    def solids(self) -> Iterator[tuple[str, Solid | Belt]]:
+        """All fixtures and belts, with their names."""
+        yield from self.fixtures.items()
+        yield from self.belts.items()
+
+
+def load_cell(path: Path) -> Cell:
+    """Read a cell file; of a folder, its `cell.yaml`.
+
+    Raises:
+        ConfigError: the file is missing or invalid. The error names the file, the key, the value and what is
+            valid.
+    """
+    file = cell_file(path)
+    return parse(Cell, file, read_mapping(file))
+
+
+def cell_file(path: Path) -> Path:
+    """The cell file that a path names.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    file = path / CELL_FILE if path.is_dir() else path
+    if not file.exists():
+        raise ConfigError(f"{file}: no such file; it must be a cell file, or a folder with a {CELL_FILE}")
+    return file

@@ -1,0 +1,283 @@
+"""The MuJoCo model that a simulation with a cell steps: the arm, its hand, parts, fixtures and belts.
+
+The arm's joints come first, so its joint vectors are the first part of the plant's.
+
+Contacts are those of stiff bodies. Elliptic friction cones, a friction that is stiffer than the contact's normal
+direction and MuJoCo's no-slip iterations keep a held part from creeping between the fingers:
+`benchmarks/cell.py` measures it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from cobot.cell.cell import HAND, Belt, Cell, Hand, Part, Solid
+from cobot.errors import CollisionError, ConfigError, exhausted
+from cobot.robot.model import RobotModel
+from cobot.robot.scene import SceneObject
+from cobot.robot.tool import Tool
+from cobot.types import Array, Numbers7, Pose
+
+FINGERS = ("hand finger 1", "hand finger 2")
+OVERLAP_M = 0.001
+"""How far bodies may overlap at the start."""
+IMPEDANCE_RATIO = 10.0
+NO_SLIP_ITERATIONS = 5
+CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
+FINGER_SHARE = 0.1
+"""Share of the hand's mass in each finger."""
+DRIVE_KG = 0.5
+"""Mass of a finger's drive as the finger feels it: its rotor behind a gear."""
+TORSION_M = 0.005
+ROLLING_M = 0.0002
+_GEOMS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """A compiled plant.
+
+    Attributes:
+        start: its joint positions at the start, without those of the arm, which are zeros.
+        tcp_body: the body with the TCP.
+        parts: the bodies of the parts, in the cell's order.
+        base: pose of the base frame in the world.
+    """
+
+    cell: Cell
+    mj: mujoco.MjModel
+    start: Array
+    tcp_body: int
+    parts: tuple[int, ...]
+    base: Pose
+
+
+def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str) -> Plant:
+    """Add the cell to the arm's model.
+
+    Raises:
+        ConfigError: a name is one of the arm's, or MuJoCo rejects the model, with the reason.
+    """
+    if robot.spec is None:
+        raise ConfigError("this model was not read from a file, so no cell can be added to it")
+    spec = robot.spec.copy()
+    for key in list(spec.keys):
+        spec.delete(key)
+    _make_contacts_stiff(spec)
+    base_pose = _base_pose(robot.mj, base)
+    own = robot.frame_names
+    for name in (HAND, *cell.parts, *cell.fixtures, *cell.belts):
+        if name in own:
+            raise ConfigError(f"the arm has a body or site named {name!r}: rename that of the cell")
+    if cell.floor_m is not None:
+        _replace_floor(spec, base_pose, cell.floor_m)
+    if cell.hand is not None:
+        _add_hand(spec, robot, cell.hand, tcp)
+    for name, solid in cell.solids():
+        _add_solid(spec.body(base), name, solid, pose_of(solid))
+    for name, part in cell.parts.items():
+        body = _add_solid(spec.worldbody, name, part, base_pose @ pose_of(part))
+        body.add_freejoint()
+    mj = _compiled(spec)
+    arm = robot.limits.names
+    if tuple(mj.joint(index).name for index in range(len(arm))) != arm:
+        raise ConfigError("the arm's joints must come before those of the hand: its flange is not its last body")
+    start = np.array(mj.qpos0)
+    start[: len(arm)] = 0.0
+    if cell.hand is not None:
+        for finger in FINGERS:
+            start[mj.joint(finger).qposadr[0]] = 0.5 * cell.hand.stroke_m
+    return Plant(
+        cell=cell,
+        mj=mj,
+        start=start,
+        tcp_body=int(mj.site_bodyid[mj.site(tcp).id]),
+        parts=tuple(mj.body(name).id for name in cell.parts),
+        base=base_pose,
+    )
+
+
+def check_start(plant: Plant, joints: Array) -> None:
+    """See that nothing overlaps at the start.
+
+    Args:
+        joints: of the arm.
+
+    Raises:
+        CollisionError: two bodies do, with how far.
+    """
+    mj = plant.mj
+    data = mujoco.MjData(mj)
+    data.qpos[:] = plant.start
+    data.qpos[: len(joints)] = joints
+    mujoco.mj_fwdPosition(mj, data)
+    new = {*plant.cell.parts, *plant.cell.fixtures, *plant.cell.belts, HAND, *FINGERS, FLOOR}
+    for contact in data.contact:
+        names = [_name_of_geom(mj, geom) for geom in (contact.geom1, contact.geom2)]
+        if contact.dist < -OVERLAP_M and not new.isdisjoint(names):
+            raise CollisionError(
+                f"{names[0]} and {names[1]} overlap by {-1e3 * contact.dist:.1f} mm at the start, allowed is "
+                f"{1e3 * OVERLAP_M:g} mm: move one of them"
+            )
+
+
+FLOOR = "floor of the cell"
+
+
+def fixtures_in_scene(cell: Cell) -> dict[str, SceneObject]:
+    """The fixtures and belts as objects of the scene."""
+    return {
+        name: SceneObject(
+            shape="box" if isinstance(solid, Belt) else solid.shape,
+            size=tuple(solid.size_m),
+            pose=pose_of(solid).numbers,
+        )
+        for name, solid in cell.solids()
+    }
+
+
+def hand_as_tool(hand: Hand) -> Tool:
+    """What the arm carries while its hand is empty: mass and TCP."""
+    palm, fingers = (1.0 - 2.0 * FINGER_SHARE) * hand.mass_kg, 2.0 * FINGER_SHARE * hand.mass_kg
+    height = hand.palm_m[2]
+    centre = (palm * 0.5 * height + fingers * (height + 0.5 * hand.finger_m[2])) / hand.mass_kg
+    return Tool(
+        name=HAND,
+        mass=hand.mass_kg,
+        centre=(0.0, 0.0, centre),
+        tcp=(0.0, 0.0, hand.tcp_m, 1.0, 0.0, 0.0, 0.0),
+    )
+
+
+def pose_of(solid: Solid | Belt) -> Pose:
+    """The pose in the base frame."""
+    quaternion = np.zeros(4)
+    mujoco.mju_euler2Quat(quaternion, np.radians(solid.rotation_deg), "XYZ")
+    return Pose(np.array(solid.position_m), quaternion)
+
+
+def _name_of_geom(mj: mujoco.MjModel, geom: int) -> str:
+    return str(mj.geom(geom).name or mj.body(mj.geom_bodyid[geom]).name)
+
+
+def _base_pose(mj: mujoco.MjModel, base: str) -> Pose:
+    data = mujoco.MjData(mj)
+    mujoco.mj_kinematics(mj, data)
+    body = data.body(base)
+    return Pose(body.xpos.copy(), body.xquat.copy())
+
+
+def _make_contacts_stiff(spec: mujoco.MjSpec) -> None:
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = IMPEDANCE_RATIO
+    spec.option.noslip_iterations = NO_SLIP_ITERATIONS
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def _replace_floor(spec: mujoco.MjSpec, base: Pose, height_m: float) -> None:
+    """Add the floor of the cell, and let nothing touch that of the arm's file."""
+    for geom in spec.worldbody.geoms:
+        if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
+            geom.contype = geom.conaffinity = 0
+    place = base @ Pose(np.array([0.0, 0.0, height_m]), np.array([1.0, 0.0, 0.0, 0.0]))
+    spec.worldbody.add_geom(
+        name=FLOOR,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[5.0, 5.0, 0.1],
+        pos=place.position,
+        quat=place.quaternion,
+        **CONTACT,
+    )
+
+
+def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> None:
+    mj = robot.mj
+    flange = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_SITE, "flange")
+    if flange < 0 or mj.body_weldid[mj.site_bodyid[flange]] != mj.body_weldid[mj.site(tcp).bodyid[0]]:
+        flange = mj.site(tcp).id
+    site = spec.site(mj.site(flange).name)
+    palm = site.parent.add_body(name=HAND, pos=mj.site_pos[flange], quat=mj.site_quat[flange])
+    height, (thickness, width, length) = hand.palm_m[2], hand.finger_m
+    palm.add_geom(
+        name=HAND,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.5 * edge for edge in hand.palm_m],
+        pos=[0.0, 0.0, 0.5 * height],
+        mass=(1.0 - 2.0 * FINGER_SHARE) * hand.mass_kg,
+        **CONTACT,
+    )
+    for finger, side in zip(FINGERS, (1.0, -1.0), strict=True):
+        body = palm.add_body(name=finger, pos=[0.0, 0.0, height])
+        body.add_joint(
+            name=finger,
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=[side, 0.0, 0.0],
+            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+            range=[0.0, 0.5 * hand.stroke_m],
+            armature=DRIVE_KG,
+            damping=1.0,
+        )
+        body.add_geom(
+            name=finger,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[0.5 * thickness, 0.5 * width, 0.5 * length],
+            pos=[0.5 * side * thickness, 0.0, 0.5 * length],
+            mass=FINGER_SHARE * hand.mass_kg,
+            condim=4,
+            friction=[1.0, TORSION_M, ROLLING_M],
+            **CONTACT,
+        )
+    spec.add_exclude(bodyname1=FINGERS[0], bodyname2=FINGERS[1])
+    together = spec.add_equality(
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=FINGERS[0],
+        name2=FINGERS[1],
+        solref=[0.004, 1.0],
+    )
+    together.data[:5] = [0.0, 1.0, 0.0, 0.0, 0.0]
+
+
+def _add_solid(parent: mujoco.MjsBody, name: str, solid: Solid | Belt, pose: Pose) -> mujoco.MjsBody:
+    body = parent.add_body(name=name, pos=pose.position, quat=pose.quaternion)
+    shape, size = ("box" if isinstance(solid, Belt) else solid.shape), solid.size_m
+    half = {
+        "box": [0.5 * edge for edge in size],
+        "cylinder": [size[0], 0.5 * size[-1], 0.0],
+        "sphere": [size[0], 0.0, 0.0],
+    }[shape]
+    is_part = isinstance(solid, Part)
+    body.add_geom(
+        name=name,
+        type=_GEOMS[shape],
+        size=half,
+        mass=solid.mass_kg if isinstance(solid, Part) else 0.0,
+        friction=[solid.friction, TORSION_M, ROLLING_M],
+        condim=6 if is_part and shape != "box" else 4,
+        priority=int(is_part),
+        # Any speed but zero has MuJoCo compile belts in; the simulation sets the speed in each cycle.
+        surfacevel=[1.0 if isinstance(solid, Belt) else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        **CONTACT,
+    )
+    return body
+
+
+def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as exc:
+        if error := exhausted(exc):
+            raise error from exc
+        raise ConfigError(f"MuJoCo rejects the cell: {' '.join(str(exc).split())}") from exc
+
+
+def in_base(base: Pose, position: Array, quaternion: Array) -> Numbers7:
+    """A pose of the world in the base frame."""
+    return (base.inverse() @ Pose(position, quaternion)).numbers

@@ -1,0 +1,221 @@
+"""What acts and senses in a simulated cell besides the arm: the hand, the belts and the switches."""
+
+from libc.math cimport fabs, sqrt
+
+import numpy as np
+
+from cobot.robot.mujoco cimport data_of, mj_ray, model_of
+
+from cobot.cell.cell import COUNT, SPEED, ContactSwitch, LightBarrier
+from cobot.cell.plant import DRIVE_KG, FINGERS
+from rtloop.backends.cell_points import HAND_POINTS, cell_points
+from rtloop.backends.protocols import BackendError
+
+# Places of the hand's points, see `cell_points`.
+cdef enum:
+    WIDTH
+    FINGER_SPEED
+    FORCE
+    MEASURED_WIDTH
+    MEASURED_FORCE
+    MOVING
+
+cdef enum:
+    LIGHT_BARRIER
+    CONTACT
+    DISTANCE
+
+# The drives of the fingers follow the width like springs of this frequency, critically damped.
+cdef double FINGER_FREQUENCY_RAD_S = 150.0
+# The fingers are still when the width changes more slowly than this, or is as near to the goal.
+cdef double STILL_M_S = 0.001
+cdef double REACHED_M = 0.0002
+# They rest after so long.
+cdef double REST_S = 0.05
+
+
+cdef class CellDevices:
+    """The hand, the belts and the switches of a plant, and their inputs and outputs. Methods that begin with
+    `c_` run in the cycle.
+    """
+
+    def __init__(self, plant, data, double period_s):
+        cell = plant.cell
+        self._owners = plant, data
+        self._model, self._data = <mjModel*>model_of(plant.mj), data_of(data)
+        self._points = cell_points(cell)
+        if len(self._points) > MAX_POINTS:
+            raise BackendError(f"the cell has {len(self._points)} inputs and outputs, at most {MAX_POINTS} fit")
+        self._indices = {point.name: index for index, point in enumerate(self._points)}
+        self._period_s = period_s
+        self._has_hand = cell.hand is not None
+        if self._has_hand:
+            assert HAND_POINTS == MOVING + 1
+            self._stroke_m = cell.hand.stroke_m
+            for index, name in enumerate(FINGERS):
+                self._finger_position[index] = plant.mj.joint(name).qposadr[0]
+                self._finger_dof[index] = plant.mj.joint(name).dofadr[0]
+            self._stiffness = DRIVE_KG * FINGER_FREQUENCY_RAD_S * FINGER_FREQUENCY_RAD_S
+            self._damping = 2.0 * DRIVE_KG * FINGER_FREQUENCY_RAD_S
+            self._cycles_to_rest = round(REST_S / period_s)
+        self._belts = len(cell.belts)
+        for index, name in enumerate(cell.belts):
+            self._belt_geom[index] = plant.mj.geom(name).id
+            self._belt_point[index] = self._indices[f"{name}.{SPEED}"]
+        self._add_switches(plant)
+        self.reset()
+
+    cdef _add_switches(self, object plant):
+        """Prepare the switches; their rays are in the world."""
+        cdef Switch* made
+        base, body_of = plant.base, plant.mj.body
+        self._switches = len(plant.cell.switches)
+        for index, (name, switch) in enumerate(plant.cell.switches.items()):
+            made = &self._switch[index]
+            made.point, made.count = self._indices[name], self._indices.get(f"{name}.{COUNT}", -1)
+            if isinstance(switch, ContactSwitch):
+                made.kind, made.body, made.force = CONTACT, body_of(switch.body).id, switch.force_n
+                continue
+            origin = np.array(switch.from_m)
+            if isinstance(switch, LightBarrier):
+                made.kind, way = LIGHT_BARRIER, np.array(switch.to_m) - origin
+                made.ray.length_m = np.linalg.norm(way)
+            else:
+                made.kind, way = DISTANCE, np.array(switch.direction)
+                made.ray.length_m = switch.range_m
+            start, direction = base.apply(origin), base.rotation @ (way / np.linalg.norm(way))
+            for axis in range(3):
+                made.ray.origin[axis], made.ray.direction[axis] = start[axis], direction[axis]
+
+    def reset(self):
+        """Give all outputs and counters their first values."""
+        for index, point in enumerate(self._points):
+            self._values[index] = point.first
+        self._reported = None
+        self._reference = self._stroke_m
+        self._still_cycles = self._cycles_to_rest
+
+    def io(self):
+        """All inputs and outputs."""
+        reported = self._reported
+        if reported is None:
+            reported = [point.reported(self._values[index]) for index, point in enumerate(self._points)]
+        for index, point in enumerate(reported):
+            if point.value != self._values[index]:
+                reported[index] = self._points[index].reported(self._values[index])
+        self._reported = reported
+        return tuple(reported)
+
+    def read_input(self, name):
+        """The present value of an input or output."""
+        return self._values[self._index_of(name)]
+
+    def set_output(self, name, double value):
+        """Set an output.
+
+        Raises:
+            BackendError: there is none of this name, or the value is out of its range.
+        """
+        index = self._index_of(name)
+        point = self._points[index]
+        if not point.is_output:
+            raise BackendError(f"{name} is an input")
+        if not point.low <= value <= point.high:
+            raise BackendError(f"{name} is {value:g}, allowed is {point.low:g} to {point.high:g}")
+        self._values[index] = value
+        if self._has_hand and index == WIDTH and fabs(value - self._values[MEASURED_WIDTH]) > REACHED_M:
+            self._still_cycles = 0
+            self._values[MOVING] = 1.0
+
+    def _index_of(self, name):
+        index = self._indices.get(name)
+        if index is None:
+            raise BackendError(f"the cell has no input or output {name!r}")
+        return index
+
+    cdef void c_drive(self) noexcept nogil:
+        """Set the forces of the fingers and the speeds of the belts for the next step."""
+        cdef int index
+        if self._has_hand:
+            self._drive_hand()
+        for index in range(self._belts):
+            self._model.geom_surfacevel[6 * self._belt_geom[index]] = self._values[self._belt_point[index]]
+
+    cdef void _drive_hand(self) noexcept nogil:
+        """The reference of the width moves to the goal at the speed of the output, at most so far ahead of
+        the fingers that the full force acts.
+        """
+        cdef double* position = self._data.qpos
+        cdef double* velocity = self._data.qvel
+        cdef double force = self._values[FORCE]
+        cdef double step = self._values[FINGER_SPEED] * self._period_s
+        cdef double width = position[self._finger_position[0]] + position[self._finger_position[1]]
+        cdef double lead = 2.0 * (force + 1.0) / self._stiffness
+        cdef double before = self._reference, speed, pull
+        cdef int finger, dof
+        self._reference = min(max(self._values[WIDTH], before - step), before + step)
+        self._reference = min(max(self._reference, width - lead - step), width + lead + step)
+        speed = min(max((self._reference - before) / self._period_s, -self._values[FINGER_SPEED]),
+                    self._values[FINGER_SPEED])
+        for finger in range(2):
+            dof = self._finger_dof[finger]
+            pull = (
+                self._stiffness * (0.5 * self._reference - position[self._finger_position[finger]])
+                + self._damping * (0.5 * speed - velocity[dof])
+            )
+            self._data.qfrc_applied[dof] = min(max(pull, -force), force)
+
+    cdef void c_sense(self) noexcept nogil:
+        """Read the switches and the hand after a step."""
+        cdef Switch* switch
+        cdef double seen, before
+        cdef int index
+        if self._has_hand:
+            self._sense_hand()
+        for index in range(self._switches):
+            switch = &self._switch[index]
+            if switch.kind == CONTACT:
+                self._values[switch.point] = self._is_pressed(switch)
+                continue
+            seen = self._look(&switch.ray)
+            if switch.kind == DISTANCE:
+                self._values[switch.point] = seen
+                continue
+            before = self._values[switch.point]
+            self._values[switch.point] = seen < switch.ray.length_m
+            if switch.count >= 0 and self._values[switch.point] > before:
+                self._values[switch.count] += 1.0
+
+    cdef void _sense_hand(self) noexcept nogil:
+        cdef const mjData* data = self._data
+        cdef double width = data.qpos[self._finger_position[0]] + data.qpos[self._finger_position[1]]
+        cdef double speed = data.qvel[self._finger_dof[0]] + data.qvel[self._finger_dof[1]]
+        self._values[MEASURED_WIDTH] = min(max(width, 0.0), self._stroke_m)
+        self._values[MEASURED_FORCE] = 0.5 * (
+            fabs(data.qfrc_applied[self._finger_dof[0]]) + fabs(data.qfrc_applied[self._finger_dof[1]])
+        )
+        if fabs(speed) > STILL_M_S and fabs(width - self._values[WIDTH]) > REACHED_M:
+            self._still_cycles = 0
+        elif self._still_cycles < self._cycles_to_rest:
+            self._still_cycles += 1
+        self._values[MOVING] = self._still_cycles < self._cycles_to_rest
+
+    cdef double _look(self, const Ray* ray) noexcept nogil:
+        """The distance to what is in front, m; the ray's length if nothing is nearer."""
+        cdef int geom = -1
+        cdef double found = mj_ray(
+            self._model, self._data, ray.origin, ray.direction, NULL, 1, -1, &geom, NULL
+        )
+        return found if 0.0 <= found < ray.length_m else ray.length_m
+
+    cdef bint _is_pressed(self, const Switch* switch) noexcept nogil:
+        cdef const int* body_of = self._model.geom_bodyid
+        cdef double force = 0.0
+        cdef int index, address
+        for index in range(self._data.ncon):
+            address = self._data.contact[index].efc_address
+            if address >= 0 and switch.body in (
+                body_of[self._data.contact[index].geom[0]], body_of[self._data.contact[index].geom[1]]
+            ):
+                force += self._data.efc_force[address]
+        return force >= switch.force
