@@ -1,6 +1,17 @@
 """The physical cell of a simulated robot: hand, parts, fixtures, belts, switches."""
 
-from cobot.cell.cell import Belt, Cell, ContactSwitch, Distance, Hand, LightBarrier, Part, Solid, load_cell
+from cobot.cell.cell import (
+    Belt,
+    Cell,
+    ContactSwitch,
+    Distance,
+    Hand,
+    LightBarrier,
+    Part,
+    Solid,
+    cell_file,
+    load_cell,
+)
 
 __all__ = [
     "Belt",
@@ -11,5 +22,6 @@ __all__ = [
     "LightBarrier",
     "Part",
     "Solid",
+    "cell_file",
     "load_cell",
 ]

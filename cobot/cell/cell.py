@@ -220,11 +220,11 @@ class Cell(Entry):
 
     floor_m: Coordinate | None = 0.0
     hand: Hand | None = None
-    parts: Annotated[dict[Name, Part], Field(max_length=MAX_PARTS)] = {}
-    fixtures: Annotated[dict[Name, Solid], Field(max_length=MAX_FIXTURES)] = {}
-    belts: Annotated[dict[Name, Belt], Field(max_length=MAX_BELTS)] = {}
-    switches: Annotated[dict[Name, Switch], Field(max_length=MAX_SWITCHES)] = {}
-    outputs: Annotated[dict[Name, Output], Field(max_length=MAX_OUTPUTS)] = {}
+    parts: Annotated[dict[Name, Part], Field(default_factory=dict, max_length=MAX_PARTS)]
+    fixtures: Annotated[dict[Name, Solid], Field(default_factory=dict, max_length=MAX_FIXTURES)]
+    belts: Annotated[dict[Name, Belt], Field(default_factory=dict, max_length=MAX_BELTS)]
+    switches: Annotated[dict[Name, Switch], Field(default_factory=dict, max_length=MAX_SWITCHES)]
+    outputs: Annotated[dict[Name, Output], Field(default_factory=dict, max_length=MAX_OUTPUTS)]
 
     @model_validator(mode="after")
     def _has_each_name_once(self) -> Cell:

@@ -2,9 +2,9 @@
 
 The arm's joints come first, so its joint vectors are the first part of the plant's.
 
-Contacts are those of stiff bodies. Elliptic friction cones, a friction that is stiffer than the contact's normal
-direction and MuJoCo's no-slip iterations keep a held part from creeping between the fingers:
-`benchmarks/cell.py` measures it.
+Contacts are those of stiff bodies. Elliptic friction cones, friction that is stiffer than the contact's normal
+direction, and MuJoCo's no-slip iterations keep a held part from creeping between the fingers. In 5 s a can of
+0.25 kg creeps by 1.5 mm without the last two, by 0.15 mm without the iterations, and by less than 1 µm with them.
 """
 
 from __future__ import annotations
@@ -14,18 +14,21 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from cobot.cell.cell import HAND, Belt, Cell, Hand, Part, Solid
+from cobot.cell.cell import HAND, Belt, Cell, Hand, Part, Solid, cell_file, load_cell
+from cobot.config import Settings
 from cobot.errors import CollisionError, ConfigError, exhausted
+from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
 from cobot.robot.scene import SceneObject
 from cobot.robot.tool import Tool
-from cobot.types import Array, Numbers7, Pose
+from cobot.types import Array, Pose
 
+FLOOR = "floor of the cell"
 FINGERS = ("hand finger 1", "hand finger 2")
 OVERLAP_M = 0.001
 """How far bodies may overlap at the start."""
 IMPEDANCE_RATIO = 10.0
-NO_SLIP_ITERATIONS = 5
+NO_SLIP_ITERATIONS = 3
 CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
 FINGER_SHARE = 0.1
 """Share of the hand's mass in each finger."""
@@ -45,7 +48,7 @@ class Plant:
     """A compiled plant.
 
     Attributes:
-        start: its joint positions at the start, without those of the arm, which are zeros.
+        start: its joint positions at the start; those of the arm are zeros.
         tcp_body: the body with the TCP.
         parts: the bodies of the parts, in the cell's order.
         base: pose of the base frame in the world.
@@ -88,7 +91,9 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str) -> Plant:
     mj = _compiled(spec)
     arm = robot.limits.names
     if tuple(mj.joint(index).name for index in range(len(arm))) != arm:
-        raise ConfigError("the arm's joints must come before those of the hand: its flange is not its last body")
+        raise ConfigError(
+            "the arm's joints must come before those of the hand: its flange is not its last body"
+        )
     start = np.array(mj.qpos0)
     start[: len(arm)] = 0.0
     if cell.hand is not None:
@@ -128,7 +133,30 @@ def check_start(plant: Plant, joints: Array) -> None:
             )
 
 
-FLOOR = "floor of the cell"
+def check_cell(robot: RobotDescription, settings: Settings) -> str:
+    """See that the cell of the settings can be simulated; its contents in words.
+
+    Raises:
+        ConfigError, CollisionError: it cannot, with the file and the reason.
+    """
+    if settings.robot.cell is None:
+        return "none"
+    names, joints = settings.robot, robot.positions[settings.robot.start_position].joints
+    file = cell_file(settings.robot.cell)
+    cell = load_cell(file)
+    try:
+        plant = build_plant(robot.model, cell, names.base_frame, names.tcp)
+        check_start(plant, np.array(joints))
+    except (ConfigError, CollisionError) as exc:
+        raise type(exc)(f"{file}: {exc}") from exc
+    counts = (
+        (cell.parts, "parts"),
+        (cell.fixtures, "fixtures"),
+        (cell.belts, "belts"),
+        (cell.switches, "switches"),
+    )
+    hand = "a hand" if cell.hand is not None else "no hand"
+    return f"{file}: {hand}, " + ", ".join(f"{len(entries)} {what}" for entries, what in counts)
 
 
 def fixtures_in_scene(cell: Cell) -> dict[str, SceneObject]:
@@ -276,8 +304,3 @@ def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
         if error := exhausted(exc):
             raise error from exc
         raise ConfigError(f"MuJoCo rejects the cell: {' '.join(str(exc).split())}") from exc
-
-
-def in_base(base: Pose, position: Array, quaternion: Array) -> Numbers7:
-    """A pose of the world in the base frame."""
-    return (base.inverse() @ Pose(position, quaternion)).numbers

@@ -69,7 +69,7 @@ def for_service(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> 
             parser.error("stop: --estop and --config do not go with --url: they are for this computer")
         return chosen.url is not None
     if chosen.command == "run":
-        own = {name: getattr(chosen, name) for name in ("config", "host", "port", "clock")}
+        own = {name: getattr(chosen, name) for name in ("config", "host", "port", "clock", "cell")}
         remote = {name: getattr(chosen, name) for name in ("url", "token", "certificate", "robot", "json")}
         wrong = remote if chosen.sequence is None else own
         for name, value in wrong.items():

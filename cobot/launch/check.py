@@ -15,6 +15,7 @@ from typing import TextIO
 from cobot.access.authentication import authentication_required, ros_access
 from cobot.access.tls import check_certificate
 from cobot.access.tokens import TokenFile
+from cobot.cell.plant import check_cell
 from cobot.config import Settings, WebSection
 from cobot.errors import CobotError, CollisionError, ConfigError
 from cobot.foreign import plain_lines
@@ -77,6 +78,8 @@ def _check_robot(report: _Report, settings: Settings, config: Path | None) -> No
     report.item("robot", load)
     for robot in robots:
         report.item("efforts", partial(_efforts, robot, settings))
+        if settings.robot.cell is not None:
+            report.item("cell", partial(check_cell, robot, settings))
         report.item("backend", lambda: _backend(settings, config))
         for name in robot.positions:
             report.item(f"position {name}", partial(_position, robot, name, settings))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from cobot.addresses import address
+from cobot.cell.cell import cell_file
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.commands import options
 from cobot.config import Settings, load_settings
@@ -178,12 +179,22 @@ def _become_client(chosen: argparse.Namespace) -> NoReturn:
 
 
 def _overridden(settings: Settings, chosen: argparse.Namespace) -> Settings:
+    """The settings with what the command line says. A cell is the default robot's."""
+    settings = _several_overridden(settings, chosen)
+    if chosen.cell is None:
+        return settings
+    robot = {"robot": settings.robot.model_copy(update={"cell": cell_file(chosen.cell.resolve())})}
+    robots = tuple(each.model_copy(update=robot) for each in settings.robots[:1]) + settings.robots[1:]
+    return settings.model_copy(update={**robot, "robots": robots})
+
+
+def _several_overridden(settings: Settings, chosen: argparse.Namespace) -> Settings:
     web = {key: getattr(chosen, key) for key in ("host", "port") if getattr(chosen, key) is not None}
     rt = {"clock": chosen.clock} if chosen.clock else {}
     return settings.model_copy(
         update={
             "web": settings.web.model_copy(update=web),
             "rt": settings.rt.model_copy(update=rt),
-            "robots": tuple(_overridden(each, chosen) for each in settings.robots),
+            "robots": tuple(_several_overridden(each, chosen) for each in settings.robots),
         }
     )

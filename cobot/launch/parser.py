@@ -87,6 +87,12 @@ def _add_run(commands: Any, config: argparse.ArgumentParser) -> None:
         choices=["realtime", "fast"],
         help="instead of rt.clock; fast simulates motions as fast as the machine can",
     )
+    run.add_argument(
+        "--cell",
+        type=Path,
+        metavar="FILE",
+        help="simulate this cell instead of robot.cell: a cell file, or a folder with a cell.yaml",
+    )
     options.add_sequence_options(run)
 
 

@@ -5,7 +5,7 @@ process) reads the copy, so a half-finished, wrong or not yet reloaded edit cann
 restart. The copy is one folder next to the robot's shared memory:
 
     settings.yaml   complete, with absolute paths; replaced as a whole
-    EDITION-...     the files of joint limits, named positions and endpoints that it names
+    EDITION-...     the files of joint limits, named positions, endpoints and cells that it names
     processes.json  what the supervisor runs
 
 The model is not copied: it may consist of many files, and no reload reads it again.
@@ -25,6 +25,7 @@ from typing import Any
 
 import yaml
 
+from cobot.cell import cell_file
 from cobot.config import SECTIONS_OF_A_ROBOT, Settings
 from cobot.errors import SharedMemoryError
 from cobot.ipc.shm import FOLDER
@@ -140,11 +141,13 @@ class RunningConfig:
             robot = dumped.pop("robot")
             robot["srdf"] = self._copy(each.robot.srdf, f"{edition}-{each.robot.name}-positions")
             limits = self._copy(each.web.joint_limits, f"{edition}-{each.robot.name}-limits")
+            if each.robot.cell is not None:
+                robot["cell"] = self._copy(cell_file(each.robot.cell), f"{edition}-{each.robot.name}-cell")
             entries.append({**robot, **dumped, "joint_limits": limits})
         if settings.robots:
             return {**content, "robots": entries}
         content["web"]["joint_limits"] = entries[0]["joint_limits"]
-        content["robot"]["srdf"] = entries[0]["srdf"]
+        content["robot"]["srdf"], content["robot"]["cell"] = entries[0]["srdf"], entries[0]["cell"]
         return content
 
     def _copy(self, source: Path, name: str) -> str:

@@ -33,7 +33,7 @@ class CellPoint:
 
 def cell_points(cell: Cell) -> tuple[CellPoint, ...]:
     """All points of a cell: those of the hand, the belts' speeds, the switches, and the other outputs."""
-    return tuple([*_of_hand(cell), *_of_belts(cell), *_of_switches(cell), *_other_outputs(cell)])
+    return (*_of_hand(cell), *_of_belts(cell), *_of_switches(cell), *_other_outputs(cell))
 
 
 def _of_hand(cell: Cell) -> list[CellPoint]:
@@ -71,8 +71,6 @@ def _of_switches(cell: Cell) -> list[CellPoint]:
 def _other_outputs(cell: Cell) -> list[CellPoint]:
     high = {IoKind.BOOLEAN: 1.0, IoKind.DIGITAL: float(MAX_DIGITAL), IoKind.ANALOG: 1e9}
     return [
-        CellPoint(
-            name, each.kind, True, 0.0, -1e9 if each.kind is IoKind.ANALOG else 0.0, high[each.kind]
-        )
+        CellPoint(name, each.kind, True, 0.0, -1e9 if each.kind is IoKind.ANALOG else 0.0, high[each.kind])
         for name, each in cell.outputs.items()
     ]

@@ -9,6 +9,7 @@
     WrenchControlled     the drives take a force at the TCP in addition to positions
     CarriesTool          the drives must know their load
     HasIo                the device has named inputs and outputs
+    HasCell              a simulation with loose parts
 
 A device that takes no command per cycle, because it is slower or plans by itself, has another protocol.
 `rtloop.backends.trajectory_driver` drives it as a `Backend`:

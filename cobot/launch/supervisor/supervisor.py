@@ -13,6 +13,7 @@ from pathlib import Path
 from cobot.access.authentication import ros_access
 from cobot.access.tls import check_certificate
 from cobot.addresses import address
+from cobot.cell.plant import check_cell
 from cobot.config import DEFAULT_SETTINGS, Settings, resolve
 from cobot.errors import UnavailableError
 from cobot.ipc.recording_memory import RecordingMemory
@@ -181,6 +182,7 @@ class Supervisor:
         robot = load_robot(settings)
         robot.check_named_positions(settings.robot.srdf)
         check_start(robot, settings)
+        check_cell(robot, settings)
         dof = robot.limits.dof
         memory = RobotMemory.create(name, dof, settings.rt.period_s, settings.rt.trajectory_capacity, own_url)
         stack.callback(memory.close)
