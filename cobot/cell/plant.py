@@ -2,7 +2,7 @@
 
 The arm's joints come first, so its joint vectors are the first part of the plant's.
 
-Contacts are those of stiff bodies. Elliptic friction cones, friction that is stiffer than the contact's normal
+Contacts are those of stiff bodies. Elliptic friction cones, friction stiffer than the contact's normal
 direction, and MuJoCo's no-slip iterations keep a held part from creeping between the fingers. In 5 s a can of
 0.25 kg creeps by 1.5 mm without the last two, by 0.15 mm without the iterations, by less than 1 µm with all.
 """
