@@ -8,7 +8,6 @@ its load and contacts as those of a real arm do: as what their model does not ex
 from libc.string cimport memcpy
 
 import mujoco
-import numpy as np
 
 from cobot.arrays cimport doubles
 from cobot.robot.mujoco cimport (

@@ -1,6 +1,6 @@
 """What acts and senses in a simulated cell besides the arm: the hand, the belts and the switches."""
 
-from libc.math cimport fabs, sqrt
+from libc.math cimport fabs
 
 import numpy as np
 
