@@ -1,8 +1,8 @@
 """The simulated arm in a cell: with a hand, parts, fixtures, belts, switches, inputs and outputs.
 
 The drives compute with the arm's own model, as they do without a cell. What is stepped is another model, the
-plant: torques go from the drives to the plant, positions and velocities come back. So the drives feel the hand,
-its load and contacts as those of a real arm do: as what their model does not explain.
+plant: torques go from the drives to the plant, positions and velocities come back. So the drives feel the
+hand, its load and contacts as those of a real arm do: as what their model does not explain.
 """
 
 from libc.string cimport memcpy

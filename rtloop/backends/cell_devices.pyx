@@ -45,7 +45,9 @@ cdef class CellDevices:
         self._model, self._data = <mjModel*>model_of(plant.mj), data_of(data)
         self._points = cell_points(cell)
         if len(self._points) > MAX_POINTS:
-            raise BackendError(f"the cell has {len(self._points)} inputs and outputs, at most {MAX_POINTS} fit")
+            raise BackendError(
+                f"the cell has {len(self._points)} inputs and outputs, at most {MAX_POINTS} are allowed"
+            )
         self._indices = {point.name: index for index, point in enumerate(self._points)}
         self._period_s = period_s
         self._has_hand = cell.hand is not None
