@@ -107,7 +107,7 @@ def draw_lin(robot: RobotDescription) -> plt.Figure:
 
 def _needs_the_redundancy(robot: RobotDescription) -> tuple[MotionRequest, str]:
     """A line that the joints nearest to the ones before do not lead along, and why."""
-    from cobot.planners.path.cartesian import _continued
+    from cobot.planners.path.continued import continued
 
     random, limits = np.random.default_rng(8), robot.limits
     while True:
@@ -115,7 +115,7 @@ def _needs_the_redundancy(robot: RobotDescription) -> tuple[MotionRequest, str]:
         here = robot.model.forward(start)
         way = random.normal(size=3)
         goal = Pose(here.position + 0.5 * way / np.linalg.norm(way), here.quaternion)
-        _, error = _continued(robot, start, straight_line(here, goal))
+        _, error = continued(robot, start, straight_line(here, goal))
         reason = str(error or "")
         request = MotionRequest(start, goal, PlannerName.LIN, FULL)
         if "limit" in reason and _possible(robot, request):

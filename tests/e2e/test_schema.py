@@ -55,7 +55,7 @@ WAITING = ("Serial", "Socket")
 """Classes whose reads wait for their time to be up."""
 KEPT = str(ROOT / ".hypothesis")
 """Which characters UTF-8 has takes hypothesis three seconds to find out: it is kept here."""
-HOOKS = "e2e.without_repetition"
+HOOKS = "schema_hooks"
 IMPATIENT = "timeout_s: 0.2, explain_s: 0.1"
 UNHURRIED = (
     f", hang_to_restart_s: {WAIT_S}"

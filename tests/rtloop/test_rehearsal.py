@@ -15,7 +15,7 @@ from cobot.config import Settings
 from cobot.errors import PlanningError
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
-from cobot.planners.forecast import rehearsed
+from cobot.planners.forecast import evaluate_run
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory
@@ -100,7 +100,7 @@ def test_a_motion_that_the_cycle_refuses_is_an_error(
 
 def test_what_is_touched_is_found(settings: Settings, own: RobotDescription, motion: Trajectory) -> None:
     run = rehearse(settings, own, HOME, motion)
-    found = rehearsed(own, run)
+    found = evaluate_run(own, run)
     assert found.flaw is None
     assert found.closest_self is not None
     assert found.closest_environment is not None
@@ -110,7 +110,7 @@ def test_what_is_touched_is_found(settings: Settings, own: RobotDescription, mot
     ball = SceneObject("sphere", (0.05,), (*place.tolist(), 1.0, 0.0, 0.0, 0.0))
     try:
         own.collision.surround(Scene(1, {"ball": ball}))
-        flaw = rehearsed(own, run).flaw
+        flaw = evaluate_run(own, run).flaw
     finally:
         own.collision.surround(Scene())
     assert flaw is not None

@@ -133,7 +133,7 @@ def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> F
 
 
 def dry_run(robot: RobotDescription, settings: Settings, start: Array, trajectory: Trajectory) -> Rehearsal:
-    """See `rtloop.rehearsal.rehearse` and `cobot.planners.forecast.rehearsed`."""
+    """See `rtloop.rehearsal.rehearse` and `cobot.planners.forecast.evaluate_run`."""
     from cobot.planners.forecast import evaluate_run
     from rtloop.rehearsal import rehearse
 
