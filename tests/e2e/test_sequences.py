@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -274,3 +275,66 @@ def test_a_held_sequence_ends_with_a_stop(http: httpx.Client) -> None:
     assert http.post("/stop").json()["success"]
     ended = http.get(f"/jobs/{job['id']}").json()
     assert (ended["state"], ended["error"]["code"]) == ("cancelled", "stopped")
+
+
+LOOP = {"steps": [{"repeat": {}, "do": [{"wait_s": 0.01}, {"wait_s": 0.02}]}, {"named": "home"}]}
+
+
+def test_a_loop_without_end_is_paused_stepped_and_left(http: httpx.Client) -> None:
+    """Oracle: the steps that the status names, one after the other."""
+    job = start(http, LOOP, "/sequences/start?wait=false", hold=True).json()
+
+    def tell(what: str, **query: int) -> dict[str, Any]:
+        return http.post(f"/jobs/{job['id']}/{what}", params=query).raise_for_status().json()
+
+    def held_at(step: str) -> None:
+        until(lambda: status(http)["step"] == step)
+        until(lambda: http.get(f"/jobs/{job['id']}").json()["state"] == "paused")
+
+    held_at("step 1 of 2")
+    for step in ("step 1.1 of 2 (round 1)", "step 1.2 of 2 (round 1)", "step 1.1 of 2 (round 2)"):
+        tell("step")
+        held_at(step)
+    tell("resume", waypoint=2)
+    end = finished(http)
+    assert (end["returncode"], end["step"]) == (0, "step 2 of 2")
+
+
+def test_a_pause_holds_a_loop_and_a_stop_ends_it(http: httpx.Client) -> None:
+    job = start(http, LOOP, "/sequences/start?wait=false").json()
+    until(lambda: "round 3" in (status(http)["step"] or ""))
+    assert http.post(f"/jobs/{job['id']}/pause").json()["state"] == "paused"
+
+    def last() -> str:
+        return str(http.get("/sequences/logs", params={"n": 1}).json()["lines"][0])
+
+    def rests() -> bool:
+        """A loop that runs has ten steps in this time."""
+        before = last()
+        time.sleep(0.5)
+        return last() == before
+
+    until(rests)
+    held = last()
+    http.post(f"/jobs/{job['id']}/resume").raise_for_status()
+    until(lambda: last() != held)
+    assert http.post("/stop").json()["success"]
+    assert status(http)["returncode"] in (-signal.SIGKILL, 128 + signal.SIGTERM)
+    assert http.get(f"/jobs/{job['id']}").json()["state"] == "cancelled"
+
+
+def test_files_of_the_folder_of_programs_are_called(shared: Run, http: httpx.Client) -> None:
+    folder = shared.config.parent / "programs"
+    folder.mkdir(exist_ok=True)
+    (folder / "inner.json").write_text(json.dumps({"waypoints": [{"named": "home", "speed": 1.0}]}))
+    (folder / "circle.json").write_text(json.dumps({"steps": [{"call": "circle.json"}]}))
+    start(http, {"steps": [{"call": "inner.json"}]})
+    assert finished(http)["returncode"] == 0
+    lines = http.get("/sequences/logs", params={"n": 5}).json()["lines"]
+    assert any("step 1 of 1, inner.json waypoint 1/1: arrived" in line for line in lines)
+    start(http, {"steps": [{"call": "circle.json"}]})
+    assert finished(http)["returncode"] == 2
+    lines = http.get("/sequences/logs", params={"n": 5}).json()["lines"]
+    assert any(
+        "s.json calls circle.json calls circle.json: a sequence cannot call itself" in line for line in lines
+    )

@@ -177,17 +177,18 @@ export class Waypoints {
     });
   }
 
-  // What is in it is planned and shown at once; nothing moves.
+  // What is in it is planned and shown at once; nothing moves. Steps decide only while they run: they are not shown.
   open(text, name) {
     let content = null;
-    try {
-      content = JSON.parse(text);
-    } catch { /* said below */ }
-    if (!Array.isArray(content?.waypoints) || !content.waypoints.length) {
-      this.say(() => word("points_none", { name }));
-      return;
+    try { content = JSON.parse(text); } catch { /* said below */ }
+    const { waypoints, ...more } = content ?? {};
+    const items = more.steps ?? waypoints;
+    if (!Array.isArray(items) || !items.length) return void this.say(() => word("points_none", { name }));
+    if (more.steps) {
+      this.file = { name, text, content };
+      this.say(() => word("points_runs_only"));
+      return void this.changed();
     }
-    const { waypoints, ...more } = content;
     const list = waypoints.map((each) => this.opened(each ?? {}));
     const [speed, ...others] = new Set(waypoints.map((each) => each?.speed ?? 0.1));
     const editable = !Object.keys(more).length && !list.includes(null) && list.length <= MOST && !others.length;
@@ -215,14 +216,16 @@ export class Waypoints {
   write() {
     const rows = this.file ? [this.fileRow(this.file)] : this.list.map((point, index) => this.row(point, index));
     element("points").replaceChildren(...rows);
-    for (const id of ["points-show", "points-save", "points-run", "points-step"]) element(id).disabled = !rows.length;
+    for (const id of ["points-save", "points-run", "points-step"]) element(id).disabled = !rows.length;
+    element("points-show").disabled = !rows.length || Boolean(this.file?.content.steps);
     element("points-why").textContent = this.words();
   }
 
   fileRow({ name, content }) {
     const made = document.createElement("li");
     const label = document.createElement("span");
-    label.textContent = word("points_of_file", { name, count: content.waypoints.length });
+    const count = (content.steps ?? content.waypoints).length;
+    label.textContent = word(content.steps ? "steps_of_file" : "points_of_file", { name, count });
     made.dataset.file = name;
     made.append(label, this.button("✕", "points_close", 0, true, () => (this.file = null)));
     return made;

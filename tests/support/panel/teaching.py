@@ -112,8 +112,15 @@ def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) ->
     panel.until("document.querySelectorAll('#points li').length === 3")
     assert panel.page.run("cobotPanel.waypoints.sequence()") == sequence
     drop(panel, "#points", "a.json", '{"points": []}')
-    panel.until("document.querySelector('#points-why').innerText.startsWith('a.json is no sequence')")
+    panel.until("document.querySelector('#points-why').innerText.startsWith('a.json is not a sequence')")
     assert panel.page.run("document.querySelectorAll('#points li').length") == 3
+    drop(panel, "#points", "steps.json", '{"steps": [{"wait_s": 0}, {"wait_s": 0}]}')
+    panel.until("document.querySelector('#points li').innerText.startsWith('steps.json: 2 steps')")
+    assert panel.page.run("document.querySelector('#points-show').disabled")
+    panel.page.click("#points-run")
+    panel.until("document.querySelector('#points-why').innerText === 'Has come to its end.'")
+    panel.page.click("#points li button")
+    panel.until("document.querySelectorAll('#points li').length === 3")
     panel.page.run("localStorage.clear()")
 
 
