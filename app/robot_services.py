@@ -11,6 +11,8 @@ from pathlib import Path
 from app.actions.fjt import FollowJointTrajectory
 from app.services.devices.equipment import Equipment
 from app.services.events.ring import Events
+from app.services.gripping.held import HeldService
+from app.services.gripping.service import GripperService
 from app.services.job_control import JobService
 from app.services.motion.approvals import Approvals
 from app.services.motion.control import ControlService
@@ -107,6 +109,7 @@ class Services:
     force_motions: ForceMotionService
     freedrive: FreedriveService
     io: IoService
+    gripper: GripperService
     programs: ProgramService
     sync: SyncService
     planning: PlanningService
@@ -140,6 +143,7 @@ async def serving_robot(
         services.servo.close()
         services.force.close()
         services.freedrive.close()
+        services.gripper.close()
         services.equipment.close()
         services.streams.close()
         services.jobs.book.close()
@@ -178,6 +182,8 @@ def _services(
     servo = ServoService(robot, link, streams, force)
     max_payload_kg, tool_file = settings.robot.max_payload_kg, ToolFile(settings.tool_file)
     scene = SceneService(robot, link, goals, motion, planning, stopping, ownership, settings)
+    held = HeldService(robot, link, ownership, scene)
+    gripper = GripperService(settings, link, ownership, stopping, held)
     stale_s = settings.web.stale_after_s
     recordings = RecordingService(settings, shared.default_robot)
     queue = MotionQueue(link, ownership, motion, planning, tool_and_limits)
@@ -208,12 +214,13 @@ def _services(
         force_motions=ForceMotionService(robot, link, ownership, streams, goals, planning),
         freedrive=FreedriveService(robot, link, streams),
         io=IoService(link),
+        gripper=gripper,
         programs=ProgramService(settings.sequences.programs, ownership, sequences, stopping),
         sync=shared.sync,
         planning=planning,
         settings=tool_and_limits,
         queue=queue,
-        jobs=JobService(jobs, ownership, stopping, sequences, queue),
+        jobs=JobService(jobs, ownership, stopping, sequences, queue, gripper),
         servo=servo,
         fjt=FollowJointTrajectory(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad

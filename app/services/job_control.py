@@ -9,12 +9,13 @@ from collections.abc import Coroutine
 from typing import Any
 
 from app.services.clients import CLIENT
+from app.services.gripping.service import GripperService
 from app.services.motion.queue import MotionQueue
 from app.services.motion.queue_moves import QueueRequest
 from app.services.programs.sequences import SequenceService
 from app.services.programs.steps import NEXT, Steps
 from app.services.rights.claims import Caller
-from app.services.rights.job import Job, JobRecord, JobState
+from app.services.rights.job import Job, JobKind, JobRecord, JobState
 from app.services.rights.job_book import JobBook, unknown
 from app.services.rights.ownership import Ownership
 from app.services.rights.stopping import StopService
@@ -37,8 +38,10 @@ class JobService:
         stopping: StopService,
         sequences: SequenceService,
         queue: MotionQueue,
+        gripper: GripperService,
     ) -> None:
         self.book = book
+        self._gripper = gripper
         self._queue = queue
         self._sequences = sequences
         self._ownership = ownership
@@ -110,7 +113,7 @@ class JobService:
             stopped = await self._stopping.stop(timeout_s, str(error))
             if not stopped.success:
                 raise ExecutionError(stopped.message)
-        elif not self._queue.cancel(job, error):
+        elif not (self._queue.cancel(job, error) or self._gripper.cancel(job, error)):
             self._ownership.cancel(job, error)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(job.ended.wait(), timeout_s)
@@ -133,6 +136,8 @@ class JobService:
         job = self._going(number)
         if job.state is JobState.QUEUED:
             raise ConflictError(f"job {number} is queued: pause the one before it, and it waits")
+        if job.kind is JobKind.GRIPPER:
+            raise ConflictError(f"job {number} is a command to the gripper, which cannot pause: cancel it")
         if at_waypoint is None:
             await self._pause(job)
         else:

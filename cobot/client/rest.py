@@ -19,6 +19,7 @@ from cobot.addresses import CONTROL_TOKEN
 from cobot.client.connection import Json
 from cobot.client.events import EventConnection
 from cobot.client.force import ForceMoves
+from cobot.client.gripper import GripperCommands
 from cobot.client.steps import Steps
 from cobot.errors import CobotError, UnavailableError
 
@@ -44,6 +45,11 @@ class Client(ForceMoves, Steps, EventConnection):
         UnavailableError: the service or the robot behind it does not answer.
         CobotError: the service's error; the class is that of its `code`.
     """
+
+    @property
+    def gripper(self) -> GripperCommands:
+        """Commands to the gripper."""
+        return GripperCommands(self)
 
     def joint_states(self) -> Json:
         """`name`, `position` (rad), `velocity` (rad/s), `effort` (N·m)."""

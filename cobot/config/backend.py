@@ -1,4 +1,4 @@
-"""The backend that moves the robot, as the settings name it."""
+"""The backend that moves the robot and its gripper, as the settings name them."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cobot.strict import sentence, shown, unknown_key
 
 
 class BackendSection(Section):
-    """The backend of a robot. In YAML it is a name, or a mapping of `type` and the backend's own options.
+    """A class that drives a device. In YAML it is a name, or a mapping of `type` and the class's own options.
 
     Attributes:
         type: a name, or package.module:Class.
-        options: options that the backend itself defines.
+        options: options that the class itself defines.
         folder: folder for relative paths in the options; by default that of the settings file.
     """
 
@@ -27,41 +27,53 @@ class BackendSection(Section):
     folder: Path
 
 
-def options_of(backend: BackendSection, kind: type[Model]) -> Model:
-    """The backend's options, as an instance of its own model.
+def options_of(section: BackendSection, kind: type[Model], setting: str = "robot.backend") -> Model:
+    """The options of a class, as an instance of its own model.
+
+    Args:
+        setting: for errors.
 
     Raises:
         ConfigError: a key is unknown (the error lists the valid ones) or a value is wrong.
     """
-    for key in backend.options:
+    for key in section.options:
         if key not in kind.model_fields:
-            raise ConfigError(f"robot.backend: {unknown_key(str(key), ['type', *kind.model_fields])}")
+            raise ConfigError(f"{setting}: {unknown_key(str(key), ['type', *kind.model_fields])}")
     try:
-        return kind.model_validate(backend.options, context={"folder": backend.folder})
+        return kind.model_validate(section.options, context={"folder": section.folder})
     except ValidationError as exc:
-        raise ConfigError("; ".join(f"robot.backend.{sentence(each)}" for each in exc.errors())) from exc
+        raise ConfigError("; ".join(f"{setting}.{sentence(each)}" for each in exc.errors())) from exc
 
 
-def _a_backend(value: object, info: ValidationInfo) -> object:
+def _section(value: object, info: ValidationInfo, what: str) -> object:
     """The content of a file, as the fields of a `BackendSection`."""
     content = {"type": value} if isinstance(value, str) else value
     if not (isinstance(content, dict) and content.get("type")):
         raise ValueError(
-            f"must be a name, or a mapping with a type and the backend's own options, got {shown(value)}"
+            f"must be a name, or a mapping with a type and the {what}'s own options, got {shown(value)}"
         )
     nameless = [key for key in content if not isinstance(key, str)]
     if nameless:
-        raise ValueError(f"the key {shown(nameless[0])} is no text: an option of the backend has a name")
+        raise ValueError(f"the key {shown(nameless[0])} is no text: an option of the {what} has a name")
     options = {key: each for key, each in content.items() if key not in ("type", "folder")}
     folder = resolve(str(content.get("folder", ".")), (info.context or {})["folder"])
     return {"type": content["type"], "options": options, "folder": folder}
 
 
-def _as_in_a_file(backend: BackendSection) -> object:
+def _a_backend(value: object, info: ValidationInfo) -> object:
+    return _section(value, info, "backend")
+
+
+def _a_gripper(value: object, info: ValidationInfo) -> object:
+    return None if value is None else _section(value, info, "gripper")
+
+
+def _as_in_a_file(section: BackendSection | None) -> object:
     """The complete section, with its folder, so that a file elsewhere can contain it."""
-    if not backend.options:
-        return backend.type
-    return {"type": backend.type, "folder": str(backend.folder), **backend.options}
+    if section is None or not section.options:
+        return section and section.type
+    return {"type": section.type, "folder": str(section.folder), **section.options}
 
 
 Backend = Annotated[BackendSection, BeforeValidator(_a_backend), PlainSerializer(_as_in_a_file)]
+Gripper = Annotated[BackendSection | None, BeforeValidator(_a_gripper), PlainSerializer(_as_in_a_file)]

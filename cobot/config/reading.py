@@ -97,10 +97,10 @@ def _with_backend_at_robot(place: object, content: dict[str, Any]) -> dict[str, 
 def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     """`base` with `changes` applied.
 
-    A backend is replaced as a whole, because its options belong to its type.
+    A backend or gripper is replaced as a whole, because its options belong to its type.
     """
     merged = dict(base)
     for key, value in changes.items():
-        both = key != "backend" and isinstance(value, dict) and isinstance(base.get(key), dict)
-        merged[key] = _merged(base[key], value) if both else value
+        both = isinstance(value, dict) and isinstance(base.get(key), dict)
+        merged[key] = _merged(base[key], value) if both and key not in ("backend", "gripper") else value
     return merged

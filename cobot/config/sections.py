@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from cobot.config import values
-from cobot.config.backend import Backend
+from cobot.config.backend import Backend, Gripper
 from cobot.config.locations import Location
 from cobot.config.section import Section
 from cobot.config.values import Corner, Host, IPv4, Origin, Positive, Rate, RobotName
@@ -25,6 +25,7 @@ class RobotSection(Section):
     max_payload_kg: Annotated[float, Field(ge=0.0, le=10_000.0)]
     backend: Backend
     cell: Location | None
+    gripper: Gripper
 
 
 class RtSection(Section):

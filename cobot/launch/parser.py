@@ -21,6 +21,7 @@ A robot arm behind a REST service.
   cobot acknowledge   let a real robot move faster after a first look at it, see docs/safety.md
   cobot check    validate the whole configuration, without starting anything
   cobot simulate fri   a simulated robot controller for any client of KUKA's FRI, see docs/kuka-fri.md
+  cobot simulate robotiq   a simulated gripper for any client of Robotiq's, see docs/grippers.md
   cobot backend  list, make and test what drives a robot, see docs/your-backend.md
   cobot new-robot   make the configuration of another arm from its URDF or MJCF, see docs/your-robot.md
   cobot stop     bring every arm of this computer to rest, whatever has become of the service
@@ -35,7 +36,7 @@ A robot arm behind a REST service.
 
 The first run needs no configuration: open http://localhost:8007 and move the arm."""
 
-SIMULATORS = {"fri": "rtloop.backends.fri.simulator"}
+SIMULATORS = {"fri": "rtloop.backends.fri.simulator", "robotiq": "cobot.grippers.robotiq.simulator"}
 """Modules of what `cobot simulate` runs; each knows its own options."""
 
 
@@ -118,7 +119,9 @@ def _add_clients(commands: Any) -> None:
 
 def _add_simulate_and_backend(commands: Any) -> None:
     simulate = commands.add_parser("simulate", help="run a simulated robot controller, for any client of its")
-    simulate.add_argument("device", choices=list(SIMULATORS), help="fri: a KUKA LBR behind its FRI")
+    simulate.add_argument(
+        "device", choices=list(SIMULATORS), help="fri: a KUKA LBR behind its FRI; robotiq: a gripper"
+    )
     simulate.add_argument(
         "options",
         nargs=argparse.REMAINDER,

@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
-from importlib.metadata import entry_points
-from typing import Any
 
 from cobot.config import Settings
+from cobot.entry_points import Registry
 from cobot.errors import ConfigError
-from cobot.foreign import plain_error
 from cobot.types import JointLimits
 from rtloop.backends.protocols import Backend, BackendError, NoOptions, capabilities_of
 from rtloop.backends.trajectory_driver import as_backend
 
-GROUP = "cobot.backends"
-SHIPPED = {
-    "franka": "rtloop.backends.franka:FrankaBackend",
-    "mujoco": "rtloop.backends.mujoco:MujocoBackend",
-    "fri": "rtloop.backends.fri:FriBackend",
-}
-"""The backends of cobot, which are also its entry points; this finds them in an uninstalled source tree
-too."""
+REGISTRY = Registry(
+    "cobot.backends",
+    "robot.backend",
+    {
+        "franka": "rtloop.backends.franka:FrankaBackend",
+        "mujoco": "rtloop.backends.mujoco:MujocoBackend",
+        "fri": "rtloop.backends.fri:FriBackend",
+    },
+)
 WITH_CELL = {"mujoco": "rtloop.backends.cell:CellBackend"}
 """The backends that simulate a cell, by the name that they have without one."""
 
 
 def backend_names() -> dict[str, str]:
-    """The valid names for `robot.backend`, each with the location of its class."""
-    found = {each.name: each.value for each in entry_points(group=GROUP)}
-    return {**found, **SHIPPED}
+    """The names that `robot.backend` may have, each with where its class is."""
+    return REGISTRY.names()
 
 
 def backend_class(name: str) -> Callable[..., Backend]:
@@ -38,25 +35,7 @@ def backend_class(name: str) -> Callable[..., Backend]:
     Raises:
         ConfigError: it does not exist; lists the valid names.
     """
-    names = backend_names()
-    module, _, attribute = names.get(name, name).partition(":")
-    if not attribute:
-        raise ConfigError(
-            f"robot.backend: there is no {name!r}; valid are: {', '.join(sorted(names))}, or "
-            "package.module:Class"
-        )
-    try:
-        kind: Any = importlib.import_module(module)
-        for part in attribute.split("."):
-            kind = getattr(kind, part)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as exc:  # a foreign module may raise anything
-        raise _unloadable(name, exc) from exc
-    if not callable(kind):
-        raise ConfigError(f"robot.backend: cannot load {name!r}: {attribute} is not a class")
-    made: Callable[..., Backend] = kind
-    return made
+    return REGISTRY.load(name)
 
 
 def make_backend(settings: Settings, limits: JointLimits) -> Backend:
@@ -80,7 +59,7 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
     except (BackendError, ConfigError, KeyboardInterrupt):
         raise
     except BaseException as exc:  # a foreign class may raise anything
-        raise _unloadable(name, exc) from exc
+        raise REGISTRY.unloadable(name, exc) from exc
 
 
 def _with_cell(name: str) -> str:
@@ -95,7 +74,3 @@ def _with_cell(name: str) -> str:
             "set robot.cell to null"
         )
     return WITH_CELL[name]
-
-
-def _unloadable(name: str, exc: BaseException) -> ConfigError:
-    return ConfigError(f"robot.backend: cannot load {name!r}: {plain_error(exc)}")

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 from dataclasses import asdict, dataclass
-from importlib.metadata import entry_points
 from typing import Any
 
 from cobot.errors import ConfigError
 from rtloop.backends import backend_class, backend_names, capabilities_of
-from rtloop.backends.registry import GROUP, SHIPPED
+from rtloop.backends.registry import REGISTRY
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +37,9 @@ class Listed:
 
 
 def listed() -> list[Listed]:
-    """All backends, by name."""
-    origins = {
-        each.name: f"{each.dist.name} {each.dist.version}" for each in entry_points(group=GROUP) if each.dist
-    }
-    return [
-        _one(name, "cobot" if name in SHIPPED else origins.get(name, "unknown"), place)
-        for name, place in sorted(backend_names().items())
-    ]
+    """All, by name."""
+    origins = REGISTRY.origins()
+    return [_one(name, origins[name], place) for name, place in sorted(backend_names().items())]
 
 
 def _one(name: str, origin: str, place: str) -> Listed:

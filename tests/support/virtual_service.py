@@ -128,16 +128,26 @@ class VirtualService:
         lines: what it has logged.
     """
 
-    def __init__(self, folder: Path, robots: int = 1, more: str = "", capacity: int = CAPACITY) -> None:
-        """more: YAML of further settings."""
-        names = [unique_name() for _ in range(robots)]
+    def __init__(
+        self,
+        folder: Path,
+        robots: int = 1,
+        more: str = "",
+        capacity: int = CAPACITY,
+        of_robot: str = "",
+        name: str = "",
+    ) -> None:
+        """more: YAML of further settings; of_robot: of further keys of the section `robot`; name: of a robot
+        that has run before.
+        """
+        names = [name or unique_name() for _ in range(robots)]
         self.names = names
         self.name = names[0]
         several = f"robots: [{', '.join(f'{{name: {name}}}' for name in names)}]\n"
         self.config = folder / f"{self.name}.yaml"
         self.config.write_text(
             "logs: logs\nsequences: {recordings: recordings, programs: programs}\nros: {enabled: false}\n"
-            + (several if robots > 1 else f"robot: {{name: {self.name}}}\n")
+            + (several if robots > 1 else f"robot: {{name: {self.name}, {of_robot}}}\n")
             + (more if "planning:" in more else f"planning: {{{PATIENT_PLANNING}}}\n{more}"),
             encoding="utf-8",
         )

@@ -80,7 +80,7 @@ async def health(request: Request) -> HealthAnswer:
         each["service"] |= written
         each["problems"] += problems
     for name, services in addressed(request).items():
-        kept = (services.jobs.book.problem, services.positions.problem)
+        kept = (services.jobs.book.problem, services.positions.problem, services.gripper.problem)
         robots[name]["problems"] += filter(None, kept)
     for each in robots.values():
         each["status"] = "degraded" if each["problems"] else "ok"

@@ -41,6 +41,7 @@ TYPES = {
     "speed": "the speed override has changed",
     "scene": "the scene has changed",
     "tool": "the tool has changed",
+    "gripper": "the gripper has grasped, released or lost an object",
     "positions": "the named positions have changed",
     "planning": "a planning process was replaced",
     "refused": "the service has refused a request that would have moved or changed something",

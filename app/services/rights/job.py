@@ -32,6 +32,7 @@ class JobKind(StrEnum):
     QUEUE = "queue"
     SYNCHRONOUS = "synchronous"
     FORCE = "force"
+    GRIPPER = "gripper"
 
 
 class JobState(StrEnum):
@@ -151,7 +152,7 @@ class Job:
             return self.end_record.state
         if self._override is None:
             return JobState.QUEUED
-        if self._override.paused or self._held:
+        if self._held or (self._override.paused and self.kind is not JobKind.GRIPPER):
             return JobState.PAUSED
         return JobState.PLANNING if self._started_at is None else JobState.RUNNING
 

@@ -20,7 +20,7 @@ from cobot.errors import ConfigError
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
 from rtloop.backends import Capabilities, backend_class, backend_names, capabilities_of, make_backend
-from rtloop.backends.registry import GROUP, SHIPPED
+from rtloop.backends.registry import REGISTRY
 from rtloop.clock import FastClock
 from rtloop.loop import ControlLoop
 
@@ -134,8 +134,8 @@ def test_an_older_file_has_its_backend_in_the_section_rt(tmp_path: Path) -> None
 
 def test_the_shipped_backends_are_loaded_by_their_names_and_are_entry_points_too() -> None:
     pyproject = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))
-    assert pyproject["project"]["entry-points"][GROUP] == SHIPPED
-    for name in SHIPPED:
+    assert pyproject["project"]["entry-points"][REGISTRY.group] == REGISTRY.shipped
+    for name in REGISTRY.shipped:
         assert isinstance(capabilities_of(backend_class(name)), Capabilities)
         assert name in backend_names()
 
@@ -147,8 +147,8 @@ def test_the_backend_of_another_package_is_found_by_its_entry_point_alone(
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: somebodys-arm\nVersion: 1.0\n")
     (metadata / "entry_points.txt").write_text(
-        f"[{GROUP}]\nsomebodys = own_arm:Arm\nmujoco = own_arm:Arm\n", encoding="utf-8"
+        f"[{REGISTRY.group}]\nsomebodys = own_arm:Arm\nmujoco = own_arm:Arm\n", encoding="utf-8"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     assert isinstance(make_backend(with_backend(settings, "somebodys"), robot.limits), Arm)
-    assert backend_names()["mujoco"] == SHIPPED["mujoco"], "nobody takes the name of a shipped one"
+    assert backend_names()["mujoco"] == REGISTRY.shipped["mujoco"], "nobody takes the name of a shipped one"

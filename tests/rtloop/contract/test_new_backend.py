@@ -126,7 +126,7 @@ def test_the_list_says_what_cannot_be_used_and_why(
 ) -> None:
     broken = EntryPoint("broken", "no_such_module:Arm", "cobot.backends")
     boasts = EntryPoint("boasts", "own_arm:Boasts", "cobot.backends")
-    monkeypatch.setattr("rtloop.backends.registry.entry_points", lambda group: [broken, boasts])
+    monkeypatch.setattr("cobot.entry_points.entry_points", lambda group: [broken, boasts])
     listed = {each.name: each for each in listing.listed()}
     assert listed["broken"].problem.startswith("cannot load 'broken': ModuleNotFoundError")
     assert listed["boasts"].problem.startswith("Boasts.capabilities is 'yes', it must be a Capabilities")

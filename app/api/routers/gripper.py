@@ -1,0 +1,188 @@
+"""The gripper: its state and its commands."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from fastapi import Request, Response
+from pydantic import BaseModel, Field
+
+from app.api.dependencies import Call, Gone
+from app.api.errors import responses
+from app.api.job_schemas import ACCEPTED, Wait, accepted
+from app.api.route import EndpointRouter
+from app.services.gripping.service import GripperReport
+from app.services.rights.job import JobKind
+from cobot import audit
+from cobot.access.roles import Role
+from cobot.grippers import GripperState, HeldObject, PowerLoss
+from cobot.motions.fields import example
+from cobot.motions.gripper_bodies import (
+    AnyGripperCommand,
+    GripperGrasp,
+    GripperHome,
+    GripperMove,
+    GripperRelease,
+)
+
+COMMAND_S = 30.0
+DONE = "The gripper has done it"
+
+
+class GripperValues(BaseModel):
+    """What the gripper reports; null: it does not know."""
+
+    width: float | None = Field(description="Between the fingers, m.")
+    commanded_width: float | None = Field(description="Of the last command, m.")
+    force: float | None = Field(description="At the fingers, N.")
+    moving: bool = Field(description="Whether a command is under way.")
+    object: HeldObject | None = Field(
+        description="none; held_inside (between the fingers), held_outside (the fingers are inside of it), "
+        "lost (it is gone although nothing has let go of it); null: it does not detect objects."
+    )
+    temperature: float | None = Field(description="°C")
+    fault: str = Field(description='What is wrong with the device; "" for nothing.')
+    ages_s: dict[str, float] = Field(description="Values that are older than the others, by name, s.")
+
+    @classmethod
+    def of(cls, state: GripperState) -> GripperValues:
+        return cls(
+            width=state.width,
+            commanded_width=state.commanded_width,
+            force=state.force,
+            moving=state.moving,
+            object=state.object,
+            temperature=state.temperature,
+            fault=state.fault,
+            ages_s=dict(state.ages_s),
+        )
+
+
+class GripperAble(BaseModel):
+    """What the gripper can do. A range is its smallest and its largest value."""
+
+    width_m: tuple[float, float] = Field(description="Between the fingers, m.")
+    force_n: tuple[float, float] | None = Field(description="N; null: the force is fixed.")
+    speed_m_s: tuple[float, float] | None = Field(description="m/s; null: the speed is fixed.")
+    object_detection: bool = Field(description="Whether `object` is known.")
+    continuous: bool = Field(description="Whether any width can be commanded, or the two ends alone.")
+    on_power_loss: PowerLoss = Field(description="What the fingers do without power.")
+    hardware: bool = Field(description="Whether it moves real fingers.")
+
+
+class GripperReportAnswer(BaseModel):
+    """How the gripper is."""
+
+    type: str = Field(description="The setting robot.gripper.")
+    connected: bool = Field(description="Whether the state is the present one.")
+    problem: str = Field(description='Why it is not; "" if it is.')
+    state: GripperValues | None = Field(description="As read last; null before the first time.")
+    age_s: float = Field(description="Of the state, s.")
+    command: str = Field(description='The command that is under way; "" for none.')
+    held: str | None = Field(description="Name of the object of the scene that is attached to it.")
+    capabilities: GripperAble
+
+    @classmethod
+    def of(cls, report: GripperReport) -> GripperReportAnswer:
+        return cls(
+            type=report.type,
+            connected=not report.problem,
+            problem=report.problem,
+            state=None if report.state is None else GripperValues.of(report.state),
+            age_s=report.age_s,
+            command=report.command,
+            held=report.held,
+            capabilities=GripperAble.model_validate(asdict(report.capabilities)),
+        )
+
+
+class GripperAnswer(GripperValues):
+    """How a command has ended, and the state of the gripper then."""
+
+    model_config = example(
+        {
+            "success": True,
+            "message": DONE,
+            "code": None,
+            "held": "part",
+            "width": 0.041,
+            "commanded_width": 0.035,
+            "force": 40.0,
+            "moving": False,
+            "object": "held_inside",
+            "temperature": None,
+            "fault": "",
+            "ages_s": {},
+        }
+    )
+
+    success: bool = Field(description="Whether it came to what was asked for, or that did not matter.")
+    message: str = Field(description="The reason, if it did not.")
+    code: str | None = Field(description="A stable word for the reason, null on success.")
+    held: str | None = Field(description="Name of the object of the scene that is attached now.")
+
+
+COMMAND: dict[str, Any] = {
+    "response_model": GripperAnswer,
+    "responses": responses(409, 501, 503) | ACCEPTED,
+}
+Answer = GripperAnswer | Response
+
+router = EndpointRouter(tags=["robot"])
+
+
+@router.endpoint("GET /robot/gripper", Role.OBSERVER, timeout_s=1.5, responses=responses(501))
+async def gripper(request: Request) -> GripperReportAnswer:
+    """The state of the gripper, and what it can do."""
+    return GripperReportAnswer.of(Call(request).services.gripper.report())
+
+
+@router.endpoint("POST /robot/gripper/move", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
+async def move_gripper(body: GripperMove, request: Request, gone: Gone, wait: Wait = True) -> Answer:
+    """Go to a width. The command that is under way ends, and so it is with each of these."""
+    return await _run("move", body, request, gone, wait)
+
+
+@router.endpoint("POST /robot/gripper/grasp", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
+async def grasp(body: GripperGrasp, request: Request, gone: Gone, wait: Wait = True) -> Answer:
+    """Close on an object and hold it. An object of the scene that is at the TCP is attached to the arm."""
+    return await _run("grasp", body, request, gone, wait)
+
+
+@router.endpoint("POST /robot/gripper/release", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
+async def release(body: GripperRelease, request: Request, gone: Gone, wait: Wait = True) -> Answer:
+    """Open, and let go of the object: it is detached where it is. Also after an e-stop or a fault."""
+    return await _run("release", body, request, gone, wait)
+
+
+@router.endpoint("POST /robot/gripper/home", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
+async def home(body: GripperHome, request: Request, gone: Gone, wait: Wait = True) -> Answer:
+    """Activate the gripper, or have it find its reference. Its fingers may close and open."""
+    return await _run("home", body, request, gone, wait)
+
+
+@router.endpoint("POST /robot/gripper/stop", Role.OBSERVER, timeout_s=5.0, responses=responses(501, 502))
+async def stop_gripper(request: Request) -> GripperReportAnswer:
+    """Stop the fingers where they are, for any client. What they hold stays held. Takes no body."""
+    return GripperReportAnswer.of(await Call(request).services.gripper.stop())
+
+
+async def _run(name: str, body: AnyGripperCommand, request: Request, gone: Gone, wait: bool) -> Answer:
+    call = Call(request)
+    services = call.services
+    caller = call.caller(gone, JobKind.GRIPPER, body.model_dump_json(exclude_unset=True), wait=wait)
+    work = services.gripper.run(name, body, caller)
+    if not caller.waits:
+        assert caller.job is not None
+        return accepted(call, await services.jobs.begin(caller.job, work))
+    outcome = await work
+    error = outcome.error
+    audit.add_details(error=str(error or ""))
+    return GripperAnswer(
+        success=error is None,
+        message=DONE if error is None else str(error),
+        code=None if error is None else error.code,
+        held=outcome.held,
+        **GripperValues.of(outcome.state).model_dump(),
+    )

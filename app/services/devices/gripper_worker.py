@@ -1,0 +1,273 @@
+"""Runs a gripper's driver in a thread of its own: nothing else waits for the device.
+
+It connects, passes commands on, and reads the state again and again. What the driver raises is a problem in
+words; then the connection is made anew, with growing pauses.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import queue
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from app.services.state.link import RobotLink
+from cobot.errors import CobotError
+from cobot.foreign import plain_error, plain_text
+from cobot.grippers import Gripper, GripperError, GripperState
+from cobot.robot.io_points import IoPoint, output_of, require_number
+
+IDLE_PERIOD_S = 0.1
+"""How often the state of a gripper is read that neither moves nor holds anything, s."""
+BUSY_PERIOD_S = 0.01
+"""The same while it does, if the driver says nothing else."""
+BACKOFF_S = (0.1, 3.0)
+"""The first pause between two attempts to connect and the longest one, s; each is twice the one before."""
+HUNG_S = 3.0
+"""A driver that has not returned from a call for so long is reported."""
+
+log = logging.getLogger("cobot.gripper")
+
+Result = TypeVar("Result")
+Start = Callable[[Gripper], None]
+
+
+class DaemonThread(Executor):
+    """An executor of one thread, which does not keep the process from ending when a driver hangs."""
+
+    def __init__(self, name: str) -> None:
+        self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        threading.Thread(target=self._run, name=name, daemon=True).start()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+
+        def work() -> None:
+            if future.set_running_or_notify_cancel():
+                try:
+                    future.set_result(fn(*args, **kwargs))
+                except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
+                    future.set_exception(exc)
+
+        self._work.put(work)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self._work.put(None)
+
+    def _run(self) -> None:
+        while (work := self._work.get()) is not None:
+            work()
+
+
+class RobotPort:
+    """The robot's inputs and outputs for a driver: those of before its call, and what it sets in the call.
+
+    Attributes:
+        points: by name, as the robot has reported them.
+        wanted: outputs that were set and not handed over yet.
+    """
+
+    def __init__(self) -> None:
+        self.points: dict[str, IoPoint] = {}
+        self.wanted: dict[str, float] = {}
+
+    def read(self, name: str) -> float:
+        """See `IoPort`."""
+        if name in self.wanted:
+            return self.wanted[name]
+        return self._point(name).value
+
+    def set(self, name: str, value: float) -> None:
+        """See `IoPort`. It is handed over when the driver's method returns."""
+        try:
+            require_number(output_of([self._point(name)], name), value)
+        except CobotError as exc:
+            raise GripperError(str(exc)) from exc
+        self.wanted.pop(name, None)
+        self.wanted[name] = value
+
+    def _point(self, name: str) -> IoPoint:
+        if name not in self.points:
+            known = ", ".join(self.points) or "none"
+            raise GripperError(f"the robot has no input or output {name!r}; it reports: {known}")
+        return self.points[name]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the driver has reported last.
+
+    Attributes:
+        number: counts up.
+        state: None before the first one.
+        problem: why there is no newer state; "" if there is none.
+        read_s: when the state was read, on the clock.
+    """
+
+    number: int
+    state: GripperState | None
+    problem: str
+    read_s: float
+
+
+class GripperWorker:
+    """See the module.
+
+    Args:
+        on_reading: called with each new reading.
+
+    Attributes:
+        gripper: the driver.
+        reading: the newest one.
+    """
+
+    def __init__(
+        self, gripper: Gripper, port: RobotPort, link: RobotLink, on_reading: Callable[[Reading], None]
+    ) -> None:
+        self.gripper = gripper
+        self._port = port
+        self._link = link
+        self._on_reading = on_reading
+        self._asked: deque[tuple[Start, asyncio.Future[int]]] = deque()
+        self._news = asyncio.Event()
+        self._connected = False
+        self._calling_since_s: float | None = None
+        self._thread = DaemonThread("gripper")
+        self.reading = Reading(0, None, "it has not been read yet", link.clock.now_s())
+        self._task = asyncio.create_task(self._run(), name="gripper")
+
+    @property
+    def problem(self) -> str:
+        """Why the newest state is not the gripper's present one; "" if it is."""
+        since_s, now_s = self._calling_since_s, self._link.clock.now_s()
+        if since_s is not None and now_s - since_s > HUNG_S:
+            return f"its driver has not returned for {now_s - since_s:.0f} s"
+        return self.reading.problem
+
+    async def command(self, start: Start) -> int:
+        """Have the driver start a command, after those that were asked for before.
+
+        Returns:
+            The number of the newest reading from before the command: later ones have seen it.
+
+        Raises:
+            GripperError: the device does not take it, with why.
+        """
+        return await self.ask(start)
+
+    def ask(self, start: Start) -> asyncio.Future[int]:
+        """As `command`; an error that is not awaited is logged."""
+        future: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+        self._asked.append((start, future))
+        self._news.set()
+        return future
+
+    def tell(self, start: Start) -> None:
+        """Have the driver do something of which nothing is awaited; an error is logged."""
+        self.ask(start).add_done_callback(self._log_error)
+
+    def close(self) -> None:
+        """End. The fingers stay as they are."""
+        self._task.cancel()
+        self._thread.submit(self._disconnect)
+        self._thread.shutdown()
+
+    def _log_error(self, future: asyncio.Future[int]) -> None:
+        if not future.cancelled() and (error := future.exception()) is not None:
+            log.warning("%sgripper: %s", self._link.label, plain_text(error))
+
+    async def _run(self) -> None:
+        delay_s, longest_s = BACKOFF_S
+        while True:
+            while self._asked:
+                await self._serve(*self._asked.popleft())
+            problem, state = await self._call(_read_state)
+            self._report(state, problem)
+            if problem:
+                pause_s, delay_s = delay_s, min(2.0 * delay_s, longest_s)
+            else:
+                pause_s, delay_s = self._period_s(state), BACKOFF_S[0]
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._news.wait(), pause_s)
+            self._news.clear()
+
+    def _period_s(self, state: GripperState | None) -> float:
+        busy = state is not None and (state.moving or (state.object is not None and state.object.is_held))
+        return float(getattr(self.gripper, "state_period_s", BUSY_PERIOD_S)) if busy else IDLE_PERIOD_S
+
+    async def _serve(self, start: Start, future: asyncio.Future[int]) -> None:
+        if future.cancelled():
+            return
+        problem, _ = await self._call(start)
+        if future.cancelled():
+            return
+        if problem:
+            future.set_exception(GripperError(problem))
+        else:
+            future.set_result(self.reading.number)
+
+    async def _call(self, method: Callable[[Gripper], Result]) -> tuple[str, Result | None]:
+        """Call the driver; what went wrong, or "", and the result."""
+        report = self._link.io()
+        self._port.points = {} if report is None else {each.name: each for each in report.points}
+        self._port.wanted.clear()
+        self._calling_since_s = self._link.clock.now_s()
+        try:
+            loop = asyncio.get_running_loop()
+            result = await loop.run_in_executor(self._thread, self._call_connected, method)
+            await self._hand_over()
+            return "", result
+        except (GripperError, CobotError) as exc:
+            problem = plain_text(exc)
+        except asyncio.CancelledError:
+            raise
+        except BaseException as exc:
+            problem = f"an error in its driver: {plain_error(exc)}"
+            log.debug("gripper", exc_info=exc)
+        finally:
+            self._calling_since_s = None
+        if self._connected:
+            self._connected = False
+            await asyncio.get_running_loop().run_in_executor(self._thread, self._disconnect)
+        return problem, None
+
+    async def _hand_over(self) -> None:
+        while self._port.wanted:
+            name = next(iter(self._port.wanted))
+            await self._link.commands.set_output(name, self._port.wanted.pop(name))
+
+    def _call_connected(self, method: Callable[[Gripper], Result]) -> Result:
+        if not self._connected:
+            self.gripper.connect()
+            self._connected = True
+        return method(self.gripper)
+
+    def _disconnect(self) -> None:
+        with contextlib.suppress(Exception):
+            self.gripper.disconnect()
+
+    def _report(self, state: GripperState | None, problem: str) -> None:
+        before, now_s = self.reading, self._link.clock.now_s()
+        if problem:
+            if problem != before.problem:
+                log.warning("%sgripper: %s", self._link.label, problem)
+            self.reading = Reading(before.number + 1, before.state, problem, before.read_s)
+        else:
+            self.reading = Reading(before.number + 1, state, "", now_s)
+        self._on_reading(self.reading)
+
+
+def _read_state(gripper: Gripper) -> GripperState:
+    state = gripper.state()
+    if not isinstance(state, GripperState):
+        raise GripperError(
+            f"its driver's state() has returned {plain_text(type(state), 80)}, no GripperState"
+        )
+    return state

@@ -1,0 +1,71 @@
+"""Waiting for the end of a command to the gripper."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+
+from app.services.devices.gripper_worker import GripperWorker
+from app.services.gripping.commands import Running, start_of
+from app.services.rights.claims import Caller
+from cobot.clock import Clock
+from cobot.errors import DeviceError, MotionStopped, MotionTimeout
+from cobot.grippers import GripperState
+
+
+async def follow(
+    worker: GripperWorker, running: Running, caller: Caller, clock: Clock, name: str
+) -> GripperState:
+    """Start a command and return the state at its end.
+
+    Args:
+        name: the gripper's type, for errors.
+
+    Raises:
+        MotionStopped: it was interrupted, or the client has gone.
+        MotionTimeout: the caller's time is up.
+        DeviceError: the device does not take it, has a fault or is lost.
+    """
+    deadline_s = clock.now_s() + caller.timeout_s
+    gone = asyncio.create_task(caller.gone.wait())
+    asked = worker.ask(start_of(running.command))
+    for each in (gone, asked):
+        each.add_done_callback(lambda _: running.news.set())
+    try:
+        while True:
+            if running.interruption is not None:
+                raise running.interruption
+            if caller.gone.is_set():
+                raise MotionStopped("the client went away")
+            state = _ended(worker, asked, name)
+            if state is not None:
+                return state
+            left_s = deadline_s - clock.now_s()
+            if left_s <= 0.0:
+                raise MotionTimeout(
+                    f"gripper {name}: {running.name} has not ended within {caller.timeout_s:g} s: "
+                    f"{worker.problem or 'the fingers still move'}"
+                )
+            running.news.clear()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(running.news.wait(), left_s)
+    finally:
+        gone.cancel()
+        asked.cancel()
+
+
+def _ended(worker: GripperWorker, asked: asyncio.Future[int], name: str) -> GripperState | None:
+    """The state at the end of a command; None while it goes on."""
+    if not asked.done():
+        return None
+    if (problem := asked.exception()) is not None:
+        raise DeviceError(f"gripper {name}: {problem}")
+    reading = worker.reading
+    if reading.number <= asked.result():
+        return None
+    if reading.problem:
+        raise DeviceError(f"gripper {name}: {reading.problem}")
+    assert reading.state is not None
+    if reading.state.fault:
+        raise DeviceError(f"gripper {name}: {reading.state.fault}")
+    return None if reading.state.moving else reading.state

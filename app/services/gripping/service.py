@@ -1,0 +1,332 @@
+"""Commands to the gripper as jobs: one at a time, and a new one replaces the one before.
+
+The arm may move meanwhile. A stop ends the command and keeps the grip, unless `on_stop` is `open`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import contextvars
+import logging
+from collections.abc import Coroutine
+from dataclasses import replace
+from typing import Any
+
+from app.services.clients import CLIENT
+from app.services.devices.gripper_worker import GripperWorker, Reading, RobotPort
+from app.services.gripping.checks import check_command
+from app.services.gripping.commands import GripperOutcome, GripperReport, Running, missed, shortfall
+from app.services.gripping.following import follow
+from app.services.gripping.held import HeldService
+from app.services.rights.claims import Caller
+from app.services.rights.job import Job
+from app.services.rights.ownership import Ownership
+from app.services.rights.stopping import StopService
+from app.services.state.link import RobotLink
+from cobot.config import Settings
+from cobot.errors import (
+    CobotError,
+    DeviceError,
+    MotionStopped,
+    NotReadyError,
+    NotSupportedError,
+    UnavailableError,
+)
+from cobot.grippers import (
+    GripperError,
+    GripperState,
+    HeldObject,
+    make_gripper,
+)
+from cobot.grippers.registry import gripper_options
+from cobot.motions.gripper_bodies import (
+    AnyGripperCommand,
+    GripperGrasp,
+    GripperHome,
+    GripperRelease,
+)
+from cobot.types import LoopMode
+
+WATCH_S = 0.01
+OPEN_S = 10.0
+"""Timeout for the fingers to open after a stop, if `on_stop` is `open`, s."""
+NONE_CONFIGURED = (
+    "this robot has no gripper: set robot.gripper in the settings, such as {type: robotiq, device: "
+    "/dev/ttyUSB0}; `cobot gripper list` shows the types, docs/grippers.md what each needs"
+)
+
+log = logging.getLogger("cobot.gripper")
+
+
+class GripperService:
+    """The gripper of one robot; a robot without one has this service too, which rejects every request."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        link: RobotLink,
+        ownership: Ownership,
+        stopping: StopService,
+        held: HeldService,
+    ) -> None:
+        self._link = link
+        self._ownership = ownership
+        self._stopping = stopping
+        self._held = held
+        self._running: Running | None = None
+        self._holds = self._seen = False
+        self._lost = False
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._worker: GripperWorker | None = None
+        if settings.robot.gripper is None:
+            return
+        self.type = settings.robot.gripper.type
+        self._options = gripper_options(settings)
+        port = RobotPort()
+        self._worker = GripperWorker(make_gripper(settings, port), port, link, self._look)
+        self._spawn(self._watch(self._worker))
+
+    def close(self) -> None:
+        """End. What is held stays held."""
+        for task in self._tasks:
+            task.cancel()
+        self._held.close()
+        if self._worker is not None:
+            self._worker.close()
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with the gripper, for /health; "" for nothing, or without one."""
+        if self._worker is None:
+            return ""
+        state = self._worker.reading.state
+        found = self._worker.problem or (state.fault if state is not None else "")
+        return f"gripper {self.type}: {found}" if found else ""
+
+    def report(self) -> GripperReport:
+        """How the gripper is now.
+
+        Raises:
+            NotSupportedError: the robot has none.
+        """
+        worker = self._require()
+        reading = worker.reading
+        return GripperReport(
+            self.type,
+            worker.gripper.capabilities,
+            worker.problem,
+            None if reading.state is None else self._shown(reading.state),
+            self._link.clock.now_s() - reading.read_s,
+            "" if self._running is None else self._running.name,
+            self._held.name,
+        )
+
+    async def run(self, name: str, command: AnyGripperCommand, caller: Caller) -> GripperOutcome:
+        """Do it, and return when the fingers have ended it. The command that is under way ends.
+
+        Args:
+            name: move, grasp, release or home.
+
+        Raises:
+            NotSupportedError: the robot has no gripper, or it has no such thing.
+            LimitError: a value is out of range.
+            NotReadyError: an e-stop or a fault is latched.
+            MotionStopped: a stop has come before it.
+        """
+        worker = self._require()
+        check_command(self.type, worker.gripper.capabilities, command)
+        self._require_ready(command, caller)
+        stops, latched = self._ownership.stops, self._is_latched(False)
+        running = Running(name, command, caller.job, stops, latched)
+        if self._running is not None:
+            self._running.interrupt(MotionStopped(f"preempted by {name} of {CLIENT.get()}"))
+        self._running, self._lost = running, False
+        self._held.context = contextvars.copy_context()
+        error: BaseException | None = None
+        if caller.job is not None:
+            caller.job.begin(self._ownership.speed_override)
+            caller.job.started()
+            caller.job.accepted.set()
+        try:
+            state = await self._follow(worker, running, caller)
+            error = shortfall(command, state, worker.gripper.capabilities)
+            self._note(command, state, good=error is None)
+        except CobotError as exc:
+            error = exc
+        except BaseException as exc:
+            error = exc
+            self._halt(worker, running)
+            raise
+        finally:
+            if self._running is running:
+                self._running = None
+            if caller.job is not None:
+                self._ownership.end(caller.job, error, stopped=isinstance(error, MotionStopped))
+        assert worker.reading.state is not None or error is not None
+        last = worker.reading.state or GripperState(None, None, moving=False)
+        return GripperOutcome(error, self._shown(last), self._held.name)
+
+    async def stop(self) -> GripperReport:
+        """Stop the fingers where they are; the grip on an object stays. Ends the command that is under way.
+
+        Raises:
+            NotSupportedError: the robot has no gripper.
+            DeviceError: it does not take the stop.
+        """
+        worker = self._require()
+        if self._running is not None:
+            self._running.interrupt(MotionStopped(f"stopped by {CLIENT.get()}"))
+        try:
+            await worker.command(lambda gripper: gripper.stop())
+        except GripperError as exc:
+            raise DeviceError(f"gripper {self.type}: {exc}") from exc
+        return self.report()
+
+    def cancel(self, job: Job, cause: MotionStopped) -> bool:
+        """End the command of this job; whether it is one of the gripper's."""
+        if self._running is None or self._running.job is not job:
+            return False
+        self._running.interrupt(cause)
+        return True
+
+    def _require(self) -> GripperWorker:
+        if self._worker is None:
+            raise NotSupportedError(NONE_CONFIGURED)
+        return self._worker
+
+    def _require_ready(self, command: AnyGripperCommand, caller: Caller) -> None:
+        if self._ownership.stops != caller.stops:
+            raise MotionStopped("a stop was requested while the request was being read")
+        if isinstance(command, GripperRelease):
+            return  # what is jammed must come out whatever has happened
+        with contextlib.suppress(UnavailableError):
+            state = self._link.state()
+            if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
+                raise NotReadyError(
+                    f"mode {state.mode.name}: {state.reason}; see to the cause, then reset it"
+                )
+
+    async def _follow(self, worker: GripperWorker, running: Running, caller: Caller) -> GripperState:
+        """Start a command and wait for its end; one that ends early stops the fingers."""
+        try:
+            return await follow(worker, running, caller, self._link.clock, self.type)
+        except CobotError as exc:
+            if not isinstance(exc, DeviceError):
+                self._halt(worker, running)
+            raise
+
+    def _halt(self, worker: GripperWorker, running: Running) -> None:
+        """Stop the fingers of a command that ends early, unless another one has them already."""
+        if self._running is running:
+            worker.tell(lambda gripper: gripper.stop())
+
+    def _note(self, command: AnyGripperCommand, state: GripperState, *, good: bool) -> None:
+        """Tell what a command that has ended has come to."""
+        if isinstance(command, GripperGrasp):
+            if good and missed(state) is None:
+                self._grasped(state)
+        elif state.object is None and self._holds and isinstance(command, GripperRelease | GripperHome):
+            self._holds = False  # such a gripper does not see by itself that nothing is held any more
+            self._released()
+
+    def _grasped(self, state: GripperState) -> None:
+        self._holds = True
+        held = self._held.grasp(state)
+        self._link.events.publish(
+            "gripper", what="grasped", object=held, width=state.width, force=state.force
+        )
+
+    def _tell(self, what: str, **data: Any) -> None:
+        self._link.events.publish("gripper", what=what, **data)
+
+    def _shown(self, state: GripperState) -> GripperState:
+        return replace(state, object=HeldObject.LOST) if self._lost else state
+
+    def _look(self, reading: Reading) -> None:
+        """See what a new reading tells: a command goes on, an object is held, let go or lost."""
+        if self._running is not None:
+            self._running.news.set()
+        state = reading.state
+        if reading.problem or state is None:
+            return
+        if not self._seen:
+            self._seen = True
+            self._adopt(state)
+        if state.object is None:
+            return
+        holds = state.object.is_held
+        if self._holds and not holds:
+            if self._running is None:
+                self._lose()
+            else:
+                self._released()
+        self._holds = holds
+
+    def _adopt(self, state: GripperState) -> None:
+        """Take over what an earlier run of the service has left in the gripper."""
+        if state.object is None:
+            self._holds = self._held.name is not None
+            return
+        self._holds = state.object.is_held
+        if not self._holds:
+            self._held.forget()
+
+    def _released(self) -> None:
+        name = self._held.release()
+        self._tell("released", object=name)
+
+    def _lose(self) -> None:
+        """An object is gone although nothing let go of it."""
+        self._lost = True
+        name = self._held.release()
+        self._tell("lost", object=name, stops=self._options.on_loss == "stop")
+        if self._options.on_loss == "stop" and self._ownership.in_motion:
+            self._spawn(self._stop_arm(f"the gripper has lost {name or 'its object'}"))
+
+    async def _stop_arm(self, why: str) -> None:
+        with contextlib.suppress(CobotError):
+            await self._stopping.stop_motion(why)
+
+    async def _watch(self, worker: GripperWorker) -> None:
+        """Follow stops and e-stops, whatever has asked for them."""
+        stops, latched = self._ownership.stops, False
+        while True:
+            await asyncio.sleep(WATCH_S)
+            now_latched = self._is_latched(latched)
+            if self._ownership.stops != stops or (now_latched and not latched):
+                self._stopped(worker, "the mode is ESTOP or FAULT" if now_latched else "stopped by a stop")
+            stops, latched = self._ownership.stops, now_latched
+
+    def _is_latched(self, before: bool) -> bool:
+        try:
+            return self._link.state().mode in (LoopMode.ESTOP, LoopMode.FAULT)
+        except UnavailableError:
+            return before
+
+    def _stopped(self, worker: GripperWorker, why: str) -> None:
+        running = self._running
+        stopped = running is None or running.stops != self._ownership.stops
+        if not stopped and running is not None and (running.latched or not self._is_latched(False)):
+            return  # it was asked for after the stop
+        if running is not None:
+            running.interrupt(MotionStopped(why))
+        if self._options.on_stop == "open":
+            self._running = None
+            self._spawn(self._open(worker))
+
+    async def _open(self, worker: GripperWorker) -> None:
+        stops = self._ownership.stops
+        running = self._running = Running("open", GripperRelease(width=None), None, stops, latched=True)
+        try:
+            await self._follow(worker, running, Caller("stop", None, 0, OPEN_S, asyncio.Event()))
+        except CobotError as exc:
+            log.warning("%sgripper: it has not opened after a stop: %s", self._link.label, exc)
+        finally:
+            if self._running is running:
+                self._running = None
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work, name="gripper service")
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)

@@ -1,0 +1,58 @@
+"""The gripper of the REST client."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from cobot.client.connection import Json
+from cobot.client.jobs import JobHandle
+
+if TYPE_CHECKING:
+    from cobot.client.moves import Moves
+
+
+class GripperCommands:
+    """The gripper of one robot, as `gripper` of a client.
+
+    Commands return the answer when the fingers have ended them, with the gripper's state and `held`; with
+    `wait=False` a `JobHandle`. A new command replaces the one that is under way. Widths are in m, speeds in
+    m/s, forces in N. Optional values that are not given are the gripper's defaults.
+    """
+
+    def __init__(self, client: Moves) -> None:
+        self._client = client
+
+    def state(self) -> Json:
+        """How the gripper is: `type`, `connected`, `problem`, `state`, `command`, `held`, `capabilities`."""
+        return self._client._json("GET", "/robot/gripper")
+
+    def move(
+        self, width: float, speed: float | None = None, force: float | None = None, *, wait: bool = True
+    ) -> Json | JobHandle:
+        """Go to a width."""
+        return self._run("move", wait, width=width, speed=speed, force=force)
+
+    def grasp(self, width: float | None = None, *, wait: bool = True, **how: Any) -> Json | JobHandle:
+        """Close on an object and hold it.
+
+        Args:
+            width: of the object; None: any.
+            how: `tolerance_inner`, `tolerance_outer`, `speed`, `force`, `if_missed`.
+        """
+        return self._run("grasp", wait, width=width, **how)
+
+    def release(self, width: float | None = None, *, wait: bool = True) -> Json | JobHandle:
+        """Let go of the object: open to a width, or as far as possible."""
+        return self._run("release", wait, width=width)
+
+    def home(self, *, wait: bool = True) -> Json | JobHandle:
+        """Activate the gripper, or have it find its reference."""
+        return self._run("home", wait)
+
+    def stop(self) -> Json:
+        """Stop the fingers where they are; what they hold stays held."""
+        return self._client._json("POST", "/robot/gripper/stop")
+
+    def _run(self, kind: str, wait: bool, **body: Any) -> Json | JobHandle:
+        given = {name: value for name, value in body.items() if value is not None}
+        return self._client._motion(f"/robot/gripper/{kind}", given, wait)

@@ -1,0 +1,139 @@
+"""A gripper at one or two outputs of the robot, with up to two inputs that tell where its fingers are."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from cobot.clock import SYSTEM, Clock
+from cobot.grippers.positions import Goal, TwoPositions
+from cobot.grippers.protocol import (
+    GripperCapabilities,
+    GripperOptions,
+    GripperState,
+    HeldObject,
+    IoPort,
+    PowerLoss,
+)
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Seconds = Annotated[float, Field(gt=0.0, le=30.0)]
+
+
+class DigitalOptions(GripperOptions):
+    """Options of `DigitalGripper`. Names are those of GET /robot/io."""
+
+    close_output: Annotated[Name | None, Field(description="On: the fingers close.")] = None
+    open_output: Annotated[Name | None, Field(description="On: the fingers open.")] = None
+    closed_input: Annotated[
+        Name | None, Field(description="On: the fingers are closed; nothing is between them.")
+    ] = None
+    opened_input: Annotated[Name | None, Field(description="On: the fingers are open.")] = None
+    inverted_inputs: Annotated[bool, Field(description="Off means what on means otherwise.")] = False
+    close_time_s: Annotated[Seconds, Field(description="The fingers have closed after this time.")] = 0.3
+    open_time_s: Annotated[Seconds, Field(description="The fingers have opened after this time.")] = 0.3
+    open_width: Annotated[float, Field(gt=0.0, le=1.0, description="Between open fingers, m.")] = 0.05
+    closed_width: Annotated[float, Field(ge=0.0, le=1.0, description="Between closed fingers, m.")] = 0.0
+    on_power_loss: PowerLoss = PowerLoss.UNKNOWN
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.close_output is None and self.open_output is None:
+            raise ValueError("close_output or open_output is needed: the name of an output of GET /robot/io")
+        if self.close_output == self.open_output:
+            raise ValueError("close_output and open_output are the same output; leave one of them out")
+        if not self.closed_width < self.open_width:
+            raise ValueError(
+                f"closed_width is {self.closed_width:g}, it must be below open_width, {self.open_width:g}"
+            )
+        return self
+
+
+class DigitalGripper(TwoPositions):
+    """See the module. With two outputs (a valve with two coils) one of them is on; with one it is on or off.
+
+    Without inputs the fingers count as there after `close_time_s` or `open_time_s`. With `opened_input` an
+    opening that takes three times as long is a fault. With `closed_input` fingers that have closed without it
+    hold an object.
+    """
+
+    Options = DigitalOptions
+    LATE = 3.0
+    """Multiple of the time after which fingers that have not arrived are a fault."""
+
+    def __init__(self, options: DigitalOptions, port: IoPort, clock: Clock = SYSTEM) -> None:
+        super().__init__(port, (options.closed_width, options.open_width), clock)
+        self._options = options
+        self.capabilities = GripperCapabilities(
+            width_m=(options.closed_width, options.open_width),
+            object_detection=options.closed_input is not None,
+            continuous=False,
+            on_power_loss=options.on_power_loss,
+        )
+
+    def connect(self) -> None:
+        """The outputs tell what the last command was, of an earlier run of cobot too."""
+        options = self._options
+        self._require(options.close_output, options.open_output, options.closed_input, options.opened_input)
+        if self.goal is Goal.NEITHER:
+            closes = self._input(options.close_output, False)
+            opens = self._input(options.open_output, False)
+            if closes is None:
+                closes = not opens
+            elif opens is None:
+                opens = not closes
+            if closes is not opens:
+                self.goal = Goal.CLOSED if closes else Goal.OPEN
+                self._begun_s = self._clock.now_s() - 2.0 * self._time_s
+
+    def stop(self) -> None:
+        """Such fingers cannot stop on their way: both outputs of two go off, one stays as it is."""
+        options = self._options
+        if options.close_output and options.open_output and self._moves():
+            self._port.set(options.close_output, 0.0)
+            self._port.set(options.open_output, 0.0)
+            self.goal = Goal.NEITHER
+
+    def state(self) -> GripperState:
+        options = self._options
+        closed = self._input(options.closed_input, options.inverted_inputs)
+        opened = self._input(options.opened_input, options.inverted_inputs)
+        late = self._since_s > self.LATE * self._time_s
+        fault = ""
+        if self.goal is Goal.OPEN and opened is False and late:
+            fault = (
+                f"the fingers have not opened within {self.LATE * self._time_s:g} s: {options.opened_input} "
+                "is off; check the air, the output and the sensor"
+            )
+        moving = self._moves() and not fault
+        held: HeldObject | None = None
+        if closed is not None:
+            holds = self.goal is Goal.CLOSED and not moving and not closed
+            held = HeldObject.HELD_INSIDE if holds else HeldObject.NONE
+        commanded = {Goal.OPEN: options.open_width, Goal.CLOSED: options.closed_width}.get(self.goal)
+        width = options.closed_width if closed else options.open_width if opened else None
+        return GripperState(width, commanded, moving, object=held, fault=fault)
+
+    def _drive(self, goal: Goal) -> None:
+        options, closes = self._options, goal is Goal.CLOSED
+        pairs = [(options.close_output, closes), (options.open_output, not closes)]
+        for name, value in sorted(pairs, key=lambda each: each[1]):  # the one that goes off comes first
+            if name is not None:
+                self._port.set(name, float(value))
+
+    @property
+    def _time_s(self) -> float:
+        return self._options.close_time_s if self.goal is Goal.CLOSED else self._options.open_time_s
+
+    def _moves(self) -> bool:
+        if self.goal is Goal.NEITHER:
+            return False
+        if self.goal is Goal.OPEN and self._options.opened_input is not None:
+            opened = self._input(self._options.opened_input, self._options.inverted_inputs)
+            return not opened and self._since_s <= self.LATE * self._time_s
+        if self.goal is Goal.CLOSED and self._input(
+            self._options.closed_input, self._options.inverted_inputs
+        ):
+            return False
+        return self._since_s < self._time_s

@@ -1,0 +1,75 @@
+"""What grippers with two positions have in common: open and closed, by outputs of the robot."""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+
+from cobot.clock import SYSTEM, Clock
+from cobot.grippers.protocol import Grasp, IoPort
+
+
+class Goal(Enum):
+    """Where the fingers are to be. NEITHER: cobot has not commanded them yet."""
+
+    NEITHER = auto()
+    OPEN = auto()
+    CLOSED = auto()
+
+
+class TwoPositions:
+    """Base of such a gripper: which end is nearer to a width, and how long the fingers take.
+
+    Attributes:
+        goal: of the last command.
+    """
+
+    def __init__(self, port: IoPort, width_m: tuple[float, float], clock: Clock = SYSTEM) -> None:
+        self._port = port
+        self._width_m = width_m
+        self._clock = clock
+        self._begun_s = clock.now_s()
+        self.goal = Goal.NEITHER
+
+    def open(self) -> None:
+        self._command(Goal.OPEN)
+
+    def close(self) -> None:
+        self._command(Goal.CLOSED)
+
+    def move(self, width: float, speed: float | None, force: float | None) -> None:
+        closed_m, open_m = self._width_m
+        self._command(Goal.CLOSED if width - closed_m < open_m - width else Goal.OPEN)
+
+    def grasp(self, grasp: Grasp) -> None:
+        self.close()
+
+    def release(self, width: float | None) -> None:
+        self.open()
+
+    def home(self) -> None:
+        self.open()
+
+    def disconnect(self) -> None:
+        """Outputs stay as they are."""
+
+    def _command(self, goal: Goal) -> None:
+        self.goal, self._begun_s = goal, self._clock.now_s()
+        self._drive(goal)
+
+    def _drive(self, goal: Goal) -> None:
+        raise NotImplementedError
+
+    @property
+    def _since_s(self) -> float:
+        """Time since the last command."""
+        return self._clock.now_s() - self._begun_s
+
+    def _require(self, *names: str | None) -> None:
+        """See that the robot has these inputs and outputs."""
+        for name in names:
+            if name is not None:
+                self._port.read(name)
+
+    def _input(self, name: str | None, inverted: bool) -> bool | None:
+        """A boolean input; None without one."""
+        return None if name is None else bool(self._port.read(name)) is not inverted

@@ -1,0 +1,199 @@
+"""The driver of Robotiq's adaptive grippers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from cobot.clock import SYSTEM, Clock
+from cobot.grippers.protocol import (
+    Grasp,
+    GripperCapabilities,
+    GripperError,
+    GripperOptions,
+    GripperState,
+    HeldObject,
+    IoPort,
+    PowerLoss,
+)
+from cobot.grippers.robotiq.registers import (
+    COUNT,
+    FAULTS,
+    FULL,
+    MODELS,
+    PASSING,
+    REQUEST,
+    STATUS,
+    Activation,
+    Detection,
+    Request,
+    Status,
+    share,
+)
+from cobot.grippers.robotiq.rtu import Master
+
+BEYOND_M = 0.003
+"""A grasp aims so far beyond the narrowest permitted object: the fingers have to press on it."""
+NEAR = 2
+"""Fingers that have stopped so few counts from the commanded position are there, and hold nothing."""
+INACTIVE = "the gripper is not activated: POST /robot/gripper/home, in which its fingers close and open"
+
+
+class RobotiqOptions(GripperOptions):
+    """Options of `RobotiqGripper`."""
+
+    device: Annotated[
+        str,
+        Field(
+            min_length=1,
+            max_length=200,
+            description="Serial port such as /dev/ttyUSB0, or HOST:PORT for RTU over TCP.",
+        ),
+    ]
+    model: Annotated[Literal["2f85", "2f140", "hande"], Field(description="The gripper.")] = "2f85"
+    unit: Annotated[int, Field(ge=1, le=247, description="Its Modbus address.")] = 9
+    baud: Annotated[int, Field(ge=1200, le=1_000_000, description="Of the serial port.")] = 115_200
+    timeout_s: Annotated[float, Field(ge=0.01, le=2.0, description="For each answer.")] = 0.2
+    open_count: Annotated[int, Field(ge=0, le=FULL, description="Position that it reports when open.")] = 0
+    closed_count: Annotated[
+        int, Field(ge=0, le=FULL, description="Position that it reports when closed.")
+    ] = FULL
+    stroke: Annotated[
+        float | None, Field(gt=0.0, le=1.0, description="Width when open, m; null: of the model.")
+    ] = None
+    default_speed: Annotated[float, Field(ge=0.0, le=1.0, description="Share of the speeds it has.")] = 1.0
+    default_force: Annotated[float, Field(ge=0.0, le=1.0, description="Share of the forces it has.")] = 0.3
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.closed_count <= self.open_count:
+            raise ValueError(
+                f"closed_count is {self.closed_count}, it must be above open_count, {self.open_count}"
+            )
+        return self
+
+
+class RobotiqGripper:
+    """See the package. Connecting moves nothing; a gripper that is not activated is activated by `home`."""
+
+    Options = RobotiqOptions
+    state_period_s = 0.005
+
+    def __init__(self, options: RobotiqOptions, port: IoPort, clock: Clock = SYSTEM) -> None:
+        self._options = options
+        self._clock = clock
+        model = MODELS[options.model]
+        self._stroke_m = options.stroke or model.stroke_m
+        self._speed_m_s, self._force_n = model.speed_m_s, model.force_n
+        self._master = Master(options.device, options.unit, options.baud, options.timeout_s)
+        self._request: Request | None = None
+        self._activating_since_s: float | None = None
+        self.capabilities = GripperCapabilities(
+            width_m=(0.0, self._stroke_m),
+            force_n=model.force_n,
+            speed_m_s=model.speed_m_s,
+            object_detection=True,
+            on_power_loss=PowerLoss.KEEPS,
+        )
+
+    def connect(self) -> None:
+        self._master.open()
+        self._request = Request.of(self._master.read(REQUEST, COUNT)) if self._request else None
+        self._status()
+
+    def disconnect(self) -> None:
+        self._master.close()
+
+    def open(self) -> None:
+        self.move(self._stroke_m, None, None)
+
+    def close(self) -> None:
+        self.move(0.0, None, None)
+
+    def move(self, width: float, speed: float | None, force: float | None) -> None:
+        if self._status().activation is not Activation.COMPLETE:
+            raise GripperError(INACTIVE)
+        self._go(width, speed, force)
+
+    def grasp(self, grasp: Grasp) -> None:
+        status = self._status()
+        if status.activation is not Activation.COMPLETE:
+            raise GripperError(INACTIVE)
+        present_m = self._width_m(status.position)
+        if grasp.width is not None and grasp.width > present_m:
+            target_m = grasp.width + grasp.tolerance_outer + BEYOND_M
+        else:
+            target_m = 0.0 if grasp.width is None else grasp.width - grasp.tolerance_inner - BEYOND_M
+        self._go(target_m, grasp.speed, grasp.force)
+
+    def release(self, width: float | None) -> None:
+        self.move(self._stroke_m if width is None else width, None, None)
+
+    def stop(self) -> None:
+        status = self._status()
+        if status.go and status.detection is Detection.MOVING:
+            self._send(Request(True, False, status.echo, *self._rates(None, None)))
+
+    def home(self) -> None:
+        """Activate it; if it is activated already, open it."""
+        if self._status().activation is Activation.COMPLETE:
+            self.open()
+            return
+        self._send(Request(False, False))
+        self._send(Request(True, False))
+        self._activating_since_s = self._clock.now_s()
+
+    def state(self) -> GripperState:
+        status = self._status()
+        width = self._width_m(status.position)
+        if status.activation is not Activation.COMPLETE:
+            moving = status.activation is Activation.IN_PROGRESS or self._activating_since_s is not None
+            return GripperState(width, None, moving, object=HeldObject.NONE, fault="" if moving else INACTIVE)
+        self._activating_since_s = None
+        target, request = status.echo, self._request
+        late = request is not None and request.go and request.position != status.echo
+        moving = late or (status.go and status.detection is Detection.MOVING)
+        held = HeldObject.NONE
+        if not moving and abs(status.position - target) > NEAR:
+            if status.detection is Detection.STOPPED_CLOSING:
+                held = HeldObject.HELD_INSIDE
+            elif status.detection is Detection.STOPPED_OPENING:
+                held = HeldObject.HELD_OUTSIDE
+        fault = "" if status.fault in PASSING else FAULTS.get(status.fault, "")
+        if status.fault and status.fault not in FAULTS:
+            fault = f"fault {status.fault:#04x}, which the manual does not list"
+        commanded_m = self._width_m(request.position if request is not None and late else target)
+        force_n = None
+        if held.is_held and request is not None:
+            least, most = self._force_n
+            force_n = least + (most - least) * request.force / FULL
+        return GripperState(width, commanded_m, moving, force=force_n, object=held, fault=fault)
+
+    def _status(self) -> Status:
+        return Status.of(self._master.read(STATUS, COUNT))
+
+    def _go(self, width_m: float, speed_m_s: float | None, force_n: float | None) -> None:
+        self._send(Request(True, True, self._count(width_m), *self._rates(speed_m_s, force_n)))
+
+    def _rates(self, speed_m_s: float | None, force_n: float | None) -> tuple[int, int]:
+        options = self._options
+        speed = (
+            round(FULL * options.default_speed) if speed_m_s is None else share(speed_m_s, self._speed_m_s)
+        )
+        force = round(FULL * options.default_force) if force_n is None else share(force_n, self._force_n)
+        return speed, force
+
+    def _send(self, request: Request) -> None:
+        self._master.write(REQUEST, request.words)
+        self._request = request
+
+    def _count(self, width_m: float) -> int:
+        options = self._options
+        closed = 1.0 - max(0.0, min(1.0, width_m / self._stroke_m))
+        return round(options.open_count + closed * (options.closed_count - options.open_count))
+
+    def _width_m(self, count: int) -> float:
+        options = self._options
+        closed = (count - options.open_count) / (options.closed_count - options.open_count)
+        return self._stroke_m * max(0.0, min(1.0, 1.0 - closed))

@@ -1,0 +1,135 @@
+"""Frames of Modbus RTU, and a master that reads and writes registers.
+
+Sources: MODBUS over Serial Line V1.02 and MODBUS Application Protocol V1.1b3, modbus.org. An answer that is
+anything else than these say is an error; what comes after its time is thrown away before the next request.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Any
+
+import serial
+
+from cobot.grippers.protocol import GripperError
+
+REFUSED = 0x80
+SHORTEST = 5
+"""Bytes of the shortest answer, a refusal."""
+REFUSALS = {1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure", 6: "busy"}
+SOCKET = "socket://"
+
+
+class Function(IntEnum):
+    READ_HOLDING = 3
+    READ_INPUT = 4
+    WRITE = 16
+    READ_WRITE = 23
+
+
+def _crc_table() -> list[int]:
+    table = []
+    for byte in range(256):
+        for _ in range(8):
+            byte = byte >> 1 ^ 0xA001 if byte & 1 else byte >> 1
+        table.append(byte)
+    return table
+
+
+_TABLE = _crc_table()
+
+
+def crc(data: bytes) -> int:
+    """The checksum of a frame (CRC-16/MODBUS)."""
+    value = 0xFFFF
+    for byte in data:
+        value = value >> 8 ^ _TABLE[(value ^ byte) & 0xFF]
+    return value
+
+
+def framed(data: bytes) -> bytes:
+    """A frame with its checksum."""
+    return data + struct.pack("<H", crc(data))
+
+
+def is_whole(frame: bytes) -> bool:
+    """Whether the checksum of a frame is right."""
+    return len(frame) > 2 and framed(frame[:-2]) == frame
+
+
+class Master:
+    """A master on a serial port, or on a TCP connection that carries the same frames.
+
+    Args:
+        device: /dev/ttyUSB0, or HOST:PORT.
+        unit: address of the slave.
+        timeout_s: for each answer.
+    """
+
+    def __init__(self, device: str, unit: int, baud: int, timeout_s: float) -> None:
+        self._device, self._unit, self._baud, self._timeout_s = device, unit, baud, timeout_s
+        self._port: Any = None
+
+    def open(self) -> None:
+        """Raises GripperError: there is no such port, or it cannot be opened."""
+        url = self._device if self._device.startswith("/") else SOCKET + self._device.removeprefix(SOCKET)
+        exclusive = {} if url.startswith(SOCKET) else {"exclusive": True}
+        try:
+            self._port = serial.serial_for_url(url, self._baud, timeout=self._timeout_s, **exclusive)
+        except (OSError, ValueError) as exc:  # pyserial's errors are OSErrors
+            raise GripperError(
+                f"{self._device} cannot be opened: {exc}; check its plug, its name, and whether "
+                "another program uses it"
+            ) from exc
+
+    def close(self) -> None:
+        port, self._port = self._port, None
+        if port is not None:
+            port.close()
+
+    def read(self, address: int, count: int) -> list[int]:
+        """Holding registers.
+
+        Raises:
+            GripperError: no answer, or one that is not the right one; with what.
+        """
+        data = self._ask(Function.READ_HOLDING, struct.pack(">HH", address, count), 1 + 2 * count)
+        if data[0] != 2 * count:
+            raise self._error("has answered something else than was asked")
+        return list(struct.unpack(f">{count}H", data[1:]))
+
+    def write(self, address: int, values: Sequence[int]) -> None:
+        """Holding registers; raises as `read`."""
+        head = struct.pack(">HH", address, len(values))
+        body = struct.pack(f">B{len(values)}H", 2 * len(values), *values)
+        if self._ask(Function.WRITE, head + body, len(head)) != head:
+            raise self._error("has answered something else than was asked")
+
+    def _ask(self, function: Function, data: bytes, length: int) -> bytes:
+        """What an answer of this length holds between its function and its checksum."""
+        if self._port is None:
+            raise self._error("is not connected")
+        try:
+            self._port.reset_input_buffer()
+            self._port.write(framed(bytes((self._unit, function)) + data))
+            frame = self._port.read(SHORTEST)
+            if len(frame) == SHORTEST and not frame[1] & REFUSED:
+                frame += self._port.read(length + 4 - SHORTEST)
+        except OSError as exc:
+            raise self._error(f"has lost its connection: {exc}") from exc
+        refuses = len(frame) == SHORTEST and frame[1] == function | REFUSED
+        if not frame or len(frame) < (SHORTEST if refuses else length + 4):
+            got = f"; it sent {len(frame)} bytes" if frame else ""
+            raise self._error(f"has not answered within {self._timeout_s:g} s{got}")
+        if not is_whole(frame) or frame[0] != self._unit or frame[1] & ~REFUSED != function:
+            raise self._error(f"has answered garbage ({frame[:16].hex(' ')}): check baud rate and wiring")
+        if refuses:
+            raise self._error(
+                f"rejects the request: {REFUSALS.get(frame[2], 'unknown')} (exception {frame[2]})"
+            )
+        return bytes(frame[2:-2])
+
+    def _error(self, what: str) -> GripperError:
+        return GripperError(f"{self._device}, unit {self._unit}: the gripper {what}")
