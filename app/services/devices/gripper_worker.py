@@ -1,7 +1,7 @@
 """Runs a gripper's driver in a thread of its own: nothing else waits for the device.
 
 It connects, passes commands on, and reads the state again and again. What the driver raises is a problem in
-words; then the connection is made anew, with growing pauses.
+words; then it connects again, with growing pauses.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from cobot.robot.io_points import IoPoint, output_of, require_number
 IDLE_PERIOD_S = 0.1
 """How often the state of a gripper is read that neither moves nor holds anything, s."""
 BUSY_PERIOD_S = 0.01
-"""The same while it does, if the driver says nothing else."""
+"""How often the state of another one is read, unless its driver has a period of its own, s."""
 BACKOFF_S = (0.1, 3.0)
 """The first pause between two attempts to connect and the longest one, s; each is twice the one before."""
 HUNG_S = 3.0

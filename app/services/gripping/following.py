@@ -12,6 +12,9 @@ from cobot.clock import Clock
 from cobot.errors import DeviceError, MotionStopped, MotionTimeout
 from cobot.grippers import GripperState
 
+SHORTEST_WAIT_S = 0.001
+"""A wait for the rest of a time that rounding has left over must not take no time at all."""
+
 
 async def follow(
     worker: GripperWorker, running: Running, caller: Caller, clock: Clock, name: str
@@ -48,7 +51,7 @@ async def follow(
                 )
             running.news.clear()
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(running.news.wait(), left_s)
+                await asyncio.wait_for(running.news.wait(), max(left_s, SHORTEST_WAIT_S))
     finally:
         gone.cancel()
         asked.cancel()

@@ -76,7 +76,7 @@ DEVICES: dict[str, ToyDevice] = {}
 """By address. A real device needs no such thing: it is where it is."""
 
 
-class ToyOptions(GripperOptions):  # beside `type` in robot.gripper: {type: ..., address: ...}
+class ToyOptions(GripperOptions):  # next to `type` in robot.gripper: {type: ..., address: ...}
     address: str = "toy"
 
 

@@ -87,7 +87,10 @@ class Master:
     def close(self) -> None:
         port, self._port = self._port, None
         if port is not None:
+            connection = getattr(port, "_socket", None)  # pyserial does not close one that has ended already
             port.close()
+            if connection is not None:
+                connection.close()
 
     def read(self, address: int, count: int) -> list[int]:
         """Holding registers.

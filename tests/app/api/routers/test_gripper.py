@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from virtual import VirtualService
+from virtual_service import VirtualService
 
 from app.services.rights.claims import Caller
 from cobot.client.jobs import JobHandle

@@ -1,0 +1,241 @@
+"""The Robotiq driver at the simulated gripper, over a pseudo terminal and RTU over TCP.
+
+Oracle: the simulated fingers, which foreign clients drive in test_robotiq_clients.py.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from cobot_run import WAIT_S
+from pymodbus.framer import FramerRTU
+
+from cobot.grippers import GripperError, GripperState, HeldObject
+from cobot.grippers.protocol import Grasp
+from cobot.grippers.robotiq.driver import RobotiqGripper, RobotiqOptions
+from cobot.grippers.robotiq.registers import Activation, Detection, Request, Status
+from cobot.grippers.robotiq.rtu import crc, framed, is_whole
+from cobot.grippers.robotiq.simulator import Simulator, simulated
+
+
+class NoPort:
+    """The driver needs no input or output of the robot."""
+
+    def read(self, name: str) -> float:
+        raise GripperError(name)
+
+    def set(self, name: str, value: float) -> None:
+        raise GripperError(name)
+
+
+@pytest.fixture(params=["pty", "tcp"])
+def way(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def simulator() -> Iterator[Simulator]:
+    with simulated() as made:
+        made.slave.fingers.activation_s = 0.05
+        yield made
+
+
+def driver(simulator: Simulator, way: str = "tcp", **options: object) -> RobotiqGripper:
+    device = simulator.device if way == "pty" else f"127.0.0.1:{simulator.port}"
+    made = RobotiqGripper(RobotiqOptions.model_validate({"device": device, **options}), NoPort())
+    made.connect()
+    return made
+
+
+def until(gripper: RobotiqGripper, condition: Callable[[GripperState], object]) -> GripperState:
+    """The state when the condition first holds."""
+    end_s = time.monotonic() + WAIT_S
+    while not condition(state := gripper.state()):
+        assert time.monotonic() < end_s, state
+    return state
+
+
+def still(gripper: RobotiqGripper) -> GripperState:
+    return until(gripper, lambda state: not state.moving)
+
+
+def ready(simulator: Simulator, way: str = "tcp", **options: object) -> RobotiqGripper:
+    made = driver(simulator, way, **options)
+    made.home()
+    still(made)
+    return made
+
+
+@pytest.mark.parametrize("data", [b"", b"\x09\x03\x07\xd0\x00\x03", bytes(range(256))])
+def test_checksums_are_those_of_another_implementation(data: bytes) -> None:
+    assert crc(data).to_bytes(2, "little") == FramerRTU.compute_CRC(data).to_bytes(2, "big")
+    assert is_whole(framed(data)) == bool(data)
+
+
+def test_registers_are_read_as_they_were_written() -> None:
+    request = Request(True, True, 200, 128, 64)
+    assert Request.of(request.words) == request
+    status = Status(True, True, Activation.COMPLETE, Detection.STOPPED_CLOSING, 0, 255, 120, 0.4)
+    assert Status.of(status.words) == status
+
+
+def test_it_grasps_holds_and_releases(simulator: Simulator, way: str) -> None:
+    gripper = ready(simulator, way)
+    simulator.slave.fingers.object_m = 0.04
+    gripper.grasp(Grasp(0.04, 0.005, 0.005, force=100.0))
+    assert gripper.state().moving
+    state = still(gripper)
+    assert (state.object, state.width) == (HeldObject.HELD_INSIDE, pytest.approx(0.04, abs=0.0004))
+    assert state.force == pytest.approx(100.0, abs=1.0)
+    gripper.release(None)
+    state = still(gripper)
+    assert (state.object, state.width) == (HeldObject.NONE, 0.085)
+    gripper.disconnect()
+
+
+def test_a_grasp_of_nothing_holds_nothing(simulator: Simulator) -> None:
+    gripper = ready(simulator)
+    gripper.grasp(Grasp(0.06, 0.005, 0.005))
+    state = still(gripper)
+    assert (state.object, state.width) == (HeldObject.NONE, pytest.approx(0.052, abs=0.0004))
+    gripper.disconnect()
+
+
+def test_a_part_that_is_pulled_out_is_not_held_any_more(simulator: Simulator) -> None:
+    gripper = ready(simulator)
+    simulator.slave.fingers.object_m = 0.04
+    gripper.grasp(Grasp(0.04, 0.005, 0.005))
+    assert still(gripper).object is HeldObject.HELD_INSIDE
+    simulator.slave.fingers.object_m = None
+    assert until(gripper, lambda state: state.object is HeldObject.NONE and not state.moving)
+    gripper.disconnect()
+
+
+def test_a_stop_on_the_way_stops_the_fingers_and_keeps_a_grip(simulator: Simulator) -> None:
+    gripper = ready(simulator)
+    gripper.move(0.0, 0.02, None)
+    until(gripper, lambda state: state.width is not None and state.width < 0.083)
+    gripper.stop()
+    stopped = still(gripper).width
+    assert stopped is not None
+    assert 0.07 < stopped < 0.085
+    assert still(gripper).width == stopped
+    simulator.slave.fingers.object_m = 0.04
+    gripper.grasp(Grasp(None, 0.0, 0.0))
+    still(gripper)
+    before = simulator.slave.fingers.request
+    gripper.stop()
+    assert simulator.slave.fingers.request == before
+    gripper.disconnect()
+
+
+def test_a_new_command_replaces_the_one_that_is_under_way(simulator: Simulator) -> None:
+    gripper = ready(simulator)
+    gripper.move(0.0, 0.02, None)
+    gripper.move(0.08, None, None)
+    assert still(gripper).width == pytest.approx(0.08, abs=0.0004)
+    gripper.disconnect()
+
+
+def test_connecting_moves_nothing_and_a_new_driver_finds_the_grip(simulator: Simulator) -> None:
+    gripper = ready(simulator)
+    simulator.slave.fingers.object_m = 0.03
+    gripper.grasp(Grasp(None, 0.0, 0.0))
+    still(gripper)
+    before = simulator.slave.fingers.request
+    gripper.disconnect()
+    again = driver(simulator)
+    assert again.state().object is HeldObject.HELD_INSIDE
+    assert simulator.slave.fingers.request == before
+    again.disconnect()
+
+
+def test_a_gripper_that_is_not_activated_says_what_to_do_and_does_not_move(simulator: Simulator) -> None:
+    gripper = driver(simulator)
+    assert "POST /robot/gripper/home" in gripper.state().fault
+    with pytest.raises(GripperError, match="not activated: POST /robot/gripper/home"):
+        gripper.move(0.04, None, None)
+    assert simulator.slave.fingers.request == Request(False, False)
+    gripper.disconnect()
+
+
+@pytest.mark.parametrize(
+    ("number", "words"), [(0x08, "too hot"), (0x0E, "overcurrent"), (0x0D, "activation")]
+)
+def test_faults_of_the_device_are_words(simulator: Simulator, number: int, words: str) -> None:
+    gripper = ready(simulator)
+    simulator.slave.fingers.fault = number
+    assert words in gripper.state().fault
+    gripper.disconnect()
+
+
+def test_silence_garbage_and_late_answers_are_errors_and_none_is_taken_for_the_next(
+    simulator: Simulator, way: str
+) -> None:
+    gripper = ready(simulator, way, timeout_s=0.1)
+    simulator.slave.silent = True
+    with pytest.raises(GripperError, match=r"has not answered within 0\.1 s"):
+        gripper.state()
+    simulator.slave.silent, simulator.slave.garbage = False, True
+    with pytest.raises(GripperError, match="has answered garbage"):
+        gripper.state()
+    simulator.slave.garbage, simulator.late_s = False, 0.25
+    with pytest.raises(GripperError, match="has not answered"):
+        gripper.state()
+    simulator.late_s = 0.0
+    gripper.disconnect()
+    again = ready(simulator, way)
+    assert again.state().width == 0.085
+    again.disconnect()
+
+
+def test_a_closed_connection_is_an_error_in_words() -> None:
+    with simulated() as simulator:
+        gripper = driver(simulator)
+    with pytest.raises(GripperError, match=r"lost its connection|has not answered"):
+        gripper.state()
+    gripper.disconnect()
+    with pytest.raises(GripperError, match="cannot be opened"):
+        gripper.connect()
+
+
+def test_a_serial_port_that_another_program_uses_is_an_error(simulator: Simulator) -> None:
+    first = driver(simulator, "pty")
+    with pytest.raises(GripperError, match="another program"):
+        driver(simulator, "pty")
+    first.disconnect()
+
+
+def test_two_clients_at_once_over_tcp_get_their_own_answers(simulator: Simulator) -> None:
+    first, second = ready(simulator), driver(simulator)
+    found: list[GripperState] = []
+    thread = threading.Thread(target=lambda: found.extend(second.state() for _ in range(100)))
+    thread.start()
+    states = [first.state() for _ in range(100)]
+    thread.join()
+    assert {each.width for each in (*found, *states)} == {0.085}
+    first.disconnect()
+    second.disconnect()
+
+
+def test_bytes_that_are_no_request_are_thrown_away(simulator: Simulator) -> None:
+    slave = simulator.slave
+    ask = framed(b"\x09\x03\x07\xd0\x00\x03")
+    assert slave.feed(b"\x00\xff" * 7 + ask[:3]) == b""
+    answer = slave.feed(ask[3:])
+    assert answer[:3] == b"\x09\x03\x06"
+    assert is_whole(answer)
+    assert slave.feed(framed(b"\x09\x03\x00\x00\x00\x03"))[:3] == b"\x09\x83\x02"
+    assert slave.feed(framed(b"\x09\x06\x03\xe8\x00\x03"))[:3] == b"\x09\x86\x01"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [({"open_count": 9, "closed_count": 9}, "must be above open_count"), ({"model": "3f"}, "2f85")],
+)
+def test_options_that_make_no_gripper_are_rejected(options: dict[str, object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        RobotiqOptions.model_validate({"device": "x", **options})
