@@ -200,12 +200,9 @@ class GripperService:
             raise MotionStopped("a stop was requested while the request was being read")
         if isinstance(command, GripperRelease):
             return  # what is jammed must come out whatever has happened
-        with contextlib.suppress(UnavailableError):
+        if self._is_latched(False):
             state = self._link.state()
-            if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
-                raise NotReadyError(
-                    f"mode {state.mode.name}: {state.reason}; see to the cause, then reset it"
-                )
+            raise NotReadyError(f"mode {state.mode.name}: {state.reason}; see to the cause, then reset it")
 
     async def _follow(self, worker: GripperWorker, running: Running, caller: Caller) -> GripperState:
         """Start a command and wait for its end; one that ends early stops the fingers."""
