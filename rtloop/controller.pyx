@@ -10,7 +10,7 @@ from rtloop.planned.handover cimport NO_LOAD, START
 from cobot.ipc.state_scalars cimport StateScalars
 from rtloop.tool_and_scene cimport ALL, BEING_READ
 
-from cobot.ipc.layout import Ack, Command, Intervention, MotionResult, text
+from cobot.ipc.layout import Command, Intervention, MotionResult, text
 from cobot.types import RESTING, LoopMode
 from rtloop.mode_machine import OVERTAKEN
 from rtloop.planned.loading import RefusedError
@@ -119,17 +119,20 @@ cdef class Controller(ModeMachine):
 
     def _take_session(self):
         mode = LoopMode.TRAJECTORY if self.moving else self.mode
-        unseen = self.tool_and_scene.problem
-        if unseen:
-            self.streaming.box.answer(Ack.REJECTED, f"the scene cannot be watched: {unseen}")
-            return
-        if self._device.unacknowledged:
-            self.streaming.box.answer(Ack.REJECTED, UNACKNOWLEDGED)
-            return
-        if not self.streaming.open(self.safety.command, mode, self.commands.stops, self._device.t1_share):
+        result = self._open_session(mode)
+        self.streaming.box.answer(result)
+        if result is ACCEPTED:
             self._enter(self.streaming.mode)
             self.c_let(STREAM)
             self.settling.c_begin()
+
+    def _open_session(self, mode):
+        unseen = self.tool_and_scene.problem
+        if unseen:
+            return Rejected(f"the scene cannot be watched: {unseen}")
+        if self._device.unacknowledged:
+            return Rejected(UNACKNOWLEDGED)
+        return self.streaming.open(self.safety.command, mode, self.commands.stops, self._device.t1_share)
 
     def _take_command(self, Measured measured, bint fresh):
         command = self.commands.next_command()

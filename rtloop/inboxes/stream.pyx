@@ -4,7 +4,9 @@ from libc.stdint cimport uint64_t
 
 from cobot.ipc.seqlock cimport Block
 
+from cobot.ipc.layout import Ack
 from cobot.ipc.shm import encoded
+from rtloop.results import Rejected
 
 
 cdef class Inbox:
@@ -85,12 +87,13 @@ cdef class StreamInbox:
         """Whether an e-stop was requested since the last call."""
         return self.c_estop_requested()
 
-    def answer(self, result, message=""):
+    def answer(self, result):
         """Answer the session that asks."""
         self.session_seen = self._number[0]
         self._ack.data["session"] = self.session_seen
-        self._ack.data["result"] = result
-        self._ack.data["message"] = encoded(message)
+        rejected = isinstance(result, Rejected)
+        self._ack.data["result"] = Ack.REJECTED if rejected else Ack.ACCEPTED
+        self._ack.data["message"] = encoded(result.reason if rejected else "")
         self._ack.publish()
 
     cdef bint c_asks(self) noexcept nogil:

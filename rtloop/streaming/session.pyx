@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cobot.ipc.layout import Ack, Interpolation, Intervention, ServoMode, Stream
+from cobot.ipc.layout import Interpolation, Intervention, ServoMode, Stream
 from cobot.types import CartesianLimits, LoopMode
 from rtloop.backends import BackendError, Impedance, ImpedanceControlled
 from rtloop.sources.cartesian import CartesianSource
@@ -13,6 +13,7 @@ from rtloop.sources.servo_force import ForceServo
 from rtloop.sources.servo_modes import make_servo
 from rtloop.sources.torque import TorqueSource
 from rtloop.streaming.overlay import overlay_of
+from rtloop.results import ACCEPTED, Rejected
 from rtloop.streaming.session_checks import session_refusal
 from rtloop.streaming.session_limits import LEAST_SHARE, SessionLimits
 
@@ -127,7 +128,7 @@ cdef class Session:
         self._collision_monitor = monitor
 
     def open(self, command, mode, stops, t1_share=None):
-        """Answer a client's request: begin the session that it asks for.
+        """Begin the session that a client requests.
 
         Args:
             command: commanded position of the arm, at rest, shape (3, dof).
@@ -136,7 +137,7 @@ cdef class Session:
             t1_share: see `Session`.
 
         Returns:
-            "" or the reason for the rejection.
+            `ACCEPTED`, or `Rejected` with the reason.
         """
         self.t1_share = t1_share
         request = self.box.session.data
@@ -150,8 +151,7 @@ cdef class Session:
         refusal = refusal or session_refusal(request, self._backend, self._backend_name)
         refusal = refusal or self._client.begin(int(request["pid"]))
         refusal = refusal or self._begun(request, command)
-        self.box.answer(Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
-        return refusal
+        return Rejected(refusal) if refusal else ACCEPTED
 
     def close(self):
         """Switch the arm, which is at rest, to position control; returns "" or why the robot refuses."""
