@@ -121,7 +121,7 @@ cdef class Controller(ModeMachine):
         mode = LoopMode.TRAJECTORY if self.moving else self.mode
         result = self._open_session(mode)
         self.streaming.box.answer(result)
-        if result is ACCEPTED:
+        if result == ACCEPTED:
             self._enter(self.streaming.mode)
             self.c_let(STREAM)
             self.settling.c_begin()

@@ -92,20 +92,23 @@ class DeviceWatch:
         self.drives_off = off
         self._publish()
 
-    def ask(self) -> str:
-        """Publish the device's reports; parts that it cannot report stay unchanged. Returns "" or what is
-        wrong with a report.
+    def ask(self) -> None:
+        """Publish the device's reports; parts that it cannot report stay unchanged.
+
+        Raises:
+            ForeignError: a report is unusable, or the device's class has a bug.
         """
         for name, report in (("io", self._report_io), ("status", self._report_status)):
             try:
                 report()
-            except ForeignError as exc:
-                return str(exc)
+            except ForeignError:
+                raise
             except BackendError:
                 continue
-            except Exception as exc:  # noqa: BLE001 - what a foreign class returns may be anything
-                return f"the backend's {name}() returns an unusable value: {plain_error(exc)}"
-        return ""
+            except Exception as exc:
+                raise ForeignError(
+                    f"the backend's {name}() returns an unusable value: {plain_error(exc)}"
+                ) from exc
 
     def _report_status(self) -> None:
         if self._device is None:

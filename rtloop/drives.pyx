@@ -39,16 +39,16 @@ cdef class Drives:
         self._resting_cycles = 0
 
     def switch_off(self):
-        """Switch the drives off after a stop of category 1; returns "" or why they stay on."""
+        """Switch the drives off after a stop of category 1; `Rejected` if they stay on because of a fault."""
         self._power = ON
         if 1 not in self._device.capabilities.stops:
-            return ""
+            return ACCEPTED
         try:
             self._backend.disable()
         except BackendError as exc:
-            return f"the drives could not be switched off: {exc}"
+            return Rejected(f"the drives could not be switched off: {exc}")
         self._switched(OFF)
-        return ""
+        return ACCEPTED
 
     def begin_reset(self, number, stops, Measured measured):
         """Switch the drives on and read where the arm is, now or in steps.

@@ -17,7 +17,7 @@ import numpy as np
 from cobot.ipc.layout import Phase
 from cobot.robot.tool import BARE
 from rtloop.backends import BackendError, Paced
-from rtloop.backends.guarded import guarded
+from rtloop.backends.guarded import ForeignError, guarded
 from rtloop.device import DeviceWatch
 from rtloop.device_limits import device_limits, narrowed, slowed
 from rtloop.first_contact import first_contact
@@ -104,9 +104,7 @@ cdef class ControlLoop:
             self._backend.enable()
         if self._device.capabilities.hardware:
             self._device.meet(first_contact(self._model, self._measured.position))
-        problem = self._heed_device()
-        if problem:
-            raise BackendError(problem)
+        self._heed_device()
         self.controller.start_at(self._measured.position)
 
     def beat(self):
@@ -226,9 +224,10 @@ cdef class ControlLoop:
         if self._is_recorded:
             self.c_record(late_ns, read_ns - begun_ns, updated_ns - read_ns, written_ns - updated_ns, fresh)
         if self._ask_cycles and self._cycle % self._ask_cycles == 0:
-            problem = self._heed_device()
-            if problem:
-                self.controller.fault(problem)
+            try:
+                self._heed_device()
+            except ForeignError as exc:
+                self.controller.fault(str(exc))
         statistics.c_count(WAKEUP, late_ns)
         statistics.c_count(READ, read_ns - begun_ns)
         statistics.c_count(UPDATE, updated_ns - read_ns)
@@ -274,12 +273,17 @@ cdef class ControlLoop:
             self.controller.fault(f"the robot has given no beat for {self._beatless * self._period_s:.3f} s")
 
     def _heed_device(self):
-        """Ask the device how it is, and follow its speed override; "" or what is wrong with what it says."""
-        problem = self._device.ask()
-        if self._device.share != self.controller.follower.clock.share:
-            self.controller.follower.clock.scale(self._device.share)
-        self.controller.heed_t1()
-        return problem
+        """Poll the device and apply its speed override.
+
+        Raises:
+            ForeignError: a report is unusable; what the others say is applied.
+        """
+        try:
+            self._device.ask()
+        finally:
+            if self._device.share != self.controller.follower.clock.share:
+                self.controller.follower.clock.scale(self._device.share)
+            self.controller.heed_t1()
 
     def _freeze(self):
         """Nothing that is measured has changed, as at rest, but the arm does not rest."""

@@ -20,7 +20,7 @@ from cobot.errors import InputError
 from cobot.ipc.layout import Intervention, MotionResult, text
 from cobot.types import LoopMode
 from rtloop.modes import STREAMING, TRANSITIONS
-from rtloop.results import Rejected
+from rtloop.results import ACCEPTED, Rejected
 
 # For clients whose command a stop has overtaken.
 OVERTAKEN = "a stop was requested meanwhile"
@@ -108,10 +108,10 @@ cdef class ModeMachine:
 
         When it takes commands again, the commanded position must equal its position.
         """
-        problem = self.streaming.close() if self.streaming.session else ""
+        result = self.streaming.close() if self.streaming.session else ACCEPTED
         self.start_at(position)
-        if problem:
-            self.fault(problem)
+        if result != ACCEPTED:
+            self.fault(result.reason)
 
     def restore(self, state):
         """Take over the state of a crashed rtloop: latches stay, an interrupted motion has failed."""
@@ -159,9 +159,9 @@ cdef class ModeMachine:
 
     def switch_off(self):
         """Switch the drives off after a stop of category 1. They may take long, because nothing moves."""
-        problem = self.drives.switch_off()
-        if problem:
-            self.reason = f"{self.reason}; {problem}"
+        result = self.drives.switch_off()
+        if result != ACCEPTED:
+            self.reason = f"{self.reason}; {result.reason}"
 
     def fault(self, reason):
         """Handle a failure of the device or of tracking: stop, and stay at rest until a reset."""
@@ -355,10 +355,10 @@ cdef class ModeMachine:
         An arm that was pushed aside is held at its position, unless that is unknown; an arm that is pushed
         around and does not come to rest is held too.
         """
-        problem = self.streaming.close()
+        result = self.streaming.close()
         if self.settling.largest > self._settle_position_rad and fresh and not self.settling.misread:
             self.start_at(position)
         if self._mode == STOPPING:
             self._enter(LoopMode.HOLD, self.reason)
-        if problem:
-            self.fault(problem)
+        if result != ACCEPTED:
+            self.fault(result.reason)

@@ -1,4 +1,4 @@
-"""Results of commands: each is accepted, rejected for a reason, or answered in a later cycle."""
+"""Results of what rtloop is asked to do: accepted, rejected for a reason, or answered in a later cycle."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """The command is carried out, or has begun."""
+    """The request is carried out, or has begun."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +17,7 @@ class Later:
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """The command is rejected; nothing has changed.
+    """The request is rejected. A rejected command or session has changed nothing.
 
     Attributes:
         reason: text for the client.

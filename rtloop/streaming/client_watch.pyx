@@ -2,6 +2,8 @@
 
 import os
 
+from rtloop.results import ACCEPTED, Rejected
+
 cdef extern from "<poll.h>" nogil:
     struct pollfd:
         int fd
@@ -18,12 +20,12 @@ cdef class ClientWatch:
         self.descriptor = -1
 
     def begin(self, pid):
-        """Watch a process; "" or why it cannot be watched."""
+        """Watch a process, or reject one that cannot be watched."""
         try:
             self.descriptor = os.pidfd_open(pid)
         except (OSError, OverflowError) as exc:
-            return f"the streaming client, process {pid}, cannot be watched: {exc}"
-        return ""
+            return Rejected(f"the streaming client, process {pid}, cannot be watched: {exc}")
+        return ACCEPTED
 
     def end(self):
         """Let go of the process."""

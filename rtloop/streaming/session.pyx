@@ -7,21 +7,21 @@ import numpy as np
 from cobot.ipc.layout import Interpolation, Intervention, ServoMode, Stream
 from cobot.types import CartesianLimits, LoopMode
 from rtloop.backends import BackendError, Impedance, ImpedanceControlled
+from rtloop.results import ACCEPTED, Rejected
 from rtloop.sources.cartesian import CartesianSource
 from rtloop.sources.joint import JointSource
 from rtloop.sources.servo_force import ForceServo
 from rtloop.sources.servo_modes import make_servo
 from rtloop.sources.torque import TorqueSource
 from rtloop.streaming.overlay import overlay_of
-from rtloop.results import ACCEPTED, Rejected
-from rtloop.streaming.session_checks import session_refusal
+from rtloop.streaming.session_checks import check_session
 from rtloop.streaming.session_limits import LEAST_SHARE, SessionLimits
 
 from libc.string cimport memset
 
 from cobot.arrays cimport doubles
 from rtloop.sources.source cimport Source
-from rtloop.streaming.feed cimport CLIENT_DIED, CLIENT_ENDED, CONTACT, NO_PROBLEM, OBSTACLE, SERVO_WATCHDOG
+from rtloop.streaming.feed cimport CLIENT_DIED, CLIENT_ENDED, CONTACT, OBSTACLE, SERVO_WATCHDOG
 
 MODES = {
     Stream.JOINT_IMPEDANCE: LoopMode.JOINT_IMPEDANCE,
@@ -34,8 +34,7 @@ cdef long long ALIVE_CYCLES = 50
 # A pose limited to the TCP's velocity must be followed at little more than that velocity.
 CATCH_UP_RAD_S = 0.05
 # The springs that follow a torque-controlled reference are much softer than the estimate of external torques
-# can
-# follow; otherwise both would oscillate against each other.
+# can follow; otherwise both would oscillate against each other.
 TORQUE_FREQUENCY_RAD_S = 12.0
 
 
@@ -96,10 +95,8 @@ cdef class Session:
 
     @property
     def problem(self):
-        """Why the session cannot continue; "" while it can."""
+        """Describe the feed's problem, which ends the session; there must be one."""
         cdef int problem = self.feed.problem
-        if problem == NO_PROBLEM:
-            return ""
         if problem == CONTACT:
             return self._contact_monitor.words()
         if problem == SERVO_WATCHDOG:
@@ -141,20 +138,25 @@ cdef class Session:
         """
         self.t1_share = t1_share
         request = self.box.session.data
-        refusal = ""
         if mode is not LoopMode.HOLD:
-            refusal = f"the arm is in mode {mode.name}"
-        elif int(request["stops"]) != stops:
-            refusal = "a stop was requested meanwhile"
-        if not refusal and t1_share is not None and t1_share < LEAST_SHARE:
-            refusal = f"the robot is in T1 and lets itself go with {t1_share:g} of its speed"
-        refusal = refusal or session_refusal(request, self._backend, self._backend_name)
-        refusal = refusal or self._client.begin(int(request["pid"]))
-        refusal = refusal or self._begun(request, command)
-        return Rejected(refusal) if refusal else ACCEPTED
+            return Rejected(f"the arm is in mode {mode.name}")
+        if int(request["stops"]) != stops:
+            return Rejected("a stop was requested meanwhile")
+        if t1_share is not None and t1_share < LEAST_SHARE:
+            return Rejected(f"the robot is in T1 and lets itself go with {t1_share:g} of its speed")
+        result = check_session(request, self._backend, self._backend_name)
+        if result == ACCEPTED:
+            result = self._client.begin(int(request["pid"]))
+        if result == ACCEPTED:
+            result = self._try_to_begin(request, command)
+        return result
 
     def close(self):
-        """Switch the arm, which is at rest, to position control; returns "" or why the robot refuses."""
+        """End the session and switch the arm, which is at rest, to position control.
+
+        Returns:
+            `ACCEPTED`, or `Rejected` if the robot refuses; the session has ended all the same.
+        """
         self.session = 0
         self._client.end()
         self._safety.use(self._limits)
@@ -166,17 +168,17 @@ cdef class Session:
             if isinstance(self._backend, ImpedanceControlled):
                 self._backend.set_impedance(None)
         except BackendError as exc:
-            return f"the robot cannot be held at its position: {exc}"
-        return ""
+            return Rejected(f"the robot cannot be held at its position: {exc}")
+        return ACCEPTED
 
-    def _begun(self, request, command):
-        """Begin the session; returns "" or why it cannot: a robot may reject another impedance."""
+    def _try_to_begin(self, request, command):
+        """Begin the session, unless the robot rejects its impedance."""
         try:
             self._begin(request, command)
         except BackendError as exc:
             self._client.end()
-            return f"the robot cannot give way: {exc}"
-        return ""
+            return Rejected(f"the robot cannot give way: {exc}")
+        return ACCEPTED
 
     def _begin(self, request, command):
         stream = Stream(int(request["stream"]))

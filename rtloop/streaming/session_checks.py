@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from cobot.ipc.layout import Interpolation, ServoMode, Stream
@@ -9,43 +11,56 @@ from cobot.ipc.session_rules import MAX_DECIMATION, damping_flaw, stiffness_flaw
 from cobot.robot.device import WORDS, Capabilities
 from cobot.servo.protocol import LONGEST_WATCHDOG_S
 from rtloop.backends import Backend, ImpedanceControlled, capabilities_of
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 UNIT_TOLERANCE = 1e-2
 
 
-def session_refusal(request: np.ndarray, backend: Backend, name: str) -> str:
-    """What is wrong with a session request, a record of `cobot.ipc.layout.session_dtype`; "" if nothing is.
+def check_session(request: np.ndarray, backend: Backend, name: str) -> Accepted | Rejected:
+    """Whether a session request, a record of `cobot.ipc.layout.session_dtype`, suits this robot.
 
     Args:
         name: name of the backend, for people.
     """
+    return next((Rejected(flaw) for flaw in _flaws(request, backend, name) if flaw), ACCEPTED)
+
+
+def _flaws(request: np.ndarray, backend: Backend, name: str) -> Iterator[str]:
+    """The result of each check, "" if it passes. A check may rely on those before it."""
+    yield _stream_flaw(request, capabilities_of(backend), name)
+    yield _servo_flaw(request)
+    yield _unable(request, capabilities_of(backend), name)
+    yield _stiffness_flaw(request, backend)
+    for field in ("damping_ratio", "cartesian_damping_ratio"):
+        yield damping_flaw(field, request[field])
+    for field in ("max_contact_torque", "max_contact_wrench"):
+        yield _positive_flaw(field, request)
+    yield _force_frame_flaw(request)
+    yield _positive_flaw("force_velocity", request)
+
+
+def _stream_flaw(request: np.ndarray, device: Capabilities, name: str) -> str:
     if int(request["stream"]) not in list(Stream) or int(request["interpolation"]) not in list(Interpolation):
         return f"there is no stream {request['stream']} with interpolation {request['interpolation']}"
-    if capabilities_of(backend).trajectories:
+    if device.trajectories:
         return (
             f"a stream needs a device that takes a command in each cycle; the backend {name} takes "
             f"{WORDS['trajectories']}"
         )
     if not 1 <= request["decimation"] <= MAX_DECIMATION:
         return f"decimation must be from 1 to {MAX_DECIMATION}, got {request['decimation']}"
-    if refusal := _servo_flaw(request):
-        return refusal
-    if refusal := _unable(request, capabilities_of(backend), name):
-        return refusal
-    if refusal := _stiffness_flaw(request, backend):
-        return refusal
-    for name in ("damping_ratio", "cartesian_damping_ratio"):
-        if refusal := damping_flaw(name, request[name]):
-            return refusal
-    for name in ("max_contact_torque", "max_contact_wrench"):
-        if not (request[name] > 0.0).all():
-            return f"{name} must be above 0, got {request[name].tolist()}"
-    turn = float(np.linalg.norm(request["force_frame"][3:]))
-    if not (np.isfinite(request["force_frame"]).all() and abs(turn - 1.0) < UNIT_TOLERANCE):
-        return f"force_frame must be a position and a unit quaternion, got {request['force_frame'].tolist()}"
-    if not (request["force_velocity"] > 0.0).all():
-        return f"force_velocity must be above 0, got {request['force_velocity'].tolist()}"
     return ""
+
+
+def _positive_flaw(name: str, request: np.ndarray) -> str:
+    return "" if (request[name] > 0.0).all() else f"{name} must be above 0, got {request[name].tolist()}"
+
+
+def _force_frame_flaw(request: np.ndarray) -> str:
+    frame = request["force_frame"]
+    if np.isfinite(frame).all() and abs(float(np.linalg.norm(frame[3:])) - 1.0) < UNIT_TOLERANCE:
+        return ""
+    return f"force_frame must be a position and a unit quaternion, got {frame.tolist()}"
 
 
 def _servo_flaw(request: np.ndarray) -> str:

@@ -15,6 +15,7 @@ from cobot.ipc.shm import MemoryRole, RobotMemory
 from rtloop.inboxes.commands import CommandInbox
 from rtloop.inboxes.point_queue import PointQueue
 from rtloop.inboxes.stream import Inbox, StreamInbox
+from rtloop.results import Rejected
 
 READS = 100_000
 ASKS = ("requests", "stream_requests", "session", "head")
@@ -110,7 +111,7 @@ def read(memory: RobotMemory) -> list[int]:
         if command is not None:
             commands.acknowledge(int(command["id"]), Ack.REJECTED, "noise")
         if stream.asks():
-            stream.answer(Ack.REJECTED, "noise")
+            stream.answer(Rejected("noise"))
         stream.wants(1)
         stream.estop_requested()
         queue.poll()

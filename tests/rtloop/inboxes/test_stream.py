@@ -9,10 +9,10 @@ import numpy as np
 from sample_counts import samples
 from wild_writer import Writer
 
-from cobot.ipc.layout import Ack
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory
 from rtloop.inboxes.stream import Inbox, StreamInbox
+from rtloop.results import ACCEPTED
 
 OPERATIONS = samples(100_000)
 
@@ -111,7 +111,7 @@ def test_a_clients_wishes_are_seen_as_by_the_plain_rules(memories: list[RobotMem
         assert inbox.torn_reads == plain.torn_reads
         counts += expected
         if asks:
-            inbox.answer(Ack.ACCEPTED)
+            inbox.answer(ACCEPTED)
             plain.session_seen = inbox.session_seen
             assert inbox.session_seen == int(plain.session.block.data["number"])
     assert (counts > OPERATIONS / 1000).all()

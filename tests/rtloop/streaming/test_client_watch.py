@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from rtloop.results import ACCEPTED, Rejected
 from rtloop.streaming.client_watch import ClientWatch
 
 LIMIT_S = 60.0
@@ -40,7 +41,7 @@ def test_a_client_that_is_killed_is_gone_although_nobody_has_waited_for_it(
     child: subprocess.Popen[bytes], how: signal.Signals
 ) -> None:
     watch, before = ClientWatch(), descriptors()
-    assert watch.begin(child.pid) == ""
+    assert watch.begin(child.pid) == ACCEPTED
     assert not any(watch.gone() for _ in range(1000))
     child.send_signal(how)
     assert gone_in_time(watch)
@@ -52,7 +53,7 @@ def test_a_client_that_is_killed_is_gone_although_nobody_has_waited_for_it(
 
 def test_a_client_that_is_stopped_still_lives(child: subprocess.Popen[bytes]) -> None:
     watch = ClientWatch()
-    assert watch.begin(child.pid) == ""
+    assert watch.begin(child.pid) == ACCEPTED
     child.send_signal(signal.SIGSTOP)
     time.sleep(0.05)
     assert not watch.gone()
@@ -62,10 +63,10 @@ def test_a_client_that_is_stopped_still_lives(child: subprocess.Popen[bytes]) ->
 def test_one_client_after_the_other_is_watched(child: subprocess.Popen[bytes]) -> None:
     watch, before = ClientWatch(), descriptors()
     with subprocess.Popen([sys.executable, "-c", ""]) as other:
-        assert watch.begin(other.pid) == ""
+        assert watch.begin(other.pid) == ACCEPTED
         assert gone_in_time(watch)
     watch.end()
-    assert watch.begin(child.pid) == ""
+    assert watch.begin(child.pid) == ACCEPTED
     assert not watch.gone()
     watch.end()
     watch.end()
@@ -76,9 +77,9 @@ def test_a_process_that_there_is_none_of_cannot_be_watched(child: subprocess.Pop
     watch = ClientWatch()
     child.kill()
     child.wait()
-    words = f"the streaming client, process {child.pid}, cannot be watched: "
-    assert watch.begin(child.pid).startswith(words)
-    assert "cannot be watched" in watch.begin(0)
-    assert "cannot be watched" in watch.begin(2**63)
+    for pid in (child.pid, 0, 2**63):
+        result = watch.begin(pid)
+        assert isinstance(result, Rejected)
+        assert result.reason.startswith(f"the streaming client, process {pid}, cannot be watched: ")
     assert not watch.gone()
     watch.end()
