@@ -16,7 +16,7 @@ ROS clients always send all fields, so ROS's default value (0, "", []) stands fo
 function's signature gives, if it gives one: a tuple for a list, the object itself for Json. When a call
 fails, an integer result repeats the code, and any other is empty.
 
-Long, because what a function has to be like and what a call makes of it are one contract.
+A function that breaks these rules raises a TypeError when its module is imported.
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from app.aubo.fields import LARGEST, REQUIRED, ROS_TYPES, Field, Int64, Json, argument
+from app.aubo.fields import LARGEST, REQUIRED, Field, Int64, Json, argument
 from app.aubo.roles import needs_control, role_of
+from app.aubo.signatures import Function, find_kind, make_field, parse_docstring
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.codes import Code, code_of
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
 
 __all__ = ["REGISTRY", "Answer", "Field", "Int64", "Json", "Origin", "Service", "call", "service"]
 
-Function = Callable[..., Any]
 log = logging.getLogger("cobot.vendor")
 
 
@@ -254,17 +254,17 @@ def _result(found: Service, value: Any) -> Any:
 
 def _described(robot_class: str, method: str, function: Function) -> Service:
     where = f"{robot_class}/{method}"
-    summary, documented, returns = _docstring(where, function)
+    summary, documented, returns = parse_docstring(where, function)
     signature = inspect.signature(function)
     _, *parameters = signature.parameters.values()
     takes_origin = bool(parameters) and parameters[0].name == "origin"
-    fields = tuple(_field(where, p, function, documented) for p in parameters[takes_origin:])
+    fields = tuple(make_field(where, p, function, documented) for p in parameters[takes_origin:])
     surplus = set(documented) - {field.name for field in fields} - {"origin", "robot"}
     if surplus:
         raise TypeError(
             f"{where}: its docstring describes {', '.join(sorted(surplus))}, which it does not take"
         )
-    kind = _kind(where, "its result", signature.return_annotation, function)
+    kind = find_kind(where, "its result", signature.return_annotation, function)
     if not returns and signature.return_annotation not in (None, "None"):
         raise TypeError(f"{where}: its docstring has no Returns:")
     result = Field("result", kind, returns or "0, or the code of what went wrong")
@@ -277,39 +277,6 @@ def _described(robot_class: str, method: str, function: Function) -> Service:
         function=function,
         takes_origin=takes_origin,
     )
-
-
-def _field(where: str, parameter: inspect.Parameter, function: Function, documented: dict[str, str]) -> Field:
-    name, default = parameter.name, parameter.default
-    if name not in documented:
-        raise TypeError(f"{where}: its docstring does not describe {name}")
-    kind = _kind(where, name, parameter.annotation, function)
-    if kind == "bool" and default is True:
-        raise TypeError(f"{where}: {name} cannot be True by default, for false is what ROS sends for nothing")
-    return Field(name, kind, documented[name], list(default) if isinstance(default, tuple) else default)
-
-
-def _kind(where: str, name: str, annotation: Any, function: Function) -> str:
-    """The kind of an annotation. Only this one is evaluated, so `Services` is not imported at run time."""
-    if isinstance(annotation, str):
-        annotation = eval(annotation, function.__globals__)
-    try:
-        return ROS_TYPES[annotation]
-    except (KeyError, TypeError):
-        valid = ", ".join(sorted(set(ROS_TYPES.values())))
-        raise TypeError(f"{where}: {name} is a {annotation}, possible are: {valid}") from None
-
-
-def _docstring(where: str, function: Function) -> tuple[str, dict[str, str], str]:
-    """The summary with its further sentences, the description of each argument, and that of the result."""
-    text = inspect.getdoc(function)
-    if not text:
-        raise TypeError(f"{where}: has no docstring")
-    parts = re.split(r"^(Args|Returns|Raises):\n", text, flags=re.MULTILINE)
-    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
-    entries = re.findall(r"^    (\w+): (.*(?:\n(?:     .*)?)*)", sections.get("Args", ""), re.MULTILINE)
-    documented = {name: " ".join(described.split()) for name, described in entries}
-    return " ".join(parts[0].split()), documented, " ".join(sections.get("Returns", "").split())
 
 
 @cache

@@ -7,7 +7,6 @@ packet cost no other connection more than a slice. What is refused here is answe
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import functools
 import os
@@ -19,11 +18,11 @@ from typing import Any, cast
 
 import httptools
 from uvicorn._types import ASGI3Application
-from uvicorn.protocols.http.flow_control import FlowControl
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from app.api.dependencies import BEGUN_S
 from app.listeners.crowd import Crowd, Doing, Visit
+from app.listeners.flow import Flow
 from app.listeners.refusals import CROWDED, RECEIVE_BYTES, refusal
 from app.listeners.turns import Turns
 from app.listeners.websocket import StreamProtocol, keep_nothing_unsent
@@ -51,49 +50,6 @@ class Shared:
     crowd: Crowd
     turns: Turns
     limits: ConnectionLimits
-
-
-class Flow(FlowControl):
-    """Reads on when the application wants more, unless what has been read waits for its turn."""
-
-    def __init__(self, transport: Transport, go_on: Callable[[], None]) -> None:
-        self._paused = False
-        super().__init__(transport)
-        self.held = False
-        self.go_on = go_on
-
-    @property
-    def write_paused(self) -> bool:
-        """Whether there is something to `drain` before more may be written."""
-        return self._paused or self._transport.is_closing()
-
-    @write_paused.setter
-    def write_paused(self, paused: bool) -> None:
-        self._paused = paused
-
-    async def drain(self) -> None:
-        """Until more can be written; on a connection that has just closed, until it is known to be."""
-        await super().drain()
-        if self._transport.is_closing():
-            await asyncio.sleep(0)
-
-    def hold(self) -> None:
-        self.held = True
-        self._transport.pause_reading()
-
-    def release(self) -> None:
-        self.held = False
-        if not self.read_paused and not self._transport.is_closing():
-            self._transport.resume_reading()
-
-    def resume_reading(self) -> None:
-        if not self.read_paused:
-            return
-        self.read_paused = False
-        if self.held:
-            self.go_on()
-        elif not self._transport.is_closing():
-            self._transport.resume_reading()
 
 
 def _nothing() -> None:

@@ -1,0 +1,52 @@
+"""Flow control of one connection: when it reads on, and when the application may write more."""
+
+from __future__ import annotations
+
+import asyncio
+from asyncio import Transport
+from collections.abc import Callable
+
+from uvicorn.protocols.http.flow_control import FlowControl
+
+
+class Flow(FlowControl):
+    """Reads on when the application wants more, unless what has been read waits for its turn."""
+
+    def __init__(self, transport: Transport, go_on: Callable[[], None]) -> None:
+        self._paused = False
+        super().__init__(transport)
+        self.held = False
+        self.go_on = go_on
+
+    @property
+    def write_paused(self) -> bool:
+        """Whether there is something to `drain` before more may be written."""
+        return self._paused or self._transport.is_closing()
+
+    @write_paused.setter
+    def write_paused(self, paused: bool) -> None:
+        self._paused = paused
+
+    async def drain(self) -> None:
+        """Until more can be written; on a connection that has just closed, until it is known to be."""
+        await super().drain()
+        if self._transport.is_closing():
+            await asyncio.sleep(0)
+
+    def hold(self) -> None:
+        self.held = True
+        self._transport.pause_reading()
+
+    def release(self) -> None:
+        self.held = False
+        if not self.read_paused and not self._transport.is_closing():
+            self._transport.resume_reading()
+
+    def resume_reading(self) -> None:
+        if not self.read_paused:
+            return
+        self.read_paused = False
+        if self.held:
+            self.go_on()
+        elif not self._transport.is_closing():
+            self._transport.resume_reading()
