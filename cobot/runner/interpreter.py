@@ -15,12 +15,14 @@ from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError
 from cobot.motions.conditions import StepCondition
 from cobot.runner import schema
+from cobot.runner.gripper_step import describe_command, run_command
 from cobot.runner.library import Library
 from cobot.runner.moving import go
 from cobot.runner.pace import Pace
 from cobot.runner.progress import Progress
 from cobot.runner.steps import (
     CallStep,
+    GripperStep,
     IfStep,
     Numbered,
     OnErrorStep,
@@ -73,6 +75,7 @@ class Interpreter:
         self._permitted = False
         self._prefix = ""
         self._do: dict[type[Step], Callable[[Any, Where], None]] = {
+            GripperStep: self._gripper,
             SetStep: self._set,
             WaitForStep: self._wait_for,
             WaitStep: self._wait,
@@ -200,6 +203,10 @@ class Interpreter:
         output, value = step.set.output, step.set.value
         with self._told(step, here, f"set {output} to {_shown(value)}"):
             self._client.set(output, value)
+
+    def _gripper(self, step: GripperStep, here: Where) -> None:
+        with self._told(step, here, f"gripper: {describe_command(step.gripper)}"):
+            run_command(self._client, step.gripper)
 
     def _wait_for(self, step: WaitForStep, here: Where) -> None:
         condition = step.wait_for.as_json()

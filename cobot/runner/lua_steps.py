@@ -23,10 +23,11 @@ from cobot.client.steps import (
 )
 from cobot.clock import SystemClock
 from cobot.errors import CobotError, InputError
+from cobot.runner.gripper_step import COMMAND_TAGS, describe_command, run_command
 from cobot.runner.lua_sandbox import Function, Watch
 from cobot.runner.lua_values import number, plain, text
 from cobot.runner.pace import Pace
-from cobot.runner.steps import Grid
+from cobot.runner.steps import Grid, GripperStep
 from cobot.strict import sentences
 
 
@@ -85,6 +86,7 @@ class LuaSteps:
     def functions(self) -> dict[str, Function]:
         """The functions for `sandbox.lua`."""
         return {
+            "gripper": self._gripper,
             "program_set": self._set,
             "program_wait_for": self._wait_for,
             "program_wait_s": self._wait_s,
@@ -101,6 +103,22 @@ class LuaSteps:
             number(value, f"the value of {name}")
         shown = f"set {name} to {json.dumps(value)}"
         self._do(shown, lambda: self._unless_ended(lambda: self._client.set(name, value)))  # type: ignore[arg-type]
+
+    def _gripper(self, command: object = None, how: object = None) -> None:
+        name = text(command, "the command")
+        fields = {} if how is None else plain(how, "the command")
+        if fields == []:  # an empty table is both
+            fields = {}
+        if not isinstance(fields, dict):
+            raise InputError(f"gripper.{name} takes a table such as {{width = 0.04}}")
+        try:
+            given = GripperStep.model_validate({"gripper": {**fields, "command": name}}).gripper
+        except ValidationError as exc:
+            raise InputError(sentences(exc.errors(), ignored=COMMAND_TAGS)) from exc
+        self._do(
+            f"gripper: {describe_command(given)}",
+            lambda: self._unless_ended(lambda: run_command(self._client, given)),
+        )
 
     def _wait_for(self, condition: object = None, timeout_s: object = None) -> float:
         wanted = plain(condition, "the condition")

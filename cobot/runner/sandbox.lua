@@ -146,6 +146,12 @@ local function subscriber(handle)
   }
 end
 
+-- gripper.grasp { width = 0.04 }
+env.gripper = {}
+for _, name in ipairs { "move", "grasp", "release", "home", "stop" } do
+  env.gripper[name] = function(how) ended() return outcome(host.gripper(name, how)) end
+end
+
 -- for place in pallet(origin, counts, offsets) do move(place:at { z = -0.1 }) end
 local function place_of(pose)
   local place = object {

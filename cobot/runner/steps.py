@@ -29,6 +29,7 @@ from cobot.motions.bodies import (
 )
 from cobot.motions.conditions import PointName, StepCondition
 from cobot.motions.fields import Coordinate, Finite
+from cobot.runner.gripper_step import COMMAND_TAGS, GripperCommand
 from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, PoseTarget, Target
 
 MAX_STEPS = 100_000
@@ -65,6 +66,12 @@ class SetStep(Step):
     """Set an output of the device, as PUT /robot/io/NAME."""
 
     set: OutputValue
+
+
+class GripperStep(Step):
+    """Command the gripper, and wait until its fingers have ended the command."""
+
+    gripper: GripperCommand
 
 
 class WaitForStep(Step):
@@ -196,10 +203,11 @@ class OnErrorStep(Step):
 
 
 TAGS: dict[str, str] = {
-    key: f"{key} step" for key in ("set", "wait_for", "wait_s", "repeat", "if", "call", "pallet", "on_error")
+    key: f"{key} step"
+    for key in ("gripper", "set", "wait_for", "wait_s", "repeat", "if", "call", "pallet", "on_error")
 }
 """The tag of each kind of step in pydantic's errors, by its key."""
-IGNORED_TAGS = (*MOTION_TAGS, *TAGS.values())
+IGNORED_TAGS = (*MOTION_TAGS, *TAGS.values(), *COMMAND_TAGS)
 A_STEP = f"must be a step with one of {', '.join(TAGS)}, or a waypoint with joints, named, angle or x, y, z"
 
 
@@ -219,6 +227,7 @@ AnyStep = Annotated[
     | Annotated[NamedTarget, Tag(NAMED)]
     | Annotated[ArcTarget, Tag(ARC)]
     | Annotated[PoseTarget, Tag(POSE)]
+    | Annotated[GripperStep, Tag(TAGS["gripper"])]
     | Annotated[SetStep, Tag(TAGS["set"])]
     | Annotated[WaitForStep, Tag(TAGS["wait_for"])]
     | Annotated[WaitStep, Tag(TAGS["wait_s"])]
@@ -232,6 +241,7 @@ AnyStep = Annotated[
 Block = Annotated[list[AnyStep], Field(min_length=1, max_length=MAX_STEPS)]
 Numbered = tuple[int, "Target | Step"]
 _KINDS: dict[str, type[Step]] = {
+    "gripper": GripperStep,
     "set": SetStep,
     "wait_for": WaitForStep,
     "wait_s": WaitStep,

@@ -151,6 +151,16 @@ def test_steps_run_in_order_and_are_in_the_log(robot: Robot) -> None:
     ]
 
 
+def test_the_gripper_is_commanded_and_a_missed_part_is_tried_again(robot: Robot) -> None:
+    robot.answers["gripper/grasp"] = failing("execution")
+    grasp = {"gripper": {"command": "grasp", "width": 0.04, "force": 20}}
+    opened = {"gripper": {"command": "release"}}
+    lines = run(robot, {"on_error": {"retry": 1, "run": [opened]}, "do": [grasp]})
+    assert robot.asked == [{"width": 0.04, "force": 20}, {}, {"width": 0.04, "force": 20}]
+    assert lines[0] == "iteration 1/1, step 1.1 of 1: gripper: grasp (width 0.04, force 20.0)"
+    assert "iteration 1/1, step 1.run.1 of 1: gripper: release" in lines
+
+
 def test_a_wait_ends_when_its_input_has_the_value(robot: Robot) -> None:
     robot.inputs["part"] = lambda s: s >= 3.0
     run(robot, {"wait_for": PART, "timeout_s": 10}, set_lamp(True))

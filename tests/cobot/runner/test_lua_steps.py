@@ -32,7 +32,8 @@ class Service:
             value = self.reads >= self.part_at
             point = {"name": "part", "kind": "boolean", "direction": "input", "value": value}
             return httpx.Response(200, json={"points": [point]})
-        self.asked.append((request.url.path.removeprefix("/robot/"), json.loads(request.content)))
+        body = json.loads(request.content) if request.content else None
+        self.asked.append((request.url.path.removeprefix("/robot/"), body))
         if self.failures:
             code = self.failures.pop(0)
             return httpx.Response(200, json={**ARRIVED, "success": False, "message": "too far", "code": code})
@@ -74,6 +75,13 @@ def test_outputs_are_set_and_inputs_waited_for(service: Service) -> None:
         ("start", "wait until part is true, up to 5 s"),
         ("done", "wait until part is true, up to 5 s"),
     ]
+
+
+def test_the_gripper_has_its_commands(service: Service) -> None:
+    run("gripper.release() gripper.grasp {width = 0.04, force = 20} gripper.stop()", service)
+    grasp = ("gripper/grasp", {"width": 0.04, "force": 20})
+    assert [path for path, _ in service.asked] == ["gripper/release", "gripper/grasp", "gripper/stop"]
+    assert service.asked[1] == grasp
 
 
 def test_an_input_that_does_not_come_is_an_error_with_its_line() -> None:
@@ -172,6 +180,9 @@ def test_a_sequence_file_is_called(service: Service) -> None:
     ("source", "words"),
     [
         ("set(1, true)", "the output must be a string, got a number"),
+        ("gripper.move {}", "gripper.width: is missing"),
+        ("gripper.grasp(1)", "takes a table such as"),
+        ("gripper.grasp {widht = 1}", "unknown key 'widht' .did you mean 'width'"),
         ("set('lamp')", "the value of lamp must be a number, got nil"),
         ("set('lamp', 'on')", "the value of lamp must be a number, got a string"),
         ("wait_for({input = 'part'})", "a condition is"),

@@ -172,6 +172,11 @@ def nested(depth: int) -> dict[str, Any]:
     "step",
     [
         JOINTS,
+        {"gripper": {"command": "grasp", "width": 0.04, "tolerance_inner": 0.01, "force": 20}},
+        {"gripper": {"command": "move", "width": 0.08, "speed": 0.1}},
+        {"gripper": {"command": "release"}},
+        {"gripper": {"command": "home"}},
+        {"gripper": {"command": "stop"}, "label": "stay"},
         {"set": OUTPUT, "label": "light"},
         {"set": {"output": "level", "value": 0.5}},
         {"wait_for": PART},
@@ -200,8 +205,20 @@ def test_every_kind_of_step_is_valid_for_both(tmp_path: Path, validator: Any, st
 @pytest.mark.parametrize(
     ("step", "words"),
     [
-        ({"sett": OUTPUT}, "steps[0]: must be a step with one of set, wait_for, wait_s, repeat, if, call,"),
+        (
+            {"sett": OUTPUT},
+            "steps[0]: must be a step with one of gripper, set, wait_for, wait_s, repeat, if,",
+        ),
         ("home", "steps[0]: must be a step with one of"),
+        (
+            {"gripper": {}},
+            "steps[0].gripper: must have a command, one of move, grasp, release, home, stop, got",
+        ),
+        ({"gripper": {"command": "grip"}}, "steps[0].gripper: must have a command, one of move, grasp,"),
+        ({"gripper": "grasp"}, "steps[0].gripper: must have a command"),
+        ({"gripper": {"command": "move"}}, "steps[0].gripper.width: is missing"),
+        ({"gripper": {"command": "move", "width": -1}}, "steps[0].gripper.width: must be greater than or"),
+        ({"gripper": {"command": "stop", "width": 0}}, "steps[0].gripper: unknown key 'width'"),
         ({"set": {"output": "lamp"}}, "steps[0].set.value: is missing"),
         ({"set": OUTPUT, "wait_s": 1}, "steps[0]: unknown key 'wait_s'"),
         ({"wait_for": {**PART, "iss": 1}}, "steps[0].wait_for: unknown key 'iss' (did you mean 'is'?)"),
