@@ -39,6 +39,7 @@ from app.services.rights.job_book import JobBook
 from app.services.rights.ownership import Ownership
 from app.services.rights.speed_override import FRACTIONS, MAX_PAUSE_S
 from app.services.rights.stopping import StopService
+from app.services.state.cell import CellService
 from app.services.state.commands import loading_s
 from app.services.state.io import IoService
 from app.services.state.link import RobotLink
@@ -50,6 +51,7 @@ from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
 from cobot.access.authentication import Authenticator
 from cobot.addresses import address
+from cobot.cell import load_cell
 from cobot.clock import Clock
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
@@ -110,6 +112,7 @@ class Services:
     freedrive: FreedriveService
     io: IoService
     gripper: GripperService
+    cell: CellService
     programs: ProgramService
     sync: SyncService
     planning: PlanningService
@@ -163,6 +166,7 @@ def _services(
     # The time of a motion is that of full speed.
     latest_s = shared.slowest_move_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
+    cell = None if settings.robot.cell is None else load_cell(settings.robot.cell)
     tolerance_rad, smoothing_rad = settings.planning.start_tolerance_rad, settings.planning.smoothing_rad
     jobs = JobBook(link, settings.jobs_file)
     jobs.on_change = partial(_tell_job, link)
@@ -215,6 +219,7 @@ def _services(
         freedrive=FreedriveService(robot, link, streams),
         io=IoService(link),
         gripper=gripper,
+        cell=CellService(link, cell),
         programs=ProgramService(settings.sequences.programs, ownership, sequences, stopping),
         sync=shared.sync,
         planning=planning,

@@ -12,6 +12,7 @@ from starlette.routing import BaseRoute, Route
 from app.api.endpoints import Endpoint, declared
 from app.api.routers import (
     audit,
+    cell,
     common,
     control,
     events,
@@ -48,6 +49,7 @@ OF_A_ROBOT = (
     geometry.router,
     io_points.router,
     gripper.router,
+    cell.router,
     control.router,
     freedrive.router,
     force_motions.router,

@@ -164,6 +164,12 @@ cdef class Controller(ModeMachine):
             return Rejected("the output could not be read")
         return self._device.set_output(text(self._output.data["name"]), float(self._output.data["value"]))
 
+    def _reset_cell(self, command, Measured measured, bint fresh):
+        """Put the simulated cell back to its state at the start, while nothing moves."""
+        if self.mode in (LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT):
+            return self._device.cell.reset()
+        return Rejected(f"the arm is in mode {self.mode.name}")
+
     def _start(self, command, Measured measured, bint fresh):
         """Begin to load a motion. The result follows when the motion is verified."""
         if self.mode is not LoopMode.HOLD:
@@ -287,6 +293,7 @@ HANDLERS = {
     Command.ACKNOWLEDGE: Controller._acknowledge,
     Command.SCENE: Controller._read_scene,
     Command.OUTPUT: Controller._set_output,
+    Command.RESET_CELL: Controller._reset_cell,
 }
 """Method for each kind of command. It gets the command, the measured values, and whether they are new."""
 OVERTAKEN_BY_STOPS = frozenset({Command.START, Command.REPLACE, Command.RESET})

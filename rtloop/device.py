@@ -17,6 +17,7 @@ from cobot.robot.io_points import IoPoint, io_points, output_of, require_number
 from cobot.strict import shown
 from rtloop.backends import Backend, BackendError, HasIo, Reporting, capabilities_of
 from rtloop.backends.guarded import ForeignError
+from rtloop.cell_watch import CellWatch
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 POLL_S = 0.2
@@ -36,6 +37,7 @@ class DeviceWatch:
         asks: whether the device has anything to poll; if not, a cycle does nothing here.
         capabilities: capabilities of the device.
         period_s: interval at which the device is polled.
+        cell: reports the simulated cell.
         drives_off: whether a stop of category 1 has switched them off.
         t1_share: share of the joints' speed for streams in T1; None in other modes.
         unacknowledged: findings of the first contact; "" if they are acknowledged or need not be.
@@ -50,6 +52,7 @@ class DeviceWatch:
         self._left_out: list[str] = []
         self.asks = self._device is not None or self._io is not None
         self.period_s = _report_period_s(backend)
+        self.cell = CellWatch(memory, backend, self.period_s)
         record = self._block.data
         known = self._block.sequence > 0 and self._block.try_read()
         self.drives_off = bool(known and record["drives_off"])
@@ -98,7 +101,8 @@ class DeviceWatch:
         Raises:
             ForeignError: a report is unusable, or the device's class has a bug.
         """
-        for name, report in (("io", self._report_io), ("status", self._report_status)):
+        reports = (("io", self._report_io), ("part_poses", self.cell.report), ("status", self._report_status))
+        for name, report in reports:
             try:
                 report()
             except ForeignError:

@@ -14,6 +14,7 @@ from types import FrameType
 
 import numpy as np
 
+from cobot.cell.surroundings import scene_file
 from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError, ConfigError
 from cobot.ipc.recording_memory import RecordingMemory
@@ -23,7 +24,6 @@ from cobot.logs import start_logging
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.device import LESS
 from cobot.robot.load import carrying
-from cobot.robot.scene import SceneFile
 from cobot.robot.tool import Tool, ToolFile
 from rtloop.backends import Backend, BackendError, ImpedanceControlled, capabilities_of, make_backend
 from rtloop.clock import Clock, FastClock, RealtimeClock
@@ -133,7 +133,7 @@ def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
     model = robot.model
     tool = ToolFile(settings.tool_file).read_checked(settings.robot.max_payload_kg, model.file_gravity)
     try:
-        scene = SceneFile(settings.scene_file).read()
+        scene = scene_file(settings).read()
     except ConfigError as exc:
         log.error("%s", exc)
         return tool

@@ -15,12 +15,11 @@ import mujoco
 import numpy as np
 
 from cobot.cell.cell import HAND, Belt, Cell, Hand, Part, Solid, cell_file, load_cell
+from cobot.cell.surroundings import FINGER_SHARE, pose_of
 from cobot.config import Settings
 from cobot.errors import CollisionError, ConfigError, exhausted
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
-from cobot.robot.scene import SceneObject
-from cobot.robot.tool import Tool
 from cobot.types import Array, Pose
 
 FLOOR = "floor of the cell"
@@ -30,8 +29,6 @@ OVERLAP_M = 0.001
 IMPEDANCE_RATIO = 10.0
 NO_SLIP_ITERATIONS = 3
 CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
-FINGER_SHARE = 0.1
-"""Share of the hand's mass in each finger."""
 DRIVE_KG = 0.5
 """Mass of a finger's drive as the finger feels it: its rotor behind a gear."""
 TORSION_M = 0.005
@@ -157,38 +154,6 @@ def check_cell(robot: RobotDescription, settings: Settings) -> str:
     )
     hand = "a hand" if cell.hand is not None else "no hand"
     return f"{file}: {hand}, " + ", ".join(f"{len(entries)} {what}" for entries, what in counts)
-
-
-def fixtures_in_scene(cell: Cell) -> dict[str, SceneObject]:
-    """The fixtures and belts as objects of the scene."""
-    return {
-        name: SceneObject(
-            shape="box" if isinstance(solid, Belt) else solid.shape,
-            size=tuple(solid.size_m),
-            pose=pose_of(solid).numbers,
-        )
-        for name, solid in cell.solids()
-    }
-
-
-def hand_as_tool(hand: Hand) -> Tool:
-    """What the arm carries while its hand is empty: mass and TCP."""
-    palm, fingers = (1.0 - 2.0 * FINGER_SHARE) * hand.mass_kg, 2.0 * FINGER_SHARE * hand.mass_kg
-    height = hand.palm_m[2]
-    centre = (palm * 0.5 * height + fingers * (height + 0.5 * hand.finger_m[2])) / hand.mass_kg
-    return Tool(
-        name=HAND,
-        mass=hand.mass_kg,
-        centre=(0.0, 0.0, centre),
-        tcp=(0.0, 0.0, hand.tcp_m, 1.0, 0.0, 0.0, 0.0),
-    )
-
-
-def pose_of(solid: Solid | Belt) -> Pose:
-    """The pose in the base frame."""
-    quaternion = np.zeros(4)
-    mujoco.mju_euler2Quat(quaternion, np.radians(solid.rotation_deg), "XYZ")
-    return Pose(np.array(solid.position_m), quaternion)
 
 
 def _name_of_geom(mj: mujoco.MjModel, geom: int) -> str:

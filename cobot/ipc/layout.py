@@ -31,6 +31,7 @@ class Command(IntEnum):
     REPLACE = 6  # continue with the trajectory in a slot, which begins as the rest of the present one
     ACKNOWLEDGE = 7  # a user has seen the findings of the first contact: full speed
     OUTPUT = 8  # set the output in the output block
+    RESET_CELL = 9  # put the simulated cell back to its state at the start
 
 
 class Ack(IntEnum):
@@ -217,6 +218,17 @@ IO = np.dtype(
 )
 """A `cobot.ipc.io_record.IoReport`."""
 OUTPUT = np.dtype([("name", f"S{IO_NAME_BYTES}"), ("value", "f8")])
+CELL_PARTS = 32
+CELL = np.dtype(
+    [
+        ("number", "u8"),  # of the report
+        ("count", "u8"),  # number of places in use
+        ("names", "S32", (CELL_PARTS,)),
+        ("poses", "f8", (CELL_PARTS, 7)),  # in the base frame
+    ],
+    align=True,
+)
+"""The loose parts of a simulated cell."""
 INFO_TEXT = "S64"
 
 

@@ -15,6 +15,7 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     slots       the service writes: two trajectories
     info        rtloop writes, at its start and with a new tool: properties of the robot
     device, io  rtloop writes, some times a second: the device's capabilities and status; inputs and outputs
+    cell        rtloop writes, 50 times a second: parts of a simulated cell
     session_ack rtloop writes: its answer to a session
     session, setpoint, chunk, stream_requests   the streaming client writes
     point_head, points  the streaming client writes: a ring of servo points; points that rtloop has not read
@@ -44,6 +45,7 @@ import numpy as np
 from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
 from cobot.ipc.layout import (
     ACK,
+    CELL,
     COMMAND,
     DEVICE,
     HEAD,
@@ -182,6 +184,7 @@ class RobotMemory:
         self.info = self._block(info_dtype(self.dof), "robot information", _RTLOOP)
         self.device = self._block(DEVICE, "device", _RTLOOP)
         self.io = self._block(IO, "inputs and outputs", _RTLOOP)
+        self.cell = self._block(CELL, "cell", _RTLOOP)
         self.session_ack = self._block(SESSION_ACK, "session acknowledgement", _RTLOOP)
         self._next_page()
         self.session = self._block(session_dtype(self.dof), "session", _STREAM)
@@ -438,6 +441,7 @@ def _file_size(dof: int, capacity: int) -> int:
         + Block.size(TOOL)
         + Block.size(DEVICE)
         + Block.size(IO)
+        + Block.size(CELL)
         + Block.size(OUTPUT)
         + RING * (Block.size(ACK) + Block.size(COMMAND) + 128)
         + POINTS * (Block.size(point_dtype(dof)) + 64)

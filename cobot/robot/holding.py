@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cobot.cell.surroundings import scene_file
 from cobot.config import Settings
 from cobot.errors import LimitError
 from cobot.findings import Finding
@@ -15,7 +16,6 @@ from cobot.robot.collision import CollisionChecker
 from cobot.robot.description import RobotDescription
 from cobot.robot.dynamics import Dynamics
 from cobot.robot.model import RobotModel
-from cobot.robot.scene import SceneFile
 from cobot.robot.tool import BARE, Tool, ToolFile
 from cobot.types import Array, JointLimits, vector
 
@@ -87,7 +87,7 @@ def take_up(robot: RobotDescription, settings: Settings) -> None:
     Raises:
         ConfigError: a file is invalid.
     """
-    robot.model.carry(_tool(robot, settings), SceneFile(settings.scene_file).read())
+    robot.model.carry(_tool(robot, settings), scene_file(settings).read())
 
 
 def _tool(robot: RobotDescription, settings: Settings) -> Tool:

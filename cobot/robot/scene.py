@@ -5,7 +5,7 @@ The file is replaced atomically: a process that is killed while writing leaves t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -109,20 +109,26 @@ _FILE = TypeAdapter(Scene)
 
 @dataclass(frozen=True, slots=True)
 class SceneFile:
-    """The file with the scene of one robot."""
+    """The file with the scene of one robot.
+
+    Attributes:
+        fixed: objects that are in every scene of this robot, but not in the file: the fixtures of a cell.
+    """
 
     path: Path
+    fixed: dict[str, SceneObject] = field(default_factory=dict)
 
     def read(self) -> Scene:
-        """Read the scene; it is empty if there is no file.
+        """Read the scene; without a file it has only the fixed objects.
 
         Raises:
             ConfigError: the file cannot be read or is invalid.
         """
         try:
-            return _FILE.validate_json(read_kept(self.path))
+            scene = _FILE.validate_json(read_kept(self.path))
+            return replace(scene, objects={**scene.objects, **self.fixed})
         except FileNotFoundError:
-            return Scene()
+            return Scene(objects=dict(self.fixed))
         except ValidationError as exc:
             raise ConfigError(
                 f"{self.path}: is not a scene: {sentences(exc.errors())}; correct it, or remove it to start "
@@ -137,7 +143,8 @@ class SceneFile:
         Raises:
             UnavailableError: no space or no permission; the old file is unchanged.
         """
-        keep(self.path, _FILE.dump_json(scene, indent=1), "the scene")
+        own = {name: each for name, each in scene.objects.items() if name not in self.fixed}
+        keep(self.path, _FILE.dump_json(replace(scene, objects=own), indent=1), "the scene")
 
 
 def symmetric(six: Numbers6) -> Array:

@@ -12,11 +12,11 @@ import os
 import sys
 import threading
 
+from cobot.cell.surroundings import scene_file
 from cobot.config import Settings
 from cobot.errors import CobotError
 from cobot.launch.process import Niceness, be
 from cobot.robot.model import RobotModel
-from cobot.robot.scene import SceneFile
 from cobot.robot.tool import ToolFile
 from cobot.types import JointLimits
 from rtloop.streaming.collision_monitor import CollisionMonitor
@@ -53,7 +53,7 @@ class Surroundings:
         Raises:
             CobotError: a file is damaged, or MuJoCo rejects its content.
         """
-        scene = SceneFile(self._settings.scene_file).read()
+        scene = scene_file(self._settings).read()
         self.version = scene.version
         tool = ToolFile(self._settings.tool_file).read_checked(
             self._settings.robot.max_payload_kg, self._model.file_gravity

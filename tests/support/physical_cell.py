@@ -10,7 +10,8 @@ import numpy as np
 import yaml
 
 from cobot.cell import load_cell
-from cobot.cell.plant import FINGERS, hand_as_tool
+from cobot.cell.plant import FINGERS
+from cobot.cell.surroundings import hand_as_tool
 from cobot.config import Settings
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription

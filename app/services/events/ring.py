@@ -42,6 +42,7 @@ TYPES = {
     "scene": "the scene has changed",
     "tool": "the tool has changed",
     "gripper": "the gripper has grasped, released or lost an object",
+    "cell_reset": "the simulated cell was put back to its state at the start",
     "positions": "the named positions have changed",
     "planning": "a planning process was replaced",
     "refused": "the service has refused a request that would have moved or changed something",

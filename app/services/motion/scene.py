@@ -12,12 +12,13 @@ from app.services.clients import CLIENT
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals
 from app.services.motion.planning import PlanningService
-from app.services.motion.scene_edits import Edit, named, require_room
+from app.services.motion.scene_edits import Edit, clear, named, require_room
 from app.services.rights.claims import Caller
 from app.services.rights.ownership import Ownership
 from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
+from cobot.cell.surroundings import scene_file
 from cobot.config import Settings
 from cobot.errors import (
     CobotError,
@@ -31,7 +32,7 @@ from cobot.errors import (
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
 from cobot.robot.load import carrying, check_load
-from cobot.robot.scene import Scene, SceneFile, SceneObject, symmetric
+from cobot.robot.scene import Scene, SceneObject, symmetric
 from cobot.robot.tool import check_inertia
 from cobot.strict import shown
 from cobot.trajectory_parts import cut
@@ -87,11 +88,11 @@ class SceneService:
         self._stopping = stopping
         self._ownership = ownership
         self._max_payload_kg = settings.robot.max_payload_kg
-        self._file = SceneFile(settings.scene_file)
+        self._file = scene_file(settings)
         self.turn = asyncio.Lock()
         self._model_names = robot.model.frame_names | {robot.base_frame, "tool"}
         scene = self._file.read()
-        if scene.version:
+        if scene.version or scene.objects:
             robot.collision.surround(scene)
             planning.scene = scene
 
@@ -183,10 +184,23 @@ class SceneService:
             scene = self.scene
             for edit in edits:
                 scene = edit(scene, hand)
-            scene = replace(scene, version=self.scene.version + 1)
+            scene = replace(self._with_fixtures(scene, edits), version=self.scene.version + 1)
             if scene.load == self.scene.load:
                 return await self._take_over(scene)
             return await self._carry(replace(scene, loads=self.scene.loads + 1), state, name)
+
+    def _with_fixtures(self, scene: Scene, edits: Sequence[Edit]) -> Scene:
+        """The scene with the fixtures of the cell, which are kept when it is cleared.
+
+        Raises:
+            ConflictError: an edit changes a fixture.
+        """
+        fixed = self._file.fixed
+        for name, fixture in fixed.items():
+            now = scene.objects.get(name)
+            if now != fixture and not (now is None and clear in edits):
+                raise ConflictError(f"{shown(name)} is a fixture of the cell: change it in the cell file")
+        return replace(scene, objects={**scene.objects, **fixed})
 
     async def _carry(self, scene: Scene, state: RobotState, name: str) -> Changed:
         """Take over a scene that changes what the arm carries: nothing moves or is planned meanwhile."""

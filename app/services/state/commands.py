@@ -152,6 +152,16 @@ class Commands:
             self._memory.output.publish()
             await self._send(Command.OUTPUT, stops=self._link.stops)
 
+    async def reset_cell(self) -> None:
+        """Put the simulated cell back to its state at the start.
+
+        Raises:
+            ExecutionError: rtloop rejects it, with its reason: the arm moves.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._turn:
+            await self._send(Command.RESET_CELL, stops=self._link.stops)
+
     async def read_scene(self, version: int) -> None:
         """Have rtloop read the scene's file, before the next stream begins.
 

@@ -21,9 +21,9 @@ from cobot.errors import (
 )
 from cobot.ipc.device_record import Device, device_of
 from cobot.ipc.io_record import IoReport, report_of
-from cobot.ipc.layout import MotionResult, record_of, text
+from cobot.ipc.layout import CELL_PARTS, MotionResult, record_of, text
 from cobot.ipc.shm import MemoryRole, RobotMemory, is_gone
-from cobot.types import LoopMode
+from cobot.types import LoopMode, Numbers7
 
 POLL_S = 0.002
 STATE_TRIES = 3
@@ -254,6 +254,15 @@ class RobotLink:
             return report_of(self.memory.io.data)
         except ValueError:
             return None
+
+    def cell(self) -> dict[str, Numbers7] | None:
+        """The poses of the parts of a simulated cell in the base frame; None if they cannot be read."""
+        if self.memory.cell.sequence == 0 or not self.memory.cell.try_read():
+            return None
+        record = self.memory.cell.data
+        count = min(int(record["count"]), CELL_PARTS)
+        names = [text(name) for name in record["names"][:count]]
+        return dict(zip(names, (tuple(pose) for pose in record["poses"][:count].tolist()), strict=True))
 
     @property
     def tool_version(self) -> int | None:

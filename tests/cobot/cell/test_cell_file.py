@@ -12,7 +12,8 @@ from physical_cell import EXAMPLE, with_cell, write_cell
 
 from cobot.cell import load_cell
 from cobot.cell.cell import MAX_PARTS
-from cobot.cell.plant import build_plant, check_cell, fixtures_in_scene, hand_as_tool
+from cobot.cell.plant import build_plant, check_cell
+from cobot.cell.surroundings import fixtures_in_scene, hand_as_tool
 from cobot.config import Settings
 from cobot.errors import CobotError, CollisionError, ConfigError
 from cobot.robot.description import RobotDescription

@@ -1,0 +1,78 @@
+"""The simulated cell: its parts and switches."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from fastapi import Request
+from pydantic import BaseModel, Field
+
+from app.api.dependencies import Call
+from app.api.device_schemas import IoAnswer
+from app.api.errors import responses
+from app.api.route import EndpointRouter
+from app.services.state.cell import CellService
+from cobot.access.roles import Role
+
+router = EndpointRouter(tags=["cell"])
+
+
+class PartAnswer(BaseModel):
+    """A loose part of the cell."""
+
+    name: str
+    shape: str = Field(description="box, cylinder or sphere.")
+    size_m: list[float] = Field(
+        description="Box: edges along x, y and z. Cylinder: radius and length. Sphere: radius."
+    )
+    mass_kg: float
+    position: list[float] = Field(description="Position of its middle in the base frame: x, y, z, m.")
+    quaternion: list[float] = Field(description="Orientation in the base frame: x, y, z, w.")
+
+
+class CellAnswer(BaseModel):
+    """The cell as it is now."""
+
+    parts: list[PartAnswer] = Field(description="In the order of the cell file.")
+    switches: list[IoAnswer] = Field(description="Inputs of the switches, and NAME.count of their counters.")
+
+    @classmethod
+    def of(cls, service: CellService) -> Self:
+        parts, poses = service.require().parts, service.parts()
+        return cls(
+            parts=[
+                PartAnswer(
+                    name=name,
+                    shape=parts[name].shape,
+                    size_m=list(parts[name].size_m),
+                    mass_kg=parts[name].mass_kg,
+                    position=list(pose[:3]),
+                    quaternion=[*pose[4:], pose[3]],
+                )
+                for name, pose in poses.items()
+                if name in parts
+            ],
+            switches=[IoAnswer.of(each) for each in service.switches()],
+        )
+
+
+@router.endpoint("GET /cell", Role.OBSERVER, timeout_s=1.5, responses=responses(404, 503))
+async def cell(request: Request) -> CellAnswer:
+    """Where the parts of the simulated cell are, and what its switches report.
+
+    A robot without a cell answers 404.
+    """
+    return CellAnswer.of(Call(request).services.cell)
+
+
+@router.endpoint(
+    "POST /cell/reset", Role.OPERATOR, timeout_s=2.0, control=True, responses=responses(404, 409, 503)
+)
+async def reset_cell(request: Request) -> CellAnswer:
+    """Put parts, hand, outputs and counters back to their state at the start. The arm stays where it is.
+
+    Rejected with 409 while the arm moves.
+    """
+    service = Call(request).services.cell
+    await service.reset()
+    return CellAnswer.of(service)

@@ -1,0 +1,57 @@
+"""What a cell means for the planners: fixtures as objects of the scene, the hand as a tool."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cobot.cell.cell import HAND, Belt, Cell, Hand, Solid, load_cell
+from cobot.config import Settings
+from cobot.robot.scene import SceneFile, SceneObject
+from cobot.robot.tool import Tool
+from cobot.types import Pose
+
+FINGER_SHARE = 0.1
+"""Share of the hand's mass in each finger."""
+
+
+def scene_file(settings: Settings) -> SceneFile:
+    """The file with the robot's scene, which the fixtures of its cell are added to.
+
+    Raises:
+        ConfigError: the cell file is invalid.
+    """
+    cell = settings.robot.cell
+    return SceneFile(settings.scene_file, {} if cell is None else fixtures_in_scene(load_cell(cell)))
+
+
+def fixtures_in_scene(cell: Cell) -> dict[str, SceneObject]:
+    """The fixtures and belts as objects of the scene."""
+    return {
+        name: SceneObject(
+            shape="box" if isinstance(solid, Belt) else solid.shape,
+            size=tuple(solid.size_m),
+            pose=pose_of(solid).numbers,
+        )
+        for name, solid in cell.solids()
+    }
+
+
+def hand_as_tool(hand: Hand) -> Tool:
+    """What the arm carries while its hand is empty: mass and TCP."""
+    palm, fingers = (1.0 - 2.0 * FINGER_SHARE) * hand.mass_kg, 2.0 * FINGER_SHARE * hand.mass_kg
+    height = hand.palm_m[2]
+    centre = (palm * 0.5 * height + fingers * (height + 0.5 * hand.finger_m[2])) / hand.mass_kg
+    return Tool(
+        name=HAND,
+        mass=hand.mass_kg,
+        centre=(0.0, 0.0, centre),
+        tcp=(0.0, 0.0, hand.tcp_m, 1.0, 0.0, 0.0, 0.0),
+    )
+
+
+def pose_of(solid: Solid | Belt) -> Pose:
+    """The pose in the base frame."""
+    quaternion = np.zeros(4)
+    mujoco.mju_euler2Quat(quaternion, np.radians(solid.rotation_deg), "XYZ")
+    return Pose(np.array(solid.position_m), quaternion)
