@@ -24,6 +24,7 @@ from starlette.datastructures import State
 from app.robot_services import Services
 from app.routes import ENDPOINTS
 from app.services.rights.claims import Caller
+from cobot.cell import Cell, load_cell
 from cobot.config import Settings, load_endpoints, load_settings
 from cobot.errors import (
     CobotError,
@@ -42,7 +43,7 @@ from cobot.types import RESTING, JointLimits
 LIVE_WEB = ("allowed_hosts", "allowed_origins", "max_body_bytes", "max_json_bytes", "stop_on_disconnect")
 """Settings of the section `web` that a reload changes. Their users read them from `app.state.web` each time,
 or are notified."""
-BY_CONTENT = {"web.endpoints", "web.joint_limits", "robot.srdf"}
+BY_CONTENT = {"web.endpoints", "web.joint_limits", "robot.srdf", "robot.cell"}
 """Files whose content counts, not their place."""
 STATE_TIMEOUT_S = 1.5
 RTLOOP_TIMEOUT_S = 20.0
@@ -142,6 +143,7 @@ class Reloading:
             endpoints = load_endpoints(new.web.endpoints, ENDPOINTS)
             for each in new.each.values():
                 load_robot(each).check_named_positions(each.robot.srdf)
+                _cell(each)
             settings = self._merged(new)
             if self._running is not None:
                 settings = load_settings(self._running.prepare(settings))
@@ -151,6 +153,11 @@ class Reloading:
         needs_restart = list(_differences(self._settings, new))
         if endpoints != load_endpoints(self._settings.web.endpoints):
             needs_restart.append("web.endpoints: what the file says")
+        needs_restart += [
+            f"robot.cell of {name}: what the file says"
+            for name in self._settings.each.keys() & new.each.keys()
+            if _cell(self._settings.each[name]) != _cell(new.each[name])
+        ]
         return self._compared(settings, robots, needs_restart)
 
     def _compared(
@@ -247,6 +254,10 @@ def _require_within(services: Services, limits: JointLimits) -> None:
         )
     except LimitError as exc:
         raise ConflictError(f"{exc}; move it there first") from exc
+
+
+def _cell(settings: Settings) -> Cell | None:
+    return None if settings.robot.cell is None else load_cell(settings.robot.cell)
 
 
 def _differences(old: Settings, new: Settings) -> Iterator[str]:

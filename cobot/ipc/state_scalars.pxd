@@ -1,5 +1,5 @@
 # Written by `python -m cobot.ipc.generate`; `cobot.ipc.state_fields` describes the fields.
-# Layout version 15, records 1a1d7202f3a2e86c.
+# Layout version 16, records 40328f5a106e0d2a.
 from libc.stdint cimport int64_t, uint64_t
 
 cdef struct StateScalars:

@@ -93,6 +93,7 @@ def _run(chosen: argparse.Namespace) -> int:
         from cobot.launch.forked import forked
         from cobot.launch.supervisor import Supervisor
 
+        settings = _with_cell(settings, chosen.cell)
         given = _overridden(settings, chosen)
         processes = len(given.each) + 1 + given.web.enabled + given.ros.enabled
         if chosen.is_program:
@@ -178,23 +179,22 @@ def _become_client(chosen: argparse.Namespace) -> NoReturn:
     os.execv(command[0], command)
 
 
-def _overridden(settings: Settings, chosen: argparse.Namespace) -> Settings:
-    """The settings with what the command line says. A cell is the default robot's."""
-    settings = _several_overridden(settings, chosen)
-    if chosen.cell is None:
+def _with_cell(settings: Settings, cell: Path | None) -> Settings:
+    """The settings with this cell for the default robot; None keeps that of the settings."""
+    if cell is None:
         return settings
-    robot = {"robot": settings.robot.model_copy(update={"cell": cell_file(chosen.cell.resolve())})}
+    robot = {"robot": settings.robot.model_copy(update={"cell": cell_file(cell.resolve())})}
     robots = tuple(each.model_copy(update=robot) for each in settings.robots[:1]) + settings.robots[1:]
     return settings.model_copy(update={**robot, "robots": robots})
 
 
-def _several_overridden(settings: Settings, chosen: argparse.Namespace) -> Settings:
+def _overridden(settings: Settings, chosen: argparse.Namespace) -> Settings:
     web = {key: getattr(chosen, key) for key in ("host", "port") if getattr(chosen, key) is not None}
     rt = {"clock": chosen.clock} if chosen.clock else {}
     return settings.model_copy(
         update={
             "web": settings.web.model_copy(update=web),
             "rt": settings.rt.model_copy(update=rt),
-            "robots": tuple(_several_overridden(each, chosen) for each in settings.robots),
+            "robots": tuple(_overridden(each, chosen) for each in settings.robots),
         }
     )
