@@ -161,7 +161,7 @@ def _services(
     link: RobotLink,
     planning: PlanningService,
 ) -> Services:
-    """Long, as it is the list of them, in the order in which they need each other."""
+    """Make all services of one robot. Each is made after those that it needs."""
     longest_s = loading_s(settings.rt.trajectory_capacity, settings.rt.period_s)
     # The time of a motion is that of full speed.
     latest_s = shared.slowest_move_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S

@@ -3,7 +3,8 @@
 A quintic leads from one state, (3, n): position, velocity and acceleration, to another in a given time. Its
 coefficients, (6, n), are those of the powers of s, the share of that time, in [0, 1]. Rows are contiguous.
 
-Long, because bases, motions and their extrema share small functions that the C compiler puts into them.
+Bases, motions and extrema are in one module so that the C compiler can inline the small functions that they
+share.
 """
 
 from math import comb

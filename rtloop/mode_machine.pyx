@@ -1,9 +1,9 @@
 """Two states and their transitions: the mode of the arm, and its present guide.
 
 The mode is public: `rtloop.modes` has its transitions, and only `_enter` changes it, except at a restart. The
-guide is a `Guide`, which states what each one permits; only `c_let` changes it. Long, because any event may
-change both states. Methods that run in every cycle begin with `c_` and are real-time safe; methods for events
-are Python.
+guide is a `Guide`, which states what each one permits; only `c_let` changes it. Any event
+may change both states. Methods that run in every cycle begin with `c_` and are real-time safe; methods for
+events are Python.
 """
 
 from libc.string cimport memcpy, memset

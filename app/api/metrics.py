@@ -86,7 +86,7 @@ class Metrics(Collector):
 
 
 def _of_robots(robots: dict[str, Services]) -> Iterator[Metric]:
-    """Long, as it is their list."""
+    """The metrics of all robots: one family per metric, with the robot's name as a label."""
     up = GaugeMetricFamily("cobot_rtloop_up", "1 while the real-time process publishes.", labels=["robot"])
     ready = GaugeMetricFamily("cobot_ready", "1 while the robot takes motions.", labels=["robot"])
     mode = GaugeMetricFamily("cobot_mode", "1 for the mode that rtloop is in.", labels=["robot", "mode"])

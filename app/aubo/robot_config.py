@@ -1,8 +1,7 @@
 """RobotConfig: what the arm is, and what its vendor services may do with it.
 
 Limits that are set here are for the motions that MotionControl plans from then on: they can be tighter than
-those of the configuration, never wider, and are gone with the next start of the service. Long, for each
-service is a function that says what it takes and gives.
+those of the configuration, never wider, and are gone with the next start of the service.
 """
 
 from __future__ import annotations

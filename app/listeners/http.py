@@ -2,7 +2,7 @@
 
 What a client sends is fed to the parser in slices, one a turn, so that the costliest bytes that fit into a
 packet cost no other connection more than a slice. What is refused here is answered in the form of
-`app.api.errors`, and the connection is closed. Long, because all of it is the state of one connection.
+`app.api.errors`, and the connection is closed.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ What it advertises, subscribes and offers does not show in the topic /cobot/grap
 mirror, and what it publishes is not sent back to it. It may advertise one topic with several types; `type` of
 `publish` and `unadvertise` then says which one.
 
-Long, because each operation changes what ends with the connection.
+Calls and goals run as tasks next to the messages that follow; at most `MAX_PENDING` at a time.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The records in a robot's shared memory and the enumerations for their values.
 
 `cobot.ipc.shm` maps them. The record of the state block, and the version of all records, which must be raised
-with each change, are in `cobot.ipc.state_fields`. Long, because one file shows all other records.
+with each change, are in `cobot.ipc.state_fields`.
 """
 
 from __future__ import annotations

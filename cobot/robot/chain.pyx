@@ -4,8 +4,6 @@ Taken from a MuJoCo model once: whatever does not move between two joints is one
 a frame whose z is the axis of the next joint, so that a joint's turn mixes two columns of a matrix, and the
 Jacobian needs no more than these axes and where they are (Siciliano, Sciavicco, Villani, Oriolo, "Robotics",
 2009, equation 3.30). Poses are those of the TCP in the base frame.
-
-Long, because forward kinematics, Jacobian and derivatives go along the same frames.
 """
 
 from libc.math cimport cos, sin

@@ -11,8 +11,8 @@ halves.
 A piece of a motion is a Bezier curve of all joints, whose control points bound it; halving it is de
 Casteljau's.
 
-Long, because kinematics, distances, the proof and the gradient share one memory and call each other without
-Python.
+Kinematics, distances, the proof and the gradient call each other without Python, in memory that each
+`Clearance` allocates once.
 """
 
 from libc.math cimport cos, fabs, fmax, fmin, sin, sqrt

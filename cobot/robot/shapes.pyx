@@ -8,7 +8,7 @@ spheres or capsules around them are not far enough apart.
 A `line`, six numbers, is where a distance changes: the unit vector from the second geom to the first along
 which they get apart fastest, then a point of the line between the points that are nearest to each other.
 
-Long, because there is a formula for each pair of shapes.
+`gap` chooses the formula for a pair of shapes.
 """
 
 from libc.math cimport fabs, fmax, fmin, sqrt

@@ -2,7 +2,7 @@
 
 The rules are those of chapter 7 of the vendor manual. A message that violates one changes nothing. Rejections
 are counted by reason, and the newest one's sentence is kept. No message raises an error to the client, and
-nothing in this module moves an arm. Long, because it is one table of rules.
+nothing in this module moves an arm.
 """
 
 from __future__ import annotations

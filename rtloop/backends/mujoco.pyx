@@ -14,7 +14,8 @@ With an `Impedance` the drives get M(q) ddq_cmd + bias + friction + springs inst
 act on the arm. The torque sensors behind the gears let the drives make up for most of the dry friction that
 was there in the last cycle.
 
-Long, because drives, dynamics and sensors are one step of one simulation.
+Each `write` advances drives, dynamics and sensors by one period (`_step`); `read` reports the state that
+it leaves.
 """
 
 from libc.math cimport NAN

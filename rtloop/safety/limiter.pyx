@@ -9,7 +9,7 @@ slows down before it gets there.
 
 Commands have the shape (3, dof): position, velocity and acceleration of all joints, rad and s.
 
-Long, because whatever may catch a command shares one pursuit.
+All kinds of excess are handled by the same pursuit, which begins in `_catch`.
 """
 
 from libc.math cimport INFINITY, copysign, fabs, fmax, fmin, isfinite, sqrt

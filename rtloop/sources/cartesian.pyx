@@ -3,7 +3,8 @@
 Poses are x, y, z in m and a quaternion (w, x, y, z), errors and twists linear before angular, all in the base
 frame.
 
-Long, because motion and force share one step of the least squares.
+Along axes with force control, the missing force replaces the pose error; one least-squares step then solves
+for all axes (`c_step_joints`).
 """
 
 from libc.math cimport cbrt, fabs, isfinite, sqrt

@@ -1,6 +1,7 @@
 """Sequences: a runner process that drives this service like any other client.
 
-Long, because the runner's process, its output and its claim on the arm begin and end together.
+Control of the arm is claimed before the runner starts, and released after it has ended and its output has
+been read.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ than a datagram, and all repetitions, go through a queue per reader, in bursts t
 receiver's socket buffer; small samples share a datagram there. Discovery sends everything through this queue:
 hundreds of endpoints fit into a few datagrams.
 
-Long, because all parts share the history, under one lock.
+In this module only `write` and `close` acquire `Wire.lock`; all other methods are called with it held.
 """
 
 from __future__ import annotations
