@@ -202,10 +202,18 @@ class OnErrorStep(Step):
         return {"on_error.run": self.on_error.run, "do": self.do}
 
 
-TAGS: dict[str, str] = {
-    key: f"{key} step"
-    for key in ("gripper", "set", "wait_for", "wait_s", "repeat", "if", "call", "pallet", "on_error")
+_KINDS: dict[str, type[Step]] = {
+    "gripper": GripperStep,
+    "set": SetStep,
+    "wait_for": WaitForStep,
+    "wait_s": WaitStep,
+    "repeat": RepeatStep,
+    "if": IfStep,
+    "call": CallStep,
+    "pallet": PalletStep,
+    "on_error": OnErrorStep,
 }
+TAGS = {key: f"{key} step" for key in _KINDS}
 """The tag of each kind of step in pydantic's errors, by its key."""
 IGNORED_TAGS = (*MOTION_TAGS, *TAGS.values(), *COMMAND_TAGS)
 A_STEP = f"must be a step with one of {', '.join(TAGS)}, or a waypoint with joints, named, angle or x, y, z"
@@ -240,17 +248,6 @@ AnyStep = Annotated[
 ]
 Block = Annotated[list[AnyStep], Field(min_length=1, max_length=MAX_STEPS)]
 Numbered = tuple[int, "Target | Step"]
-_KINDS: dict[str, type[Step]] = {
-    "gripper": GripperStep,
-    "set": SetStep,
-    "wait_for": WaitForStep,
-    "wait_s": WaitStep,
-    "repeat": RepeatStep,
-    "if": IfStep,
-    "call": CallStep,
-    "pallet": PalletStep,
-    "on_error": OnErrorStep,
-}
 
 
 def groups(steps: Sequence[Target | Step], first: int = 1) -> list[list[Numbered]]:
