@@ -152,9 +152,7 @@ class Grid(RequestModel):
         description="Name of the place in the steps: with this `frame_id` poses are relative to the place.",
     )
     origin: Origin
-    counts: list[int] = Field(
-        min_length=1, max_length=3, description="Number of places in each direction, one to three."
-    )
+    counts: list[int] = Field(min_length=1, max_length=3, description="Number of places in each direction.")
     offsets: list[Offset] = Field(
         min_length=1, max_length=3, description="For each direction, from one place to the next."
     )
