@@ -23,6 +23,7 @@ A robot arm behind a REST service.
   cobot simulate fri   a simulated robot controller for any client of KUKA's FRI, see docs/kuka-fri.md
   cobot simulate robotiq   a simulated gripper for any client of Robotiq's, see docs/grippers.md
   cobot backend  list, make and test what drives a robot, see docs/your-backend.md
+  cobot gripper  list, make and test what drives a gripper, see docs/your-gripper.md
   cobot new-robot   make the configuration of another arm from its URDF or MJCF, see docs/your-robot.md
   cobot stop     bring every arm of this computer to rest, whatever has become of the service
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
@@ -128,13 +129,17 @@ def _add_simulate_and_backend(commands: Any) -> None:
         metavar="...",
         help="its own; cobot simulate fri --help lists them",
     )
-    backend = commands.add_parser("backend", help="list, make and test what drives a robot")
-    backend.add_argument(
-        "options",
-        nargs=argparse.REMAINDER,
-        metavar="...",
-        help="list, new NAME or test NAME; each says more with --help",
-    )
+    for name, text in (
+        ("backend", "list, make and test what drives a robot"),
+        ("gripper", "list, make and test what drives a gripper"),
+    ):
+        devices = commands.add_parser(name, help=text)
+        devices.add_argument(
+            "options",
+            nargs=argparse.REMAINDER,
+            metavar="...",
+            help="list, new NAME or test NAME; each says more with --help",
+        )
 
 
 def _add_check(commands: Any, config: argparse.ArgumentParser) -> None:

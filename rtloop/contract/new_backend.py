@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import keyword
 import re
-import sys
-import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
-from cobot.errors import ConfigError
+from cobot.launch.new_package import check_name, write_package
 from rtloop.backends import backend_names
 
 TOY, TRAJECTORY_TOY = (Path(__file__).with_name(name) for name in ("toy.py", "toy_trajectory.py"))
-NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
-MAX_LENGTH = 40
 PYPROJECT = """\
 [build-system]
 requires = ["setuptools>=77"]
@@ -78,15 +73,10 @@ def write_backend(name: str, parent: Path, *, trajectory: bool = False) -> Path:
     Raises:
         ConfigError: the name or the place cannot be used; nothing has been written.
     """
-    _check(name)
+    check_name(name, backend_names(), "backend", "arm")
     distribution = f"cobot-backend-{name.replace('_', '-')}"
     package = f"cobot_backend_{name}"
     kind = "".join(part.capitalize() for part in name.removesuffix("_arm").split("_"))
-    folder = parent / distribution
-    if folder.exists():
-        raise ConfigError(f"{folder}: is there already; choose another --dir, or remove it")
-    if not parent.is_dir():
-        raise ConfigError(f"{folder}: cannot be written: there is no folder {parent}; make it first")
     words = {
         "name": name,
         "distribution": distribution,
@@ -101,29 +91,6 @@ def write_backend(name: str, parent: Path, *, trajectory: bool = False) -> Path:
         f"{package}.py": re.sub(r"\bToy(Arm|Options|Rig)\b", rf"{kind}\1", toy.read_text(encoding="utf-8")),
         "tests/test_contract.py": TEST.format(**words),
     }
-    try:
-        with tempfile.TemporaryDirectory(dir=parent, prefix=".new-backend-") as made:
-            inside = Path(made) / "backend"
-            for place, content in files.items():
-                file = inside / place
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_text(content, encoding="utf-8")
-            inside.rename(folder)
-    except OSError as exc:
-        raise ConfigError(
-            f"{folder}: cannot be written: {exc.strerror or exc}; choose another --dir"
-        ) from exc
+    folder = parent / distribution
+    write_package(folder, files)
     return folder
-
-
-def _check(name: str) -> None:
-    if len(name) > MAX_LENGTH or not NAME.fullmatch(name):
-        raise ConfigError(
-            f"{name[:80]!r} is no name for a backend: small letters, digits and single underscores, a letter "
-            f"first, at most {MAX_LENGTH}, such as my_arm"
-        )
-    if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in sys.stdlib_module_names:
-        raise ConfigError(f"{name!r} is a word of Python: choose another name, such as {name}_arm")
-    taken = backend_names()
-    if name in taken:
-        raise ConfigError(f"{name!r} is taken by {taken[name]}; the backends are: {', '.join(sorted(taken))}")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, Protocol, Self
 
 from pydantic import Field, model_validator
 
-from cobot.clock import SYSTEM, Clock
+from cobot.clock import SYSTEM
 from cobot.grippers.protocol import (
     Grasp,
     GripperCapabilities,
@@ -31,6 +32,7 @@ from cobot.grippers.robotiq.registers import (
     Status,
     share,
 )
+from cobot.grippers.robotiq.rig import RobotiqRig
 from cobot.grippers.robotiq.rtu import Master
 
 BEYOND_M = 0.003
@@ -38,6 +40,12 @@ BEYOND_M = 0.003
 NEAR = 2
 """Fingers that have stopped so few counts from the commanded position are there, and hold nothing."""
 INACTIVE = "the gripper is not activated: POST /robot/gripper/home, in which its fingers close and open"
+
+
+class Now(Protocol):
+    """A clock."""
+
+    def now_s(self) -> float: ...
 
 
 class RobotiqOptions(GripperOptions):
@@ -80,13 +88,19 @@ class RobotiqGripper:
     Options = RobotiqOptions
     state_period_s = 0.005
 
-    def __init__(self, options: RobotiqOptions, port: IoPort, clock: Clock = SYSTEM) -> None:
+    def __init__(
+        self,
+        options: RobotiqOptions,
+        port: IoPort,
+        clock: Now = SYSTEM,
+        line: Callable[[], Any] | None = None,
+    ) -> None:
         self._options = options
         self._clock = clock
         model = MODELS[options.model]
         self._stroke_m = options.stroke or model.stroke_m
         self._speed_m_s, self._force_n = model.speed_m_s, model.force_n
-        self._master = Master(options.device, options.unit, options.baud, options.timeout_s)
+        self._master = Master(options.device, options.unit, options.baud, options.timeout_s, line)
         self._request: Request | None = None
         self._activating_since_s: float | None = None
         self.capabilities = GripperCapabilities(
@@ -197,3 +211,7 @@ class RobotiqGripper:
         options = self._options
         closed = (count - options.open_count) / (options.closed_count - options.open_count)
         return self._stroke_m * max(0.0, min(1.0, 1.0 - closed))
+
+    @staticmethod
+    def contract_rig(options: RobotiqOptions) -> RobotiqRig:
+        return RobotiqRig(options)

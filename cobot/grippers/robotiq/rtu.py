@@ -7,7 +7,7 @@ anything else than these say is an error; what comes after its time is thrown aw
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -66,14 +66,21 @@ class Master:
         device: /dev/ttyUSB0, or HOST:PORT.
         unit: address of the slave.
         timeout_s: for each answer.
+        line: makes another port than pyserial's, for tests.
     """
 
-    def __init__(self, device: str, unit: int, baud: int, timeout_s: float) -> None:
+    def __init__(
+        self, device: str, unit: int, baud: int, timeout_s: float, line: Callable[[], Any] | None = None
+    ) -> None:
+        self._line = line
         self._device, self._unit, self._baud, self._timeout_s = device, unit, baud, timeout_s
         self._port: Any = None
 
     def open(self) -> None:
         """Raises GripperError: there is no such port, or it cannot be opened."""
+        if self._line is not None:
+            self._port = self._line()
+            return
         url = self._device if self._device.startswith("/") else SOCKET + self._device.removeprefix(SOCKET)
         exclusive = {} if url.startswith(SOCKET) else {"exclusive": True}
         try:

@@ -1,0 +1,77 @@
+"""`cobot gripper new`: a package with a gripper that works, for a device that is a toy."""
+
+from __future__ import annotations
+
+import re
+from importlib.metadata import version
+from pathlib import Path
+
+from cobot.grippers.registry import gripper_names
+from cobot.launch.new_package import check_name, write_package
+
+TOY = Path(__file__).with_name("toy.py")
+PYPROJECT = """\
+[build-system]
+requires = ["setuptools>=77"]
+build-backend = "setuptools.build_meta"
+
+[project]
+name = "{distribution}"
+version = "0.1.0"
+description = "A gripper of cobot: {name}."
+requires-python = ">=3.11"
+dependencies = ["cobot>={version}"]
+
+[project.entry-points."cobot.grippers"]
+{name} = "{package}:{kind}Gripper"
+
+[tool.setuptools]
+py-modules = ["{package}"]
+"""
+README = """\
+# {name}, a gripper of cobot
+
+```
+pip install -e .
+cobot gripper list
+cobot gripper test {name}
+```
+
+Then `robot.gripper: {{type: {name}}}` in cobot's settings. `{package}.py` drives a toy: put your device in
+the place of `ToyDevice`, as docs/your-gripper.md of cobot describes.
+"""
+
+
+def write_gripper(name: str, parent: Path) -> Path:
+    """Make the folder `cobot-gripper-NAME`.
+
+    Args:
+        name: of the gripper, as in `robot.gripper`.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ConfigError: the name or the place cannot be used; nothing has been written.
+    """
+    check_name(name, gripper_names(), "gripper", "gripper")
+    package = f"cobot_gripper_{name}"
+    kind = "".join(part.capitalize() for part in name.removesuffix("_gripper").split("_"))
+    words = {
+        "name": name,
+        "distribution": package.replace("_", "-"),
+        "package": package,
+        "kind": kind,
+        "version": version("cobot"),
+    }
+    toy = TOY.read_text(encoding="utf-8")
+    folder = parent / words["distribution"]
+    write_package(
+        folder,
+        {
+            "pyproject.toml": PYPROJECT.format(**words),
+            "README.md": README.format(**words),
+            f"{package}.py": re.sub(r"\bToy(Gripper|Options|Rig)\b", rf"{kind}\1", toy),
+        },
+    )
+    return folder

@@ -1,0 +1,349 @@
+"""All checks of a gripper, and their results.
+
+They run on a simulated device, which the class makes by `contract_rig(options)`. It counts time in place of
+waiting for it, and never moves real fingers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Protocol
+
+from pydantic import ValidationError
+
+from cobot.config import Settings
+from cobot.errors import ConfigError
+from cobot.foreign import plain_error, plain_text
+from cobot.grippers.protocol import (
+    Grasp,
+    Gripper,
+    GripperCapabilities,
+    GripperError,
+    GripperOptions,
+    GripperState,
+    HeldObject,
+    IoPort,
+)
+from cobot.grippers.registry import gripper_class, gripper_options
+from cobot.strict import sentence
+
+STEP_S, END_S = 0.01, 30.0
+NEAR_M = 0.003
+UNKNOWN = "no_such_option"
+
+
+class GripperRig(Protocol):
+    """A simulated device, and the faults that it can have.
+
+    Attributes:
+        faults: some of "disconnect" (nothing answers) and "fault" (the device reports one).
+    """
+
+    faults: frozenset[str]
+
+    def gripper(self, port: IoPort) -> Gripper:
+        """A new driver at the same device."""
+        ...
+
+    def step(self, duration_s: float) -> None:
+        """Have the device's time go on."""
+        ...
+
+    def place(self, width_m: float | None) -> None:
+        """Put an object between the fingers, or take it away."""
+        ...
+
+    def inject(self, fault: str) -> None:
+        """A fault begins, and lasts."""
+        ...
+
+    def clear(self, fault: str) -> None:
+        """Its cause is gone."""
+        ...
+
+
+class Verdict(StrEnum):
+    PASSED = "passed"
+    FAILED = "FAILED"
+    NOT_TESTED = "not tested"
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """The result of a check: what was found, what is wrong, or what it lacks."""
+
+    check: str
+    verdict: Verdict
+    found: str
+
+
+class ContractError(Exception):
+    """The contract is not kept."""
+
+
+class NotTested(Exception):
+    """The check does not apply, with the reason."""
+
+
+class NoPoints:
+    """A robot without inputs and outputs; a rig of a driver that needs some brings its own port."""
+
+    def read(self, name: str) -> float:
+        raise GripperError(f"the robot has no input or output {name!r}")
+
+    def set(self, name: str, value: float) -> None:
+        self.read(name)
+
+
+class Subject:
+    """The class that is tested, with its options and its rig."""
+
+    def __init__(self, kind: Any, options: GripperOptions) -> None:
+        self.kind, self.options = kind, options
+        if not hasattr(kind, "contract_rig"):
+            raise ConfigError(
+                "the class has no contract_rig: nothing can be tested without a simulated device"
+            )
+        self.rig: GripperRig = kind.contract_rig(options)
+        self.gripper = self.connected()
+
+    def connected(self) -> Gripper:
+        made = self.rig.gripper(NoPoints())
+        made.connect()
+        return made
+
+    def ready(self) -> GripperCapabilities:
+        """Open and without an object; activated, if it has to be."""
+        self.gripper.home()
+        self.until_still("home")
+        self.gripper.open()
+        self.until_still("open")
+        return self.gripper.capabilities
+
+    def until_still(self, what: str) -> GripperState:
+        """The state when the fingers rest."""
+        time_s = 0.0
+        while (state := self.gripper.state()).moving:
+            self.rig.step(STEP_S)
+            time_s += STEP_S
+            require(time_s < END_S, f"{what}: it still moves after {END_S:g} s")
+        require(not state.fault, f"{what}: it reports a fault: {state.fault}")
+        return state
+
+    def hold(self, width_m: float) -> GripperState:
+        """Grasp an object of this width."""
+        self.rig.place(width_m)
+        self.gripper.grasp(Grasp(width_m, 0.005, 0.005))
+        return self.until_still("grasp")
+
+
+def require(condition: object, words: str) -> None:
+    """Raises ContractError with these words if the condition does not hold."""
+    if not condition:
+        raise ContractError(words)
+
+
+def options(subject: Subject) -> str:
+    """An unknown option is rejected by its name."""
+    given = subject.options.model_dump()
+    try:
+        type(subject.options).model_validate({**given, UNKNOWN: 1})
+    except ValidationError as exc:
+        words = "; ".join(sentence(each) for each in exc.errors())
+        require(UNKNOWN in words, f"the error does not name {UNKNOWN}: {words}")
+        return "an unknown option is rejected"
+    raise ContractError("an unknown option is not rejected: derive Options from GripperOptions")
+
+
+def capabilities(subject: Subject) -> str:
+    """They are a `GripperCapabilities`."""
+    able = subject.gripper.capabilities
+    require(isinstance(able, GripperCapabilities), "capabilities is not a GripperCapabilities")
+    return able.words
+
+
+def connect(subject: Subject) -> str:
+    """Connecting and disconnecting move nothing, also twice."""
+    subject.ready()
+    before = subject.gripper.state().width
+    for _ in range(2):
+        subject.gripper.disconnect()
+    subject.gripper.connect()
+    subject.rig.step(1.0)
+    require(subject.gripper.state().width == before, "the fingers have moved while it connected")
+    return "connecting moves nothing"
+
+
+def move(subject: Subject) -> str:
+    """A move says that it moves until it is there."""
+    able = subject.ready()
+    least, most = able.width_m
+    width = least if not able.continuous else 0.5 * (least + most)
+    subject.gripper.move(width, None, None)
+    require(subject.gripper.state().moving, "moving is false directly after a command has returned")
+    state = subject.until_still("move")
+    require(
+        state.width is None or abs(state.width - width) <= NEAR_M, f"width is {state.width}, not {width:g}"
+    )
+    commanded = state.commanded_width
+    require(commanded is None or abs(commanded - width) <= NEAR_M, f"commanded_width is {commanded}")
+    return f"it goes to {width:g} m and says so"
+
+
+def preempt(subject: Subject) -> str:
+    """A command replaces the one before."""
+    least, most = subject.ready().width_m
+    subject.gripper.move(least, None, None)
+    subject.rig.step(STEP_S)
+    subject.gripper.move(most, None, None)
+    state = subject.until_still("move")
+    require(state.width is None or abs(state.width - most) <= NEAR_M, f"width is {state.width}, not {most:g}")
+    return "a new command replaces the one under way"
+
+
+def stop(subject: Subject) -> str:
+    """The fingers stop on their way and stay."""
+    able = subject.ready()
+    if not able.continuous:
+        raise NotTested("such fingers cannot stop on their way")
+    subject.gripper.move(able.width_m[0], able.speed_m_s and able.speed_m_s[0], None)
+    subject.rig.step(0.1)
+    subject.gripper.stop()
+    width = subject.until_still("stop").width
+    subject.rig.step(1.0)
+    require(subject.gripper.state().width == width, "the fingers have moved after the stop")
+    require(width is None or width > able.width_m[0], "the fingers have gone to the end before they stopped")
+    return "a stop stops"
+
+
+def grasp(subject: Subject) -> str:
+    """An object is held, a stop and a new connection keep it, and a release lets go."""
+    width = _detectable(subject)
+    state = subject.hold(width)
+    require(state.object is HeldObject.HELD_INSIDE, f"object is {state.object}, not held_inside")
+    subject.gripper.stop()
+    subject.rig.step(0.5)
+    require(subject.gripper.state().object is HeldObject.HELD_INSIDE, "a stop has let go of the object")
+    subject.gripper.disconnect()
+    subject.gripper = subject.connected()
+    found = subject.gripper.state().object
+    require(found is HeldObject.HELD_INSIDE, f"a new driver finds {found} in place of the object")
+    subject.gripper.release(None)
+    state = subject.until_still("release")
+    require(state.object is HeldObject.NONE, f"object is {state.object} after a release")
+    return f"an object of {width:g} m is held, kept and released"
+
+
+def missed(subject: Subject) -> str:
+    """A grasp of nothing holds nothing."""
+    width = _detectable(subject)
+    subject.rig.place(None)
+    subject.gripper.grasp(Grasp(width, 0.005, 0.005))
+    state = subject.until_still("grasp")
+    require(state.object is HeldObject.NONE, f"object is {state.object} although there is none")
+    return "a grasp of nothing holds nothing"
+
+
+def lost(subject: Subject) -> str:
+    """An object that is pulled out is not held any more."""
+    subject.hold(_detectable(subject))
+    subject.rig.place(None)
+    subject.rig.step(END_S)
+    found = subject.gripper.state().object
+    require(found in (HeldObject.NONE, HeldObject.LOST), f"object is {found} although it is gone")
+    return "a loss is seen"
+
+
+def disconnect(subject: Subject) -> str:
+    """A device that does not answer is a GripperError in words, and comes back."""
+    _injectable(subject, "disconnect")
+    subject.ready()
+    subject.rig.inject("disconnect")
+    for call in (subject.gripper.state, subject.gripper.open):
+        try:
+            call()
+        except GripperError as exc:
+            require(len(str(exc)) > len("error"), "the error has no words")
+        else:
+            raise ContractError(f"{call.__name__} does not raise a GripperError while nothing answers")
+    subject.gripper.disconnect()
+    subject.rig.clear("disconnect")
+    subject.gripper.connect()
+    subject.gripper.state()
+    return "it is an error in words, and it comes back"
+
+
+def fault(subject: Subject) -> str:
+    """A fault of the device is in `state().fault`, and goes away."""
+    _injectable(subject, "fault")
+    subject.ready()
+    subject.rig.inject("fault")
+    require(subject.gripper.state().fault, "state().fault is empty although the device has a fault")
+    subject.rig.clear("fault")
+    require(not subject.gripper.state().fault, "state().fault stays although its cause is gone")
+    return "it is told in words"
+
+
+CHECKS: dict[str, Callable[[Subject], str]] = {
+    "options": options,
+    "capabilities": capabilities,
+    "connect": connect,
+    "move": move,
+    "preempt": preempt,
+    "stop": stop,
+    "grasp": grasp,
+    "missed": missed,
+    "lost": lost,
+    "disconnect": disconnect,
+    "fault": fault,
+}
+
+
+def subject_for(settings: Settings, name: str, given: dict[str, Any]) -> Callable[[], Subject]:
+    """What makes the subject of a check.
+
+    Args:
+        given: options, if the settings have none for this gripper.
+
+    Raises:
+        ConfigError: there is no such gripper, or it has no such options.
+    """
+    section = settings.robot.gripper
+    kind: Any = gripper_class(name)
+    if section is not None and section.type == name and not given:
+        found = gripper_options(settings)
+    else:
+        try:
+            found = getattr(kind, "Options", GripperOptions).model_validate(given)
+        except ValidationError as exc:
+            words = "; ".join(sentence(each) for each in exc.errors())
+            raise ConfigError(f"{name}: {words}; give its options by --config or --option") from exc
+    return lambda: Subject(kind, found)
+
+
+def examined(make: Callable[[], Subject], check: str) -> Result:
+    """One check, on a new device."""
+    try:
+        return Result(check, Verdict.PASSED, CHECKS[check](make()))
+    except NotTested as exc:
+        return Result(check, Verdict.NOT_TESTED, str(exc))
+    except (ContractError, GripperError, ConfigError) as exc:
+        return Result(check, Verdict.FAILED, plain_text(exc))
+    except KeyboardInterrupt:
+        raise
+    except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
+        return Result(check, Verdict.FAILED, plain_error(exc))
+
+
+def _detectable(subject: Subject) -> float:
+    able = subject.ready()
+    if not able.object_detection:
+        raise NotTested("it does not detect objects")
+    return 0.5 * sum(able.width_m)
+
+
+def _injectable(subject: Subject, name: str) -> None:
+    if name not in subject.rig.faults:
+        raise NotTested(f"its simulated device cannot have the fault {name}")

@@ -1,0 +1,63 @@
+"""What `cobot backend new` and `cobot gripper new` have in common: a name, and a folder of files."""
+
+from __future__ import annotations
+
+import keyword
+import re
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from cobot.errors import ConfigError
+
+NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+MAX_LENGTH = 40
+
+
+def check_name(name: str, taken: Mapping[str, str], what: str, suffix: str) -> None:
+    """See that a name can be one of a new class.
+
+    Args:
+        taken: the names that there are, with their places.
+        what: "backend" or "gripper".
+        suffix: that makes a name of a word of Python.
+
+    Raises:
+        ConfigError: it cannot.
+    """
+    if len(name) > MAX_LENGTH or not NAME.fullmatch(name):
+        raise ConfigError(
+            f"{name[:80]!r} is no name for a {what}: small letters, digits and single underscores, a letter "
+            f"first, at most {MAX_LENGTH}, such as my_{suffix}"
+        )
+    if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in sys.stdlib_module_names:
+        raise ConfigError(f"{name!r} is a word of Python: choose another name, such as {name}_{suffix}")
+    if name in taken:
+        valid = ", ".join(sorted(taken))
+        raise ConfigError(f"{name!r} is taken by {taken[name]}; the {what}s are: {valid}")
+
+
+def write_package(folder: Path, files: Mapping[str, str]) -> None:
+    """Make a folder with these files, whole or not at all.
+
+    Raises:
+        ConfigError: the place cannot be used; nothing has been written.
+    """
+    parent = folder.parent
+    if folder.exists():
+        raise ConfigError(f"{folder}: is there already; choose another --dir, or remove it")
+    if not parent.is_dir():
+        raise ConfigError(f"{folder}: cannot be written: there is no folder {parent}; make it first")
+    try:
+        with tempfile.TemporaryDirectory(dir=parent, prefix=".new-package-") as made:
+            inside = Path(made) / "package"
+            for place, content in files.items():
+                file = inside / place
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(content, encoding="utf-8")
+            inside.rename(folder)
+    except OSError as exc:
+        raise ConfigError(
+            f"{folder}: cannot be written: {exc.strerror or exc}; choose another --dir"
+        ) from exc
