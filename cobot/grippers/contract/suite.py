@@ -189,7 +189,7 @@ def move(subject: Subject) -> str:
     )
     commanded = state.commanded_width
     require(commanded is None or abs(commanded - width) <= NEAR_M, f"commanded_width is {commanded}")
-    return f"it goes to {width:g} m and says so"
+    return f"it goes to {width:g} m and reports it"
 
 
 def preempt(subject: Subject) -> str:
@@ -283,7 +283,7 @@ def fault(subject: Subject) -> str:
     require(subject.gripper.state().fault, "state().fault is empty although the device has a fault")
     subject.rig.clear("fault")
     require(not subject.gripper.state().fault, "state().fault stays although its cause is gone")
-    return "it is told in words"
+    return "it is reported in words"
 
 
 CHECKS: dict[str, Callable[[Subject], str]] = {
