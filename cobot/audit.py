@@ -183,7 +183,7 @@ def note(what: str, outcome: str = "ok", **details: object) -> None:
         on.audit.record(on.who(), on.from_, what, outcome, request=on.request, **details)
 
 
-def refused(what: str, code: str, sentence: str) -> None:
+def report_refusal(what: str, code: str, sentence: str) -> None:
     """Report to other clients that the present request, which would move or change something, is refused."""
     on = trail.get()
     if on is not None:
@@ -200,7 +200,7 @@ def require(identity: Identity, role: Role, *what: str) -> None:
     except (AuthenticationError, PermissionDenied) as exc:
         note(" ".join(what), exc.code)
         if role >= Role.OPERATOR:
-            refused(" ".join(what), exc.code, str(exc))
+            report_refusal(" ".join(what), exc.code, str(exc))
         raise
 
 

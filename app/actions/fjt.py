@@ -110,13 +110,13 @@ class FollowJointTrajectory:
             wanted = await asyncio.to_thread(read_goal, goal, self._limits, self._wall_s())
         except GoalError as exc:  # whatever runs goes on
             handle.accept()
-            return self._failed(handle, exc)
+            return self._fail(handle, exc)
         handle.accept()
         async with self._turn(handle) as run:
             try:
                 note = await self._work(run, wanted, settings, stops, handle)
             except CobotError as exc:
-                return self._failed(handle, exc)
+                return self._fail(handle, exc)
         handle.status = GoalStatus.SUCCEEDED
         return {"error_code": int(FjtError.SUCCESSFUL), "error_string": note}
 
@@ -271,7 +271,7 @@ class FollowJointTrajectory:
         """After the beginning, when the arm has to be there."""
         return max(goal.points[-1].time_from_start_s + goal.late_s, trajectory.duration_s + WATCH_S)
 
-    def _failed(self, handle: GoalHandle, error: CobotError) -> Message:
+    def _fail(self, handle: GoalHandle, error: CobotError) -> Message:
         cancelled = handle.cancel_requested.is_set() and isinstance(error, MotionStopped)
         handle.status = GoalStatus.CANCELED if cancelled else GoalStatus.ABORTED
         code = error_code_of(error)

@@ -79,7 +79,7 @@ class Access:
         self._origins = origins
         # For pages from elsewhere that are let in: asked first, and told, by the browser, what they may.
         self._cors = CORSMiddleware(
-            self._identified,
+            self._identify,
             allow_origin_regex=".*",
             allow_methods=METHODS,
             allow_headers=HEADERS,
@@ -106,9 +106,9 @@ class Access:
         except CobotError as exc:
             return answer_to(exc)(scope, receive, send)
         foreign = headers.get(b"origin") in self._origins.listed
-        return (self._cors if foreign else self._identified)(scope, receive, send)
+        return (self._cors if foreign else self._identify)(scope, receive, send)
 
-    def _identified(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
+    def _identify(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         client = scope.get("client")
         address = client[0] if client else ""
         websocket = scope["type"] == "websocket"

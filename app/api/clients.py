@@ -1,4 +1,4 @@
-"""The client of a request or a WebSocket, noted for everything that it leads to.
+"""Stores the client of a request or a WebSocket in a context variable for everything that it starts.
 
 The names come from the middleware of access, where there is one: `scope["cobot.identity"]`.
 """

@@ -72,7 +72,7 @@ def of_the_default_robot(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def of_any_robot(document: dict[str, Any]) -> dict[str, Any]:
-    """What a document says of the paths with a robot's name, in the groups of those without."""
+    """The paths below /robots/NAME of the document; each gets the tags of the same path without a name."""
     plain = of_the_default_robot(document)["paths"]
     groups = {f"{BY_NAME}{{robot}}{path_below(path)}": each for path, each in plain.items()}
     paths = {

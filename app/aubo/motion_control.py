@@ -215,7 +215,7 @@ async def clear_path(robot: Services) -> None:
 async def stop_joint(robot: Services, acc: float = 0.0) -> None:
     """Come to rest on the path as fast as the limits permit, and forget all moves. Answers at rest.
 
-    Whatever moves the arm ends, whosever it is: a stop asks for no ownership.
+    This ends every motion, another client's too, because a stop needs no ownership.
 
     Args:
         acc: rad/s²; 0, or no less than the joints' limits: a gentler stop is not supported.
@@ -228,7 +228,7 @@ async def stop_joint(robot: Services, acc: float = 0.0) -> None:
 async def stop_line(robot: Services, acc: float = 0.0, acc_rot: float = 0.0) -> None:
     """Come to rest on the path as fast as the limits permit, and forget all moves. Answers at rest.
 
-    Whatever moves the arm ends, whosever it is: a stop asks for no ownership.
+    This ends every motion, another client's too, because a stop needs no ownership.
 
     Args:
         acc: m/s²; 0, or no less than the limit of the tool's tip: a gentler stop is not supported.

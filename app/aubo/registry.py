@@ -169,7 +169,7 @@ async def run(robot: Services, found: Service, bound: dict[str, Any], origin: Or
     outcome = "ok"
     if answer.code != Code.OK:
         outcome = f"{int(answer.code)}: {answer.message}"
-        audit.refused(where, Code(answer.code).name.lower(), answer.message)
+        audit.report_refusal(where, Code(answer.code).name.lower(), answer.message)
     audit.note(where, outcome, arguments=arguments)
     return answer
 

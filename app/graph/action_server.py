@@ -126,7 +126,7 @@ class ActionServer:
             audit.note(f"goal of {self.action.name}", "accepted", goal=goal_id)
         except CobotError as exc:
             audit.note(f"goal of {self.action.name}", f"refused: {exc}", goal=goal_id)
-            audit.refused(f"goal of {self.action.name}", exc.code, str(exc))
+            audit.report_refusal(f"goal of {self.action.name}", exc.code, str(exc))
             raise
         except asyncio.CancelledError:
             goal.handle.cancel_requested.set()  # its client has disconnected

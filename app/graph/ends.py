@@ -19,7 +19,7 @@ class Keeper(Protocol):
     gateways: set[object]
 
     def drop(self, topic: Topic, end: Publisher | Subscription) -> None:
-        """Forget an end of a topic."""
+        """Remove a publisher or a subscription of a topic."""
 
 
 class Publisher:

@@ -107,7 +107,7 @@ class Acceptor:
 
     def _accept(self) -> None:
         now_s = self._loop.time()
-        for _ in range(self._admitted()):
+        for _ in range(self._admit()):
             if self._crowd.hurries(now_s, GRACE_S):
                 self._pause(GRACE_S * SHARE)
                 return
@@ -162,7 +162,7 @@ class Acceptor:
             if not isinstance(exc, OSError):  # among them those of TLS
                 raise
 
-    def _admitted(self) -> int:
+    def _admit(self) -> int:
         """How many may come in now."""
         most = max(1.0, min(HANDSHAKES_AT_ONCE if self._tls else AT_ONCE, SHARE * self._crowd.per_address))
         now_s = self._loop.time()

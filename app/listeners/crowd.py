@@ -61,7 +61,7 @@ class Visit:
 
 @dataclass(slots=True, eq=False)
 class _Address:
-    """All visits from one address: by what they do, the oldest first."""
+    """All visits from one address, grouped by `Doing`, the oldest first in each group."""
 
     name: str
     visits: dict[Doing, dict[Visit, None]] = field(default_factory=lambda: {doing: {} for doing in Doing})

@@ -22,7 +22,7 @@ from app.mcp.arguments import arguments_of, require_valid
 from app.mcp.endpoint import MAX_BODY_BYTES
 from cobot.access.roles import require
 from cobot.addresses import MCP
-from cobot.audit import note, refused
+from cobot.audit import note, report_refusal
 from cobot.codes import code_of
 from cobot.errors import CobotError, NotFoundError
 from cobot.strict import shown
@@ -94,7 +94,7 @@ class AgentServer(MCPServer[Any]):
             return refusal(error, str(exc))
         finally:
             if code and name == tools.execute.__name__:
-                refused(f"MCP {name}", code, outcome)
+                report_refusal(f"MCP {name}", code, outcome)
             note(
                 f"MCP {name}",
                 outcome,

@@ -44,7 +44,7 @@ class RobotTopics:
         self._status = graph.advertise(f"/{name}/status", STRING, owner=self, alone=True)
         self._make_status = messages.status
         for publisher in (*self._made, self._status):
-            publisher.on_demand = self._demand
+            publisher.on_demand = self._follow_demand
         self._latched = {
             graph.advertise(topic, type_, latch=True, owner=self, local=True, alone=alone): make
             for topic, type_, make, alone in (
@@ -73,7 +73,7 @@ class RobotTopics:
         for publisher, make in self._latched.items():
             publisher.publish(make())
 
-    def _demand(self, _: int) -> None:
+    def _follow_demand(self, _: int) -> None:
         wanted = any(publisher.subscribers for publisher in (*self._made, self._status))
         if wanted and self._ticker is None:
             self._ticker = self._clock.ticker(RATE_HZ, self._tick)

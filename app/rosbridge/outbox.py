@@ -157,13 +157,13 @@ class Outbox:
         """What can go now; ends when there is nothing."""
         while True:
             found = False
-            yield from self._answered()
+            yield from self._take_answers()
             for feed in tuple(self.feeds.values()):
                 message = feed.next()
                 if message is not None:
                     found = True
                     yield from feed.texts(message, f"fragment:{next(self._numbers)}")
-                    yield from self._answered()
+                    yield from self._take_answers()
             if not found and not self._answers:
                 return
 
@@ -202,7 +202,7 @@ class Outbox:
             feed.close()
         self.feeds.clear()
 
-    def _answered(self) -> Iterator[str]:
+    def _take_answers(self) -> Iterator[str]:
         while self._answers:
             text = self._answers.popleft()
             self._bytes -= len(text)

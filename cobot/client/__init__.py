@@ -46,7 +46,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Imported when it is asked for: who speaks REST alone needs neither numpy nor shared memory."""
+    """Import a name on first use, so that a client that uses REST alone loads neither numpy nor shared
+    memory.
+    """
     if name in _HOMES:
         return getattr(import_module(f"cobot.client.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'cobot.client' has no attribute {name!r}")

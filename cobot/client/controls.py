@@ -139,9 +139,10 @@ class JointImpedanceControl(Control[JointState]):
             velocities: at the target, rad/s; without them the interpolation chooses its own.
             accelerations: rad/s²; they are checked and then ignored.
 
-        Raises: InputError: the number of joints is wrong, or a value is not finite. From the second target on
-        it is raised once if the first target was too far from the arm to be followed. MotionStopped: the
-        session has ended, with the reason.
+        Raises:
+            InputError: the number of joints is wrong, or a value is not finite. From the second target on it
+                is raised once if the first target was too far from the arm to be followed.
+            MotionStopped: the session has ended, with the reason.
         """
         target = vector(positions, self._dof, name="positions")
         rates = vector(velocities, self._dof, name="velocities") if len(velocities) else 0.0

@@ -16,7 +16,7 @@ from cobot.client import Client
 from cobot.client.connection import Json
 from cobot.commands.completion import completion
 from cobot.commands.options import url_of
-from cobot.commands.screen import during, said, show_event, show_state, show_table, show_words
+from cobot.commands.screen import during, print_json, show_event, show_state, show_table, show_words
 from cobot.commands.terminal import Bar
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 from cobot.foreign import plain_lines
@@ -54,7 +54,7 @@ def run(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
         return EXIT_OK
     except CobotError as exc:
         if getattr(chosen, "json", False):
-            said({"success": False, "code": exc.code, "message": str(exc)})
+            print_json({"success": False, "code": exc.code, "message": str(exc)})
         print(f"cobot: {plain_lines(exc)}", file=sys.stderr)
         return EXIT_UNAVAILABLE if isinstance(exc, UnavailableError) else EXIT_FAILED
 
@@ -70,7 +70,7 @@ def _state(client: Client, chosen: argparse.Namespace) -> int:
     health, control = client.health(), client.who_controls()
     joints, pose, io = client.joint_states(), client.pose(), client.io()
     if chosen.json:
-        said({"robot": health["robot"], "joints": joints, "pose": pose, "control": control, "io": io})
+        print_json({"robot": health["robot"], "joints": joints, "pose": pose, "control": control, "io": io})
     else:
         show_state(health, joints, pose, control, io)
     return EXIT_OK
@@ -193,7 +193,7 @@ def _jobs(client: Client, chosen: argparse.Namespace) -> int:
     else:
         jobs = [client._json("GET", f"/jobs/{quote(chosen.id, safe='')}")]
     if chosen.json:
-        said(jobs if chosen.id is None else jobs[0])
+        print_json(jobs if chosen.id is None else jobs[0])
         return EXIT_OK
     show_table(jobs, JOBS)
     for job in jobs if chosen.id is not None else ():
@@ -206,7 +206,7 @@ def _watch(client: Client, chosen: argparse.Namespace) -> int:
     types = chosen.types.split(",") if chosen.types else ()
     for count, event in enumerate(client.events(types, state_hz=chosen.state_hz, after=chosen.after), 1):
         if chosen.json:
-            said(event)
+            print_json(event)
         else:
             show_event(event)
         if count == chosen.count:
@@ -216,7 +216,7 @@ def _watch(client: Client, chosen: argparse.Namespace) -> int:
 
 def _done(chosen: argparse.Namespace, answer: Json, sentence: str) -> None:
     if chosen.json:
-        said(answer)
+        print_json(answer)
     else:
         note = answer.get("note")
         print(f"{sentence}: {note}" if note else sentence)

@@ -21,7 +21,7 @@ MISSING = "(lines may be missing here: more were printed at once than the servic
 LEVELS = {"fault": "bold red", "estop": "bold red", "lost": "magenta"} | dict.fromkeys(WARNINGS, "yellow")
 
 
-def said(answer: object) -> None:
+def print_json(answer: object) -> None:
     """Print JSON, one document per line."""
     print(json.dumps(answer), flush=True)
 

@@ -103,11 +103,11 @@ class _Report:
 
 def _address(web: WebSection) -> str:
     """Whether it is one of this computer's; the port may well be in use, by cobot itself."""
-    _resolved(web)
+    _resolve(web)
     return f"{web.host} port {web.port}"
 
 
-def _resolved(web: WebSection) -> str:
+def _resolve(web: WebSection) -> str:
     """The address that it listens on."""
     try:
         family, _, _, _, address = socket.getaddrinfo(web.host, 0, type=socket.SOCK_STREAM)[0]
@@ -121,7 +121,7 @@ def _resolved(web: WebSection) -> str:
 def _access(settings: Settings) -> str:
     web = settings.web
     tokens = TokenFile(web.tokens).read()
-    needed = authentication_required(web, _resolved(web))
+    needed = authentication_required(web, _resolve(web))
     scheme = "https" if check_certificate(web) else "http"
     made = f"{len(tokens)} in {web.tokens}"
     return f"{scheme}, tokens {'needed' if needed else 'not needed'}, {made}; {ros_access(settings.ros, web)}"

@@ -105,7 +105,7 @@ def install(out: TextIO, prefix: Path | None, *, dry_run: bool, command: Sequenc
 
 
 def uninstall(out: TextIO, prefix: Path | None, *, dry_run: bool) -> None:
-    """Remove what `install` has written. Edited settings, logs, state and the user stay.
+    """Remove what `install` has written. Edited settings, logs, state and the system user remain.
 
     Raises:
         InstallError: not root, or no systemd.

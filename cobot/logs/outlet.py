@@ -119,7 +119,7 @@ class Outlet(Generic[Item]):
                 with self._lock:
                     self._waiting -= 1
             if self._queue.empty():
-                self._settled()
+                self._try_settle()
 
     def _summarise(self, *, ending: bool) -> None:
         if self._repeats is None:
@@ -154,7 +154,7 @@ class Outlet(Generic[Item]):
             self._write(self._lost(count - self._told))
             self._told = count
 
-    def _settled(self) -> None:
+    def _try_settle(self) -> None:
         try:
             self._settle()
         except OSError as exc:

@@ -62,12 +62,12 @@ class RecordingFile:
         try:
             self._writer = Writer(self._file, CHUNK_BYTES, CompressionType.ZSTD)
             self._writer.start("ros2", f"cobot {version('cobot')}")
-            self._channels = self._described(memory, about)
+            self._channels = self._write_header(memory, about)
         except OSError:
             self.abandon()
             raise
 
-    def _described(self, memory: RecordingMemory, about: dict[str, str]) -> dict[str, int]:
+    def _write_header(self, memory: RecordingMemory, about: dict[str, str]) -> dict[str, int]:
         """Write the metadata and the schemas, and return the channels by topic."""
         writer = self._writer
         schemas = {

@@ -77,7 +77,7 @@ class Writing:
         return True
 
     def waits(self, history: Ring, batch: int) -> bool:
-        """Whether cycles wait to be written: the last ones, or a whole batch."""
+        """Whether enough cycles wait: a whole batch, or any number once the last cycle is known."""
         if self.last is None:
             return self.next + batch <= history.newest
         return self.next <= min(self.last, history.newest)

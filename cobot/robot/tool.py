@@ -59,8 +59,7 @@ class Tool:
         return symmetric(self.inertia or (0.0,) * 6)
 
     def mounted(self, scene: Scene) -> Scene:
-        """The scene with the tool's shapes as attached objects; their poses stay those in the flange's
-        frame."""
+        """The scene with the tool's shapes attached; their poses remain relative to the flange."""
         if not self.shapes:
             return scene
         shapes = {name: replace(each, attached=True) for name, each in self.shapes.items()}

@@ -58,7 +58,7 @@ class Where:
         return replace(self, frames={**self.frames, name: place})
 
     def in_file(self, name: str, word: str, total: int) -> Where:
-        """The steps of a file that this step calls."""
+        """The place of the first level of steps in a file that this step calls."""
         caller = f"{self}, {name} "
         return replace(self, word=word, total=total, numbers=(), notes=(), caller=caller)
 

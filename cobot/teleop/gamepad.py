@@ -62,7 +62,7 @@ class Gamepad:
     def ended(self) -> bool:
         return self._ended
 
-    def held(self, now_s: float) -> JogVelocity | None:
+    def read_velocity(self, now_s: float) -> JogVelocity | None:
         self._read()
         share = 1.0 if self._buttons.get(FAST) else SLOW_SHARE if self._buttons.get(SLOW) else 0.0
         if not share:

@@ -48,7 +48,7 @@ class JogVelocity:
 class HandDevice(Protocol):
     """Something that a hand holds."""
 
-    def held(self, now_s: float) -> JogVelocity | None:
+    def read_velocity(self, now_s: float) -> JogVelocity | None:
         """What it asks for; None: nothing is held. It never waits.
 
         Raises:

@@ -54,7 +54,7 @@ class Keyboard:
     def ended(self) -> bool:
         return self._ended
 
-    def held(self, now_s: float) -> JogVelocity | None:
+    def read_velocity(self, now_s: float) -> JogVelocity | None:
         for key in self._keys():
             self._take(key, now_s)
         if now_s >= self._until_s:

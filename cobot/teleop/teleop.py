@@ -69,7 +69,7 @@ class Teleoperation:
 
     def once(self) -> None:
         """Pass on what is held now."""
-        velocity = self._device.held(self._clock.now_s())
+        velocity = self._device.read_velocity(self._clock.now_s())
         if velocity is None:
             self._let_go()
             return

@@ -137,7 +137,7 @@ class Connection:
         """Report a refused message. `audit.require` reports an insufficient role."""
         about = self._place["about"]
         if about in MOVING and not isinstance(error, AuthenticationError | PermissionDenied):
-            audit.refused(f"{about} on the stream", error.code, str(error))
+            audit.report_refusal(f"{about} on the stream", error.code, str(error))
 
     async def _send(self) -> None:
         """Answers first; the state is read when it can be sent."""

@@ -85,7 +85,7 @@ class Listener:
         """
         while not self._closed:
             self._wake.clear()
-            found = [*self._begun(), *self._happened(), *self._ticked()]
+            found = [*self._take_first(), *self._take_events(), *self._take_tick()]
             if found:
                 return found
             if self._events.closed:
@@ -96,11 +96,11 @@ class Listener:
     def _call(self) -> None:
         self._events.pacing.wake(self._wake, self._loop)
 
-    def _begun(self) -> list[Event]:
+    def _take_first(self) -> list[Event]:
         first, self._first = self._first, []
         return first
 
-    def _happened(self) -> Iterator[Event]:
+    def _take_events(self) -> Iterator[Event]:
         events = self._events
         while self._place < events.newest:
             if (forgotten := events.oldest - 1 - self._place) > 0:
@@ -117,7 +117,7 @@ class Listener:
                 self._call()  # there may be more
                 return
 
-    def _ticked(self) -> Iterator[Event]:
+    def _take_tick(self) -> Iterator[Event]:
         if not self._due:
             return
         self._due = False

@@ -162,7 +162,7 @@ class RobotLink:
             raise UnavailableError(str(exc)) from exc
 
     async def fresh_state(self, timeout_s: float) -> RobotState:
-        """The newest state, if rtloop is alive; waits for it to become so.
+        """Wait for a fresh state of rtloop and return it.
 
         Raises:
             UnavailableError: nothing fresh within the timeout, with how rtloop stands.

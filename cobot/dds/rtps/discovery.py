@@ -65,7 +65,15 @@ class _Remote:
 
 @dataclass(slots=True)
 class _Peer:
-    """metatraffic, user: its address for each; knows_us: whether it has acknowledged discovery."""
+    """A discovered participant.
+
+    Attributes:
+        metatraffic, user: its addresses for discovery and for samples.
+        lease_s: it is removed when nothing is heard from it for so long.
+        heard_s: when something was heard from it last, on the monotonic clock.
+        knows_us: whether it has acknowledged discovery.
+        endpoints: its writers and readers by GUID.
+    """
 
     public: RemoteParticipant
     metatraffic: Address

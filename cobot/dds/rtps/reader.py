@@ -96,7 +96,7 @@ class Reader(Endpoint[WriterProxy]):
     def on_fragment(
         self, guid: bytes, sequence: int, fragment: Fragment, arrival: Arrival, piece: memoryview
     ) -> None:
-        """arrival: the sample's circumstances, its payload not yet known."""
+        """Take a fragment of a sample. `arrival` has no payload yet."""
         proxy = self._proxies.get(guid)
         if proxy is None or not proxy.expects(sequence):
             return

@@ -123,7 +123,7 @@ class NewRobot:
         spec = source.spec
         own_state = home_posture.keyframe(spec) or {}
         semantics, tree, chain = self._chain(root, spec, source.names, source.tree)
-        joints, tcp = self._driven(source, tree, chain, semantics, own_state)
+        joints, tcp = self._reduce_to_arm(source, tree, chain, semantics, own_state)
         check_driven(self.file, root, joints, self.without)
         said, assumed = masses.settle(self.file, spec, self.wishes, source.stated)
         self.guessed += said
@@ -171,7 +171,7 @@ class NewRobot:
         if margin_m < usual_m:
             settings["streaming"] = {"collision_margin_m": margin_m}
         (folder / SETTINGS_FILE).write_text(yaml.safe_dump(settings, sort_keys=False))
-        with self._naming(folder):
+        with self._errors_name_file(folder):
             load_robot(load_settings(folder / SETTINGS_FILE))
 
     def _read(self, root: Element, folder: Path, worker: Worker) -> _Source:
@@ -224,7 +224,7 @@ class NewRobot:
                 arm = [node.name for node in chain]
         return read_srdf(self.srdf, files, self.group, arm, bool(self.actuators))
 
-    def _driven(
+    def _reduce_to_arm(
         self,
         source: _Source,
         tree: JointTree,
@@ -274,11 +274,11 @@ class NewRobot:
                 self.guessed.append(f"{what}: {', '.join(told)}")
 
     def _load(self, folder: Path, limits: JointLimits, base: str, tcp: str) -> RobotModel:
-        with self._naming(folder):
+        with self._errors_name_file(folder):
             return RobotModel.load(folder / "model.xml", limits, base, tcp)
 
     @contextmanager
-    def _naming(self, folder: Path) -> Iterator[None]:
+    def _errors_name_file(self, folder: Path) -> Iterator[None]:
         """Make errors name the file that was given, instead of the folder under construction."""
         try:
             yield

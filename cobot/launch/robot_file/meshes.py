@@ -42,7 +42,7 @@ class Meshes:
         self._made: dict[tuple[Path, tuple[float, ...]], list[Path]] = {}
 
     def solids(self, mesh: Element, link: str) -> list[Path]:
-        """The files of the solids of a link's <mesh>, which is made of them once.
+        """The files of the convex solids that stand for a link's <mesh>; each mesh is converted once.
 
         Raises:
             ConfigError: names the line, the link and the user's path.

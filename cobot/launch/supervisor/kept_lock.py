@@ -35,7 +35,7 @@ def keeping_alone(settings: Settings) -> Iterator[None]:
     with ExitStack() as held:
         for path in sorted(lock_files(settings)):
             try:
-                held.callback(os.close, _locked(path))
+                held.callback(os.close, _lock(path))
             except OSError as exc:
                 if exc.errno not in NOWHERE:
                     raise ConflictError(f"{path}: cannot be locked: {exc.strerror}") from exc
@@ -54,7 +54,7 @@ def lock_files(settings: Settings) -> set[Path]:
     return found
 
 
-def _locked(path: Path) -> int:
+def _lock(path: Path) -> int:
     """A descriptor that holds the lock."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)

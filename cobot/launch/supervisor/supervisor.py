@@ -101,12 +101,12 @@ class Supervisor:
             self._running.create(self._as_written)
             try:
                 stack.enter_context(self._signals.caught())
-                rtloops.extend(self._begun(made.rtloop(name)) for name in memories)
-                service.append(self._begun(made.recorder()))
+                rtloops.extend(self._start(made.rtloop(name)) for name in memories)
+                service.append(self._start(made.recorder()))
                 if listener is not None:
-                    service.append(self._begun(made.service(listener)))
+                    service.append(self._start(made.service(listener)))
                 if self._settings.ros.enabled:
-                    service.append(self._begun(made.ros2(url)))
+                    service.append(self._start(made.ros2(url)))
                 self._await_first(rtloops, list(memories.values()))  # the others take longer
                 announce(self._settings, url, access, memories)
                 self._watch([*rtloops, *service], memories, url)
@@ -119,7 +119,7 @@ class Supervisor:
                     child.end(STOP_TIMEOUT_S)
         log.info("stopped")
 
-    def _begun(self, child: Child) -> Child:
+    def _start(self, child: Child) -> Child:
         child.blank = self._blanks.pop() if self._blanks else None
         child.start()
         return child

@@ -88,7 +88,7 @@ def _elsewhere(path: TcpPath, limits: JointLimits, joint: int, value: float, end
 
 
 def joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
-    """The joints at a share of the path, from near ones."""
+    """Return a function that solves the joint positions at a share of the path, starting from nearby ones."""
     descend = robot.model.kinematics(path.free).descend
 
     def at(share: float, near: Array) -> Array | None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from planner_sentences import only
 
 from cobot.errors import InputError
 from cobot.motions.bodies import MoveJoints, MovePose
@@ -99,7 +100,7 @@ def test_joint_angles_are_a_goal_for_planners_that_need_no_pose(planner: Planner
 def test_a_request_is_checked_whenever_it_is_made_from_another() -> None:
     line = request(PlannerName.LIN, tcp_speed=TcpSpeed(0.1))
     assert pickle.loads(pickle.dumps(line)).tcp_speed == TcpSpeed(0.1)
-    with pytest.raises(InputError, match="speed_m_s: is for lin, circ and polyline only, not for auto"):
+    with pytest.raises(InputError, match=f"speed_m_s: {only('tcp_speed', 'auto')}"):
         replace(line, planner=PlannerName.AUTO)
 
 

@@ -16,6 +16,7 @@ from few_joint_arms import DOWN, FIVE, FOUR, ROLLING, SCARA, SEVEN, SIX, Chain
 from scipy.spatial.transform import Rotation
 
 from cobot.errors import InputError, UnreachableError
+from cobot.motions.planners import PLANNERS
 from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners import plan
 from cobot.planners.explain import explain
@@ -217,11 +218,14 @@ def test_an_arm_without_shapes_is_planned_for_and_forecast(chain: Chain, planner
     assert robot.collision.pairs == []
     start = np.resize([0.1, 0.5, 0.8, 0.2, 0.6], len(chain.axes))
     goal = pose_at(chain, start + np.resize([0.02, -0.05, 0.06], len(chain.axes)))
-    needs: dict[str, Any] = {
-        PlannerName.CIRC: {"arc": Arc(np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.2)},
-        PlannerName.POLYLINE: {"through": (pose_at(chain, start + 0.02),)},
-    }.get(planner, {})
-    request = MotionRequest(start, goal, planner, FULL, free_axes=FREE_AXES, **needs)
+    values: dict[str, Any] = {
+        "arc": Arc(np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.2),
+        "through": (pose_at(chain, start + 0.02),),
+    }
+    needs = PLANNERS[planner].needs
+    given = {name: values[name] for name in needs if name in values}
+    assert bool(given) == bool(needs)
+    request = MotionRequest(start, goal, planner, FULL, free_axes=FREE_AXES, **given)
     found = forecast(robot, request, 5)
     assert found.trajectory is not None
     assert found.closest_self is None

@@ -15,10 +15,12 @@ import pytest
 import ruckig
 from cobot_run import WAIT_S
 from independent_models import Contacts, changed_world, largest_rates, rate_limits, robot_in, second_robot
+from planner_sentences import only
 from scipy.spatial.transform import Rotation
 
 from cobot.errors import CobotError, CollisionError, InputError, LimitError, PlanningError, UnreachableError
 from cobot.motions.constraints import Cone, Constraints
+from cobot.motions.planners import PLANNERS
 from cobot.motions.stretches import Leg
 from cobot.planners import MotionRequest, plan
 from cobot.planners.blending.joined import joined
@@ -152,28 +154,28 @@ def test_only_ptp_takes_a_synchronization(robot: RobotDescription, planner: str)
     request = MotionRequest(
         home(robot), robot.model.forward(work(robot)), PlannerName(planner), FULL, via, timeout_s=WAIT_S
     )
-    with pytest.raises(
-        InputError, match=f"synchronization: phase is for planner ptp only, not for {planner}"
-    ):
+    with pytest.raises(InputError, match=f"synchronization: phase {only('synchronization', planner)}"):
         plan(robot, replace(request, synchronization=Synchronization.PHASE))
 
 
 @pytest.mark.parametrize("held", [False, True], ids=["free", "upright"])
-@pytest.mark.parametrize("planner", ["ptp", "lin", "circ", "polyline", "ompl", "chomp", "auto"])
+@pytest.mark.parametrize("planner", PlannerName)
 def test_no_planner_exceeds_a_limit_by_more_than_rounding(
-    robot: RobotDescription, planner: str, held: bool
+    robot: RobotDescription, planner: PlannerName, held: bool
 ) -> None:
     start = work(robot)
     pose = robot.model.forward(start)
     goal = Pose(pose.position + np.array([0.05, 0.2, 0.1]), pose.quaternion)
     more: dict[str, Any] = {"constraints": Constraints(Cone(np.array([0.0, 0.0, 1.0]), 0.5))} if held else {}
-    if planner == "circ":
+    traits = PLANNERS[planner]
+    if "via" in traits.needs:
         more["via"] = pose.position + np.array([0.0, 0.1, 0.02])
-    if planner == "polyline":
+    if "through" in traits.needs:
         more["through"] = (Pose(pose.position + np.array([0.05, 0.1, -0.1]), pose.quaternion),)
+    if "radius_m" in traits.fields:
         more["radius_m"] = 0.04
     for speed in (1.0, 0.37):
-        request = MotionRequest(start, goal, PlannerName(planner), Scaling(speed), timeout_s=WAIT_S, **more)
+        request = MotionRequest(start, goal, planner, Scaling(speed), timeout_s=WAIT_S, **more)
         motion = plan(robot, request)
         assert motion is not None
         back = plan(robot, replace(request, start=motion.end, goal=pose))
@@ -418,10 +420,10 @@ def test_a_pose_whose_nearest_joints_touch_something_is_gone_to_with_others(
         ("lin", "joints", None, "lin needs a pose as its goal, not joint angles"),
         ("circ", "joints", (0.5, 0.1, 0.5), "circ needs a pose as its goal, not joint angles"),
         ("circ", "pose", None, "via: is missing; planner circ needs a point on its arc"),
-        ("lin", "pose", (0.5, 0.1, 0.5), "via: is for planner circ only, not for lin"),
-        ("ptp", "pose", (0.5, 0.1, 0.5), "via: is for planner circ only, not for ptp"),
-        ("ompl", "joints", (0.5, 0.1, 0.5), "via: is for planner circ only, not for ompl"),
-        ("chomp", "pose", (0.5, 0.1, 0.5), "via: is for planner circ only, not for chomp"),
+        ("lin", "pose", (0.5, 0.1, 0.5), f"via: {only('via', 'lin')}"),
+        ("ptp", "pose", (0.5, 0.1, 0.5), f"via: {only('via', 'ptp')}"),
+        ("ompl", "joints", (0.5, 0.1, 0.5), f"via: {only('via', 'ompl')}"),
+        ("chomp", "pose", (0.5, 0.1, 0.5), f"via: {only('via', 'chomp')}"),
     ],
 )
 def test_what_a_planner_cannot_do_is_an_error_and_never_anothers_work(

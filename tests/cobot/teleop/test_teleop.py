@@ -33,7 +33,7 @@ class Hand:
         self.velocity: JogVelocity | None = None
         self.ended = False
 
-    def held(self, now_s: float) -> JogVelocity | None:
+    def read_velocity(self, now_s: float) -> JogVelocity | None:
         return self.velocity
 
     def close(self) -> None: ...
@@ -59,18 +59,18 @@ def pad(tmp_path: Path) -> Iterator[tuple[Gamepad, int]]:
 def test_a_stick_moves_nothing_without_the_dead_man_s_button(pad: tuple[Gamepad, int]) -> None:
     gamepad, events = pad
     os.write(events, event(AXIS, 1, -32767))
-    assert gamepad.held(0.0) is None
+    assert gamepad.read_velocity(0.0) is None
     os.write(events, event(BUTTON, RIGHT_SHOULDER, 1))
-    assert gamepad.held(0.0) == JogVelocity((1.0, -0.0, -0.0, 0.0, 0.0, -0.0))
+    assert gamepad.read_velocity(0.0) == JogVelocity((1.0, -0.0, -0.0, 0.0, 0.0, -0.0))
     os.write(events, event(BUTTON, RIGHT_SHOULDER, 0))
-    assert gamepad.held(0.0) is None
+    assert gamepad.read_velocity(0.0) is None
 
 
 def test_the_left_button_is_slower_and_a_changes_the_frame(pad: tuple[Gamepad, int]) -> None:
     gamepad, events = pad
     os.write(events, event(BUTTON, A, 1) + event(BUTTON, A, 0))
     os.write(events, event(BUTTON, LEFT_SHOULDER, 1) + event(AXIS, 4, 32767))
-    held = gamepad.held(0.0)
+    held = gamepad.read_velocity(0.0)
     assert held is not None
     assert held.frame == "tool"
     assert held.twist[2] == pytest.approx(-0.5)
@@ -79,23 +79,23 @@ def test_the_left_button_is_slower_and_a_changes_the_frame(pad: tuple[Gamepad, i
 def test_a_stick_that_nobody_touches_is_still(pad: tuple[Gamepad, int]) -> None:
     gamepad, events = pad
     os.write(events, event(BUTTON, RIGHT_SHOULDER, 1) + event(AXIS, 0, 4000) + event(AXIS, 1, -4000))
-    assert gamepad.held(0.0) is None
+    assert gamepad.read_velocity(0.0) is None
 
 
 def test_a_button_that_is_held_at_the_start_counts_for_none(pad: tuple[Gamepad, int]) -> None:
     gamepad, events = pad
     os.write(events, event(BUTTON | INITIAL, RIGHT_SHOULDER, 1) + event(AXIS | INITIAL, 1, -32767))
-    assert gamepad.held(0.0) is None
+    assert gamepad.read_velocity(0.0) is None
 
 
 def test_an_event_may_come_in_parts_and_start_ends(pad: tuple[Gamepad, int]) -> None:
     gamepad, events = pad
     whole = event(BUTTON, START, 1)
     os.write(events, whole[:3])
-    gamepad.held(0.0)
+    gamepad.read_velocity(0.0)
     assert not gamepad.ended
     os.write(events, whole[3:])
-    gamepad.held(0.0)
+    gamepad.read_velocity(0.0)
     assert gamepad.ended
 
 
@@ -105,10 +105,10 @@ def test_a_gamepad_that_is_pulled_out_lets_go(tmp_path: Path) -> None:
     gamepad = Gamepad(path)
     events = os.open(path, os.O_WRONLY)
     os.write(events, event(BUTTON, RIGHT_SHOULDER, 1) + event(AXIS, 1, -32767))
-    assert gamepad.held(0.0) is not None
+    assert gamepad.read_velocity(0.0) is not None
     os.close(events)
     with pytest.raises(UnavailableError, match="js0: it has been disconnected"):
-        gamepad.held(0.0)
+        gamepad.read_velocity(0.0)
     gamepad.close()
     with pytest.raises(InputError, match="js9: No such file"):
         Gamepad(tmp_path / "js9")
@@ -146,7 +146,7 @@ def pressed(terminal: tuple[Keyboard, int], keys: bytes, now_s: float) -> JogVel
         got += wanted()
     keyboard._keys = lambda: got  # type: ignore[method-assign]
     try:
-        return keyboard.held(now_s)
+        return keyboard.read_velocity(now_s)
     finally:
         keyboard._keys = wanted  # type: ignore[method-assign]
 
@@ -156,8 +156,8 @@ def test_a_key_is_held_for_as_long_as_it_repeats(terminal: tuple[Keyboard, int])
     held = pressed(terminal, b"w", 10.0)
     assert held is not None
     assert held.twist == (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert keyboard.held(10.0 + 0.9 * HELD_S) == held
-    assert keyboard.held(10.0 + HELD_S) is None
+    assert keyboard.read_velocity(10.0 + 0.9 * HELD_S) == held
+    assert keyboard.read_velocity(10.0 + HELD_S) is None
 
 
 def test_keys_choose_joints_and_frames_and_any_other_key_lets_go(terminal: tuple[Keyboard, int]) -> None:
@@ -271,7 +271,7 @@ def test_a_computer_that_is_late_ends_nothing() -> None:
     class Ending(Hand):
         looks = 0
 
-        def held(self, now_s: float) -> None:
+        def read_velocity(self, now_s: float) -> None:
             self.looks += 1
             self.ended = self.looks == 5
 

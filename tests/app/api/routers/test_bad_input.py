@@ -9,6 +9,7 @@ import json
 from typing import Any
 
 import pytest
+from planner_sentences import only
 from virtual_service import VirtualService
 
 NAN = float("nan")
@@ -51,11 +52,11 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
     ("named", {"name": "nowhere"}, ["'nowhere'", "valid are: home"]),
     ("pose", POSE | {"x": NAN}, ["x", "finite number", "got NaN"]),
     ("pose", POSE | {"a": float("inf")}, ["a", "finite number", "got Infinity"]),
-    ("pose", POSE | {"planner": "auto", "via": VIA}, ["via: is for planner circ only, not for auto"]),
-    ("pose", POSE | {"planner": "lin", "via": VIA}, ["via: is for planner circ only, not for lin"]),
+    ("pose", POSE | {"planner": "auto", "via": VIA}, [f"via: {only('via', 'auto')}"]),
+    ("pose", POSE | {"planner": "lin", "via": VIA}, [f"via: {only('via', 'lin')}"]),
     ("pose", POSE | {"planner": "circ"}, ["via: is missing", "circ"]),
     ("pose", POSE | {"planner": "circ", "via": VIA | {"x": NAN}}, ["via.x", "finite number", "got NaN"]),
-    ("pose", POSE | {"planner": "lin", "radius": 0.1}, ["radius: is for planner polyline only, not for lin"]),
+    ("pose", POSE | {"planner": "lin", "radius": 0.1}, [f"radius: {only('radius_m', 'lin')}"]),
     ("pose", LINES | {"radius": -0.1}, ["radius", "greater than or equal to 0", "got -0.1"]),
     ("pose", LINES | {"radius": NAN}, ["radius", "got NaN"]),
     ("pose", LINES | {"through": []}, ["through: is empty", "polyline", "lin"]),
@@ -65,7 +66,7 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
     ("pose", POSE | {"frame_id": "link3"}, ["frame_id: 'link3' moves with the joints", "valid are:"]),
     ("pose", POSE | {"planner": "lin", "speed_m_s": 0.0}, ["speed_m_s: is 0 m/s", "up to 1 m/s"]),
     ("pose", POSE | {"planner": "lin", "speed_rad_s": -1.0}, ["speed_rad_s: is -1 rad/s", "up to 2 rad/s"]),
-    ("pose", POSE | {"speed_m_s": 0.1}, ["speed_m_s: is for lin, circ and polyline only, not for ptp"]),
+    ("pose", POSE | {"speed_m_s": 0.1}, [f"speed_m_s: {only('tcp_speed', 'ptp')}"]),
     ("pose", POSE | {"quaternion": [0.0] * 4}, ["unknown key 'quaternion'", "valid are: x, y, z"]),
     (
         "joints",

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from planner_sentences import only
 from virtual_service import URL, VirtualService
 
 ROOT = Path(__file__).parents[4]
@@ -101,14 +102,14 @@ def test_poses_in_the_frames_of_the_hand_and_of_the_world(service: VirtualServic
             {"planner": "lin", "speed_rad_s": -1},
             "speed_rad_s: is -1 rad/s, possible is above 0 and up to 2",
         ),
-        ("pose", {"speed_m_s": 0.1}, "speed_m_s: is for lin, circ and polyline only, not for ptp"),
-        ("pose", {"planner": "lin", "radius": 0.1}, "radius: is for planner polyline only, not for lin"),
+        ("pose", {"speed_m_s": 0.1}, f"speed_m_s: {only('tcp_speed', 'ptp')}"),
+        ("pose", {"planner": "lin", "radius": 0.1}, f"radius: {only('radius_m', 'lin')}"),
         (
             "pose",
             {"planner": "lin", "through": [{"x": 0, "y": 0, "z": 0}]},
-            "through: is for planner polyline only",
+            f"through: {only('through', 'lin')}",
         ),
-        ("pose", {"planner": "lin", "centre": {"x": 0, "y": 0, "z": 0}}, "centre: is for planner circ only"),
+        ("pose", {"planner": "lin", "centre": {"x": 0, "y": 0, "z": 0}}, f"centre: {only('arc', 'lin')}"),
         (
             "pose",
             {"planner": "circ", "axis": {"x": 0, "y": 0, "z": 1}},
