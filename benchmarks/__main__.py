@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 from benchmarks import (
+    cell,
     clutter,
     corners,
     corpus,
@@ -58,6 +59,8 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "idle": lambda quick: idle.idle(5.0 if quick else 30.0),
     "recording": lambda quick: recording.recording(500 if quick else 5000, 5.0 if quick else 30.0),
     "crowd": lambda quick: crowd.crowd(20.0 if quick else 600.0),
+    "cell_step": lambda quick: cell.step(2 if quick else 10, 2000),
+    "cell_transports": lambda quick: cell.transports(10 if quick else 200),
     "wake_up": lambda quick: cycle.wake_up(2 if quick else 13, 5.0 if quick else 12.0),
     "latency": lambda quick: latency.commands(400 if quick else 3000, 2 if quick else 10),
     "servo": lambda quick: servo.servo(100 if quick else 1000, 5.0 if quick else 12.0),

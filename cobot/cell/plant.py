@@ -29,6 +29,9 @@ OVERLAP_M = 0.001
 IMPEDANCE_RATIO = 10.0
 NO_SLIP_ITERATIONS = 3
 CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
+GRASP = {**CONTACT, "solref": [0.002, 1.0]}
+"""Between fingers and parts: the stiffest contact that a period of 1 ms permits. How far a held part moves
+in the hand while the arm turns it is in proportion to the first number."""
 DRIVE_KG = 0.5
 """Mass of a finger's drive as the finger feels it: its rotor behind a gear."""
 TORSION_M = 0.005
@@ -85,6 +88,8 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str) -> Plant:
     for name, part in cell.parts.items():
         body = _add_solid(spec.worldbody, name, part, base_pose @ pose_of(part))
         body.add_freejoint()
+        if cell.hand is not None:
+            _add_grasp(spec, name, part)
     mj = _compiled(spec)
     arm = robot.limits.names
     if tuple(mj.joint(index).name for index in range(len(arm))) != arm:
@@ -260,6 +265,18 @@ def _add_solid(parent: mujoco.MjsBody, name: str, solid: Solid | Belt, pose: Pos
         **CONTACT,
     )
     return body
+
+
+def _add_grasp(spec: mujoco.MjSpec, name: str, part: Part) -> None:
+    """Add the contacts between the fingers and a part."""
+    for finger in FINGERS:
+        pair = spec.add_pair(
+            geomname1=finger,
+            geomname2=name,
+            condim=4 if part.shape == "box" else 6,
+            friction=[part.friction, part.friction, TORSION_M, ROLLING_M, ROLLING_M],
+        )
+        pair.solref[:2], pair.solimp[:5] = GRASP["solref"], GRASP["solimp"]
 
 
 def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
