@@ -2,9 +2,9 @@
 
 protocol    what a driver has: commands, state, capabilities, options
 registry    the drivers by name, and how one is made
-positions   what two-position grippers have in common: digital and vacuum
+positions   what two-position grippers have in common
 digital     outputs that open and close, inputs that tell when
-vacuum      a suction gripper
+simulated   the hand of a simulated cell
 robotiq/    2F-85, 2F-140 and Hand-E over Modbus RTU, and a simulated one
 
 docs/your-gripper.md is the guide to a driver of your own.

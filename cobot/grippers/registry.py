@@ -15,6 +15,7 @@ REGISTRY = Registry(
     "robot.gripper",
     {
         "digital": "cobot.grippers.digital:DigitalGripper",
+        "simulated": "cobot.grippers.simulated:SimulatedGripper",
         "robotiq": "cobot.grippers.robotiq:RobotiqGripper",
     },
 )
