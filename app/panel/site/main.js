@@ -7,6 +7,7 @@ import { Device } from "./device.js";
 import { Events } from "./events.js";
 import { Freedrive } from "./freedrive.js";
 import { DeviceIo } from "./device-io.js";
+import { Gripper } from "./gripper.js";
 import { Io } from "./io.js";
 import { Job } from "./job.js";
 import { Jog } from "./jog.js";
@@ -57,6 +58,7 @@ class Panel {
     this.lua = new Lua(api);
     this.io = new Io(api);
     this.deviceIo = new DeviceIo(api);
+    this.gripper = new Gripper(api);
     this.recordings = new Recordings(api, this.motions, () => this.view);
     this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
     this.live = new Live();
