@@ -2,6 +2,7 @@
 import { Api } from "./api.js";
 import { Approvals } from "./approvals.js";
 import { Banner } from "./banner.js";
+import { Cell } from "./cell.js";
 import { Csv } from "./csv.js";
 import { Device } from "./device.js";
 import { Events } from "./events.js";
@@ -67,6 +68,7 @@ class Panel {
     this.jog = new Jog(api, this.stream, this.readouts, () => this);
     this.lease = new Lease(api, this.stream);
     this.way = new Way(api, () => this.view);
+    this.cell = new Cell(api, () => this.view);
     this.lookAgain = oneAtATime(() => this.look());
     document.addEventListener("cobot-stop", ({ detail }) => {
       this.jog.release();

@@ -31,6 +31,11 @@ function material([red, green, blue, alpha], ghost) {
   return new THREE.MeshLambertMaterial({ color, transparent: alpha < 1, opacity: alpha });
 }
 
+// A part of the cell: GET /cell has the sizes of its shapes as the cell file has them.
+export function drawnPart({ shape, size_m: size }) {
+  return new THREE.Mesh(solid({ shape, size }, []), material([0.85, 0.51, 0.17, 1]));
+}
+
 const COLOURS = { tool: [0.1, 0.55, 0.6, 1], scene: [0.45, 0.5, 0.62, 1] };
 
 export class Drawn {

@@ -1,7 +1,7 @@
 // The arm in 3D. It is drawn when something has changed, not otherwise.
 import { OrbitControls } from "/three/OrbitControls.js";
 import * as THREE from "/three/three.module.min.js";
-import { Drawn } from "./shapes.js";
+import { Drawn, drawnPart } from "./shapes.js";
 
 const [PLANNED, RUNNING] = [0x12a150, 0xc2410c];
 const UP = new THREE.Vector3(0, 0, 1);
@@ -28,6 +28,7 @@ export class View {
     this.controls.update();
     this.framed = false;
     this.arm = this.ghost = this.path = this.way = this.plan = this.still = this.joints = null;
+    this.parts = new Map(); // of a simulated cell, by name and shape
     this.frames = 0;
     this.asked = false;
     new ResizeObserver(() => this.resize()).observe(place);
@@ -89,6 +90,30 @@ export class View {
     const made = new THREE.Line(shape, new THREE.LineBasicMaterial({ color }));
     this.scene.add(made);
     return made;
+  }
+
+  // The loose parts of the cell where they are.
+  showParts(parts) {
+    const shown = JSON.stringify(parts);
+    if (shown === this.shownParts) return;
+    this.shownParts = shown;
+    const keys = parts.map(({ name, shape, size_m: size }) => `${name} ${shape} ${size}`);
+    for (const [key, mesh] of this.parts) {
+      if (keys.includes(key)) continue;
+      mesh.removeFromParent();
+      mesh.geometry.dispose();
+      this.parts.delete(key);
+    }
+    parts.forEach((part, index) => {
+      if (!this.parts.has(keys[index])) {
+        this.parts.set(keys[index], drawnPart(part));
+        this.scene.add(this.parts.get(keys[index]));
+      }
+      const mesh = this.parts.get(keys[index]);
+      mesh.position.set(...part.position);
+      mesh.quaternion.set(...part.quaternion);
+    });
+    this.draw();
   }
 
   // The way of the motion that runs: points of the TCP; none for no motion.
