@@ -11,6 +11,7 @@ CobotError
 │   ├── CollisionError       the motion would touch the robot itself or its surroundings
 │   └── PlanningTimeout      the planner did not finish in its time
 ├── ExecutionError       a motion was started and not completed
+│   ├── ConditionNotMet      it reached its goal, and the condition that was to end it was not met
 │   ├── MotionStopped        a client, a person or a safety function stopped it
 │   └── MotionTimeout        it did not arrive and settle within its time
 ├── ConflictError        another client has control, or the present state does not permit the call
@@ -109,6 +110,10 @@ class PlanningTimeout(PlanningError):
 
 class ExecutionError(CobotError):
     code = "execution"
+
+
+class ConditionNotMet(ExecutionError):
+    code = "condition_not_met"
 
 
 class MotionStopped(ExecutionError):

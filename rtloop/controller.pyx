@@ -207,6 +207,10 @@ cdef class Controller(ModeMachine):
     def _begin_motion(self):
         try:
             self.follower.watch.set(self.handover.fence())
+            self.signals.begin(self.handover.motion_id, self.handover.signals())
+            held_up = self.signals.waiting or self.signals.pause_while.active
+            if self.follower.by_itself and held_up:
+                raise ValueError(BY_ITSELF.format("held up by a condition"))
         except ValueError as exc:
             self._finish_loading(Rejected(str(exc)))
             return
@@ -223,6 +227,11 @@ cdef class Controller(ModeMachine):
         refusal = "the motion has come to its end meanwhile"
         if self._guide == PATH:
             refusal = self.follower.refusal(self.handover.path, self.handover.offset_s)
+        if not refusal:
+            try:
+                self.signals.go_on_with(self.motion_id, self.handover.signals())
+            except ValueError as exc:
+                refusal = str(exc)
         if not refusal:
             self.slot = self.handover.slot
             self.follower.go_on_with(self.handover.swap(self.follower.path), self.handover.offset_s)

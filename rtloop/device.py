@@ -48,6 +48,7 @@ class DeviceWatch:
         self._device = backend if isinstance(backend, Reporting) else None
         self.capabilities = capabilities_of(backend)
         self._io = backend if isinstance(backend, HasIo) and self.capabilities.io else None
+        self._read_input = getattr(backend, "read_input", None) if self._io is not None else None
         self._points: tuple[IoPoint, ...] | None = None
         self._left_out: list[str] = []
         self.asks = self._device is not None or self._io is not None
@@ -139,6 +140,20 @@ class DeviceWatch:
         except (CobotError, BackendError) as exc:
             return Rejected(str(exc))
         return ACCEPTED
+
+    def read_input(self, name: str) -> float:
+        """The value of an input now. Real-time safe as the device is.
+
+        Raises:
+            BackendError: there is no such input, or the device cannot read it.
+        """
+        if self._read_input is not None:
+            return float(self._read_input(name))
+        points = () if self._io is None else self._io.io()
+        for point in points:
+            if point.name == name:
+                return float(point.value)
+        raise BackendError(f"there is no input {shown(name)}")
 
     def _report_io(self) -> None:
         if self._io is None:

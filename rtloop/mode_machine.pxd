@@ -4,6 +4,7 @@ from rtloop.drives cimport Drives
 from rtloop.inboxes.commands cimport CommandInbox
 from rtloop.planned.follower cimport PathFollower
 from rtloop.planned.handover cimport Handover
+from rtloop.planned.signals cimport Signals
 from rtloop.safety.limiter cimport Safety
 from rtloop.streaming.session cimport Session
 
@@ -26,6 +27,7 @@ cdef class ModeMachine:
     cdef readonly Drives drives
     cdef readonly Handover handover
     cdef readonly PathFollower follower
+    cdef readonly Signals signals
     cdef readonly str reason
     cdef readonly unsigned long long motion_id
     cdef readonly long long deceleration_ns
@@ -42,7 +44,9 @@ cdef class ModeMachine:
     cdef void c_guide(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *
     cdef void c_let(self, Guide guide) noexcept nogil
     cdef void _heed_stream(self) except *
-    cdef void _follow(self, Measured measured, bint fresh) except *
+    cdef void _follow(self, Measured measured, double robot_time_s, bint fresh) except *
+    cdef void _heed_conditions(self, Measured measured, double robot_time_s) except *
+    cdef void _end_at_once(self, str reason) except *
     cdef void _coast(self, Measured measured, bint fresh) except *
     cdef void _heed_fence(self) except *
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil

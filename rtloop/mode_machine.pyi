@@ -13,6 +13,7 @@ from rtloop.planned.follower import PathFollower
 from rtloop.planned.handover import Handover
 from rtloop.planned.path import Path
 from rtloop.planned.path_clock import PathClock
+from rtloop.planned.signals import Signals
 from rtloop.safety.limiter import Safety
 from rtloop.settling import SettlingMonitor
 from rtloop.streaming.session import Session
@@ -42,6 +43,8 @@ class ModeMachine:
     def handover(self) -> Handover: ...
     @property
     def follower(self) -> PathFollower: ...
+    @property
+    def signals(self) -> Signals: ...
     @property
     def path(self) -> Path: ...
     @property

@@ -10,8 +10,9 @@ from libc.string cimport memcpy, memset
 
 from cobot.arrays cimport MAX_DOF, doubles
 from rtloop.backends.compiled cimport Measured
-from rtloop.planned.follower cimport DONE, NO_ROOM, Way
+from rtloop.planned.follower cimport DONE, NO_ROOM, UNDER_WAY, Way
 from rtloop.planned.handover cimport NO_LOAD
+from rtloop.planned.signals cimport AS_BEFORE, BEGIN, END, HOLD, Verdict
 from rtloop.streaming.feed cimport NO_PROBLEM, Feed
 
 import numpy as np
@@ -19,6 +20,7 @@ import numpy as np
 from cobot.errors import InputError
 from cobot.ipc.layout import Intervention, MotionResult, text
 from cobot.types import LoopMode
+from rtloop.backends import BackendError
 from rtloop.modes import STREAMING, TRANSITIONS
 from rtloop.results import ACCEPTED, Rejected
 
@@ -36,7 +38,7 @@ cdef class ModeMachine:
     """Makes each cycle's command, in `safety`, from the present guide, and ends the guide when necessary.
 
     Attributes:
-        commands, safety, streaming, settling, drives, handover, follower: its parts.
+        commands, safety, streaming, settling, drives, handover, follower, signals: its parts.
         mode, reason: the mode, and why it is ESTOP or FAULT, or the reason for the last stop.
         motion_id, motion_result: the running motion or the last one.
         deceleration_ns: when the last stop began to slow the arm down, set from the cycle's `now_ns`.
@@ -58,6 +60,7 @@ cdef class ModeMachine:
         capacity = rt.trajectory_capacity
         self.follower = PathFollower(model, capacity, rt.period_s, backend, self._desired_rows)
         self.handover = Handover(model, capacity, memory.slots)
+        self.signals = Signals(model.chain, memory.signals, device)
         if self.follower.by_itself:
             self.settling.believe_jumps()
         self._mode, self._guide, self.reason = LoopMode.HOLD, NOTHING, ""
@@ -200,7 +203,7 @@ cdef class ModeMachine:
         if self._guide == COAST:
             self._coast(measured, fresh)
         elif self._guide == PATH:
-            self._follow(measured, fresh)
+            self._follow(measured, robot_time_s, fresh)
         elif self.c_streams():
             self.streaming.c_advance(measured.c_values + 4 * self._dof, robot_time_s)
             self._heed_stream()
@@ -275,13 +278,21 @@ cdef class ModeMachine:
         elif self._guide == STREAM:
             self.c_let(BRAKE)
 
-    cdef void _follow(self, Measured measured, bint fresh) except *:
+    cdef void _follow(self, Measured measured, double robot_time_s, bint fresh) except *:
         """The path's target for the arm. A device that executes motions by itself stops anywhere after a
         stop; until then the command is the position that it reports.
         """
-        cdef bint stopping = self._mode != TRAJECTORY
+        cdef bint stopping
         cdef Way way
-        if not self.follower.by_itself:
+        if self.signals.active and fresh and self._mode == TRAJECTORY:
+            self._heed_conditions(measured, robot_time_s)
+            if self._guide != PATH:
+                return
+        stopping = self._mode != TRAJECTORY
+        if self.signals.waiting:
+            way = DONE if stopping else UNDER_WAY
+            self.follower.path.c_evaluate(0.0, 0.0, 0.0, self._desired)
+        elif not self.follower.by_itself:
             way = self.follower.c_follow(stopping)
         elif stopping and self.follower.is_halted():
             self.settling.c_begin()
@@ -295,8 +306,45 @@ cdef class ModeMachine:
             self.c_let(BRAKE)
         elif way == DONE:
             self.c_let(NOTHING)
-        if not stopping and self.follower.watch.active:
+        if stopping:
+            return
+        if self.signals.c_due(self.follower.clock.path_time_s) and not self.signals.waiting:
+            problem = self.signals.fire(
+                measured.position, self.follower.clock.path_time_s, robot_time_s
+            )
+            if problem:
+                self.stop(problem)
+        if self.follower.watch.active:
             self._heed_fence()
+
+    cdef void _heed_conditions(self, Measured measured, double robot_time_s) except *:
+        """Have the motion wait, begin, pause, go on or end as its conditions ask for."""
+        cdef Verdict verdict
+        try:
+            verdict = self.signals.c_look(
+                measured.c_values, self.follower.clock.path_time_s, robot_time_s
+            )
+        except BackendError as exc:
+            self.stop(f"a condition of the motion cannot be watched: {exc}")
+            return
+        if verdict == AS_BEFORE:
+            return
+        if verdict == BEGIN:
+            self.follower.clock.c_begin()
+        elif verdict == END:
+            self._end_at_once(f"the condition `until` was met: {self.signals.until.value:.4g}")
+        else:
+            self.follower.clock.c_hold(verdict == HOLD)
+
+    cdef void _end_at_once(self, str reason) except *:
+        """Come to rest because `until` is met: on the path, or each joint as fast as its limits permit."""
+        self.stop(reason)
+        if self.follower.by_itself or self._guide != PATH:
+            return
+        if self.signals.fast:
+            self.c_let(BRAKE)
+        else:
+            self.follower.clock.c_end_urgently()
 
     cdef void _coast(self, Measured measured, bint fresh) except *:
         """Wait until it has stopped, or its state is unknown. It has left the path if it is elsewhere than
@@ -323,8 +371,9 @@ cdef class ModeMachine:
 
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
         """Count how long the arm has been still, and whether a motion or a stream may have ended."""
-        # In a session the arm is compliant, in FAULT it follows no command: then it may be at rest anywhere.
-        cdef bint anywhere = self.streaming.session != 0 or self._mode == FAULT
+        # In a session the arm is compliant, in contact it is pushed aside, in FAULT it follows no command:
+        # then it may be at rest anywhere.
+        cdef bint anywhere = self.streaming.session != 0 or self._mode == FAULT or self.signals.met
         self.settling.c_settle(
             velocity, fresh and self._guide != PATH and not self.safety.pursuing, anywhere
         )
@@ -340,7 +389,9 @@ cdef class ModeMachine:
         if self.streaming.session:
             self._end_stream(measured.position, fresh)
         elif self.settling.settled:
-            self._motion_result = self.follower.result()
+            self._motion_result = MotionResult.MET if self.signals.met else self.follower.result()
+            if self.signals.met:
+                self._yield_to_contact(measured.position, fresh)
             self._enter(LoopMode.HOLD, self.reason)
         else:
             self._motion_result = MotionResult.FAILED
@@ -348,6 +399,12 @@ cdef class ModeMachine:
             self._enter(LoopMode.HOLD, why)
             if self.safety.pursuing:
                 self.c_let(BRAKE)
+
+    def _yield_to_contact(self, position, fresh):
+        """Hold an arm where it is that is pushed aside by what has ended its motion."""
+        self.signals.end()
+        if self.settling.largest > self._settle_position_rad and fresh and not self.settling.misread:
+            self.start_at(position)
 
     def _end_stream(self, position, fresh):
         """Switch to position control once a session has ended and the arm is at rest.

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.errors import InputError
-from cobot.motions.bodies import Direction, KeptBox, KeptOrientation, MotionConstraints, PathPoint
+from cobot.motions.bodies import KeptBox, KeptOrientation, MotionConstraints, PathPoint
 from cobot.motions.constraints import Box, Cone, Constraints
+from cobot.motions.fields import Direction
 from cobot.strict import shown
 from cobot.types import Array, JointLimits
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from app.api.constraints import constraints_of
+from app.api.signals import signals_of
 from app.robot_services import Services
 from app.services.motion.goals import NOWHERE
 from cobot.errors import InputError
@@ -48,7 +51,13 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Mot
     Raises:
         InputError: fields that do not fit each other, the planner or the robot.
         LimitError: joint angles beyond the limits.
+        NotSupportedError, UnavailableError: see `signals_of`.
     """
+    found = _goal_of(body, services, checked)
+    return replace(found, signals=signals_of(body, found.scaling, services))
+
+
+def _goal_of(body: AnyMotion, services: Services, checked: bool) -> MotionRequest:
     goals, constraints = services.goals, constraints_of(body.constraints, services.robot.limits)
     if isinstance(body, MoveArc):
         return goals.pose(_arc_by_angle(body, constraints), body.frame_id)

@@ -14,6 +14,7 @@ from app.api.dependencies import Call
 from app.api.errors import RefusedAnswer
 from app.api.explain_schemas import explain_of
 from app.api.schemas import WAIT
+from app.api.signal_schemas import ActionAnswer, ContactAnswer
 from app.services.rights.job import JobKind, JobRecord, JobState
 from app.services.rights.job_book import KEPT
 from cobot import audit
@@ -47,6 +48,10 @@ class JobAnswer(BaseModel):
     )
     note: str = Field(description="How the motion differs from what was asked for; empty if it does not.")
     error: RefusedAnswer | None = Field(description="Why it has not arrived, as its own endpoint says it.")
+    actions: list[ActionAnswer] = Field(description="What became of the actions on the path.")
+    waits_for: str | None = Field(description="The condition that holds the motion up now.")
+    stopped_by: str | None = Field(description="The condition that has ended the motion.")
+    contact: ContactAnswer | None = Field(description="The moment at which it was met.")
     created_at: datetime = Field(description="When it was asked for.")
     started_at: datetime | None = Field(description="When its first motion began.")
     ended_at: datetime | None = Field(
@@ -130,7 +135,8 @@ def job_answer(record: JobRecord) -> JobAnswer:
     if record.error is not None:
         found = CobotError(findings=record.error.findings)
         error = RefusedAnswer(detail=record.error.detail, code=record.error.code, explain=explain_of(found))
-    return JobAnswer.model_validate(asdict(record) | {"error": error})
+    words = {"waits_for": record.waits_for or None, "stopped_by": record.stopped_by or None}
+    return JobAnswer.model_validate(asdict(record) | words | {"error": error})
 
 
 def accepted(call: Call, record: JobRecord) -> JSONResponse:

@@ -33,6 +33,7 @@ PLANNED = {
     },
     "closest_self": {"between": ["link2", "link5"], "distance_m": 0.094, "share": 0.0},
     "closest_environment": {"between": ["floor", "link1"], "distance_m": 0.098, "share": 0.0},
+    "signals": ["0.550 s: set glue to 1"],
 }
 
 
@@ -90,6 +91,7 @@ class PlanAnswer(BaseModel):
     utilisation: dict[str, PlanUse] = Field(description="Of velocity, acceleration, jerk and torque.")
     closest_self: PlanDistance | None = Field(description="Of the robot's own parts; null beyond 1 m.")
     closest_environment: PlanDistance | None = Field(description="Of the robot and the rest; the same.")
+    signals: list[str] = Field(description="Actions on its path and its conditions, as sentences.")
 
 
 class RehearsalFlaw(BaseModel):

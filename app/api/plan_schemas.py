@@ -53,6 +53,7 @@ class KeptPlan(BaseModel):
             "by": "agent-7",
             "planners": ["lin"],
             "duration_s": 1.1,
+            "signals": ["0.55 s: set glue to 1"],
             "expires_in_s": 540.0,
             "approved_by": None,
         }
@@ -62,6 +63,7 @@ class KeptPlan(BaseModel):
     by: str = Field(description="The client that requested it: the name of its token.")
     planners: list[str] = Field(description="The planners that were requested.")
     duration_s: float = Field(description="How long it moves, at full speed.")
+    signals: list[str] = Field(description="Actions on its path and its conditions, as sentences.")
     expires_in_s: float = Field(description="The time for which it is still kept.")
     approved_by: str | None = Field(
         description="The client that lets an agent run it, once; null: not approved."

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.explain_schemas import Explain
+from app.api.signal_schemas import ActionAnswer, ContactAnswer
 from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import HOME, example
@@ -33,10 +34,15 @@ class MoveAnswer(BaseModel):
             "planning_time_s": 0.01,
             "note": "",
             "explain": None,
+            "actions": [],
+            "stopped_by": None,
+            "contact": None,
         }
     )
 
-    success: bool = Field(description="Whether the arm has arrived and settled.")
+    success: bool = Field(
+        description="Whether the arm has arrived and settled, or rests because its condition `until` was met."
+    )
     message: str = Field(description="The reason, when it has not arrived.")
     code: str | None = Field(None, description="A stable word for the reason, null on success.")
     motion_id: int | None = Field(None, description="Null when nothing moved.")
@@ -48,6 +54,9 @@ class MoveAnswer(BaseModel):
         "radius of a sequence was not used.",
     )
     explain: Explain | None = Field(None, description="Of a motion that cannot be planned: why, as numbers.")
+    actions: list[ActionAnswer] = Field([], description="What became of the actions on the path.")
+    stopped_by: str | None = Field(None, description="The condition that has ended the motion.")
+    contact: ContactAnswer | None = Field(None, description="The moment at which it was met.")
 
 
 class ResetAnswer(BaseModel):

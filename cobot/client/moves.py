@@ -39,7 +39,8 @@ class Moves(Jobs):
         """Go to a named position; returns on arrival, raises when it is not reached.
 
         Args:
-            how: `planner`, `algorithm`, `synchronization` and `constraints`, as in POST /robot/move/named.
+            how: `planner`, `algorithm`, `synchronization`, `constraints`, `actions`, `start_when`,
+                `pause_while` and `until`, as in POST /robot/move/named.
         """
         return self._move("named", {"name": name, "speed": speed, "accel_scale": accel_scale, **how}, wait)
 
@@ -67,8 +68,8 @@ class Moves(Jobs):
         """Go to joint angles in rad; returns on arrival, raises when it is not reached.
 
         Args:
-            how: `planner`, `algorithm`, `synchronization` and `constraints`, as in POST
-                /robot/move/joints.
+            how: `planner`, `algorithm`, `synchronization`, `constraints`, `actions`, `start_when`,
+                `pause_while` and `until`, as in POST /robot/move/joints.
         """
         body = {"joints": list(joints), "speed": speed, "accel_scale": accel_scale, **how}
         return self._move("joints", body, wait)

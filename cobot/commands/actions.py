@@ -20,6 +20,7 @@ from cobot.commands.screen import during, print_json, show_event, show_state, sh
 from cobot.commands.terminal import Bar
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 from cobot.foreign import plain_lines
+from cobot.strict import shown
 
 EXIT_OK, EXIT_FAILED, EXIT_UNAVAILABLE = 0, 1, 3
 POLL_S = 0.1
@@ -79,6 +80,7 @@ def _state(client: Client, chosen: argparse.Namespace) -> int:
 def _move(client: Client, chosen: argparse.Namespace) -> int:
     goal: list[str] = chosen.goal
     how: Json = {"speed": chosen.speed} | ({} if chosen.planner is None else {"planner": chosen.planner})
+    how |= _fields(chosen.fields)
     move: Callable[..., Json]
     if goal[0] == "pose":
         numbers = _numbers(goal[1:])
@@ -98,8 +100,20 @@ def _move(client: Client, chosen: argparse.Namespace) -> int:
         raise InputError("--blend-radius: is for moves in the queue; use it with --queue")
     with Bar(not chosen.json).showing("moving") as bar:
         answer = during(client, partial(move, **where, **how), bar)
-    _done(chosen, answer, f"arrived after {answer['duration_s']:.2f} s")
+    ended = f"ended by its condition ({answer['stopped_by']})" if answer["stopped_by"] else "arrived"
+    _done(chosen, answer, f"{ended} after {answer['duration_s']:.2f} s")
     return EXIT_OK
+
+
+def _fields(given: str) -> Json:
+    """The fields of `--fields`."""
+    try:
+        found = json.loads(given)
+    except ValueError as exc:
+        raise InputError(f"--fields: is not JSON: {exc}") from exc
+    if not isinstance(found, dict):
+        raise InputError(f"--fields: must be an object, got {shown(found)}")
+    return found
 
 
 def _send(client: Client, chosen: argparse.Namespace) -> int:

@@ -163,6 +163,12 @@ def _add_move(move: argparse.ArgumentParser) -> None:
     )
     move.add_argument("--planner", metavar="NAME", help=in_words(GOAL_ALONE, "or"))
     move.add_argument(
+        "--fields",
+        default="{}",
+        metavar="JSON",
+        help="further fields of the motion, as in the REST API: actions, start_when, pause_while, until",
+    )
+    move.add_argument(
         "--queue",
         action="store_true",
         help="add the motion to the queue; do not wait",

@@ -10,6 +10,8 @@ from enum import IntEnum
 
 import numpy as np
 
+from cobot.motions.signals import MAX_ACTIONS
+
 MAGIC = b"COBOTRT\0"
 RING = 32
 SLOTS = 2
@@ -48,6 +50,7 @@ class MotionResult(IntEnum):
     STOPPED = 3  # stopped on its path, by request
     FAILED = 4  # ended by a fault or an e-stop, see the state's `reason`
     STOPPED_ASIDE = 5  # stopped by request, but not on its path, which left no room to slow down
+    MET = 6  # stopped because its condition `until` was met
 
 
 class Phase(IntEnum):
@@ -173,10 +176,92 @@ TOOL = np.dtype(
     ]
 )
 """A `cobot.robot.tool.Tool`, without its name and shapes."""
+IO_POINTS = 64
+IO_NAME_BYTES = 64
+CONDITION = np.dtype(
+    [
+        ("quantity", "u8"),  # as `cobot.motions.signals.Quantity`
+        ("name", f"S{IO_NAME_BYTES}"),  # of the input
+        ("joint", "u8"),
+        ("edge", "u8"),
+        ("in_tool", "u8"),
+        ("low", "f8"),
+        ("high", "f8"),
+        ("direction", "f8", (3,)),  # NaN: any
+        ("zero", "f8", (6,)),  # NaN: what is measured when it begins to be watched
+        ("from_s", "f8"),  # path times between which it is watched
+        ("to_s", "f8"),
+    ],
+    align=True,
+)
+"""A `cobot.motions.signals.Condition`."""
+SIGNALS = np.dtype(
+    [
+        ("count", "u8"),  # of the actions
+        ("path_times_s", "f8", (MAX_ACTIONS,)),  # in their order
+        ("numbers", "u8", (MAX_ACTIONS,)),
+        ("outputs", f"S{IO_NAME_BYTES}", (MAX_ACTIONS,)),  # "": the service acts
+        ("values", "f8", (MAX_ACTIONS,)),
+        ("stops", "u1", (MAX_ACTIONS,)),  # 1: the motion stops if the device rejects it
+        ("start_when", CONDITION),
+        ("pause_while", CONDITION),
+        ("until", CONDITION),
+        ("fast", "u8"),  # 1: `until` stops each joint as fast as it can
+    ],
+    align=True,
+)
+"""A `cobot.motions.signals.Placed`."""
 SLOT = np.dtype(
-    [("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8"), ("fence", "f8", (7,))], align=True
+    [
+        ("motion_id", "u8"),
+        ("segments", "u8"),
+        ("checksum", "u8"),
+        ("fence", "f8", (7,)),
+        ("signals", SIGNALS),
+    ],
+    align=True,
 )
 """fence: values of a `cobot.motions.fence.Fence`; NaN: none."""
+
+
+class Firing(IntEnum):
+    """How an action of a motion stands."""
+
+    PENDING = 0
+    FIRED = 1
+    REJECTED = 2  # the device does not take it
+
+
+class Waiting(IntEnum):
+    """Which condition holds a motion up."""
+
+    NO = 0
+    START = 1  # `start_when` does not hold yet
+    PAUSE = 2  # `pause_while` holds
+
+
+REASON = "S120"
+SIGNAL_REPORT = np.dtype(
+    [
+        ("motion_id", "u8"),
+        ("waiting", "u8"),  # as `Waiting`
+        ("count", "u8"),
+        ("numbers", "u8", (MAX_ACTIONS,)),
+        ("firings", "u1", (MAX_ACTIONS,)),  # as `Firing`
+        ("path_times_s", "f8", (MAX_ACTIONS,)),  # of the cycle
+        ("robot_times_s", "f8", (MAX_ACTIONS,)),
+        ("poses", "f8", (MAX_ACTIONS, 7)),  # of the TCP, measured in that cycle
+        ("reasons", REASON, (MAX_ACTIONS,)),  # of rejections
+        ("met", "u8"),  # 1: `until` was met, as follows
+        ("met_path_time_s", "f8"),
+        ("met_robot_time_s", "f8"),
+        ("met_value", "f8"),  # of what the condition compares
+        ("met_wrench", "f8", (6,)),  # at the TCP, in the base frame, without the zero
+        ("met_pose", "f8", (7,)),  # of the TCP, measured
+    ],
+    align=True,
+)
+"""What rtloop reports of the actions and conditions of the last motion that has any."""
 MAX_PERIODS = 8
 DEVICE = np.dtype(
     [
@@ -203,8 +288,6 @@ DEVICE = np.dtype(
     align=True,
 )
 """A `cobot.ipc.device_record.Device`."""
-IO_POINTS = 64
-IO_NAME_BYTES = 64
 IO = np.dtype(
     [
         ("number", "u8"),  # of the report

@@ -17,6 +17,7 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     device, io  rtloop writes, some times a second: the device's capabilities and status; inputs and outputs
     cell        rtloop writes, 50 times a second: parts of a simulated cell
     session_ack rtloop writes: its answer to a session
+    signals     rtloop writes: which actions of the motion have fired, and what its conditions have done
     session, setpoint, chunk, stream_requests   the streaming client writes
     point_head, points  the streaming client writes: a ring of servo points; points that rtloop has not read
                 are not overwritten
@@ -59,6 +60,7 @@ from cobot.ipc.layout import (
     REQUESTS,
     RING,
     SESSION_ACK,
+    SIGNAL_REPORT,
     SLOT,
     SLOTS,
     STATISTICS,
@@ -73,8 +75,10 @@ from cobot.ipc.layout import (
     text,
 )
 from cobot.ipc.seqlock import Block, SharedCounter, checksum
+from cobot.ipc.signal_record import fill_signals
 from cobot.ipc.state_fields import LAYOUT_VERSION, state_dtype
 from cobot.motions.fence import Fence
+from cobot.motions.signals import NO_PLACED, Placed
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
@@ -120,11 +124,18 @@ class Slot:
     breakpoints_s: Array
     coefficients: Array
 
-    def write(self, motion_id: int, trajectory: Trajectory, fence: Fence | None = None) -> None:
+    def write(
+        self,
+        motion_id: int,
+        trajectory: Trajectory,
+        fence: Fence | None = None,
+        signals: Placed = NO_PLACED,
+    ) -> None:
         """Write a trajectory. The caller ensures that rtloop is not following this slot.
 
         Args:
             fence: the space that the TCP must not leave, and its maximum speed.
+            signals: actions and conditions on its way.
 
         Raises:
             InputError: the motion has more segments than the slot's capacity.
@@ -142,6 +153,7 @@ class Slot:
         self.head.data["motion_id"] = motion_id
         self.head.data["segments"] = n
         self.head.data["fence"] = np.nan if fence is None else fence.values()
+        fill_signals(self.head.data["signals"], signals)
         self.head.data["checksum"] = zlib.crc32(
             trajectory.coefficients.data, zlib.crc32(trajectory.breakpoints_s.data)
         )
@@ -186,6 +198,7 @@ class RobotMemory:
         self.io = self._block(IO, "inputs and outputs", _RTLOOP)
         self.cell = self._block(CELL, "cell", _RTLOOP)
         self.session_ack = self._block(SESSION_ACK, "session acknowledgement", _RTLOOP)
+        self.signals = self._block(SIGNAL_REPORT, "signals of the motion", _RTLOOP)
         self._next_page()
         self.session = self._block(session_dtype(self.dof), "session", _STREAM)
         self.stream_requests = self._block(STREAM_REQUESTS, "requests of the stream", _STREAM)
@@ -443,6 +456,7 @@ def _file_size(dof: int, capacity: int) -> int:
         + Block.size(IO)
         + Block.size(CELL)
         + Block.size(OUTPUT)
+        + Block.size(SIGNAL_REPORT)
         + RING * (Block.size(ACK) + Block.size(COMMAND) + 128)
         + POINTS * (Block.size(point_dtype(dof)) + 64)
     )

@@ -24,6 +24,7 @@ from cobot.motions.fields import (
     AccelScale,
     Angle,
     Coordinate,
+    Direction,
     Finite,
     JointPlanner,
     OmplAlgorithm,
@@ -35,6 +36,7 @@ from cobot.motions.fields import (
     few,
 )
 from cobot.motions.planners import users_of
+from cobot.motions.signal_bodies import SignalFields
 from cobot.types import RRT_CONNECT, FreeAxis
 from cobot.units import require_angle
 
@@ -45,14 +47,6 @@ class PathPoint(RequestModel):
     x: Coordinate = Field(description="m")
     y: Coordinate = Field(description="m")
     z: Coordinate = Field(description="m")
-
-
-class Direction(RequestModel):
-    """A direction. Its length does not matter, but must not be 0."""
-
-    x: Coordinate = Field(description="Of any unit.")
-    y: Coordinate = Field(description="Of any unit.")
-    z: Coordinate = Field(description="Of any unit.")
 
 
 class KeptOrientation(RequestModel):
@@ -91,7 +85,7 @@ KeptTo = Annotated[
 ]
 
 
-class JointMotion(RequestModel):
+class JointMotion(SignalFields):
     """Fields of a motion to joint angles."""
 
     speed: Speed = 0.1
@@ -170,7 +164,7 @@ Cyclic = Annotated[
 ]
 
 
-class TcpMotion(RequestModel):
+class TcpMotion(SignalFields):
     """Fields of a motion to a pose of the TCP, or along a path of it."""
 
     speed: Speed = 0.1

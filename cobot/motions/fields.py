@@ -15,6 +15,7 @@ from pydantic import (
 )
 from pydantic_core.core_schema import CoreSchema, literal_schema, no_info_after_validator_function
 
+from cobot.loose_lists import RequestModel
 from cobot.motions.planners import ANY_GOAL, PLANNERS, summaries
 from cobot.types import PLANNED_JERK, Algorithm
 from cobot.units import MAX_POSE_ANGLE_RAD, require_angle, require_way
@@ -115,3 +116,11 @@ JointPlanner = Annotated[
     Field(description="As for a pose."),
 ]
 OmplAlgorithm = Annotated[Algorithm, Field(description="Algorithm of planner ompl, by its name in OMPL.")]
+
+
+class Direction(RequestModel):
+    """A direction. Its length does not matter, but must not be 0."""
+
+    x: Coordinate = Field(description="Of any unit.")
+    y: Coordinate = Field(description="Of any unit.")
+    z: Coordinate = Field(description="Of any unit.")

@@ -12,6 +12,7 @@ from cobot.motions.checks import check_request
 from cobot.motions.constraints import Constraints
 from cobot.motions.planners import PLANNERS, PlannerName, PlannerTraits
 from cobot.motions.points import REST, WaysOut
+from cobot.motions.signals import NO_SIGNALS, Signals
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import (
@@ -87,6 +88,7 @@ class MotionRequest:
         cyclic: whether a closed path of the TCP ends in the joints that it began with. None: full circles do
             if possible, other paths end in the joints that the path leads to.
         end_joints: joints at the end of a TCP path to a pose, shape (dof,), rad; None: any.
+        signals: actions on its path and conditions; planners do not use them.
         in_tool: whether all poses and points are in the TCP's frame at the start instead of the base frame.
 
     Raises:
@@ -111,6 +113,7 @@ class MotionRequest:
     cyclic: bool | None = None
     end_joints: Array | None = None
     in_tool: bool = False
+    signals: Signals = NO_SIGNALS
 
     def __post_init__(self) -> None:
         check_request(self)

@@ -18,6 +18,7 @@ from cobot.types import LoopMode
 LATCHED = (LoopMode.FAULT, LoopMode.ESTOP)
 ENDS = {
     int(MotionResult.ARRIVED): "arrived",
+    int(MotionResult.MET): "ended by its condition",
     int(MotionResult.STOPPED): "stopped on its path",
     int(MotionResult.STOPPED_ASIDE): "stopped off its path",
     int(MotionResult.FAILED): "failed",

@@ -9,6 +9,7 @@
     WrenchControlled     the drives take a force at the TCP in addition to positions
     CarriesTool          the drives must know their load
     HasIo                the device has named inputs and outputs
+    ReadsInputs          its inputs can be read one by one, in each cycle
     HasCell              a simulation with loose parts
 
 A device that takes no command per cycle, because it is slower or plans by itself, has another protocol.
@@ -258,6 +259,19 @@ class HasCell(Protocol):
     def reset_cell(self) -> None:
         """Put parts, hand, outputs and counters back to their state at the start. The arm stays where it is.
         Called between two cycles."""
+        ...
+
+
+@runtime_checkable
+class ReadsInputs(Protocol):
+    """A `HasIo` whose inputs can be read one by one in the cycle. Of others `io` is called for that."""
+
+    def read_input(self, name: str) -> float:
+        """The value that an input has now, of a boolean 0 or 1. Real-time safe.
+
+        Raises:
+            BackendError: there is no such input, or it cannot be read, with why.
+        """
         ...
 
 

@@ -72,6 +72,10 @@ cdef class Handover:
         """What the motion must not leave, as it stands in the slot."""
         return self._slots[self.slot].head.data["fence"]
 
+    def signals(self):
+        """The actions and conditions of the motion, as they stand in the slot."""
+        return self._slots[self.slot].head.data["signals"]
+
     def swap(self, Path path not None):
         """Give what has been loaded for the path that was followed so far."""
         loaded, self.path = self.path, path

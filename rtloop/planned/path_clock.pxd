@@ -12,7 +12,7 @@ cdef class PathClock:
     cdef Rates rates
     cdef Profile profile, candidate
     cdef double profile_target, profile_s  # time into the profile; negative: there is none
-    cdef bint pending
+    cdef bint pending, held, urgent
     cdef int rung
     cdef double waited_s
 
@@ -24,10 +24,14 @@ cdef class PathClock:
     cdef void c_shift(self, double offset_s) noexcept nogil
     cdef void c_request(self, double rate) noexcept nogil
     cdef void c_scale(self, double share) noexcept nogil
+    cdef void c_hold(self, bint held) noexcept nogil
+    cdef void c_end_urgently(self) noexcept nogil
+    cdef void c_begin(self) noexcept nogil
     cdef void c_advance(self, Path path) noexcept nogil
     cdef void _try_rung(self, Path path) noexcept nogil
     cdef void _try_sooner(self, Path path) noexcept nogil
-    cdef bint _plan(self, Path path) noexcept nogil
+    cdef void _take_candidate(self) noexcept nogil
+    cdef bint _plan(self, Path path, double share) noexcept nogil
     cdef bint _admissible(self, Path path) noexcept nogil
     cdef bint _holds(
         self, Path path, double path_time_s, double rate, double slope, double bend

@@ -50,5 +50,7 @@ class PathClock:
         """Go over to another rate, as soon and as fast as the joints permit."""
     def scale(self, share: float) -> None:
         """Have all rates be so much of what is asked for, now and from every reset on."""
+    def hold(self, held: bool) -> None:
+        """Come to rest on the path whatever is requested, or go on as requested."""
     def advance(self, path: Path) -> None:
         """One period on."""

@@ -32,6 +32,12 @@ cdef double MIN_RATE = -1e-9
 # The rate itself changes no faster than this, 1/s and 1/s²: where the arm hardly moves, anything would do.
 cdef double MAX_ACCELERATION = 50.0
 cdef double MAX_JERK = 2000.0
+# The same at contact, where each millimetre counts. The limits of the joints hold in any case.
+cdef double URGENT_ACCELERATION = 1000.0
+cdef double URGENT_JERK = 500_000.0
+# There the first cycle tries so many candidates, each a little gentler than the one before.
+cdef int URGENT_TRIES = 8
+cdef double GENTLER = 0.96
 # A profile that lasts longer is not taken, for somebody waits for the stop.
 cdef double LONGEST_S = 2.0
 
@@ -70,6 +76,9 @@ cdef class PathClock:
     def shift(self, double offset_s):
         self.c_shift(offset_s)
 
+    def hold(self, bint held):
+        self.c_hold(held)
+
     @property
     def committed_s(self):
         return self.c_committed_s()
@@ -89,6 +98,7 @@ cdef class PathClock:
     cdef void c_reset(self) noexcept nogil:
         """Back to the beginning of a path, at full rate: of that what the device permits."""
         self.asked_rate = 1.0
+        self.held = self.urgent = False
         self.path_time_s, self.rate, self.rate_slope, self.target_rate = 0.0, self.share, 0.0, self.share
         self.profile_s = -1.0
         self.pending = False
@@ -126,7 +136,7 @@ cdef class PathClock:
     cdef void c_request(self, double rate) noexcept nogil:
         """Go over to another rate, as soon and as fast as the joints permit."""
         self.asked_rate = rate
-        rate *= self.share
+        rate *= 0.0 if self.held else self.share
         if rate != self.target_rate:
             self.target_rate = rate
             self.pending = True
@@ -137,6 +147,22 @@ cdef class PathClock:
         """Have all rates be so much of what is asked for."""
         self.share = share
         self.c_request(self.asked_rate)
+
+    cdef void c_hold(self, bint held) noexcept nogil:
+        """Come to rest on the path whatever is requested, or go on as requested."""
+        self.held = held
+        self.c_request(self.asked_rate)
+
+    cdef void c_end_urgently(self) noexcept nogil:
+        """Come to rest on the path as soon as the joints permit, however slowly they move."""
+        self.urgent = True
+        self.c_request(0.0)
+
+    cdef void c_begin(self) noexcept nogil:
+        """Be at the requested rate at once, at the beginning of a path, where the arm rests."""
+        self.rate = self.target_rate
+        self.rate_slope, self.profile_s = 0.0, -1.0
+        self.pending = False
 
     cdef void c_advance(self, Path path) noexcept nogil:
         """One period on."""
@@ -157,24 +183,38 @@ cdef class PathClock:
 
     cdef void _try_rung(self, Path path) noexcept nogil:
         """Take this cycle's candidate if it holds; if not, the next cycle tries a gentler one."""
+        cdef double share = 1.0
+        cdef int attempt
         self.waited_s += self.period_s
-        if self._plan(path) and self._admissible(path):
-            self.profile = self.candidate
-            self.profile_target, self.profile_s, self.pending = self.target_rate, 0.0, False
+        if self.urgent and self.rung == 0:
+            for attempt in range(URGENT_TRIES - 1):
+                if self._plan(path, share) and self._admissible(path):
+                    self._take_candidate()
+                    return
+                share *= GENTLER
+        else:
+            share = LADDER[self.rung]
+        if self._plan(path, share) and self._admissible(path):
+            self._take_candidate()
         else:
             self.rung = (self.rung + 1) % RUNGS
+
+    cdef void _take_candidate(self) noexcept nogil:
+        self.profile = self.candidate
+        self.profile_target, self.profile_s, self.pending = self.target_rate, 0.0, False
 
     cdef void _try_sooner(self, Path path) noexcept nogil:
         """A gentle profile gives way to one that arrives sooner, as soon as the path leaves room for it."""
         cdef double sooner_s = SOONER * (self.profile.duration - self.profile_s)
         self.rung = (self.rung + 1) % RUNGS
-        if self._plan(path) and self.candidate.duration < sooner_s and self._admissible(path):
+        if self._plan(path, LADDER[self.rung]) and self.candidate.duration < sooner_s and self._admissible(path):
             self.profile, self.profile_s = self.candidate, 0.0
 
-    cdef bint _plan(self, Path path) noexcept nogil:
-        """Whether there is a candidate on this rung."""
+    cdef bint _plan(self, Path path, double share) noexcept nogil:
+        """Whether there is a candidate with this share of the steepest profile."""
         cdef int joint
-        cdef double steepest = MAX_ACCELERATION, jerk = MAX_JERK, speed
+        cdef double steepest = URGENT_ACCELERATION if self.urgent else MAX_ACCELERATION
+        cdef double jerk = URGENT_JERK if self.urgent else MAX_JERK, speed
         cdef double derivatives[3 * MAX_DOF]
         cdef Problem problem
         path.c_sample(self.path_time_s, derivatives)
@@ -187,9 +227,9 @@ cdef class PathClock:
         problem.target_position, problem.target_velocity = 0.0, self.target_rate
         problem.min_velocity, problem.max_velocity = -2.0, 2.0  # Not used by this interface.
         # Never below the present slope: else a phase in front would first bring it below.
-        problem.max_acceleration = fmax(steepest * LADDER[self.rung], fabs(self.rate_slope) * (1.0 + 1e-9))
+        problem.max_acceleration = fmax(steepest * share, fabs(self.rate_slope) * (1.0 + 1e-9))
         problem.min_acceleration = -problem.max_acceleration
-        problem.max_jerk = jerk * LADDER[self.rung]
+        problem.max_jerk = jerk * share
         return otg_velocity(&problem, &self.candidate) == OTG_OK and self.candidate.duration <= LONGEST_S
 
     cdef bint _admissible(self, Path path) noexcept nogil:

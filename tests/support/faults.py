@@ -43,6 +43,7 @@ BLOCKS = (
     "tool",
     "output",
     "io",
+    "signals",
     "slots",
     "info",
     "session_ack",

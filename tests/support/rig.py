@@ -19,6 +19,7 @@ from cobot.ipc.layout import RING, Ack, Command, Interpolation, Intervention, Mo
 from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.shm import RobotMemory
 from cobot.motions.fence import Fence
+from cobot.motions.signals import NO_PLACED, Placed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode
@@ -193,10 +194,17 @@ class Rig:
                 if thread.name == "surroundings":
                     thread.join(WAIT_S)
 
-    def start(self, trajectory: Trajectory, slot: int = 0, fence: Fence | None = None, tool: int = 0) -> str:
+    def start(
+        self,
+        trajectory: Trajectory,
+        slot: int = 0,
+        fence: Fence | None = None,
+        tool: int = 0,
+        signals: Placed = NO_PLACED,
+    ) -> str:
         """Start a motion that was planned with this version of the tool; "" or why it is refused."""
         self._motion += 1
-        self.memory.slots[slot].write(self._motion, trajectory, fence)
+        self.memory.slots[slot].write(self._motion, trajectory, fence, signals)
         return self.answer(self.send(Command.START, slot=slot, motion_id=self._motion, tool=tool))
 
     def stream(self, stream: Stream = Stream.JOINT_IMPEDANCE, **fields: object) -> str:

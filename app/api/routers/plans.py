@@ -51,7 +51,7 @@ from cobot.motions.forecast import Closest, Forecast
 from cobot.motions.rehearsal import Rehearsal
 
 PLAN: dict[str, Any] = {
-    "responses": responses(409, 503),
+    "responses": responses(409, 501, 503),
 }
 
 router = EndpointRouter(tags=["plans"])
@@ -99,7 +99,7 @@ async def plan_sequence(body: PlanSequence, request: Request) -> PlanAnswer:
     timeout_s=60.0,
     control=True,
     response_model=MoveAnswer,
-    responses=responses(404, 409, 503) | ACCEPTED,
+    responses=responses(404, 409, 501, 503) | ACCEPTED,
 )
 async def execute(body: Execute, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Run a plan, if all is as it was when it was made; answers when the arm has arrived and settled."""
@@ -208,6 +208,7 @@ def _kept(plan: Plan, services: Services) -> KeptPlan:
         by=plan.by,
         planners=sorted(plan.planners),
         duration_s=0.0 if trajectory is None else trajectory.duration_s,
+        signals=list(plan.signals.words),
         expires_in_s=services.plans.expires_in_s(plan),
         approved_by=services.approvals.approved_by(plan.plan_id),
     )
@@ -249,6 +250,7 @@ def _shown(plan: Plan, expires_in_s: float) -> PlanAnswer:
         },
         closest_self=_distance(found.closest_self),
         closest_environment=_distance(found.closest_environment),
+        signals=list(plan.signals.words),
     )
 
 

@@ -27,6 +27,7 @@ from app.api.schemas import (
     Quaternion,
     ResetAnswer,
 )
+from app.api.signal_schemas import action_answers, contact_answer
 from app.api.state_json import StateAnswer, state_response
 from app.services.motion.moves import Outcome
 from app.services.motion.queue_moves import queue_request
@@ -50,7 +51,7 @@ How = Annotated[MoveQuery, Query()]
 COMPLETED = "Motion completed successfully"
 MOTION: dict[str, Any] = {
     "response_model": MoveAnswer,
-    "responses": responses(409, 503) | ACCEPTED,
+    "responses": responses(409, 501, 503) | ACCEPTED,
 }
 
 router = EndpointRouter(tags=["robot"])
@@ -206,16 +207,26 @@ async def run_motion(
     return accepted(call, await call.services.jobs.begin(caller.job, motion))
 
 
+def _message(outcome: Outcome) -> str:
+    if outcome.error is not None:
+        return str(outcome.error)
+    stopped_by = outcome.signals.stopped_by
+    return f"Motion ended by its condition: {stopped_by}" if stopped_by else COMPLETED
+
+
 def answer(outcome: Outcome) -> MoveAnswer:
     """The end of a motion as JSON, also for the audit log."""
     audit.add_details(motion=outcome.motion_id, error=str(outcome.error or ""))
     return MoveAnswer(
         success=outcome.error is None,
-        message=COMPLETED if outcome.error is None else str(outcome.error),
+        message=_message(outcome),
         code=None if outcome.error is None else outcome.error.code,
         motion_id=outcome.motion_id,
         duration_s=outcome.duration_s,
         planning_time_s=outcome.planning_time_s,
         note=outcome.note,
         explain=None if outcome.error is None else explain_of(outcome.error),
+        actions=action_answers(outcome.signals.actions),
+        stopped_by=outcome.signals.stopped_by or None,
+        contact=contact_answer(outcome.signals.contact),
     )

@@ -34,6 +34,7 @@ TYPES = {
     "intervention": "the safety layer has intervened",
     "lease": "the control was taken, or has ended",
     "motion": "a motion has begun or ended",
+    "action": "an action on the path of a motion has fired, or has not",
     "session": "a streaming session has begun or ended",
     "sequence": "a sequence or program has started, goes for its next waypoint, or has ended",
     "job": "a job has changed its state",

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from app.services.motion.force_zero import ForceZero
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import PlanRequest
+from app.services.motion.signal_follower import CommandGripper, SignalFollower
 from app.services.rights.claims import Claim
 from app.services.state.commands import ACKNOWLEDGE_S
 from app.services.state.link import POLL_S, RobotLink
@@ -14,18 +18,24 @@ from app.services.state.robot_state import RobotState
 from cobot import logs
 from cobot.errors import (
     CollisionError,
+    ConditionNotMet,
     ConflictError,
     ExecutionError,
+    InputError,
     MotionStopped,
     MotionTimeout,
+    NotSupportedError,
+    PlanningError,
     PlanningTimeout,
     UnavailableError,
 )
 from cobot.ipc.layout import MotionResult
 from cobot.motions.fence import Fence
+from cobot.motions.requests import MotionRequest
+from cobot.motions.signals import NO_PLACED, Placed, Signals, Way, placed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import LoopMode
+from cobot.types import LoopMode, PlannerName
 
 REST_TIMEOUT_S = 5.0
 """Timeout for a motion to stop, s."""
@@ -45,6 +55,8 @@ class MotionService:
 
     Attributes:
         scene_changed_s: when the scene was changed last, on the link's clock.
+        force_zero: from which forces count.
+        command_gripper: starts a command of the gripper that an action asks for.
     """
 
     def __init__(self, robot: RobotDescription, link: RobotLink, planning: PlanningService) -> None:
@@ -52,6 +64,8 @@ class MotionService:
         self._link = link
         self._planning = planning
         self.scene_changed_s = -math.inf
+        self.force_zero = ForceZero(robot, link)
+        self.command_gripper: CommandGripper = _no_gripper
 
     async def ready(self) -> RobotState:
         """A state from which a motion may start.
@@ -72,24 +86,46 @@ class MotionService:
         except MotionTimeout as exc:
             raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
 
-    async def start(self, claim: Claim, trajectory: Trajectory, fence: Fence | None = None) -> None:
-        """Hand the motion to rtloop; it sees to it that the TCP does not leave the fence.
+    async def place(
+        self, segments: Sequence[Signals], ends_s: Sequence[float], trajectory: Trajectory
+    ) -> Placed:
+        """Find the path times of actions; see `cobot.motions.signals.placed`."""
+        if not any(segments):
+            return NO_PLACED
+        way = await asyncio.to_thread(Way, trajectory, self._robot.model.chain)
+        return placed(segments, ends_s, way)
+
+    async def start(
+        self,
+        claim: Claim,
+        trajectory: Trajectory,
+        fence: Fence | None = None,
+        signals: Placed = NO_PLACED,
+    ) -> SignalFollower:
+        """Hand the motion to rtloop; it sees to it that the TCP does not leave the fence, and fires the
+        actions. Returns the follower of its signals.
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `Commands.start`.
             CollisionError: the scene has changed since it was planned.
+            ConflictError: see `ForceZero.applied`.
         """
+        signals = self.force_zero.applied(signals)
         if claim.speed_override.paused:
             await claim.run_interruptibly(claim.speed_override.opened.wait())
         await self.require_free_since(claim.since_s, trajectory)  # it may have been planned before
         claim.proceed()
         tool = self._robot.model.carried.version  # it cannot change while there is a claim
-        claim.motion_id = await self._link.commands.start(trajectory, claim.stops, tool, fence)
+        claim.motion_id = await self._link.commands.start(trajectory, claim.stops, tool, fence, signals)
         claim.trajectory = trajectory
         logs.bind(motion=claim.motion_id)
+        follower = SignalFollower(self._link, signals, claim.motion_id, self.command_gripper)
         if claim.job is not None:
+            if signals is not NO_PLACED:
+                claim.job.follow_signals(lambda: follower.results)
             claim.job.started(claim.motion_id, trajectory)
         await claim.speed_override.begin_motion()
+        return follower
 
     async def replace(self, claim: Claim, trajectory: Trajectory, offset_s: float, planned_s: float) -> None:
         """Have the motion under way go on with another trajectory, see `Commands.replace`.
@@ -131,26 +167,68 @@ class MotionService:
         checker = await asyncio.to_thread(self._robot.collision.among, self._robot.collision.scene)
         await asyncio.to_thread(checker.check_trajectory, trajectory)
 
-    async def arrival(self, claim: Claim) -> None:
-        """Wait until the motion has ended.
+    async def arrival(self, claim: Claim, signals: SignalFollower | None = None) -> None:
+        """Wait until the motion has ended, at its goal or by its condition.
+
+        Args:
+            signals: of the motion.
 
         Raises:
             ExecutionError: it did not arrive; its class and text say why.
+            ConditionNotMet: it did, but its condition was to end it.
             UnavailableError: rtloop is gone.
         """
-        state = await self._await_end(claim)
-        if state.motion_result in WHERE:
+        state, waits_for = await self._await_end(claim, signals)
+        stopped = state.motion_result is MotionResult.MET and claim.interruption is not None
+        if state.motion_result in WHERE or stopped:
             share = 100.0 * state.path_time_s / state.path_duration_s
             cause = claim.interruption or MotionStopped(state.reason)
-            where = WHERE[state.motion_result]
-            raise type(cause)(f"{cause}: the arm came to rest {where} after {share:.0f} % of it")
-        if state.motion_result is not MotionResult.ARRIVED:
+            where = WHERE.get(state.motion_result, WHERE[MotionResult.STOPPED])
+            waited = f"; it waited for {waits_for}" if waits_for else ""
+            raise type(cause)(f"{cause}: the arm came to rest {where} after {share:.0f} % of it{waited}")
+        if state.motion_result not in (MotionResult.ARRIVED, MotionResult.MET):
             raise ExecutionError(state.reason)
+        if state.motion_result is MotionResult.ARRIVED and signals is not None and signals.is_missed:
+            raise ConditionNotMet(f"the arm is at its goal, and the condition was not met: {signals.until}")
 
-    async def _await_end(self, claim: Claim) -> RobotState:
-        """The first state after the motion; an interruption has it stopped."""
+    async def retract(
+        self,
+        claim: Claim,
+        trajectory: Trajectory,
+        signals: SignalFollower,
+        timeout_s: float,
+        fence: Fence | None,
+    ) -> None:
+        """Go back along a motion that its condition has ended, in a straight line.
+
+        Raises:
+            ExecutionError: it is not possible, or the arm has not arrived.
+        """
+        contact = signals.contact
+        assert contact is not None
+        way = await asyncio.to_thread(Way, trajectory, self._robot.model.chain)
+        there_m = max(way.length_m(contact.path_time_s) - signals.retract_m, 0.0)
+        joints = trajectory.sample([way.path_time_s(there_m)])[0]
+        start = (await self.ready()).commanded_position
+        pose = self._robot.model.forward(joints)
+        back = MotionRequest(start, pose, PlannerName.LIN, signals.retract_scaling, end_joints=joints)
+        direct = MotionRequest(start, joints, PlannerName.PTP, signals.retract_scaling)
+        try:
+            try:
+                motion = await self.plan(claim, back, timeout_s)
+            except (PlanningError, InputError):  # beside the path, or in contact with what is in the scene
+                motion = await self.plan(claim, direct, timeout_s)
+        except (PlanningError, InputError) as exc:
+            raise ExecutionError(f"stopped by its condition, and cannot go back: {exc}") from exc
+        if motion is not None:
+            await self.start(claim, motion, fence)
+            await self.arrival(claim)
+        signals.retracted(way.length_m(contact.path_time_s) - there_m)
+
+    async def _await_end(self, claim: Claim, signals: SignalFollower | None) -> tuple[RobotState, str]:
+        """The first state after the motion, and what it waited for then; an interruption has it stopped."""
         clock, give_up_s = self._link.clock, math.inf
-        begun_s = clock.now_s()
+        begun_s, waits_for = clock.now_s(), ""
         while True:
             try:
                 state = await self._link.fresh_state(STATE_TIMEOUT_S)
@@ -162,7 +240,12 @@ class MotionService:
                 if state.published_s > begun_s:
                     raise ExecutionError("rtloop was restarted; the motion has not begun")
             elif state.motion_result is not MotionResult.RUNNING:
-                return state
+                if signals is not None:
+                    signals.rest(state.tcp)
+                return state, waits_for
+            if signals is not None:
+                signals.look()
+                waits_for = signals.results.waits_for
             if claim.interruption is not None and give_up_s == math.inf:
                 self._link.request_stop()
                 give_up_s = clock.now_s() + REST_TIMEOUT_S
@@ -171,3 +254,7 @@ class MotionService:
                     f"{claim.interruption}; the arm has not come to rest within {REST_TIMEOUT_S:.0f} s"
                 )
             await asyncio.sleep(POLL_S)
+
+
+def _no_gripper(command: Mapping[str, Any]) -> None:
+    raise NotSupportedError("there is no gripper")

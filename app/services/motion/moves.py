@@ -11,12 +11,15 @@ from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals, check_radii
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import joined
+from app.services.motion.signal_follower import SignalFollower, planned_results
 from app.services.rights.claims import Caller, Claim, watching
 from app.services.rights.ownership import Ownership
+from app.services.rights.signal_results import NO_RESULTS, SignalResults
 from cobot.clock import Clock
 from cobot.errors import CobotError, ExecutionError, InputError, PlanningError
 from cobot.motions.fence import Fence
 from cobot.motions.requests import Blended, MotionRequest
+from cobot.motions.signals import NO_PLACED, Placed, Signals, resting
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
@@ -28,7 +31,7 @@ Join = Callable[[RobotDescription], Blended]
 class Outcome:
     """How a motion request ended. `error` is None when the arm has arrived and settled.
 
-    `note` is the trajectory's.
+    `note` is the trajectory's; `signals` is what became of its actions and conditions.
     """
 
     error: CobotError | None
@@ -36,6 +39,29 @@ class Outcome:
     duration_s: float
     planning_time_s: float
     note: str = ""
+    signals: SignalResults = NO_RESULTS
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Motions as one trajectory, and their actions and conditions.
+
+    Attributes:
+        trajectory: None if the arm is there already.
+        signals: of each motion.
+        ends_s: path time at which each motion ends.
+    """
+
+    trajectory: Trajectory | None
+    signals: tuple[Signals, ...]
+    ends_s: tuple[float, ...]
+
+    def to_run(self, start: Array) -> Trajectory | None:
+        """What to run from here, shape (dof,), rad: an arm that is there already rests there if there are
+        actions or conditions."""
+        if self.trajectory is None and any(self.signals):
+            return resting(start)
+        return self.trajectory
 
 
 class MoveService:
@@ -62,8 +88,10 @@ class MoveService:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
 
-        async def plan_motion(claim: Claim, start: Array) -> Trajectory | None:
-            return await self._motion.plan(claim, self._goals.request(goal, start), caller.timeout_s)
+        async def plan_motion(claim: Claim, start: Array) -> Course:
+            request = self._goals.request(goal, start)
+            motion = await self._motion.plan(claim, request, caller.timeout_s)
+            return Course(motion, (goal.signals,), (0.0 if motion is None else motion.duration_s,))
 
         return await self._move(plan_motion, caller)
 
@@ -77,7 +105,7 @@ class MoveService:
         """
         check_radii(goals, radii_m)
 
-        async def plan_motion(claim: Claim, start: Array) -> Trajectory | None:
+        async def plan_motion(claim: Claim, start: Array) -> Course:
             async def plan(request: MotionRequest) -> Trajectory | None:
                 return await self._motion.plan(claim, request, caller.timeout_s)
 
@@ -95,8 +123,8 @@ class MoveService:
         start: Array,
         plan: Callable[[MotionRequest], Awaitable[Trajectory | None]],
         join: Callable[[Join], Awaitable[Blended]],
-    ) -> Trajectory | None:
-        """Several motions as one; None if the arm is there already.
+    ) -> Course:
+        """Several motions as one.
 
         Args:
             start: where the first begins, shape (dof,), rad.
@@ -109,6 +137,7 @@ class MoveService:
         requests: list[MotionRequest] = []
         motions: list[Trajectory] = []
         radii: list[float] = []
+        parts: list[int] = []  # for each goal, how many motions lead to it
         for number, (goal, radius) in enumerate(zip(goals, [*radii_m, *[0.0] * len(goals)], strict=False), 1):
             request = self._goals.request(goal, start)
             try:
@@ -125,33 +154,38 @@ class MoveService:
                 start = motion.end
             elif radii:  # It ends where the move before ends, so only its radius counts.
                 radii[-1] = min(radii[-1], radius)
+            parts.append(len(motions))
+        signals = tuple(goal.signals for goal in goals)
         if not motions:
-            return None
+            return Course(None, signals, (0.0,) * len(goals))
         blended = await join(partial(joined, requests=requests, motions=motions, radii_m=radii[:-1]))
-        return blended.trajectory
+        ends_s = (0.0, *blended.ends_s[:-1], blended.trajectory.duration_s)
+        return Course(blended.trajectory, signals, tuple(ends_s[count] for count in parts))
 
     async def _move(
-        self, plan_motion: Callable[[Claim, Array], Awaitable[Trajectory | None]], caller: Caller
+        self, plan_motion: Callable[[Claim, Array], Awaitable[Course]], caller: Caller
     ) -> Outcome:
         begun_s = self._clock.now_s()
-        planned_s, note = begun_s, ""
+        planned_s, note, begun = begun_s, "", _Begun()
         with self._ownership.claim(caller) as claim, contextlib.ExitStack() as watch:
             watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
             try:
                 state = await self._motion.ready()
                 claim.accept()
-                trajectory = await plan_motion(claim, state.commanded_position)
+                course = await plan_motion(claim, state.commanded_position)
+                trajectory = course.to_run(state.commanded_position)
                 planned_s = self._clock.now_s()
                 if trajectory is not None:
                     note = trajectory.note
-                    await self._go(claim, trajectory, caller, watch)
+                    begun.signals = await self._motion.place(course.signals, course.ends_s, trajectory)
+                    await self._go(claim, trajectory, caller, watch, begun)
             except (PlanningError, ExecutionError) as exc:
                 error = exc
                 claim.fail(exc)
             now_s = self._clock.now_s()
             planning_s = (planned_s if planned_s > begun_s else now_s) - begun_s
-            return Outcome(error, claim.motion_id, now_s - begun_s, planning_s, note)
+            return Outcome(error, claim.motion_id, now_s - begun_s, planning_s, note, begun.results)
 
     async def run(
         self,
@@ -159,6 +193,7 @@ class MoveService:
         require: Callable[[Array], None],
         caller: Caller,
         fence: Fence | None = None,
+        signals: Placed = NO_PLACED,
     ) -> Outcome:
         """Run what was planned before, and return when the arm has arrived, or why it has not.
 
@@ -167,11 +202,12 @@ class MoveService:
             require: raises if the commanded joints, shape (dof,), rad, are not where the motion begins, or
                 anything else is not as when it was planned. Called by the owner of the right to move.
             fence: that the TCP may not leave.
+            signals: actions and conditions on its way.
 
         Raises:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
-        begun_s = self._clock.now_s()
+        begun_s, begun = self._clock.now_s(), _Begun(signals)
         with self._ownership.claim(caller) as claim, contextlib.ExitStack() as watch:
             watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
@@ -179,12 +215,13 @@ class MoveService:
                 require((await self._motion.ready()).commanded_position)
                 claim.accept()
                 if trajectory is not None:
-                    await self._go(claim, trajectory, caller, watch, fence)
+                    await self._go(claim, trajectory, caller, watch, begun, fence)
             except ExecutionError as exc:
                 error = exc
                 claim.fail(exc)
             note = "" if trajectory is None else trajectory.note
-            return Outcome(error, claim.motion_id, self._clock.now_s() - begun_s, 0.0, note)
+            took_s = self._clock.now_s() - begun_s
+            return Outcome(error, claim.motion_id, took_s, 0.0, note, begun.results)
 
     async def _go(
         self,
@@ -192,10 +229,27 @@ class MoveService:
         trajectory: Trajectory,
         caller: Caller,
         watch: contextlib.ExitStack,
+        begun: _Begun,
         fence: Fence | None = None,
     ) -> None:
         """Start a motion and follow it to its end. Without a waiting client its end has no timeout."""
-        await self._motion.start(claim, trajectory, fence)
+        follower = begun.follower = await self._motion.start(claim, trajectory, fence, begun.signals)
         if not caller.waits:
             watch.close()
-        await self._motion.arrival(claim)
+        await self._motion.arrival(claim, follower)
+        if follower.retract_m > 0.0:
+            await self._motion.retract(claim, trajectory, follower, caller.timeout_s, fence)
+
+
+@dataclass(slots=True)
+class _Begun:
+    """The signals of a motion, and their follower once it has begun."""
+
+    signals: Placed = NO_PLACED
+    follower: SignalFollower | None = None
+
+    @property
+    def results(self) -> SignalResults:
+        if self.follower is None:
+            return planned_results(self.signals)
+        return self.follower.results

@@ -8,7 +8,9 @@ import numpy as np
 
 from cobot.errors import ConflictError
 from cobot.motions.forecast import Forecast
+from cobot.motions.signals import NO_PLACED, Placed
 from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 START_TOLERANCE_RAD = 1e-6
@@ -31,6 +33,8 @@ class Plan:
         planners: the planners that were requested.
         by: the client that requested it.
         motions: the number of motions that it consists of.
+        to_run: the trajectory that is run; None if nothing moves, and nothing is to be done.
+        signals: actions and conditions on its way.
     """
 
     plan_id: str
@@ -43,6 +47,8 @@ class Plan:
     planners: frozenset[str] = frozenset()
     by: str = ""
     motions: int = 1
+    to_run: Trajectory | None = None
+    signals: Placed = NO_PLACED
 
     def require_unchanged(self, robot: RobotDescription) -> None:
         """The limits, the scene and the tool are those that it was made for.

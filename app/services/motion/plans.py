@@ -13,7 +13,7 @@ import numpy as np
 
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals, check_radii
-from app.services.motion.moves import MoveService, Outcome
+from app.services.motion.moves import Course, MoveService, Outcome
 from app.services.motion.plan import QUEUED_TOLERANCE_RAD, Plan
 from app.services.motion.plan_attempt import MIN_COMPUTE_S, PlanAttempt, PlanOptions
 from app.services.motion.planning import PlanningService
@@ -32,6 +32,7 @@ from cobot.clock import Clock
 from cobot.config import Settings
 from cobot.errors import (
     ConflictError,
+    InputError,
     MotionStopped,
     NotFoundError,
     PlanningTimeout,
@@ -41,6 +42,7 @@ from cobot.motions.fence import Fence
 from cobot.motions.forecast import Forecast
 from cobot.motions.rehearsal import Rehearsal
 from cobot.motions.requests import MotionRequest
+from cobot.motions.signals import NO_PLACED
 from cobot.motions.stretches import Leg
 from cobot.robot.description import RobotDescription
 from cobot.strict import shown
@@ -102,7 +104,7 @@ class PlanService:
         )
         try:
             async with asyncio.timeout(timeout_s), self._turn:
-                found = await self._forecast(goals, radii_m, attempt)
+                found, course = await self._forecast(goals, radii_m, attempt)
         except TimeoutError as exc:
             raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
         scene = self._robot.collision.scene.version
@@ -110,24 +112,30 @@ class PlanService:
         planners = frozenset(str(goal.planner) for goal in goals)
         made_s, by = self._clock.now_s(), acting.get().name
         number, motions = secrets.token_hex(8), len(goals)
-        plan = Plan(number, begin, found, limits, made_s, scene, tool, planners, by, motions)
+        to_run, signals = course.to_run(begin), NO_PLACED
+        if to_run is not None:
+            signals = await self._motion.place(course.signals, course.ends_s, to_run)
+        plan = Plan(number, begin, found, limits, made_s, scene, tool, planners, by, motions, to_run, signals)
         self._plans[plan.plan_id] = plan
         self._forget()
         return plan
 
     async def _forecast(
         self, goals: Sequence[MotionRequest], radii_m: Sequence[float], attempt: PlanAttempt
-    ) -> Forecast:
+    ) -> tuple[Forecast, Course]:
         begin, samples = attempt.begin, attempt.asked.samples
         if len(goals) == 1:
             request = self._goals.request(goals[0], begin)
-            return await attempt.of(request, partial(forecast, request=request, samples=samples))
+            found = await attempt.of(request, partial(forecast, request=request, samples=samples))
+            duration_s = 0.0 if found.trajectory is None else found.trajectory.duration_s
+            return found, Course(found.trajectory, (goals[0].signals,), (duration_s,))
 
         async def plan(request: MotionRequest) -> Trajectory | None:
             return await attempt.of(request, partial(planned, request=request))
 
-        trajectory = await self._moves.sequence(goals, radii_m, begin, plan, attempt.compute)
-        return await attempt.compute(partial(describe, trajectory=trajectory, start=begin, samples=samples))
+        course = await self._moves.sequence(goals, radii_m, begin, plan, attempt.compute)
+        work = partial(describe, trajectory=course.trajectory, start=begin, samples=samples)
+        return await attempt.compute(work), course
 
     async def picture(self, plan_id: str) -> bytes:
         """A plan as a PNG. One is drawn at a time, as one is made.
@@ -189,7 +197,7 @@ class PlanService:
             plan.require_unchanged(self._robot)
             plan.require_start(joints)
 
-        return await self._moves.run(plan.forecast.trajectory, require, caller, fence)
+        return await self._moves.run(plan.to_run, require, caller, fence, plan.signals)
 
     async def rehearse(
         self, plan_id: str, gone: asyncio.Event, timeout_s: float
@@ -249,6 +257,10 @@ class PlanService:
             ConflictError: a limit, the scene or the tool is not what it was.
         """
         plan = self.get(plan_id)
+        if plan.signals is not NO_PLACED:
+            raise InputError(
+                f"plan {plan_id}: has actions or conditions, which motions in the queue do not have"
+            )
         trajectory, same = plan.forecast.trajectory, partial(plan.require_unchanged, self._robot)
         same()
 

@@ -71,9 +71,11 @@ def queue_request(
         radius_m, inner_radii_m: see `QueueRequest`. No inner radii: the arm stops at each part.
 
     Raises:
-        InputError: see `check_radii`.
+        InputError: see `check_radii`; or a motion has actions or conditions.
     """
     check_radii(goals, inner_radii_m)
+    if any(goal.signals for goal in goals):
+        raise InputError("actions, start_when, pause_while, until: motions in the queue do not have them")
     first = goals[0]
     return QueueRequest(
         name,

@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from app.services.rights.signal_results import NO_RESULTS, ActionResult, Contact, SignalResults
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError, UnavailableError
 from cobot.findings import Finding
@@ -87,6 +88,9 @@ class JobRecord:
         remaining_s: the remaining time at the present speed override; None while it is unknown.
         note: see `Trajectory`.
         started_at: when its first motion began.
+        actions: on the path of its newest motion that had any.
+        waits_for: the condition that holds the motion up, for people; "" for none.
+        stopped_by, contact: see `SignalResults`.
     """
 
     # A finding may be infinite, which JSON has no number for.
@@ -108,6 +112,10 @@ class JobRecord:
     error: JobError | None = None
     started_at: datetime | None = None
     ended_at: datetime | None = None
+    actions: tuple[ActionResult, ...] = ()
+    waits_for: str = ""
+    stopped_by: str = ""
+    contact: Contact | None = None
 
 
 @dataclass(eq=False)
@@ -141,6 +149,7 @@ class Job:
     _waypoints: tuple[float, int] | None = None
     _held: bool = False
     _error: JobError | None = None
+    _signals: Callable[[], SignalResults] = field(default=lambda: NO_RESULTS)
 
     def __post_init__(self) -> None:
         self._created_at = self._now()
@@ -173,6 +182,10 @@ class Job:
             self._follow(trajectory)
         self._started_at = self._started_at or self._now()
         self.changed(self)
+
+    def follow_signals(self, results: Callable[[], SignalResults]) -> None:
+        """Report the actions and conditions of a motion from now on."""
+        self._signals = results
 
     def prolonged(self, trajectory: Trajectory) -> None:
         """Its motion goes on along this one."""
@@ -231,6 +244,7 @@ class Job:
     def _recorded(self, state: JobState) -> JobRecord:
         ended, finished = state in ENDS, state is JobState.FINISHED
         progress, remaining_s = self._progress()
+        signals = self._signals()
         return JobRecord(
             id=self.id,
             robot=self.link.memory.robot,
@@ -248,6 +262,10 @@ class Job:
             error=self._error if ended else None,
             started_at=self._started_at,
             ended_at=self._now() if ended else None,
+            actions=signals.actions,
+            waits_for="" if ended else signals.waits_for,
+            stopped_by=signals.stopped_by,
+            contact=signals.contact,
         )
 
     def _progress(self) -> tuple[float, float | None]:

@@ -212,7 +212,10 @@ def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobReco
         f"its next start found that at {found:%Y-%m-%d %H:%M:%S} UTC"
     )
     error = JobError(sentence, "interrupted")
-    return replace(record, state=JobState.INTERRUPTED, remaining_s=None, error=error, ended_at=ended_at)
+    actions = tuple(replace(each, fired=each.fired or None) for each in record.actions)
+    return replace(
+        record, state=JobState.INTERRUPTED, remaining_s=None, error=error, ended_at=ended_at, actions=actions
+    )
 
 
 def unknown(number: str) -> NotFoundError:

@@ -9,6 +9,7 @@ from cobot.errors import CobotError, ConflictError, ExecutionError, NotReadyErro
 from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, text
 from cobot.ipc.tool_record import fill
 from cobot.motions.fence import Fence
+from cobot.motions.signals import NO_PLACED, Placed
 from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
@@ -39,7 +40,12 @@ class Commands:
         self.handed_over: tuple[int, Trajectory] | None = None
 
     async def start(
-        self, trajectory: Trajectory, stops: int, tool: int = 0, fence: Fence | None = None
+        self,
+        trajectory: Trajectory,
+        stops: int,
+        tool: int = 0,
+        fence: Fence | None = None,
+        signals: Placed = NO_PLACED,
     ) -> int:
         """Hand a motion over and have it started.
 
@@ -47,6 +53,7 @@ class Commands:
             stops: `RobotLink.stops` as it was when the motion was asked for.
             tool: the version of the tool that it was planned with.
             fence: that the TCP may not leave.
+            signals: actions and conditions on its way.
 
         Returns:
             The motion's number.
@@ -63,7 +70,7 @@ class Commands:
             self._slot, self.handed_over = number, (motion_id, trajectory)
             motions = self._link.motions
             motions.prepare(motion_id, trajectory.duration_s)
-            await self._write(number, motion_id, trajectory, fence)
+            await self._write(number, motion_id, trajectory, fence, signals)
             try:
                 self._link.heartbeat.require_awake()
                 await self._send(
@@ -109,13 +116,18 @@ class Commands:
             self._slot, self.handed_over = number, (self._last_motion, trajectory)
 
     async def _write(
-        self, number: int, motion_id: int, trajectory: Trajectory, fence: Fence | None = None
+        self,
+        number: int,
+        motion_id: int,
+        trajectory: Trajectory,
+        fence: Fence | None = None,
+        signals: Placed = NO_PLACED,
     ) -> None:
         slot = self._memory.slots[number]
         if trajectory.segments > IN_THREAD_SEGMENTS:
-            await asyncio.to_thread(slot.write, motion_id, trajectory, fence)
+            await asyncio.to_thread(slot.write, motion_id, trajectory, fence, signals)
         else:
-            slot.write(motion_id, trajectory, fence)
+            slot.write(motion_id, trajectory, fence, signals)
 
     async def set_rate(self, rate: float) -> None:
         """Go over to another path time per clock time, 0 (pause) to 1, of the motion that runs.

@@ -11,6 +11,7 @@ from cobot.ipc.layout import MotionResult
 
 ENDS = {
     MotionResult.ARRIVED: "finished",
+    MotionResult.MET: "finished",
     MotionResult.STOPPED: "stopped",
     MotionResult.STOPPED_ASIDE: "stopped",
     MotionResult.FAILED: "failed",

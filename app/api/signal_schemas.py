@@ -1,0 +1,68 @@
+"""Actions and conditions of motions in answers, as JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from pydantic import BaseModel, Field
+
+from app.services.rights.signal_results import ActionResult, Contact
+from cobot.motions.fields import example
+
+
+class ActionAnswer(BaseModel):
+    """An action on the path, and what became of it."""
+
+    action: str = Field(description="Its place in the request.")
+    does: str = Field(description="What it does.")
+    at: str = Field(description="The place on the path that was asked for.")
+    planned_s: float = Field(description="The path time of that place, s.")
+    fired: bool | None = Field(
+        description="Whether it has fired; null of a motion whose end the service has not seen."
+    )
+    path_time_s: float | None = Field(description="Path time of the cycle in which it fired, s.")
+    robot_time_s: float | None = Field(description="Time of that cycle on the robot's clock, s.")
+    position: list[float] | None = Field(
+        description="Of the TCP in the base frame, as measured in that cycle, m."
+    )
+    problem: str = Field(description="Why it did nothing; empty if it did, or has not fired.")
+
+
+class ContactAnswer(BaseModel):
+    """The moment at which the condition `until` was met."""
+
+    model_config = example(
+        {
+            "position": [0.55, 0.0, 0.201],
+            "quaternion": [0.0, 1.0, 0.0, 0.0],
+            "force": [0.1, -0.2, 21.3],
+            "torque": [0.0, 0.1, 0.0],
+            "value": 21.3,
+            "path_time_s": 2.104,
+            "robot_time_s": 1834.022,
+            "overshoot_m": 0.0002,
+            "retracted_m": 0.0,
+        }
+    )
+
+    position: list[float] = Field(description="Of the TCP in the base frame, m.")
+    quaternion: list[float] = Field(description="Its orientation, x, y, z, w.")
+    force: list[float] = Field(
+        description="That the surroundings exert at the TCP, in the base frame, from the zero on, N."
+    )
+    torque: list[float] = Field(description="The same, N·m.")
+    value: float = Field(description="Value of the input, or amount of the force or torque of the condition.")
+    path_time_s: float = Field(description="Path time of the cycle, s.")
+    robot_time_s: float = Field(description="Time of the cycle on the robot's clock, s.")
+    overshoot_m: float | None = Field(description="How far the TCP moved on until it rested, m.")
+    retracted_m: float = Field(description="How far from the contact it went back along its path, m.")
+
+
+def action_answers(results: tuple[ActionResult, ...]) -> list[ActionAnswer]:
+    """Results as JSON."""
+    return [ActionAnswer.model_validate(asdict(each)) for each in results]
+
+
+def contact_answer(contact: Contact | None) -> ContactAnswer | None:
+    """A contact as JSON."""
+    return None if contact is None else ContactAnswer.model_validate(asdict(contact))

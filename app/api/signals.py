@@ -1,0 +1,178 @@
+"""Actions and conditions of motions, from what a client has written to what the services take."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from app.robot_services import Services
+from cobot.errors import CobotError, InputError, NotSupportedError
+from cobot.motions.bodies import AnyMotion
+from cobot.motions.checks import SHORTEST_AXIS
+from cobot.motions.fields import Direction
+from cobot.motions.signal_bodies import (
+    PLACE_UNITS,
+    ActionPlace,
+    InputCondition,
+    PathAction,
+    UntilCondition,
+)
+from cobot.motions.signals import (
+    FALSE,
+    NO_SIGNALS,
+    TRUE,
+    Action,
+    Condition,
+    Place,
+    Quantity,
+    Signals,
+    Until,
+)
+from cobot.robot.io_points import IoKind, IoPoint, number_of, output_of
+from cobot.strict import shown
+from cobot.types import Scaling
+
+
+def signals_of(body: AnyMotion, scaling: Scaling, services: Services) -> Signals:
+    """The actions and conditions of a request.
+
+    Args:
+        scaling: of the motion.
+
+    Raises:
+        InputError: an input, output or joint that there is not, or a value that it cannot have.
+        NotSupportedError: the device cannot do it.
+        UnavailableError: the device's inputs and outputs cannot be read.
+    """
+    if not (body.actions or body.start_when or body.pause_while or body.until):
+        return NO_SIGNALS
+    reader = _Reader(services)
+    if body.start_when is not None or body.pause_while is not None:
+        reader.require_own_time("start_when" if body.start_when else "pause_while")
+    if body.pause_while is not None and body.pause_while.edge is not None:
+        raise InputError("pause_while.edge: an edge does not last; give is, above or below")
+    return Signals(
+        tuple(reader.action(f"actions[{index}]", each) for index, each in enumerate(body.actions)),
+        reader.input("start_when", body.start_when),
+        reader.input("pause_while", body.pause_while),
+        None if body.until is None else reader.until(body.until, scaling),
+    )
+
+
+class _Reader:
+    """Reads them for one robot."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+        self._points: Sequence[IoPoint] | None = None
+
+    def action(self, field: str, body: PathAction) -> Action:
+        place, stops = _place(body.at), body.on_failure == "stop"
+        if body.gripper is not None:
+            raise NotSupportedError(f"{field}.gripper: this robot has no gripper")
+        if body.set is None:
+            return Action(field, place, event=body.event or "", stops_on_failure=stops)
+        try:
+            output = output_of(self.points(f"{field}.set"), body.set.output)
+            value = number_of(output, body.set.value)
+        except CobotError as exc:
+            if isinstance(exc, InputError):
+                raise InputError(f"{field}.set: {exc}") from exc
+            raise
+        return Action(field, place, body.set.output, value, stops_on_failure=stops)
+
+    def input(self, field: str, body: InputCondition | UntilCondition | None) -> Condition | None:
+        if body is None or body.input is None:
+            return None
+        points, name = self.points(field), body.input
+        point = next((each for each in points if each.name == name), None)
+        if point is None or point.is_output:
+            known = ", ".join(each.name for each in points if not each.is_output) or "none"
+            raise InputError(f"{field}.input: there is no input {shown(name)}; valid are: {known}")
+        low, high = self._bounds(field, body, point)
+        return Condition(Quantity.INPUT, low, high, name, edge=body.edge is not None)
+
+    def until(self, body: UntilCondition, scaling: Scaling) -> Until:
+        condition = self.input("until", body) or self._force(body)
+        fast = body.stop == "fast"
+        if fast and "stop" in body.model_fields_set:
+            self.require_own_time("until.stop")
+        return Until(
+            condition,
+            fast,
+            body.retract,
+            body.if_not_met == "error",
+            body.relative_to == "zero" and condition.quantity is not Quantity.INPUT,
+            scaling,
+        )
+
+    def points(self, field: str) -> Sequence[IoPoint]:
+        """The device's inputs and outputs."""
+        if self._points is None:
+            backend, points = self._services.io.points()
+            if points is None:
+                raise NotSupportedError(f"{field}: the backend {backend} has no inputs and outputs")
+            self._points = points
+        return self._points
+
+    def require_own_time(self, field: str) -> None:
+        """See that the real-time loop leads the arm, and no device that moves along whole motions."""
+        named = self._services.link.device()
+        if named is not None and named[1].capabilities.trajectories:
+            raise NotSupportedError(
+                f"{field}: the backend {named[0]} moves along whole motions by itself; valid are actions "
+                "and until with stop path"
+            )
+
+    def _bounds(
+        self, field: str, body: InputCondition | UntilCondition, point: IoPoint
+    ) -> tuple[float, float]:
+        if point.kind is IoKind.BOOLEAN:
+            if body.above is not None or body.below is not None:
+                raise InputError(f"{field}: {point.name} is boolean; give is or edge")
+            wanted = body.wanted if body.edge is None else body.edge == "rising"
+            return TRUE if wanted else FALSE
+        if body.above is None and body.below is None:
+            raise InputError(f"{field}: {point.name} is {point.kind}; give above or below")
+        return (body.above, math.inf) if body.above is not None else (-math.inf, float(body.below or 0.0))
+
+    def _force(self, body: UntilCondition) -> Condition:
+        zero, limits = self._services.motion.force_zero, self._services.robot.limits
+        if (force := body.force) is not None:
+            zero.require_measured(Quantity.FORCE, "until.force")
+            direction = _unit("until.force.direction", force.direction)
+            return Condition(
+                Quantity.FORCE, force.threshold, direction=direction, in_tool=force.frame == "tool"
+            )
+        torque = body.torque
+        assert torque is not None
+        if torque.joint is None:
+            zero.require_measured(Quantity.TORQUE, "until.torque")
+            direction = _unit("until.torque.direction", torque.direction)
+            in_tool = torque.frame == "tool"
+            return Condition(Quantity.TORQUE, torque.threshold, direction=direction, in_tool=in_tool)
+        if torque.joint not in limits.names:
+            valid = ", ".join(limits.names)
+            raise InputError(
+                f"until.torque.joint: there is no joint {shown(torque.joint)}; valid are: {valid}"
+            )
+        zero.require_measured(Quantity.JOINT, "until.torque")
+        joint = limits.names.index(torque.joint)
+        return Condition(Quantity.JOINT, torque.threshold, name=torque.joint, joint=joint)
+
+
+def _place(body: ActionPlace) -> Place:
+    unit = next(name for name in PLACE_UNITS if getattr(body, name) is not None)
+    return Place(unit, getattr(body, unit), body.from_end)
+
+
+def _unit(field: str, direction: Direction | None) -> tuple[float, float, float] | None:
+    """A direction of unit length."""
+    if direction is None:
+        return None
+    length = math.hypot(direction.x, direction.y, direction.z)
+    if not length > SHORTEST_AXIS:
+        raise InputError(
+            f"{field}: has a length of {length:g}, which is no direction; above {SHORTEST_AXIS:g} is"
+        )
+    return direction.x / length, direction.y / length, direction.z / length

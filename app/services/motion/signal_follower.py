@@ -1,0 +1,174 @@
+"""Follows the actions and conditions of one motion, and does what rtloop leaves to the service."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from app.services.rights.signal_results import ActionResult, Contact, SignalResults
+from app.services.state.link import RobotLink
+from cobot.errors import CobotError
+from cobot.ipc.layout import Firing, Waiting
+from cobot.ipc.signal_record import Fired, Met, SignalReport
+from cobot.motions.signals import NO_PLACED, Placed, PlacedAction
+from cobot.types import Array, Scaling
+
+log = logging.getLogger("cobot.signals")
+
+CommandGripper = Callable[[Mapping[str, Any]], None]
+"""Starts a command of the gripper and returns at once; raises `CobotError` if it is rejected."""
+
+
+class SignalFollower:
+    """The signals of one motion."""
+
+    def __init__(
+        self, link: RobotLink, placed: Placed, motion_id: int, command_gripper: CommandGripper
+    ) -> None:
+        self._link = link
+        self._placed = placed
+        self._motion_id = motion_id
+        self._command_gripper = command_gripper
+        self._results = {each.number: _pending(each) for each in placed.actions}
+        self._waiting = Waiting.NO
+        self._contact: Contact | None = None
+
+    @property
+    def results(self) -> SignalResults:
+        """What is known so far."""
+        waits_for = {Waiting.START: self._placed.start_when, Waiting.PAUSE: self._placed.pause_while}
+        condition, until = waits_for.get(self._waiting), self._placed.until
+        name = "start_when" if self._waiting is Waiting.START else "pause_while"
+        return SignalResults(
+            tuple(self._results[number] for number in sorted(self._results)),
+            "" if condition is None else f"{name}: {condition.words}",
+            "" if until is None or self._contact is None else until.condition.words,
+            self._contact,
+        )
+
+    @property
+    def contact(self) -> Contact | None:
+        """The moment at which `until` was met; None if it was not."""
+        return self._contact
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether `until` was required and is not met."""
+        until = self._placed.until
+        return until is not None and until.is_required and self._contact is None
+
+    @property
+    def until(self) -> str:
+        """The condition `until` for people."""
+        return "" if self._placed.until is None else self._placed.until.condition.words
+
+    @property
+    def retract_m(self) -> float:
+        """How far the TCP is to go back, m, now that the motion has ended."""
+        until = self._placed.until
+        return 0.0 if until is None or self._contact is None else until.retract_m
+
+    @property
+    def retract_scaling(self) -> Scaling:
+        """How fast the TCP goes back."""
+        assert self._placed.until is not None
+        return self._placed.until.scaling
+
+    def look(self) -> None:
+        """Read what rtloop reports. Publish an event for each action that has fired since the last look, and
+        command the gripper."""
+        report = None if self._placed is NO_PLACED else self._link.signals()
+        if report is None or report.motion_id != self._motion_id:
+            return
+        self._waiting = report.waiting
+        self._look_at_actions(report)
+        if report.met is not None and self._contact is None:
+            self._contact = _contact(report.met)
+
+    def rest(self, tcp: Array) -> None:
+        """The motion has ended, and the TCP, shape (7,), rests."""
+        self.look()
+        self._waiting = Waiting.NO
+        if self._contact is not None:
+            overshoot_m = float(np.linalg.norm(np.array(self._contact.position) - tcp[:3]))
+            self._contact = replace(self._contact, overshoot_m=overshoot_m)
+        for result in self._results.values():
+            if not result.fired and not result.problem:
+                self._tell("not fired", result)
+
+    def retracted(self, by_m: float) -> None:
+        """The TCP has gone back so far."""
+        if self._contact is not None:
+            self._contact = replace(self._contact, retracted_m=by_m)
+
+    def _look_at_actions(self, report: SignalReport) -> None:
+        for each in self._placed.actions:
+            fired, before = report.fired.get(each.number), self._results[each.number]
+            if fired is None or before.path_time_s is not None:
+                continue
+            result = _fired(before, fired)
+            if each.action.gripper is not None:
+                result = self._grip(each.action.gripper, result)
+            self._results[each.number] = result
+            self._tell("rejected" if result.problem else "fired", result, each.action.event)
+
+    def _grip(self, command: Mapping[str, Any], result: ActionResult) -> ActionResult:
+        try:
+            self._command_gripper(command)
+        except CobotError as exc:
+            return replace(result, fired=False, problem=str(exc))
+        return result
+
+    def _tell(self, what: str, result: ActionResult, text: str = "") -> None:
+        if result.problem:
+            where = f"{self._link.label}motion {self._motion_id}"
+            log.warning("%s: %s (%s): %s", where, result.action, result.does, result.problem)
+        self._link.events.publish(
+            "action",
+            what=what,
+            motion=self._motion_id,
+            action=result.action,
+            does=result.does,
+            text=text,
+            path_time_s=result.path_time_s,
+            problem=result.problem,
+        )
+
+
+def planned_results(placed: Placed) -> SignalResults:
+    """Those of a motion that has not begun."""
+    actions = sorted(placed.actions, key=lambda each: each.number)
+    return SignalResults(tuple(_pending(each) for each in actions))
+
+
+def _pending(placed: PlacedAction) -> ActionResult:
+    action = placed.action
+    return ActionResult(action.field, action.words, str(action.place), placed.path_time_s)
+
+
+def _fired(before: ActionResult, fired: Fired) -> ActionResult:
+    return replace(
+        before,
+        fired=fired.firing is Firing.FIRED,
+        path_time_s=fired.path_time_s,
+        robot_time_s=fired.robot_time_s,
+        position=tuple(fired.pose[:3].tolist()),
+        problem=fired.reason,
+    )
+
+
+def _contact(met: Met) -> Contact:
+    x, y, z, qw, qx, qy, qz = met.pose.tolist()
+    return Contact(
+        (x, y, z),
+        (qx, qy, qz, qw),
+        tuple(met.wrench[:3].tolist()),
+        tuple(met.wrench[3:].tolist()),
+        met.value,
+        met.path_time_s,
+        met.robot_time_s,
+    )

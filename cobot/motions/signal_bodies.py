@@ -1,0 +1,254 @@
+"""Actions and conditions in requests for motions, as JSON. See `cobot.motions.signals`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import FailFast, Field, create_model, model_validator
+
+from cobot.loose_lists import RequestModel
+from cobot.motions.fields import Direction, Finite
+from cobot.motions.signals import MAX_ACTIONS
+
+MAX_FORCE = 10_000.0
+DEFAULT_FORCE_N, DEFAULT_TORQUE_NM = 20.0, 5.0
+"""Default thresholds of `until`. docs/signals-and-contact.md has the measurement behind them."""
+MAX_NAME = 200
+MAX_TEXT = 200
+MAX_RETRACT_M = 1.0
+
+
+def _with_word(name: str, base: type[RequestModel], doc: str, word: str, field: Any) -> type[RequestModel]:
+    """A model with a field whose name is a word of Python, so that no attribute can be written with it."""
+    return create_model(name, __base__=base, __doc__=doc, __module__=__name__, **{word: field})
+
+
+PointName = Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
+
+
+class _Place(RequestModel):
+    distance_m: Annotated[
+        Finite | None, Field(ge=0.0, le=1000.0, description="Length of the path of the TCP, m.")
+    ] = None
+    time_s: Annotated[
+        Finite | None,
+        Field(ge=0.0, description="Time at the planned speed, s; the speed override scales it."),
+    ] = None
+    fraction: Annotated[
+        Finite | None,
+        Field(
+            ge=0.0,
+            le=1.0,
+            description="Share of the length of the path of the TCP; if the TCP only turns, of the time.",
+        ),
+    ] = None
+
+    @model_validator(mode="after")
+    def _require_one(self) -> _Place:
+        given = [name for name in PLACE_UNITS if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give one of {', '.join(PLACE_UNITS)}, got {', '.join(given) or 'none'}")
+        return self
+
+    @property
+    def from_end(self) -> bool:
+        """Whether the place is measured back from the end."""
+        return bool(getattr(self, "from") == "end")
+
+
+PLACE_UNITS = ("distance_m", "time_s", "fraction")
+
+if TYPE_CHECKING:
+
+    class ActionPlace(_Place):
+        """A place on the path of the motion."""
+
+else:
+    ActionPlace = _with_word(
+        "ActionPlace",
+        _Place,
+        "A place on the path of the motion. Give one of `distance_m`, `time_s` and `fraction`.",
+        "from",
+        (Literal["start", "end"], Field("start", description="Where the distance, time or fraction begins.")),
+    )
+
+
+class SetAction(RequestModel):
+    """An output and its value."""
+
+    output: PointName = Field(description="Name of an output in GET /robot/io.")
+    value: bool | int | Finite = Field(
+        description="boolean: true or false; digital: a whole number from 0 on; analog: a number."
+    )
+
+
+class PathAction(RequestModel):
+    """Something to do at a place on the path. Give one of `set`, `event` and `gripper`."""
+
+    at: ActionPlace = Field(description="Where on the path.")
+    set: SetAction | None = Field(None, description="Set an output, in the cycle that reaches the place.")
+    event: Annotated[
+        str | None,
+        Field(min_length=1, max_length=MAX_TEXT, description="Text of an event in GET /events."),
+    ] = None
+    gripper: Annotated[
+        dict[str, Any] | None,
+        Field(
+            max_length=8,
+            description="Command of the gripper: `command` is move, grasp or release; the other fields are "
+            "those of POST /robot/gripper/move, grasp and release.",
+        ),
+    ] = None
+    on_failure: Literal["continue", "stop"] = Field(
+        "continue", description="What the motion does if the device rejects the output."
+    )
+
+    @model_validator(mode="after")
+    def _require_one(self) -> PathAction:
+        given = [name for name in ("set", "event", "gripper") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give one of set, event and gripper, got {', '.join(given) or 'none'}")
+        return self
+
+
+class _InputTest(RequestModel):
+    above: Finite | None = Field(None, description="The input is greater; for digital and analog inputs.")
+    below: Finite | None = Field(None, description="The input is less; for digital and analog inputs.")
+    edge: Literal["rising", "falling"] | None = Field(
+        None, description="The boolean input becomes true or false after it was not."
+    )
+
+    @property
+    def wanted(self) -> bool | None:
+        """The value that a boolean input is to have."""
+        found: bool | None = getattr(self, "is")
+        return found
+
+    def _require_one_test(self) -> None:
+        given = [name for name in INPUT_TESTS if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give one of {', '.join(INPUT_TESTS)}, got {', '.join(given) or 'none'}")
+
+
+class _InputCondition(_InputTest):
+    input: PointName = Field(description="Name of an input in GET /robot/io.")
+
+    @model_validator(mode="after")
+    def _require_test(self) -> _InputCondition:
+        self._require_one_test()
+        return self
+
+
+INPUT_TESTS = ("is", "above", "below", "edge")
+_IS = (bool | None, Field(None, description="The boolean input has this value."))
+
+if TYPE_CHECKING:
+
+    class InputCondition(_InputCondition):
+        """A condition on an input."""
+
+else:
+    InputCondition = _with_word(
+        "InputCondition",
+        _InputCondition,
+        "A condition on an input. Give one of `is`, `above`, `below` and `edge`.",
+        "is",
+        _IS,
+    )
+
+
+class ForceThreshold(RequestModel):
+    """A force at the TCP."""
+
+    direction: Direction | None = Field(
+        None,
+        description="The force along this direction counts, in either sense. null: in any direction.",
+    )
+    frame: Literal["base", "tool"] = Field("base", description="Frame of the direction.")
+    threshold: Finite = Field(DEFAULT_FORCE_N, gt=0.0, le=MAX_FORCE, description="N")
+
+
+class TorqueThreshold(RequestModel):
+    """A torque on a joint or at the TCP."""
+
+    joint: PointName | None = Field(
+        None, description="Name of a joint: the external torque on it counts. null: the torque at the TCP."
+    )
+    direction: Direction | None = Field(
+        None, description="At the TCP: the torque about this direction counts. null: about any direction."
+    )
+    frame: Literal["base", "tool"] = Field("base", description="Frame of the direction.")
+    threshold: Finite = Field(DEFAULT_TORQUE_NM, gt=0.0, le=MAX_FORCE, description="N·m")
+
+    @model_validator(mode="after")
+    def _require_one_place(self) -> TorqueThreshold:
+        if self.joint is not None and self.direction is not None:
+            raise ValueError("joint, direction: give one of them; the torque on a joint has no direction")
+        return self
+
+
+class _Until(_InputTest):
+    input: PointName | None = Field(None, description="Name of an input in GET /robot/io.")
+    force: ForceThreshold | None = Field(None, description="A force at the TCP exceeds a threshold.")
+    torque: TorqueThreshold | None = Field(
+        None, description="A torque on a joint or at the TCP exceeds a threshold."
+    )
+    relative_to: Literal["start", "zero"] = Field(
+        "start",
+        description="start: forces and torques count from those at the start of the motion. zero: from those "
+        "of the last POST /robot/force/zero.",
+    )
+    stop: Literal["fast", "path"] = Field(
+        "fast",
+        description="fast: each joint stops as fast as its limits permit, next to the path. path: the arm "
+        "stops on its path, which takes it further.",
+    )
+    retract: Finite = Field(
+        0.0, ge=0.0, le=MAX_RETRACT_M, description="How far the TCP goes back along its path afterwards, m."
+    )
+    if_not_met: Literal["error", "success"] = Field(
+        "error", description="The answer of a motion that reaches its goal and has not met the condition."
+    )
+
+    @model_validator(mode="after")
+    def _require_condition(self) -> _Until:
+        given = [name for name in ("input", "force", "torque") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give one of input, force and torque, got {', '.join(given) or 'none'}")
+        if self.input is not None:
+            self._require_one_test()
+        elif tests := [name for name in INPUT_TESTS if getattr(self, name) is not None]:
+            raise ValueError(f"{tests[0]}: is a test of an input, and there is no input")
+        return self
+
+
+if TYPE_CHECKING:
+
+    class UntilCondition(_Until):
+        """A condition that ends a motion."""
+
+else:
+    UntilCondition = _with_word(
+        "UntilCondition",
+        _Until,
+        "A condition that ends a motion. Give one of `input`, `force` and `torque`.",
+        "is",
+        _IS,
+    )
+
+
+class SignalFields(RequestModel):
+    """Fields of a motion with actions on its path, and with conditions."""
+
+    actions: Annotated[list[PathAction], FailFast()] = Field(
+        [], max_length=MAX_ACTIONS, description="What is done at places on the path, each once."
+    )
+    start_when: InputCondition | None = Field(
+        None, description="The motion waits at its start until the input is so."
+    )
+    pause_while: InputCondition | None = Field(
+        None, description="The motion waits on its path while the input is so."
+    )
+    until: UntilCondition | None = Field(
+        None, description="The motion ends when this is so: that is a success. For motion until contact."
+    )

@@ -1,0 +1,340 @@
+"""What happens on the way of a motion: actions at places of its path, and conditions for its start, its
+progress and its end.
+
+A request names places; `placed` turns them into path times of a trajectory. rtloop knows path times only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.trajectory import Trajectory
+from cobot.types import Array, Scaling
+
+if TYPE_CHECKING:
+    from cobot.robot.chain import Chain
+
+MAX_ACTIONS = 64
+"""Maximum number of actions of a motion, however many segments it has."""
+SAMPLE_S = 0.002
+"""Period at which the path of the TCP is measured, s: chords are then exact to a millionth."""
+MAX_SAMPLES = 100_000
+MIN_LENGTH_M = 1e-4
+"""A TCP that moves less than this only turns: fractions of its path are fractions of its time, m."""
+REST_S = 0.01
+"""Duration of the motion of an arm that is at its goal already, but has actions or conditions, s."""
+
+Unit = Literal["distance_m", "time_s", "fraction"]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place on the path of a motion.
+
+    Attributes:
+        unit: of `value`: the length of the path of the TCP, m; path time, s; or the share of that length.
+        from_end: whether it is measured back from the end of the path.
+    """
+
+    unit: Unit
+    value: float
+    from_end: bool = False
+
+    def __str__(self) -> str:
+        unit = {"distance_m": " m", "time_s": " s", "fraction": " of the path"}[self.unit]
+        return f"{self.value:g}{unit} {'before the end' if self.from_end else 'after the start'}"
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """Something to do at a place: set an output, report an event, or command the gripper.
+
+    Attributes:
+        field: its name in the request, for errors.
+        output, value: the output to set; "" for none.
+        event: the text of the event; "" for none.
+        gripper: the command of the gripper, as in the request; None for none.
+        stops_on_failure: whether the motion stops if the device rejects it.
+    """
+
+    field: str
+    place: Place
+    output: str = ""
+    value: float = 0.0
+    event: str = ""
+    gripper: Mapping[str, Any] | None = None
+    stops_on_failure: bool = False
+
+    @property
+    def words(self) -> str:
+        """What it does, for people."""
+        if self.output:
+            return f"set {self.output} to {self.value:g}"
+        return f"gripper {self.gripper['command']}" if self.gripper else f"event {self.event!r}"
+
+
+class Quantity(IntEnum):
+    """What a condition compares."""
+
+    NONE = 0  # there is no condition
+    INPUT = 1
+    FORCE = 2  # that the surroundings exert at the TCP, N
+    TORQUE = 3  # the same, N·m
+    JOINT = 4  # torque that the surroundings exert on a joint, N·m
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """A condition that rtloop evaluates in each cycle. It holds while the value is between `low` and `high`.
+
+    Attributes:
+        name: of the input or of the joint.
+        low, high: bounds of the value, exclusive. The value of a force or torque is an amount.
+        edge: it holds once the value has come into the bounds from outside.
+        direction: of a force or torque, unit length; None: the amount in any direction.
+        in_tool: whether the direction turns with the tool.
+        joint: index of the joint.
+        zero: of what is measured, the amount that does not count: force and torque at the TCP, shape (6,), or
+            the torque of the joint; None: what is measured when the condition begins to be watched.
+    """
+
+    quantity: Quantity
+    low: float
+    high: float = math.inf
+    name: str = ""
+    edge: bool = False
+    direction: tuple[float, float, float] | None = None
+    in_tool: bool = False
+    joint: int = 0
+    zero: tuple[float, ...] | None = None
+
+    @property
+    def words(self) -> str:
+        """The condition for people."""
+        if self.quantity is Quantity.INPUT:
+            where, unit = f"input {self.name}", ""
+        elif self.quantity is Quantity.JOINT:
+            where, unit = f"the external torque on {self.name}", " N·m"
+        else:
+            force = self.quantity is Quantity.FORCE
+            axis = "" if self.direction is None else f" along {_vector(self.direction)}"
+            frame = "" if self.direction is None else f" of the {'tool' if self.in_tool else 'base'}"
+            where, unit = (
+                f"the {'force' if force else 'torque'} at the TCP{axis}{frame}",
+                " N" if force else "",
+            )
+            unit = unit or " N·m"
+        if self.quantity is Quantity.INPUT and (self.low, self.high) in BOOLEANS:
+            said = f"is {'true' if self.low > 0.0 else 'false'}"
+        elif math.isinf(self.high):
+            said = f"is above {self.low:g}{unit}"
+        else:
+            said = f"is below {self.high:g}{unit}"
+        return f"{where} {said.replace('is ', 'becomes ', 1) if self.edge else said}"
+
+
+TRUE, FALSE = BOOLEANS = ((0.5, math.inf), (-math.inf, 0.5))
+"""The bounds of an input that is true or false."""
+
+
+SLOWLY = Scaling(0.1)
+
+
+@dataclass(frozen=True, slots=True)
+class Until:
+    """A condition that ends a motion.
+
+    Attributes:
+        fast: whether each joint stops as fast as its limits permit, next to the path; else the arm stops on
+            its path.
+        retract_m: how far the TCP goes back afterwards, m.
+        is_required: whether a motion that arrives without it has failed.
+        from_zero: whether forces count from the zero of `POST /robot/force/zero`.
+        scaling: of the motion back.
+    """
+
+    condition: Condition
+    fast: bool = False
+    retract_m: float = 0.0
+    is_required: bool = True
+    from_zero: bool = False
+    scaling: Scaling = SLOWLY
+
+
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """The actions and conditions of one motion."""
+
+    actions: tuple[Action, ...] = ()
+    start_when: Condition | None = None
+    pause_while: Condition | None = None
+    until: Until | None = None
+
+    def __bool__(self) -> bool:
+        return self != NO_SIGNALS
+
+
+NO_SIGNALS = Signals()
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedAction:
+    """An action and the path time at which it fires.
+
+    Attributes:
+        number: from 1 on, unique in its motion.
+    """
+
+    number: int
+    path_time_s: float
+    action: Action
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """The actions and conditions of a trajectory.
+
+    Attributes:
+        actions: in the order of their path times.
+        pause_s: path times between which `pause_while` counts.
+        until_s: path time from which on `until` counts.
+    """
+
+    actions: tuple[PlacedAction, ...] = ()
+    start_when: Condition | None = None
+    pause_while: Condition | None = None
+    pause_s: tuple[float, float] = (0.0, math.inf)
+    until: Until | None = None
+    until_s: float = 0.0
+
+    @property
+    def words(self) -> Iterator[str]:
+        """All of them for people, one sentence each."""
+        for name, condition in (("start_when", self.start_when), ("pause_while", self.pause_while)):
+            if condition is not None:
+                yield f"{name}: {condition.words}"
+        for each in self.actions:
+            yield f"{each.path_time_s:.3f} s: {each.action.words}"
+        if self.until is not None:
+            yield f"until: {self.until.condition.words}"
+
+
+NO_PLACED = Placed()
+
+
+class Way:
+    """The way of the TCP along a trajectory.
+
+    Attributes:
+        duration_s: of the trajectory.
+    """
+
+    def __init__(self, trajectory: Trajectory, chain: Chain) -> None:
+        """chain: of the arm, with the tool's TCP."""
+        self.duration_s = trajectory.duration_s
+        count = min(max(math.ceil(self.duration_s / SAMPLE_S), 1), MAX_SAMPLES) + 1
+        self._times_s = np.linspace(0.0, self.duration_s, count)
+        places = chain.poses(trajectory.sample(self._times_s))[:, :3]
+        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        self._lengths_m: Array = np.concatenate([[0.0], np.cumsum(steps)])
+
+    def length_m(self, path_time_s: float) -> float:
+        """Length of the path up to a path time, m."""
+        return float(np.interp(path_time_s, self._times_s, self._lengths_m))
+
+    def path_time_s(self, length_m: float) -> float:
+        """First path time at which the path has this length, s."""
+        return float(np.interp(length_m, *self._increasing()))
+
+    def _increasing(self) -> tuple[Array, Array]:
+        """Lengths and times without those at which the TCP stands still."""
+        grows = np.concatenate([[True], np.diff(self._lengths_m) > 0.0])
+        return self._lengths_m[grows], self._times_s[grows]
+
+
+def placed(segments: Sequence[Signals], ends_s: Sequence[float], way: Way) -> Placed:
+    """The actions and conditions of motions that a trajectory goes through.
+
+    Args:
+        segments: those of each motion.
+        ends_s: the path time at which each motion ends.
+
+    Raises:
+        InputError: an action is beyond the end of its motion, there are too many, or a condition is given for
+            a motion that cannot have it.
+    """
+    actions: list[PlacedAction] = []
+    begin_s = 0.0
+    conditions: dict[str, Any] = {}
+    last = len(segments) - 1
+    for index, (signals, end_s) in enumerate(zip(segments, ends_s, strict=True)):
+        prefix = f"motions[{index}]." if last else ""
+        for action in signals.actions:
+            path_time_s = min(_path_time_s(action, prefix, begin_s, end_s, way), way.duration_s)
+            actions.append(PlacedAction(len(actions) + 1, path_time_s, action))
+        conditions |= _conditions(signals, prefix, index == 0, index == last, (begin_s, end_s), conditions)
+        begin_s = end_s
+    if len(actions) > MAX_ACTIONS:
+        raise InputError(f"actions: the motion has {len(actions)}, at most {MAX_ACTIONS} are possible")
+    return Placed(tuple(sorted(actions, key=lambda each: each.path_time_s)), **conditions)
+
+
+def _conditions(
+    signals: Signals, prefix: str, is_first: bool, is_last: bool, times_s: tuple[float, float], known: Any
+) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    if signals.start_when is not None:
+        if not is_first:
+            raise InputError(f"{prefix}start_when: only the first motion of a sequence may have it")
+        found["start_when"] = signals.start_when
+    if signals.pause_while is not None:
+        if "pause_while" in known:
+            raise InputError(f"{prefix}pause_while: only one motion of a sequence may have it")
+        found |= {"pause_while": signals.pause_while, "pause_s": times_s}
+    if signals.until is not None:
+        if not is_last:
+            raise InputError(f"{prefix}until: only the last motion of a sequence may have it")
+        found |= {"until": signals.until, "until_s": times_s[0]}
+    return found
+
+
+def _path_time_s(action: Action, prefix: str, begin_s: float, end_s: float, way: Way) -> float:
+    """The path time of a place on the part of the way between two path times."""
+    place = action.place
+    begin_m, end_m = way.length_m(begin_s), way.length_m(end_s)
+    by_time = place.unit == "time_s" or (place.unit == "fraction" and end_m - begin_m < MIN_LENGTH_M)
+    begin, end = (begin_s, end_s) if by_time else (begin_m, end_m)
+    if place.unit == "fraction":
+        ahead = place.value * (end - begin)
+    elif place.value <= end - begin:
+        ahead = place.value
+    else:
+        unit = "s" if by_time else "m"
+        raise InputError(
+            f"{prefix}{action.field}.at.{place.unit}: is {place.value:g} {unit}, the path is "
+            f"{end - begin:.4g} {unit} long; give at most that, or a fraction"
+        )
+    there = end - ahead if place.from_end else begin + ahead
+    if by_time:
+        return there
+    if there >= end_m:  # the TCP may turn on the spot, or stand still, at the end
+        return end_s
+    return min(max(way.path_time_s(there), begin_s), end_s)
+
+
+def resting(joints: Array) -> Trajectory:
+    """The motion of an arm that is at its goal already, for its actions and conditions."""
+    coefficients = np.zeros((1, len(joints), 6))
+    coefficients[0, :, 0] = joints
+    return Trajectory(np.array([0.0, REST_S]), coefficients)
+
+
+def _vector(values: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
