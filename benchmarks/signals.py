@@ -1,8 +1,8 @@
 """Actions on the path and motion until contact, on the virtual clock.
 
-The oracle of the planned cycle is the command itself: numpy finds how far along the planned trajectory the arm
-was commanded in each cycle. The oracle of a braking distance is Ruckig's fastest stop: of each joint, or of
-the path time within the joints' limits.
+The oracle of the planned cycle is the command itself: numpy finds how far along the planned trajectory the
+arm was commanded in each cycle. The oracle of a braking distance is Ruckig's fastest stop: of each joint, or
+of the path time within the joints' limits.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def contact(approaches: int) -> Iterator[Row]:
         excess, braking_mm, latency, missed = found.T
         name = "fast" if fast else "path"
         yield row(
-            f"contact, stop {name}: way beyond the shortest stop, in cycles of travel, {approaches} approaches",
+            f"contact, stop {name}: beyond the shortest stop, in cycles of travel, {approaches} approaches",
             "",
             (float(np.median(excess)), float(np.percentile(excess, 99)), float(excess.max())),
             "Ruckig: the shortest stop, mm",
@@ -132,7 +132,7 @@ def contact(approaches: int) -> Iterator[Row]:
 
 
 def _approached(seed: int, fast: bool) -> tuple[float, float, float, float]:
-    """Excess over the shortest stop in cycles of travel, the shortest stop in mm, cycles of latency, missed."""
+    """Excess over the shortest stop in cycles of travel, that stop in mm, cycles of latency, missed."""
     random = np.random.default_rng(seed)
     settings = load_settings(None)
     robot = load_robot(settings)

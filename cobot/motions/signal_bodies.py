@@ -8,7 +8,7 @@ from pydantic import FailFast, Field, create_model, model_validator
 
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import Direction, Finite
-from cobot.motions.signals import MAX_ACTIONS
+from cobot.motions.signals import MAX_ACTIONS, Unit
 
 MAX_FORCE = 10_000.0
 DEFAULT_FORCE_N, DEFAULT_TORQUE_NM = 20.0, 5.0
@@ -56,7 +56,7 @@ class _Place(RequestModel):
         return bool(getattr(self, "from") == "end")
 
 
-PLACE_UNITS = ("distance_m", "time_s", "fraction")
+PLACE_UNITS: tuple[Unit, ...] = ("distance_m", "time_s", "fraction")
 
 if TYPE_CHECKING:
 

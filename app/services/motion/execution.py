@@ -216,7 +216,10 @@ class MotionService:
         try:
             try:
                 motion = await self.plan(claim, back, timeout_s)
-            except (PlanningError, InputError):  # beside the path, or in contact with what is in the scene
+            except (
+                PlanningError,
+                InputError,
+            ):  # not on the path any more, or in contact with an object of the scene
                 motion = await self.plan(claim, direct, timeout_s)
         except (PlanningError, InputError) as exc:
             raise ExecutionError(f"stopped by its condition, and cannot go back: {exc}") from exc
