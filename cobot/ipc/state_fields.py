@@ -17,7 +17,7 @@ import numpy as np
 from cobot.ipc.layout import TEXT, Intervention, MotionResult
 from cobot.types import LoopMode
 
-LAYOUT_VERSION = 16
+LAYOUT_VERSION = 17
 """Version of all records in shared memory: a change of any of them raises it."""
 PER_JOINT = -1
 _STRUCT_CODES = {"u8": "Q", "i8": "q", "f8": "d"}

@@ -1,5 +1,5 @@
 # Written by `python -m cobot.ipc.generate`; `cobot.ipc.state_fields` describes the fields.
-# Layout version 16, records 40328f5a106e0d2a.
+# Layout version 17, records 96cffe747e141c90.
 from libc.stdint cimport int64_t, uint64_t
 
 cdef struct StateScalars:

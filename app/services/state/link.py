@@ -23,6 +23,7 @@ from cobot.ipc.device_record import Device, device_of
 from cobot.ipc.io_record import IoReport, report_of
 from cobot.ipc.layout import CELL_PARTS, MotionResult, record_of, text
 from cobot.ipc.shm import MemoryRole, RobotMemory, is_gone
+from cobot.ipc.signal_record import SignalReport, signal_report
 from cobot.types import LoopMode, Numbers7
 
 POLL_S = 0.002
@@ -252,6 +253,16 @@ class RobotLink:
             return None
         try:
             return report_of(self.memory.io.data)
+        except ValueError:
+            return None
+
+    def signals(self) -> SignalReport | None:
+        """What rtloop reports of the actions and conditions of the motion; None if that cannot be read."""
+        block = self.memory.signals
+        if block.sequence == 0 or not block.try_read():
+            return None
+        try:
+            return signal_report(block.data)
         except ValueError:
             return None
 
