@@ -1,6 +1,6 @@
 """A condition of a motion, evaluated in the cycles in which it is watched; see `cobot.motions.signals`."""
 
-from libc.math cimport fabs, isfinite, isnan, sqrt
+from libc.math cimport fabs, isnan, sqrt
 
 from cobot.arrays cimport doubles
 from cobot.robot.chain cimport Chain

@@ -184,10 +184,10 @@ cdef class PathClock:
     cdef void _try_rung(self, Path path) noexcept nogil:
         """Take this cycle's candidate if it holds; if not, the next cycle tries a gentler one."""
         cdef double share = 1.0
-        cdef int attempt
+        cdef int _attempt
         self.waited_s += self.period_s
         if self.urgent and self.rung == 0:
-            for attempt in range(URGENT_TRIES - 1):
+            for _attempt in range(URGENT_TRIES - 1):
                 if self._plan(path, share) and self._admissible(path):
                     self._take_candidate()
                     return
