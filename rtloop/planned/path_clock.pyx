@@ -207,7 +207,9 @@ cdef class PathClock:
         """A gentle profile gives way to one that arrives sooner, as soon as the path leaves room for it."""
         cdef double sooner_s = SOONER * (self.profile.duration - self.profile_s)
         self.rung = (self.rung + 1) % RUNGS
-        if self._plan(path, LADDER[self.rung]) and self.candidate.duration < sooner_s and self._admissible(path):
+        if not self._plan(path, LADDER[self.rung]):
+            return
+        if self.candidate.duration < sooner_s and self._admissible(path):
             self.profile, self.profile_s = self.candidate, 0.0
 
     cdef bint _plan(self, Path path, double share) noexcept nogil:
