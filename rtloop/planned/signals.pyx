@@ -1,6 +1,7 @@
 """The signals of the motion under way: actions that fire at a path time, and conditions.
 
-The slot of the trajectory holds them, and a block of shared memory reports what became of them. Each action fires in the first cycle whose path time has reached its own, once.
+The slot of the trajectory holds them, and a block of shared memory reports what became of them. Each action
+fires in the first cycle whose path time has reached its own, once.
 """
 
 from cobot.arrays cimport doubles
