@@ -12,6 +12,7 @@ from app.actions.fjt import FollowJointTrajectory
 from app.services.devices.equipment import Equipment
 from app.services.events.ring import Events
 from app.services.gripping.held import HeldService
+from app.services.gripping.on_path import PathCommands
 from app.services.gripping.service import GripperService
 from app.services.job_control import JobService
 from app.services.motion.approvals import Approvals
@@ -112,6 +113,7 @@ class Services:
     freedrive: FreedriveService
     io: IoService
     gripper: GripperService
+    path_gripper: PathCommands
     cell: CellService
     programs: ProgramService
     sync: SyncService
@@ -188,6 +190,8 @@ def _services(
     scene = SceneService(robot, link, goals, motion, planning, stopping, ownership, settings)
     held = HeldService(robot, link, ownership, scene)
     gripper = GripperService(settings, link, ownership, stopping, held)
+    path_gripper = PathCommands(gripper, ownership)
+    motion.command_gripper = path_gripper.begin
     stale_s = settings.web.stale_after_s
     recordings = RecordingService(settings, shared.default_robot)
     queue = MotionQueue(link, ownership, motion, planning, tool_and_limits)
@@ -219,6 +223,7 @@ def _services(
         freedrive=FreedriveService(robot, link, streams),
         io=IoService(link),
         gripper=gripper,
+        path_gripper=path_gripper,
         cell=CellService(link, cell),
         programs=ProgramService(settings.sequences.programs, ownership, sequences, stopping),
         sync=shared.sync,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from app.robot_services import Services
 from cobot.errors import CobotError, InputError, NotSupportedError
@@ -69,7 +70,7 @@ class _Reader:
     def action(self, field: str, body: PathAction) -> Action:
         place, stops = _place(body.at), body.on_failure == "stop"
         if body.gripper is not None:
-            raise NotSupportedError(f"{field}.gripper: this robot has no gripper")
+            return self._gripper(field, body.gripper, place)
         if body.set is None:
             return Action(field, place, event=body.event or "", stops_on_failure=stops)
         try:
@@ -80,6 +81,13 @@ class _Reader:
                 raise InputError(f"{field}.set: {exc}") from exc
             raise
         return Action(field, place, body.set.output, value, stops_on_failure=stops)
+
+    def _gripper(self, field: str, command: Mapping[str, Any], place: Place) -> Action:
+        try:
+            self._services.path_gripper.check(command)
+        except InputError as exc:
+            raise InputError(f"{field}.gripper.{exc}") from exc
+        return Action(field, place, gripper=command)
 
     def input(self, field: str, body: InputCondition | UntilCondition | None) -> Condition | None:
         if body is None or body.input is None:

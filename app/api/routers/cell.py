@@ -20,12 +20,12 @@ router = EndpointRouter(tags=["cell"])
 class PartAnswer(BaseModel):
     """A loose part of the cell."""
 
-    name: str
+    name: str = Field(description="As in the cell file.")
     shape: str = Field(description="box, cylinder or sphere.")
     size_m: list[float] = Field(
         description="Box: edges along x, y and z. Cylinder: radius and length. Sphere: radius."
     )
-    mass_kg: float
+    mass_kg: float = Field(description="kg")
     position: list[float] = Field(description="Position of its middle in the base frame: x, y, z, m.")
     quaternion: list[float] = Field(description="Orientation in the base frame: x, y, z, w.")
 

@@ -12,7 +12,7 @@ from cobot import audit
 from cobot.access.roles import Role
 from cobot.motions.fields import example
 
-router = EndpointRouter(tags=["robot"])
+router = EndpointRouter(tags=["force"])
 
 
 class ForceZeroAnswer(BaseModel):

@@ -28,12 +28,12 @@ DONE = "The motion with force has reached its end"
 class TcpPose(BaseModel):
     """A pose of the TCP in the base frame: m, and KUKA angles in rad."""
 
-    x: float
-    y: float
-    z: float
-    a: float
-    b: float
-    c: float
+    x: float = Field(description="m")
+    y: float = Field(description="m")
+    z: float = Field(description="m")
+    a: float = Field(description="KUKA angle A about z, rad")
+    b: float = Field(description="KUKA angle B about the new y, rad")
+    c: float = Field(description="KUKA angle C about the newest x, rad")
 
     @classmethod
     def of(cls, pose: Pose) -> TcpPose:
@@ -97,7 +97,7 @@ FORCE: dict[str, Any] = {
 
 Answer = ForceAnswer | Response
 
-router = EndpointRouter(tags=["robot"])
+router = EndpointRouter(tags=["force"])
 
 
 @router.endpoint("POST /robot/force/press", Role.OPERATOR, timeout_s=120.0, control=True, **FORCE)

@@ -81,7 +81,7 @@ class GripperReportAnswer(BaseModel):
     age_s: float = Field(description="Of the state, s.")
     command: str = Field(description='The command that is under way; "" for none.')
     held: str | None = Field(description="Name of the object of the scene that is attached to it.")
-    capabilities: GripperAble
+    capabilities: GripperAble = Field(description="What it can do.")
 
     @classmethod
     def of(cls, report: GripperReport) -> GripperReportAnswer:
@@ -129,7 +129,7 @@ COMMAND: dict[str, Any] = {
 }
 Answer = GripperAnswer | Response
 
-router = EndpointRouter(tags=["robot"])
+router = EndpointRouter(tags=["gripper"])
 
 
 @router.endpoint("GET /robot/gripper", Role.OBSERVER, timeout_s=1.5, responses=responses(501))

@@ -134,8 +134,7 @@ class GripperService:
             NotReadyError: an e-stop or a fault is latched.
             MotionStopped: a stop has come before it.
         """
-        worker = self._require()
-        check_command(self.type, worker.gripper.capabilities, command)
+        worker = self.check(command)
         self._require_ready(command, caller)
         stops, latched = self._ownership.stops, self._is_latched(False)
         running = Running(name, command, caller.job, stops, latched)
@@ -189,6 +188,17 @@ class GripperService:
             return False
         self._running.interrupt(cause)
         return True
+
+    def check(self, command: AnyGripperCommand) -> GripperWorker:
+        """See that the gripper can be asked for this.
+
+        Raises:
+            NotSupportedError: the robot has no gripper, or it has no such thing.
+            LimitError: a value is out of range.
+        """
+        worker = self._require()
+        check_command(self.type, worker.gripper.capabilities, command)
+        return worker
 
     def _require(self) -> GripperWorker:
         if self._worker is None:

@@ -317,3 +317,43 @@ def test_an_unknown_option_of_the_gripper_ends_the_start_with_its_name(tmp_path:
     service = VirtualService(tmp_path, of_robot=TOY % ", colour: red")
     with pytest.raises(CobotError, match=r"robot\.gripper: .*colour"), service.serving():
         pass
+
+
+def test_an_action_on_the_path_commands_the_gripper(run: Run) -> None:
+    run.toy.object_m = PART_M
+    grasp = {"at": {"fraction": 0.5}, "gripper": {"command": "grasp", "width": PART_M}}
+    release = {"at": {"time_s": 0.0, "from": "end"}, "gripper": {"command": "release"}}
+    joints = [0.4, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+    body = {"joints": joints, "speed": 0.2, "actions": [grasp]}
+    answer = run.service.post("/robot/move/joints", body).json()
+    assert answer["success"], answer
+    assert [(each["fired"], each["problem"]) for each in answer["actions"]] == [(True, "")]
+    run.service.until(lambda: run.client.gripper.state()["state"]["object"] == "held_inside")
+    jobs = run.service.get("/jobs").json()["jobs"]
+    assert [each["state"] for each in jobs if "an action on the path" in each["request"]][:1] == ["finished"]
+    answer = run.service.post(
+        "/robot/move/joints", {"joints": [0.0, *joints[1:]], "speed": 0.2, "actions": [release]}
+    ).json()
+    assert answer["success"], answer
+    run.service.until(lambda: run.client.gripper.state()["state"]["object"] == "none")
+
+
+@pytest.mark.parametrize(
+    ("command", "status", "words"),
+    [
+        ({"command": "grip"}, 422, "actions[0].gripper.command: must be one of move, grasp, release"),
+        ({"command": "move"}, 422, "width"),
+        ({"command": "move", "width": 9.0}, 422, "width is 9 m"),
+        ({"command": "move", "width": 0.04, "wide": 1}, 422, "wide"),
+    ],
+)
+def test_a_wrong_command_on_the_path_moves_nothing(
+    run: Run, command: dict[str, Any], status: int, words: str
+) -> None:
+    before = run.service.joints()
+    action = {"at": {"fraction": 0.5}, "gripper": command}
+    body = {"joints": [0.4, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0], "actions": [action]}
+    answer = run.service.post("/robot/move/joints", body)
+    assert answer.status_code == status, answer.text
+    assert words in answer.json()["detail"]
+    assert run.service.joints() == before
