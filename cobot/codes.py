@@ -30,6 +30,7 @@ class Code(IntEnum):
     EXECUTION = 30
     STOPPED = 31
     MOTION_TIMEOUT = 32
+    CONDITION_NOT_MET = 33
     CONFLICT = 40
     UNAVAILABLE = 50
     NOT_READY = 51
@@ -62,6 +63,7 @@ MEANINGS: dict[Code, str] = {
     Code.EXECUTION: "something was started and did not end well",
     Code.STOPPED: "a client, a person or a safety function stopped the motion",
     Code.MOTION_TIMEOUT: "it did not arrive in its time",
+    Code.CONDITION_NOT_MET: "it arrived, and the condition that was to end it was not met",
     Code.CONFLICT: "another client has control, or the present state does not permit this call",
     Code.UNAVAILABLE: "a process, a file in shared memory or a device does not answer",
     Code.NOT_READY: "the robot answers but is in a mode that permits no motion",
@@ -93,6 +95,7 @@ OF_ERROR: dict[type[CobotError], Code] = {
     errors.ExecutionError: Code.EXECUTION,
     errors.MotionStopped: Code.STOPPED,
     errors.MotionTimeout: Code.MOTION_TIMEOUT,
+    errors.ConditionNotMet: Code.CONDITION_NOT_MET,
     errors.ConflictError: Code.CONFLICT,
     errors.PayloadError: Code.PAYLOAD,
     errors.MediaTypeError: Code.MEDIA_TYPE,

@@ -61,5 +61,7 @@ class GripperRelease(RequestModel):
 class GripperHome(RequestModel):
     """Find the reference, or activate the gripper. Its fingers may move."""
 
+    model_config = example({})
+
 
 AnyGripperCommand = GripperMove | GripperGrasp | GripperRelease | GripperHome

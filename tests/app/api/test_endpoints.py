@@ -20,6 +20,7 @@ HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.5, *HOME[1:]]
 WITHOUT_CONTROL = {
     "POST /stop",
+    "POST /robot/gripper/stop",
     "POST /jobs/{job}/cancel",
     "POST /jobs/{job}/pause",
     "POST /robot/reset",
