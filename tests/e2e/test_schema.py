@@ -43,8 +43,8 @@ SPEED = r"speed_override$"
 READY = r"health/ready$"
 """Its 503 is what it is there for: a planning process that a stop has ended is replaced."""
 NOT_HERE = r"events$|/gripper"
-"""An answer without an end: tests/app/api/routers/test_events.py has it. This robot has no gripper, so all its
-answers would be 501: tests/app/api/routers/test_gripper.py has them."""
+"""An answer without an end: tests/app/api/routers/test_events.py has it. This robot has no gripper, so
+the answers would be 501: tests/app/api/routers/test_gripper.py has those of a gripper."""
 BY_NAME = r"^/robots/\{robot\}/"
 """The same routes once more, of a robot that is named."""
 LOOK_EVERY_S = 0.5
