@@ -19,7 +19,7 @@ from cobot.config import load_settings
 from cobot.ipc.layout import Command
 from cobot.ipc.signal_record import Met, signal_report
 from cobot.motions.requests import MotionRequest, TcpSpeed
-from cobot.motions.signals import Action, Condition, Place, Placed, PlacedAction, Quantity, Until
+from cobot.motions.signals import Action, Condition, PathPlace, Placed, PlacedAction, Quantity, Until
 from cobot.planners import plan
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.frames import pose_from_abc
@@ -89,7 +89,7 @@ def _fired(seed: int) -> list[int]:
 
 
 def _settings_at(places_s: Array) -> Placed:
-    place = Place("time_s", 0.0)
+    place = PathPlace("time_s", 0.0)
     return Placed(
         tuple(
             PlacedAction(number, float(time_s), Action("", place, "pressure", float(number)))

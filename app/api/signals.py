@@ -24,9 +24,9 @@ from cobot.motions.signals import (
     TRUE,
     Action,
     Condition,
-    Place,
+    PathPlace,
+    PathSignals,
     Quantity,
-    Signals,
     Until,
 )
 from cobot.robot.io_points import IoKind, IoPoint, number_of, output_of
@@ -34,7 +34,7 @@ from cobot.strict import shown
 from cobot.types import Scaling
 
 
-def signals_of(body: AnyMotion, scaling: Scaling, services: Services) -> Signals:
+def signals_of(body: AnyMotion, scaling: Scaling, services: Services) -> PathSignals:
     """The actions and conditions of a request.
 
     Args:
@@ -52,7 +52,7 @@ def signals_of(body: AnyMotion, scaling: Scaling, services: Services) -> Signals
         reader.require_own_time("start_when" if body.start_when else "pause_while")
     if body.pause_while is not None and body.pause_while.edge is not None:
         raise InputError("pause_while.edge: an edge does not last; give is, above or below")
-    return Signals(
+    return PathSignals(
         tuple(reader.action(f"actions[{index}]", each) for index, each in enumerate(body.actions)),
         reader.input("start_when", body.start_when),
         reader.input("pause_while", body.pause_while),
@@ -82,7 +82,7 @@ class _Reader:
             raise
         return Action(field, place, body.set.output, value, stops_on_failure=stops)
 
-    def _gripper(self, field: str, command: Mapping[str, Any], place: Place) -> Action:
+    def _gripper(self, field: str, command: Mapping[str, Any], place: PathPlace) -> Action:
         try:
             self._services.path_gripper.check(command)
         except InputError as exc:
@@ -169,9 +169,9 @@ class _Reader:
         return Condition(Quantity.JOINT, torque.threshold, name=torque.joint, joint=joint)
 
 
-def _place(body: ActionPlace) -> Place:
+def _place(body: ActionPlace) -> PathPlace:
     unit = next(name for name in PLACE_UNITS if getattr(body, name) is not None)
-    return Place(unit, getattr(body, unit), body.from_end)
+    return PathPlace(unit, getattr(body, unit), body.from_end)
 
 
 def _unit(field: str, direction: Direction | None) -> tuple[float, float, float] | None:

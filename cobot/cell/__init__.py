@@ -3,12 +3,12 @@
 from cobot.cell.cell import (
     Belt,
     Cell,
+    CellPart,
+    CellSolid,
     ContactSwitch,
     Distance,
     Hand,
     LightBarrier,
-    Part,
-    Solid,
     cell_file,
     load_cell,
 )
@@ -16,12 +16,12 @@ from cobot.cell.cell import (
 __all__ = [
     "Belt",
     "Cell",
+    "CellPart",
+    "CellSolid",
     "ContactSwitch",
     "Distance",
     "Hand",
     "LightBarrier",
-    "Part",
-    "Solid",
     "cell_file",
     "load_cell",
 ]

@@ -88,7 +88,7 @@ class Hand(Entry):
         return self.palm_m[2] + self.finger_m[2] - self.tcp_from_tip_m
 
 
-class Solid(Entry):
+class CellSolid(Entry):
     """A fixture: a solid that does not move.
 
     Attributes:
@@ -116,7 +116,7 @@ class Solid(Entry):
         return shape
 
     @model_validator(mode="after")
-    def _has_its_lengths(self) -> Solid:
+    def _has_its_lengths(self) -> CellSolid:
         wanted = SHAPES[self.shape]
         if len(self.size_m) != wanted:
             raise ValueError(
@@ -131,7 +131,7 @@ class Solid(Entry):
         return self
 
 
-class Part(Solid):
+class CellPart(CellSolid):
     """A loose body: it falls, slides, can be grasped and dropped."""
 
     MAX_LENGTH_M: ClassVar[float] = 2.0
@@ -220,8 +220,8 @@ class Cell(Entry):
 
     floor_m: Coordinate | None = 0.0
     hand: Hand | None = None
-    parts: Annotated[dict[Name, Part], Field(default_factory=dict, max_length=MAX_PARTS)]
-    fixtures: Annotated[dict[Name, Solid], Field(default_factory=dict, max_length=MAX_FIXTURES)]
+    parts: Annotated[dict[Name, CellPart], Field(default_factory=dict, max_length=MAX_PARTS)]
+    fixtures: Annotated[dict[Name, CellSolid], Field(default_factory=dict, max_length=MAX_FIXTURES)]
     belts: Annotated[dict[Name, Belt], Field(default_factory=dict, max_length=MAX_BELTS)]
     switches: Annotated[dict[Name, Switch], Field(default_factory=dict, max_length=MAX_SWITCHES)]
     outputs: Annotated[dict[Name, Output], Field(default_factory=dict, max_length=MAX_OUTPUTS)]
@@ -244,7 +244,7 @@ class Cell(Entry):
                 )
         return self
 
-    def solids(self) -> Iterator[tuple[str, Solid | Belt]]:
+    def solids(self) -> Iterator[tuple[str, CellSolid | Belt]]:
         """All fixtures and belts, with their names."""
         yield from self.fixtures.items()
         yield from self.belts.items()

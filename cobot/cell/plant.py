@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from cobot.cell.cell import HAND, Belt, Cell, Hand, Part, Solid, cell_file, load_cell
+from cobot.cell.cell import HAND, Belt, Cell, CellPart, CellSolid, Hand, cell_file, load_cell
 from cobot.cell.surroundings import FINGER_SHARE, pose_of
 from cobot.config import Settings
 from cobot.errors import CollisionError, ConfigError, exhausted
@@ -243,7 +243,7 @@ def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> N
     together.data[:5] = [0.0, 1.0, 0.0, 0.0, 0.0]
 
 
-def _add_solid(parent: mujoco.MjsBody, name: str, solid: Solid | Belt, pose: Pose) -> mujoco.MjsBody:
+def _add_solid(parent: mujoco.MjsBody, name: str, solid: CellSolid | Belt, pose: Pose) -> mujoco.MjsBody:
     body = parent.add_body(name=name, pos=pose.position, quat=pose.quaternion)
     shape, size = ("box" if isinstance(solid, Belt) else solid.shape), solid.size_m
     half = {
@@ -251,12 +251,12 @@ def _add_solid(parent: mujoco.MjsBody, name: str, solid: Solid | Belt, pose: Pos
         "cylinder": [size[0], 0.5 * size[-1], 0.0],
         "sphere": [size[0], 0.0, 0.0],
     }[shape]
-    is_part = isinstance(solid, Part)
+    is_part = isinstance(solid, CellPart)
     body.add_geom(
         name=name,
         type=_GEOMS[shape],
         size=half,
-        mass=solid.mass_kg if isinstance(solid, Part) else 0.0,
+        mass=solid.mass_kg if isinstance(solid, CellPart) else 0.0,
         friction=[solid.friction, TORSION_M, ROLLING_M],
         condim=6 if is_part and shape != "box" else 4,
         priority=int(is_part),
@@ -267,7 +267,7 @@ def _add_solid(parent: mujoco.MjsBody, name: str, solid: Solid | Belt, pose: Pos
     return body
 
 
-def _add_grasp(spec: mujoco.MjSpec, name: str, part: Part) -> None:
+def _add_grasp(spec: mujoco.MjSpec, name: str, part: CellPart) -> None:
     """Add the contacts between the fingers and a part."""
     for finger in FINGERS:
         pair = spec.add_pair(

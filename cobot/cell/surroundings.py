@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from cobot.cell.cell import HAND, Belt, Cell, Hand, Solid, load_cell
+from cobot.cell.cell import HAND, Belt, Cell, CellSolid, Hand, load_cell
 from cobot.config import Settings
 from cobot.robot.scene import SceneFile, SceneObject
 from cobot.robot.tool import Tool
@@ -50,7 +50,7 @@ def hand_as_tool(hand: Hand) -> Tool:
     )
 
 
-def pose_of(solid: Solid | Belt) -> Pose:
+def pose_of(solid: CellSolid | Belt) -> Pose:
     """The pose in the base frame."""
     quaternion = np.zeros(4)
     mujoco.mju_euler2Quat(quaternion, np.radians(solid.rotation_deg), "XYZ")

@@ -21,7 +21,7 @@ POSITION, ANGLES = "xyz", "abc"
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class PalletPlace:
     """A place of a pallet.
 
     Attributes:
@@ -112,7 +112,7 @@ def require_grid(counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]) ->
 
 def places(
     origin: Mapping[str, Any], counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]
-) -> Iterator[Place]:
+) -> Iterator[PalletPlace]:
     """The places of a pallet. The first direction is counted fastest.
 
     Args:
@@ -126,9 +126,9 @@ def places(
     require_grid(counts, offsets)
     if origin.get("frame_id") == TOOL_FRAME:
         raise InputError("origin.frame_id is 'tool', which moves with the arm; a pallet needs a fixed frame")
-    first = Place.of(origin)
+    first = PalletPlace.of(origin)
     ways = [_vector(offset) for offset in offsets]
     for number, steps in enumerate(combinations(*(range(count) for count in reversed(counts))), start=1):
         pairs = list(zip(reversed(steps), ways, strict=True))
         x, y, z = (first.position[axis] + sum(n * way[axis] for n, way in pairs) for axis in range(3))
-        yield Place((x, y, z), first.quaternion, first.frame_id, number)
+        yield PalletPlace((x, y, z), first.quaternion, first.frame_id, number)

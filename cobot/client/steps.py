@@ -12,7 +12,7 @@ from urllib.parse import quote
 from cobot.client.conditions import describe, find_input, holds, require_condition
 from cobot.client.connection import Json
 from cobot.client.jobs import JobHandle, Jobs
-from cobot.client.pallets import Place, places
+from cobot.client.pallets import PalletPlace, places
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import (
     CobotError,
@@ -171,7 +171,7 @@ class Steps(Jobs):
 
     def pallet(
         self, origin: Mapping[str, Any], counts: Sequence[int], offsets: Sequence[Mapping[str, Any]]
-    ) -> Iterator[Place]:
+    ) -> Iterator[PalletPlace]:
         """The places of a pallet; see `cobot.client.pallets.places`. `move_pose(**place.at(z=-0.1))` goes to
         0.1 m before a place."""
         return places(origin, counts, offsets)

@@ -10,7 +10,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from cobot.motions.signals import MAX_ACTIONS
+from cobot.types import MAX_ACTIONS
 
 MAGIC = b"COBOTRT\0"
 RING = 32

@@ -12,7 +12,7 @@ from cobot.motions.checks import check_request
 from cobot.motions.constraints import Constraints
 from cobot.motions.planners import PLANNERS, PlannerName, PlannerTraits
 from cobot.motions.points import REST, WaysOut
-from cobot.motions.signals import NO_SIGNALS, Signals
+from cobot.motions.signals import NO_SIGNALS, PathSignals
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import (
@@ -113,7 +113,7 @@ class MotionRequest:
     cyclic: bool | None = None
     end_joints: Array | None = None
     in_tool: bool = False
-    signals: Signals = NO_SIGNALS
+    signals: PathSignals = NO_SIGNALS
 
     def __post_init__(self) -> None:
         check_request(self)

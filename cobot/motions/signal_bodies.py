@@ -8,7 +8,8 @@ from pydantic import FailFast, Field, create_model, model_validator
 
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import Direction, Finite
-from cobot.motions.signals import MAX_ACTIONS, Unit
+from cobot.motions.signals import Unit
+from cobot.types import MAX_ACTIONS
 
 MAX_FORCE = 10_000.0
 DEFAULT_FORCE_N, DEFAULT_TORQUE_NM = 20.0, 5.0

@@ -16,13 +16,11 @@ import numpy as np
 
 from cobot.errors import InputError
 from cobot.trajectory import Trajectory
-from cobot.types import Array, Scaling
+from cobot.types import MAX_ACTIONS, Array, Scaling
 
 if TYPE_CHECKING:
     from cobot.robot.chain import Chain
 
-MAX_ACTIONS = 64
-"""Maximum number of actions of a motion, however many segments it has."""
 SAMPLE_S = 0.002
 """Period at which the path of the TCP is measured, s: chords are then exact to a millionth."""
 MAX_SAMPLES = 100_000
@@ -35,7 +33,7 @@ Unit = Literal["distance_m", "time_s", "fraction"]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class PathPlace:
     """A place on the path of a motion.
 
     Attributes:
@@ -65,7 +63,7 @@ class Action:
     """
 
     field: str
-    place: Place
+    place: PathPlace
     output: str = ""
     value: float = 0.0
     event: str = ""
@@ -169,7 +167,7 @@ class Until:
 
 
 @dataclass(frozen=True, slots=True)
-class Signals:
+class PathSignals:
     """The actions and conditions of one motion."""
 
     actions: tuple[Action, ...] = ()
@@ -181,7 +179,7 @@ class Signals:
         return self != NO_SIGNALS
 
 
-NO_SIGNALS = Signals()
+NO_SIGNALS = PathSignals()
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +227,7 @@ class Placed:
 NO_PLACED = Placed()
 
 
-class Way:
+class TcpWay:
     """The way of the TCP along a trajectory.
 
     Attributes:
@@ -259,7 +257,7 @@ class Way:
         return self._lengths_m[grows], self._times_s[grows]
 
 
-def placed(segments: Sequence[Signals], ends_s: Sequence[float], way: Way) -> Placed:
+def placed(segments: Sequence[PathSignals], ends_s: Sequence[float], way: TcpWay) -> Placed:
     """The actions and conditions of motions that a trajectory goes through.
 
     Args:
@@ -287,7 +285,7 @@ def placed(segments: Sequence[Signals], ends_s: Sequence[float], way: Way) -> Pl
 
 
 def _conditions(
-    signals: Signals, prefix: str, is_first: bool, is_last: bool, times_s: tuple[float, float], known: Any
+    signals: PathSignals, prefix: str, is_first: bool, is_last: bool, times_s: tuple[float, float], known: Any
 ) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if signals.start_when is not None:
@@ -305,7 +303,7 @@ def _conditions(
     return found
 
 
-def _path_time_s(action: Action, prefix: str, begin_s: float, end_s: float, way: Way) -> float:
+def _path_time_s(action: Action, prefix: str, begin_s: float, end_s: float, way: TcpWay) -> float:
     """The path time of a place on the part of the way between two path times."""
     place = action.place
     begin_m, end_m = way.length_m(begin_s), way.length_m(end_s)

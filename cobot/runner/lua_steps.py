@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from cobot.client import Client
 from cobot.client.conditions import describe, require_condition
-from cobot.client.pallets import ANGLES, POSITION, Place, places
+from cobot.client.pallets import ANGLES, POSITION, PalletPlace, places
 from cobot.client.steps import (
     MAX_RETRIES,
     MAX_TIME_S,
@@ -172,7 +172,7 @@ class LuaSteps:
             raise InputError("at takes a table such as {z = -0.1}")
         for name in (*POSITION, *ANGLES):
             number(fields.get(name, 0.0), name)
-        return self._table(Place.of(plain(pose, "the place")).at(**fields))
+        return self._table(PalletPlace.of(plain(pose, "the place")).at(**fields))
 
     def _require_retry(self, retry: object = None) -> int:
         if isinstance(retry, bool) or not isinstance(retry, int) or not 0 <= retry <= MAX_RETRIES:

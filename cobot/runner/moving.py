@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cobot.client import Client
-from cobot.client.pallets import Place
+from cobot.client.pallets import PalletPlace
 from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, Target
 
 
-def go(client: Client, chain: Sequence[Target], frames: Mapping[str, Place] | None = None) -> dict[str, Any]:
+def go(
+    client: Client, chain: Sequence[Target], frames: Mapping[str, PalletPlace] | None = None
+) -> dict[str, Any]:
     """Go to the last target of a chain, through the others without a stop; returns on arrival.
 
     Args:
@@ -35,6 +37,6 @@ def go(client: Client, chain: Sequence[Target], frames: Mapping[str, Place] | No
     return answer
 
 
-def _resolve(body: dict[str, Any], frames: Mapping[str, Place]) -> dict[str, Any]:
+def _resolve(body: dict[str, Any], frames: Mapping[str, PalletPlace]) -> dict[str, Any]:
     place = frames.get(body.get("frame_id", ""))
     return body if place is None else place.resolve(body)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from cobot.client.pallets import Place
+from cobot.client.pallets import PalletPlace
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Where:
     numbers: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     caller: str = ""
-    frames: Mapping[str, Place] = field(default_factory=dict)
+    frames: Mapping[str, PalletPlace] = field(default_factory=dict)
     begin: float = 0.0
     width: float = 1.0
 
@@ -53,7 +53,7 @@ class Where:
         begin = self.begin + (number - 1) * width
         return replace(self, notes=(*self.notes, note), begin=begin, width=width)
 
-    def with_place(self, name: str, place: Place) -> Where:
+    def with_place(self, name: str, place: PalletPlace) -> Where:
         """Poses in the frame of this name are relative to the place."""
         return replace(self, frames={**self.frames, name: place})
 

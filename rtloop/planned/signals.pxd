@@ -3,7 +3,7 @@ from cobot.robot.chain cimport Chain
 from rtloop.planned.conditions cimport Condition
 
 cdef enum:
-    CAPACITY = 64  # Actions: `cobot.motions.signals.MAX_ACTIONS`.
+    CAPACITY = 64  # Actions: `cobot.types.MAX_ACTIONS`.
 
 
 cdef enum Verdict:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cobot.ipc.layout import REASON, Firing, Waiting, text
 from cobot.ipc.shm import encoded
-from cobot.motions.signals import MAX_ACTIONS
+from cobot.types import MAX_ACTIONS
 from rtloop.results import Rejected
 
 CONDITIONS = ("start_when", "pause_while", "until")

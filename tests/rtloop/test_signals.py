@@ -23,13 +23,13 @@ from cobot.motions.signals import (
     TRUE,
     Action,
     Condition,
-    Place,
+    PathPlace,
+    PathSignals,
     Placed,
     PlacedAction,
     Quantity,
-    Signals,
+    TcpWay,
     Until,
-    Way,
     placed,
     resting,
 )
@@ -38,7 +38,7 @@ from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode, PlannerName, Scaling
 
-NOWHERE = Place("time_s", 0.0)
+NOWHERE = PathPlace("time_s", 0.0)
 
 
 @pytest.fixture
@@ -389,9 +389,9 @@ def test_a_replacement_goes_on_with_what_has_not_fired(rig: Rig, arm: WiredArm, 
 def test_an_arm_at_its_goal_fires_its_actions_all_the_same(
     rig: Rig, robot: RobotDescription, arm: WiredArm
 ) -> None:
-    actions = (Action("actions[0]", Place("distance_m", 0.0, True), "glue", 1.0),)
+    actions = (Action("actions[0]", PathPlace("distance_m", 0.0, True), "glue", 1.0),)
     trajectory = resting(rig.home)
-    signals = placed([Signals(actions)], [trajectory.duration_s], Way(trajectory, robot.model.chain))
+    signals = placed([PathSignals(actions)], [trajectory.duration_s], TcpWay(trajectory, robot.model.chain))
     assert rig.start(trajectory, signals=signals) == ""
     rig.run()
     assert rig.result is MotionResult.ARRIVED

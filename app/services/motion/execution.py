@@ -32,7 +32,7 @@ from cobot.errors import (
 from cobot.ipc.layout import MotionResult
 from cobot.motions.fence import Fence
 from cobot.motions.requests import MotionRequest
-from cobot.motions.signals import NO_PLACED, Placed, Signals, Way, placed
+from cobot.motions.signals import NO_PLACED, PathSignals, Placed, TcpWay, placed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode, PlannerName
@@ -87,12 +87,12 @@ class MotionService:
             raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
 
     async def place(
-        self, segments: Sequence[Signals], ends_s: Sequence[float], trajectory: Trajectory
+        self, segments: Sequence[PathSignals], ends_s: Sequence[float], trajectory: Trajectory
     ) -> Placed:
         """Find the path times of actions; see `cobot.motions.signals.placed`."""
         if not any(segments):
             return NO_PLACED
-        way = await asyncio.to_thread(Way, trajectory, self._robot.model.chain)
+        way = await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
         return placed(segments, ends_s, way)
 
     async def start(
@@ -206,7 +206,7 @@ class MotionService:
         """
         contact = signals.contact
         assert contact is not None
-        way = await asyncio.to_thread(Way, trajectory, self._robot.model.chain)
+        way = await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
         there_m = max(way.length_m(contact.path_time_s) - signals.retract_m, 0.0)
         joints = trajectory.sample([way.path_time_s(there_m)])[0]
         start = (await self.ready()).commanded_position

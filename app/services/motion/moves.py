@@ -19,7 +19,7 @@ from cobot.clock import Clock
 from cobot.errors import CobotError, ExecutionError, InputError, PlanningError
 from cobot.motions.fence import Fence
 from cobot.motions.requests import Blended, MotionRequest
-from cobot.motions.signals import NO_PLACED, Placed, Signals, resting
+from cobot.motions.signals import NO_PLACED, PathSignals, Placed, resting
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
@@ -53,7 +53,7 @@ class Course:
     """
 
     trajectory: Trajectory | None
-    signals: tuple[Signals, ...]
+    signals: tuple[PathSignals, ...]
     ends_s: tuple[float, ...]
 
     def to_run(self, start: Array) -> Trajectory | None:

@@ -64,7 +64,7 @@ class GripperRig(Protocol):
         ...
 
 
-class Verdict(StrEnum):
+class GripperVerdict(StrEnum):
     PASSED = "passed"
     FAILED = "FAILED"
     NOT_TESTED = "not tested"
@@ -75,7 +75,7 @@ class Result:
     """The result of a check: what was found, what is wrong, or what it lacks."""
 
     check: str
-    verdict: Verdict
+    verdict: GripperVerdict
     found: str
 
 
@@ -326,15 +326,15 @@ def subject_for(settings: Settings, name: str, given: dict[str, Any]) -> Callabl
 def examined(make: Callable[[], Subject], check: str) -> Result:
     """One check, on a new device."""
     try:
-        return Result(check, Verdict.PASSED, CHECKS[check](make()))
+        return Result(check, GripperVerdict.PASSED, CHECKS[check](make()))
     except NotTested as exc:
-        return Result(check, Verdict.NOT_TESTED, str(exc))
+        return Result(check, GripperVerdict.NOT_TESTED, str(exc))
     except (ContractError, GripperError, ConfigError) as exc:
-        return Result(check, Verdict.FAILED, plain_text(exc))
+        return Result(check, GripperVerdict.FAILED, plain_text(exc))
     except KeyboardInterrupt:
         raise
     except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
-        return Result(check, Verdict.FAILED, plain_error(exc))
+        return Result(check, GripperVerdict.FAILED, plain_error(exc))
 
 
 def _detectable(subject: Subject) -> float:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 TOO_HOT = 0x08
 
 
-class Line:
+class SlaveLine:
     """A serial line to a slave, with the methods of pyserial that a master uses."""
 
     def __init__(self, slave: Slave) -> None:
@@ -51,7 +51,7 @@ class RobotiqRig:
         """A new driver at the same device."""
         from cobot.grippers.robotiq.driver import RobotiqGripper
 
-        return RobotiqGripper(self._options, port, self, lambda: Line(self._slave))
+        return RobotiqGripper(self._options, port, self, lambda: SlaveLine(self._slave))
 
     def step(self, duration_s: float) -> None:
         """Have the device's time go on."""

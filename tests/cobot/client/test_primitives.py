@@ -12,6 +12,7 @@ from cobot.client import Client
 from cobot.client.primitives import PARAMETERS, PRIMITIVES, primitive
 from cobot.errors import InputError
 from cobot.motions.bodies import MoveArc, MoveJoints, MoveNamed, MovePose
+from cobot.motions.signal_bodies import SignalFields
 
 DOF = 7
 TURN = Rotation.from_euler("ZYX", [0.3, -0.4, 0.5])
@@ -118,8 +119,9 @@ def test_what_is_wrong_is_refused_before_anything_is_asked(
 
 
 def test_the_parameters_are_the_fields_that_the_service_takes() -> None:
-    """Oracle: the bodies of the REST API."""
+    """Oracle: the bodies of the REST API. Actions and conditions are no parameters of primitives."""
+    signals = set(SignalFields.model_fields)
     target = {"x", "y", "z", "a", "b", "c"}
     for method, body in (("move_named", MoveNamed), ("move_joints", MoveJoints), ("move_arc", MoveArc)):
-        assert set(PARAMETERS[method]) - {"target"} == set(body.model_fields) - {"joints"}, method
-    assert set(PARAMETERS["move_pose"]) - {"target"} == set(MovePose.model_fields) - target
+        assert set(PARAMETERS[method]) - {"target"} == set(body.model_fields) - {"joints"} - signals, method
+    assert set(PARAMETERS["move_pose"]) - {"target"} == set(MovePose.model_fields) - target - signals

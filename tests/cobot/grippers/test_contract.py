@@ -12,7 +12,7 @@ from cobot.config import load_settings
 from cobot.errors import ConfigError
 from cobot.grippers import GripperState, HeldObject
 from cobot.grippers.contract.__main__ import main
-from cobot.grippers.contract.suite import CHECKS, Verdict, examined, subject_for
+from cobot.grippers.contract.suite import CHECKS, GripperVerdict, examined, subject_for
 from cobot.grippers.contract.toy import ToyGripper, ToyOptions, ToyRig
 
 TOY = "cobot.grippers.contract.toy:ToyGripper"
@@ -25,7 +25,7 @@ TOY = "cobot.grippers.contract.toy:ToyGripper"
 )
 def test_the_shipped_drivers_keep_the_contract(name: str, options: dict[str, object], check: str) -> None:
     result = examined(subject_for(load_settings(), name, options), check)
-    assert result.verdict is Verdict.PASSED, result
+    assert result.verdict is GripperVerdict.PASSED, result
 
 
 class Broken(ToyGripper):
@@ -49,7 +49,7 @@ class Broken(ToyGripper):
 @pytest.mark.parametrize("check", ["move", "preempt", "grasp", "missed", "lost", "fault"])
 def test_a_driver_that_says_what_is_not_true_fails(check: str) -> None:
     result = examined(subject_for(load_settings(), f"{__name__}:Broken", {}), check)
-    assert result.verdict is Verdict.FAILED, result
+    assert result.verdict is GripperVerdict.FAILED, result
 
 
 def test_a_new_package_keeps_the_contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

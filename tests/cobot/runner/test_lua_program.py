@@ -252,8 +252,11 @@ def test_coroutines_work() -> None:
         ("movej({0/0})", r"q\[1\] is (nan|-nan), allowed are finite numbers"),
         ("movel({1, 2, 3})", r"pose must be a table of 6 numbers"),
         ("movej({1}, 2)", r"speed is 2, allowed are finite numbers from 0 to 1"),
-        ("movej({1}, {fast = 1})", r"the options are: speed, accel_scale, planner, algorithm, "),
-        ("movel({1, 2, 3, 4, 5, 6}, {planner = 'ptp'})", r"the options are: speed, accel_scale, speed_m_s, "),
+        ("movej({1}, {fast = 1})", r"the options are: actions, .*until, speed, accel_scale, planner, "),
+        (
+            "movel({1, 2, 3, 4, 5, 6}, {planner = 'ptp'})",
+            r"the options are: actions, .*until, speed, accel_scale, speed_m_s, ",
+        ),
         ("\nmove({x = 1, y = 2})", r"test\.lua:2: waypoints\[0\]\.z: is missing"),
         ("move({named = 'home'}, {angle = 1})", r"waypoints\[1\]\.centre: is missing"),
         ("move()", r"waypoints: must have at least 1 item"),
