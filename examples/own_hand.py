@@ -29,7 +29,7 @@ class Square:
     def __init__(self) -> None:
         self._begun_s = SYSTEM.now_s()
 
-    def held(self, now_s: float) -> JogVelocity | None:
+    def read_velocity(self, now_s: float) -> JogVelocity | None:
         """What is asked for now: shares of the largest velocity along x, y, z and about them."""
         side = int((now_s - self._begun_s) / SIDE_S)
         if side >= len(SIDES):

@@ -145,6 +145,16 @@ class Rig:
         self.memory.heartbeat.data["monotonic_ns"] = time.monotonic_ns() + int(ahead_s * 1e9)
         self.memory.heartbeat.publish()
 
+    def describe(self) -> None:
+        """Publish what sessions begin with, in the record that the loop publishes again and again."""
+        info = self.memory.info
+        info.data["stiffness"], info.data["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
+        info.data["min_position"], info.data["max_position"] = (
+            self.limits.min_position,
+            self.limits.max_position,
+        )
+        info.publish()
+
     def step(self, cycles: int = 1, late_ns: int = 0) -> None:
         for _ in range(cycles):
             self.loop.step(late_ns)

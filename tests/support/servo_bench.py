@@ -37,9 +37,7 @@ class Bench:
         self.planning = PlanningService(None, 1)
         motion = MotionService(robot, link, self.planning)
         self.streams = StreamService(link, self.ownership, motion, 0.5)
-        info = self.streams.info
-        info["stiffness"], info["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
-        info["min_position"], info["max_position"] = rig.limits.min_position, rig.limits.max_position
+        rig.describe()
         url, tokens = "http://127.0.0.1:1", no_tokens()
         sequences = SequenceService(self.ownership, link, settings.sequences, url, 1.0, tokens)
         self.stopping = StopService(link, self.ownership, sequences.stop)
@@ -101,20 +99,24 @@ def runner(rig: Rig, robot: RobotDescription, settings: Settings) -> Run:
         await asyncio.sleep(0.03)
         link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0, clock=clock)
         made = Bench(rig, robot, settings, link)
-        yield made
-        made.servo.close()
-        made.streams.close()
-        made.planning.close()
-        cycle.close()
-        link.close()
+        try:
+            yield made
+        finally:
+            made.servo.close()
+            made.streams.close()
+            made.planning.close()
+            cycle.close()
+            link.close()
 
     def runs(test: Callable[[Bench], Any]) -> None:
         async def live() -> None:
             async with bench() as made:
                 await test(made)
 
-        loop.run_until_complete(live())
-        loop.run_until_complete(asyncio.sleep(0.0))
-        loop.close()
+        try:
+            loop.run_until_complete(live())
+            loop.run_until_complete(asyncio.sleep(0.0))
+        finally:
+            loop.close()
 
     return runs

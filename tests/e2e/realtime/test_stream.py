@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 import yaml
 from arm_activities import CLIENT
-from cobot_run import WAIT_S, Run, until
+from cobot_run import HELPER_ENVIRONMENT, WAIT_S, Run, until
 from streaming_client import StreamClient
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 
@@ -98,11 +98,9 @@ def test_a_local_clients_session_has_the_same_rights(client: StreamClient, run: 
 
 
 KILLED = """
-import sys, time
-sys.path.insert(0, {tests!r})
+import time
 import numpy as np
 from streaming_client import StreamClient
-from arm_activities import CLIENT
 client = StreamClient({url!r})
 client.session(inner_control_hz=100)
 home = {home!r}
@@ -114,15 +112,16 @@ for step in range(100000):
 
 
 def test_a_killed_clients_arm_comes_to_rest_within_its_limits(run: Run) -> None:
-    tests = str(Path(__file__).parents[2])
-    script = KILLED.format(tests=tests, url=run.url, home=HOME)
+    script = KILLED.format(url=run.url, home=HOME)
     memory = RobotMemory.attach(run.name, MemoryRole.READER)
 
     def look() -> np.ndarray:
         time.sleep(2e-4)
         return memory.state.read().reshape(1).copy()
 
-    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as other:
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT
+    ) as other:
         try:
             assert other.stdout is not None
             assert other.stdout.readline() == "ready\n"

@@ -49,8 +49,7 @@ def streams(rig: Rig, link: RobotLink, robot: RobotDescription) -> Iterator[Stre
     ownership = Ownership(link)
     motion = MotionService(robot, link, planning)
     made = StreamService(link, ownership, motion, 0.05)
-    made.info["stiffness"], made.info["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
-    made.info["min_position"], made.info["max_position"] = rig.limits.min_position, rig.limits.max_position
+    rig.describe()
     yield made
     made.close()
     planning.close()
