@@ -209,10 +209,11 @@ def test_a_take_over_ends_the_motion_and_tells_the_former_holder(run: VirtualSer
     refused = run.post(PATH, {})
     assert refused.status_code == 409
     assert "POST /trajectory/send" in refused.json()["detail"]
-    answer = run.post(PATH, {"force": True})
-    taken = answer.json()
-    assert "POST /trajectory/send" in taken["stopped"][0]
-    stop = run.get("/events?types=stop").json()["events"][-1]
+    with run.listen("/events?types=stop") as events:
+        answer = run.post(PATH, {"force": True})
+        taken = answer.json()
+        assert "POST /trajectory/send" in taken["stopped"][0]
+        stop = events.event("stop")
     assert stop["data"]["reason"] == "anonymous from 127.0.0.1 has taken over the control"
     assert (taken["held"], taken["what"]) == (True, None)
     request, taking_over = run.get("/audit?limit=2").json()["entries"]
