@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cobot.loose_lists import RequestModel
-from cobot.motions.bodies import Direction, MovePose, PathPoint
-from cobot.motions.fields import Finite, example
+from cobot.motions.bodies import MovePose, PathPoint
+from cobot.motions.fields import Direction, Finite, example
 
 Pattern = Literal["spiral", "raster", "tilt"]
 NotMet = Annotated[

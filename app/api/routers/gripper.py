@@ -12,7 +12,7 @@ from app.api.dependencies import Call, Gone
 from app.api.errors import responses
 from app.api.job_schemas import ACCEPTED, Wait, accepted
 from app.api.route import EndpointRouter
-from app.services.gripping.service import GripperReport
+from app.services.gripping.commands import GripperReport
 from app.services.rights.job import JobKind
 from cobot import audit
 from cobot.access.roles import Role
