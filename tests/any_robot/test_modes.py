@@ -86,7 +86,7 @@ def test_servo_points_bring_the_arm_to_the_last_of_them(made: Made, own_rig: Rig
     goal, pose = made.moved(0.1, 0.03), made.pose(0.03, -0.03, -0.03)
 
     async def test(bench: Bench) -> None:
-        bench.streams.info["stiffness"] = 0.5 * own_rig.simulation.nominal_stiffness
+        own_rig.describe(0.5 * own_rig.simulation.nominal_stiffness)
         bench.set_mode(1, send_period=0.02)
         await bench.active()
         for number in range(60):
@@ -195,7 +195,7 @@ def test_every_servo_mode_brings_the_arm_to_the_last_point(made: Made, quick_rig
     goal = made.moved(0.1, 0.03)
 
     async def test(bench: Bench) -> None:
-        bench.streams.info["stiffness"] = 0.5 * quick_rig.loopback.nominal_stiffness
+        quick_rig.describe(0.5 * quick_rig.loopback.nominal_stiffness)
         bench.set_mode(mode, send_period=0.02)
         await bench.active()
         for number in range(40):

@@ -196,7 +196,7 @@ def test_a_servo_point_beyond_a_slides_end_is_refused_in_metres(gantry: Made) ->
     rig = Rig(gantry.settings, gantry.arm.robot, start=gantry.ready)
 
     async def test(bench: Bench) -> None:
-        bench.streams.info["stiffness"] = rig.loopback.nominal_stiffness
+        rig.describe(rig.loopback.nominal_stiffness)
         bench.set_mode(1)
         await bench.active()
         bench.point([2.0, *gantry.ready[1:]], point_type="joint")

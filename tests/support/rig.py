@@ -145,10 +145,10 @@ class Rig:
         self.memory.heartbeat.data["monotonic_ns"] = time.monotonic_ns() + int(ahead_s * 1e9)
         self.memory.heartbeat.publish()
 
-    def describe(self) -> None:
+    def describe(self, stiffness: Array | float = 500.0) -> None:
         """Publish what sessions begin with, in the record that the loop publishes again and again."""
         info = self.memory.info
-        info.data["stiffness"], info.data["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
+        info.data["stiffness"], info.data["cartesian_stiffness"] = stiffness, [3000.0] * 3 + [200.0] * 3
         info.data["min_position"], info.data["max_position"] = (
             self.limits.min_position,
             self.limits.max_position,
