@@ -15,6 +15,7 @@ from cobot.robot.description import load_robot
 from cobot.robot.tool import BARE
 from cobot.types import PlannerName
 from rtloop.backends import BackendError, HasCell, HasIo, make_backend
+from rtloop.backends.cell import CellBackend
 
 GRAVITY = 9.81
 FLAT = {"shape": "box", "size_m": [0.6, 0.6, 0.2], "position_m": [0.6, 0.0, 0.1]}
@@ -226,6 +227,7 @@ def test_a_bad_output_changes_nothing(arm: CellArm, name: str, value: float, ref
 
 
 def test_the_backend_has_the_protocols_of_its_cell(arm: CellArm) -> None:
+    assert isinstance(arm.backend, CellBackend)
     assert isinstance(arm.backend, HasIo)
     assert isinstance(arm.backend, HasCell)
     assert arm.backend.part_names == ("cube", "bar", "can")
