@@ -100,25 +100,25 @@ Answer = ForceAnswer | Response
 router = EndpointRouter(tags=["force"])
 
 
-@router.endpoint("POST /robot/force/press", Role.OPERATOR, timeout_s=120.0, control=True, **FORCE)
+@router.endpoint("POST /robot/force/press", Role.OPERATOR, timeout_s=60.0, control=True, **FORCE)
 async def press(body: PressMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
     """Approach until the TCP touches, then hold a force for a time."""
     return await _run(body, request, gone, wait)
 
 
-@router.endpoint("POST /robot/force/follow", Role.OPERATOR, timeout_s=600.0, control=True, **FORCE)
+@router.endpoint("POST /robot/force/follow", Role.OPERATOR, timeout_s=90.0, control=True, **FORCE)
 async def follow(body: FollowMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
     """Approach until the TCP touches, then go along a path with the force held, as in polishing."""
     return await _run(body, request, gone, wait)
 
 
-@router.endpoint("POST /robot/force/search", Role.OPERATOR, timeout_s=300.0, control=True, **FORCE)
+@router.endpoint("POST /robot/force/search", Role.OPERATOR, timeout_s=90.0, control=True, **FORCE)
 async def search(body: SearchMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
     """Approach until the TCP touches, then look for a hole or an edge along a pattern, in contact."""
     return await _run(body, request, gone, wait)
 
 
-@router.endpoint("POST /robot/force/insert", Role.OPERATOR, timeout_s=300.0, control=True, **FORCE)
+@router.endpoint("POST /robot/force/insert", Role.OPERATOR, timeout_s=90.0, control=True, **FORCE)
 async def insert(body: InsertMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
     """Search for a hole, then push in compliantly to a depth."""
     return await _run(body, request, gone, wait)

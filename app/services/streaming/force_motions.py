@@ -277,7 +277,8 @@ class _Work:
             MotionStopped, ExecutionError: the session has been ended by something else.
         """
         try:
-            await self._run(session, stages, self.body.max_time_s)
+            most_s = self.caller.timeout_s if self.caller.waits else np.inf
+            await self._run(session, stages, min(self.body.max_time_s, most_s))
         except NotMet:
             with contextlib.suppress(NotMet):  # the first bound is what the answer speaks of
                 await self._let_go(session)

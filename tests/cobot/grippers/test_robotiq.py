@@ -44,6 +44,7 @@ def simulator() -> Iterator[Simulator]:
 
 
 def driver(simulator: Simulator, way: str = "tcp", **options: object) -> RobotiqGripper:
+    options.setdefault("timeout_s", 2.0)  # a busy computer is no fault of the device
     device = simulator.device if way == "pty" else f"127.0.0.1:{simulator.port}"
     made = RobotiqGripper(RobotiqOptions.model_validate({"device": device, **options}), NoPort())
     made.connect()

@@ -285,3 +285,10 @@ def test_the_examples_of_the_page_work(service: VirtualService, table: Table) ->
         found = done(service.post(path, json.loads(body)))
         assert found["success"], (path, found)
         assert service.post("/robot/move/pose", {**START, "planner": "lin"}).json()["success"]
+
+
+def test_a_request_that_waits_ends_with_its_timeout(service: VirtualService, table: Table) -> None:
+    body = {**DOWN, "force": 10.0, "duration_s": 300.0, "max_time_s": 600.0}
+    found = done(service.post("/robot/force/press", body))
+    assert (found["success"], found["stopped_by"], found["code"]) == (False, "max_time", "motion_timeout")
+    assert found["duration_s"] < 65.0
