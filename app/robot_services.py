@@ -53,10 +53,10 @@ from app.services.streaming.sessions import StreamService
 from cobot.access.authentication import Authenticator
 from cobot.addresses import address
 from cobot.cell import load_cell
+from cobot.cell.surroundings import tool_file
 from cobot.clock import Clock
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
-from cobot.robot.tool import ToolFile
 
 Planner = Callable[[Path | None, int, str], PlanningService]
 
@@ -186,7 +186,7 @@ def _services(
     tool_and_limits = RobotSettings(robot)
     force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
     servo = ServoService(robot, link, streams, force)
-    max_payload_kg, tool_file = settings.robot.max_payload_kg, ToolFile(settings.tool_file)
+    max_payload_kg = settings.robot.max_payload_kg
     scene = SceneService(robot, link, goals, motion, planning, stopping, ownership, settings)
     held = HeldService(robot, link, ownership, scene)
     gripper = GripperService(settings, link, ownership, stopping, held)
@@ -205,7 +205,7 @@ def _services(
         moves=moves,
         positions=PositionService(robot, link, goals, settings.positions_file),
         scene=scene,
-        tool=ToolService(robot, link, ownership, planning, scene, max_payload_kg, tool_file),
+        tool=ToolService(robot, link, ownership, planning, scene, max_payload_kg, tool_file(settings)),
         plans=plans,
         approvals=Approvals(robot, link.clock, plans, settings.mcp),
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),

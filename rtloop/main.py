@@ -14,7 +14,7 @@ from types import FrameType
 
 import numpy as np
 
-from cobot.cell.surroundings import scene_file
+from cobot.cell.surroundings import scene_file, tool_file
 from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError, ConfigError
 from cobot.ipc.recording_memory import RecordingMemory
@@ -24,7 +24,7 @@ from cobot.logs import start_logging
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.device import LESS
 from cobot.robot.load import carrying
-from cobot.robot.tool import Tool, ToolFile
+from cobot.robot.tool import Tool
 from rtloop.backends import Backend, BackendError, ImpedanceControlled, capabilities_of, make_backend
 from rtloop.clock import Clock, FastClock, RealtimeClock
 from rtloop.device_limits import device_limits, differences
@@ -131,7 +131,7 @@ def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
     the service, which starts all motions, nor a session starts.
     """
     model = robot.model
-    tool = ToolFile(settings.tool_file).read_checked(settings.robot.max_payload_kg, model.file_gravity)
+    tool = tool_file(settings).read_checked(settings.robot.max_payload_kg, model.file_gravity)
     try:
         scene = scene_file(settings).read()
     except ConfigError as exc:

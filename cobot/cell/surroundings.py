@@ -8,7 +8,7 @@ import numpy as np
 from cobot.cell.cell import HAND, Belt, Cell, CellSolid, Hand, load_cell
 from cobot.config import Settings
 from cobot.robot.scene import SceneFile, SceneObject
-from cobot.robot.tool import Tool
+from cobot.robot.tool import BARE, Tool, ToolFile
 from cobot.types import Pose
 
 FINGER_SHARE = 0.1
@@ -25,6 +25,16 @@ def scene_file(settings: Settings) -> SceneFile:
     return SceneFile(settings.scene_file, {} if cell is None else fixtures_in_scene(load_cell(cell)))
 
 
+def tool_file(settings: Settings) -> ToolFile:
+    """The file with the robot's tool. Until a tool is set it is the hand of the robot's cell.
+
+    Raises:
+        ConfigError: the cell file is invalid.
+    """
+    hand = None if settings.robot.cell is None else load_cell(settings.robot.cell).hand
+    return ToolFile(settings.tool_file, BARE if hand is None else hand_as_tool(hand))
+
+
 def fixtures_in_scene(cell: Cell) -> dict[str, SceneObject]:
     """The fixtures and belts as objects of the scene."""
     return {
@@ -38,11 +48,12 @@ def fixtures_in_scene(cell: Cell) -> dict[str, SceneObject]:
 
 
 def hand_as_tool(hand: Hand) -> Tool:
-    """What the arm carries while its hand is empty: mass and TCP."""
+    """The first tool of the robot, which it carries while its hand is empty: mass and TCP."""
     palm, fingers = (1.0 - 2.0 * FINGER_SHARE) * hand.mass_kg, 2.0 * FINGER_SHARE * hand.mass_kg
     height = hand.palm_m[2]
     centre = (palm * 0.5 * height + fingers * (height + 0.5 * hand.finger_m[2])) / hand.mass_kg
     return Tool(
+        version=1,
         name=HAND,
         mass=hand.mass_kg,
         centre=(0.0, 0.0, centre),

@@ -85,16 +85,6 @@ class Settings(Section):
         """
         return options_of(self.robot.backend, kind)
 
-    def gripper_options(self, kind: type[Model]) -> Model:
-        """The options in `robot.gripper`, as an instance of the gripper's own model.
-
-        Raises:
-            ConfigError: there is no gripper, a key is unknown or a value is wrong.
-        """
-        if self.robot.gripper is None:
-            raise ConfigError("robot.gripper: there is none; `cobot gripper list` shows what can be named")
-        return options_of(self.robot.gripper, kind, "robot.gripper")
-
     @property
     def each(self) -> dict[str, Settings]:
         """The settings of each robot by name, the default robot first."""

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cobot.cell.surroundings import tool_file
 from cobot.config import Settings
 from cobot.dds.node import Node, Publisher
 from cobot.errors import CobotError, TornReadError
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot.description import load_robot
-from cobot.robot.tool import ToolFile
 from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
 
 IDLE_S = 0.02
@@ -101,7 +101,7 @@ class Telemetry:
 
     def __init__(self, node: Node, settings: Settings, prefix: str, transforms: Publisher) -> None:
         robot = load_robot(settings)
-        self._model, self._tool_file = robot.model, ToolFile(settings.tool_file)
+        self._model, self._tool_file = robot.model, tool_file(settings)
         self._model.carry(self._tool_file.read())
         section = settings.ros
         name = settings.robot.name

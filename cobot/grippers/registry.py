@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from cobot.cell import load_cell
 from cobot.config import Settings
+from cobot.config.backend import BackendSection, options_of
 from cobot.entry_points import Registry
 from cobot.errors import ConfigError
 from cobot.grippers.protocol import Gripper, GripperCapabilities, GripperError, GripperOptions, IoPort
@@ -35,32 +37,47 @@ def gripper_class(name: str) -> Callable[..., Gripper]:
     return REGISTRY.load(name)
 
 
-def gripper_options(settings: Settings) -> GripperOptions:
-    """The options of the gripper that `robot.gripper` names, checked.
+def gripper_section(settings: Settings) -> BackendSection | None:
+    """The robot's gripper: `robot.gripper`, else the hand of its cell, else None.
 
     Raises:
-        ConfigError: there is no such class, or it has no such options.
+        ConfigError: the cell file is invalid.
     """
-    if settings.robot.gripper is None:
-        raise ConfigError("robot.gripper: there is none")
-    kind: Any = gripper_class(settings.robot.gripper.type)
+    cell = settings.robot.cell
+    if settings.robot.gripper is not None or cell is None:
+        return settings.robot.gripper
+    hand = load_cell(cell).hand
+    if hand is None:
+        return None
+    options = {"stroke": hand.stroke_m, "max_force": hand.max_force_n, "max_speed": hand.max_speed_m_s}
+    return BackendSection(type="simulated", options=options, folder=cell)
+
+
+def gripper_options(settings: Settings) -> GripperOptions:
+    """The options of the robot's gripper, checked.
+
+    Raises:
+        ConfigError: there is no gripper or no such class, or it has no such options.
+    """
+    section = gripper_section(settings)
+    if section is None:
+        raise ConfigError("robot.gripper: there is none; `cobot gripper list` shows what can be named")
+    kind: Any = gripper_class(section.type)
     options: Any = getattr(kind, "Options", GripperOptions)
     if not (isinstance(options, type) and issubclass(options, GripperOptions)):
-        raise ConfigError(
-            f"robot.gripper: {settings.robot.gripper.type}: Options must be derived from GripperOptions"
-        )
-    return settings.gripper_options(options)
+        raise ConfigError(f"robot.gripper: {section.type}: Options must be derived from GripperOptions")
+    return options_of(section, options, "robot.gripper")
 
 
 def make_gripper(settings: Settings, port: IoPort) -> Gripper:
-    """The gripper that `robot.gripper` names.
+    """The robot's gripper.
 
     Raises:
-        ConfigError: there is no such class, it has no such options, or it cannot be made.
+        ConfigError: there is none or no such class, it has no such options, or it cannot be made.
     """
-    options = gripper_options(settings)
-    assert settings.robot.gripper is not None  # see above
-    name = settings.robot.gripper.type
+    options, section = gripper_options(settings), gripper_section(settings)
+    assert section is not None  # see above
+    name = section.type
     try:
         made = gripper_class(name)(options, port)
         if not isinstance(made.capabilities, GripperCapabilities):

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TextIO
 
+from cobot.cell.surroundings import tool_file
 from cobot.config import Settings
 from cobot.errors import CobotError
 from cobot.ipc.device_record import Device, device_of
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.launch.check import Checked
 from cobot.robot.device import LESS
-from cobot.robot.tool import ToolFile
 
 TO_DO = (
     (
@@ -105,7 +105,7 @@ def _limits(backend: str, checked: Sequence[Checked]) -> Checked | tuple[str, st
 def _load(settings: Settings) -> Checked | tuple[str, str]:
     item = "tool and load"
     try:
-        tool = ToolFile(settings.tool_file).read()
+        tool = tool_file(settings).read()
     except CobotError as exc:
         return Checked(item, False, str(exc))
     if not tool.version:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cobot.cell.surroundings import scene_file
+from cobot.cell.surroundings import scene_file, tool_file
 from cobot.config import Settings
 from cobot.errors import LimitError
 from cobot.findings import Finding
@@ -16,7 +16,7 @@ from cobot.robot.collision import CollisionChecker
 from cobot.robot.description import RobotDescription
 from cobot.robot.dynamics import Dynamics
 from cobot.robot.model import RobotModel
-from cobot.robot.tool import BARE, Tool, ToolFile
+from cobot.robot.tool import BARE, Tool
 from cobot.types import Array, JointLimits, vector
 
 SAMPLES = 2000
@@ -91,8 +91,7 @@ def take_up(robot: RobotDescription, settings: Settings) -> None:
 
 
 def _tool(robot: RobotDescription, settings: Settings) -> Tool:
-    file, gravity = ToolFile(settings.tool_file), robot.model.file_gravity
-    return file.read_checked(settings.robot.max_payload_kg, gravity)
+    return tool_file(settings).read_checked(settings.robot.max_payload_kg, robot.model.file_gravity)
 
 
 def check_holds(model: RobotModel, limits: JointLimits, joints: Array, what: str) -> None:

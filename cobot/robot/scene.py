@@ -113,6 +113,8 @@ class SceneFile:
 
     Attributes:
         fixed: objects that are in every scene of this robot, but not in the file: the fixtures of a cell.
+            With them the first scene has version 1: version 0 is the empty one, with which every process
+            begins.
     """
 
     path: Path
@@ -128,7 +130,7 @@ class SceneFile:
             scene = _FILE.validate_json(read_kept(self.path))
             return replace(scene, objects={**scene.objects, **self.fixed})
         except FileNotFoundError:
-            return Scene(objects=dict(self.fixed))
+            return Scene(objects=dict(self.fixed), version=1 if self.fixed else 0)
         except ValidationError as exc:
             raise ConfigError(
                 f"{self.path}: is not a scene: {sentences(exc.errors())}; correct it, or remove it to start "

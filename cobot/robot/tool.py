@@ -155,12 +155,18 @@ def _require_unit(name: str, turn: tuple[float, ...]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ToolFile:
-    """The file with the tool of one robot."""
+    """The file with the tool of one robot.
+
+    Attributes:
+        default: the tool as long as there is no file. Version 0 is the bare flange, with which every process
+            begins; any other has version 1.
+    """
 
     path: Path
+    default: Tool = BARE
 
     def read(self) -> Tool:
-        """Read the tool; it is the model's own if there is no file.
+        """Read the tool.
 
         Raises:
             ConfigError: the file cannot be read or is invalid.
@@ -168,7 +174,7 @@ class ToolFile:
         try:
             return _FILE.validate_json(read_kept(self.path))
         except FileNotFoundError:
-            return BARE
+            return self.default
         except ValidationError as exc:
             raise ConfigError(
                 f"{self.path}: is not a tool: {sentences(exc.errors())}; correct it, or remove it to start "

@@ -12,12 +12,11 @@ import os
 import sys
 import threading
 
-from cobot.cell.surroundings import scene_file
+from cobot.cell.surroundings import scene_file, tool_file
 from cobot.config import Settings
 from cobot.errors import CobotError
 from cobot.launch.process import Niceness, be
 from cobot.robot.model import RobotModel
-from cobot.robot.tool import ToolFile
 from cobot.types import JointLimits
 from rtloop.streaming.collision_monitor import CollisionMonitor
 
@@ -55,7 +54,7 @@ class Surroundings:
         """
         scene = scene_file(self._settings).read()
         self.version = scene.version
-        tool = ToolFile(self._settings.tool_file).read_checked(
+        tool = tool_file(self._settings).read_checked(
             self._settings.robot.max_payload_kg, self._model.file_gravity
         )
         return CollisionMonitor(

@@ -21,6 +21,7 @@ from cobot.ipc.shm import RobotMemory
 from cobot.motions.fence import Fence
 from cobot.motions.signals import NO_PLACED, Placed
 from cobot.robot.description import RobotDescription
+from cobot.robot.tool import BARE, Tool
 from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode
 from rtloop.backends import Backend, BackendError, Impedance, Measured
@@ -88,12 +89,14 @@ class Rig:
         backend: Backend | None = None,
         acknowledged: bool = True,
         clock: Clock | None = None,
+        tool: Tool = BARE,
     ) -> None:
         """
         Args:
             backend: in place of the loopback and the simulation.
             acknowledged: whether somebody has acknowledged the first contact with it.
             clock: in place of robot time.
+            tool: what the arm carries from the start.
         """
         capacity = CAPACITY if memory is None else len(memory.slots[0].coefficients)
         rt = settings.rt.model_copy(update={"trajectory_capacity": capacity})
@@ -106,7 +109,7 @@ class Rig:
         clock = clock or FastClock(rt.period_s)
         self.loop = ControlLoop(self.settings, robot.model, self.memory, backend, clock, recording)
         self.home = np.array(robot.positions["home"].joints)
-        self.loop.open(self.home if start is None else start)
+        self.loop.open(self.home if start is None else start, tool)
         if acknowledged:
             self.loop.controller.acknowledge()
         self.commanded: list[Array] = []

@@ -39,7 +39,7 @@ from cobot.grippers import (
     HeldObject,
     make_gripper,
 )
-from cobot.grippers.registry import gripper_options
+from cobot.grippers.registry import gripper_options, gripper_section
 from cobot.motions.gripper_bodies import (
     AnyGripperCommand,
     GripperGrasp,
@@ -79,9 +79,10 @@ class GripperService:
         self._lost = False
         self._tasks: set[asyncio.Task[None]] = set()
         self._worker: GripperWorker | None = None
-        if settings.robot.gripper is None:
+        section = gripper_section(settings)
+        if section is None:
             return
-        self.type = settings.robot.gripper.type
+        self.type = section.type
         self._options = gripper_options(settings)
         port = RobotPort()
         self._worker = GripperWorker(make_gripper(settings, port), port, link, self._look)

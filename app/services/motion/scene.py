@@ -92,7 +92,7 @@ class SceneService:
         self.turn = asyncio.Lock()
         self._model_names = robot.model.frame_names | {robot.base_frame, "tool"}
         scene = self._file.read()
-        if scene.version or scene.objects:
+        if scene.version:
             robot.collision.surround(scene)
             planning.scene = scene
 

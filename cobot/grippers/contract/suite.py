@@ -26,7 +26,7 @@ from cobot.grippers.protocol import (
     HeldObject,
     IoPort,
 )
-from cobot.grippers.registry import gripper_class, gripper_options
+from cobot.grippers.registry import gripper_class, gripper_options, gripper_section
 from cobot.strict import sentence
 
 STEP_S, END_S = 0.01, 30.0
@@ -310,7 +310,7 @@ def subject_for(settings: Settings, name: str, given: dict[str, Any]) -> Callabl
     Raises:
         ConfigError: there is no such gripper, or it has no such options.
     """
-    section = settings.robot.gripper
+    section = gripper_section(settings)
     kind: Any = gripper_class(name)
     if section is not None and section.type == name and not given:
         found = gripper_options(settings)

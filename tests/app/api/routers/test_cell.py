@@ -5,44 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from physical_cell import EXAMPLE
-from rig import Rig
+from plant_service import THE_CELL, ServiceOfPlant
 from virtual_service import VirtualService
-
-from cobot.config import Settings
-from cobot.ipc.shm import RobotMemory
-from cobot.robot.description import RobotDescription
-from rtloop import main as rtloop
-from rtloop.backends import make_backend
-from rtloop.backends.cell import CellBackend
-
-
-class ServiceOfPlant(VirtualService):
-    """With the cell of examples/pick_and_place."""
-
-    plant: CellBackend
-
-    def _rig(self, settings: Settings, robot: RobotDescription, capacity: int, several: bool) -> Rig:
-        made = make_backend(settings, robot.limits)
-        assert isinstance(made, CellBackend)
-        self.plant = made
-        memory = RobotMemory.create(self.name, robot.limits.dof, settings.rt.period_s, capacity, self.url)
-        rig = Rig(settings, robot, memory=memory, backend=made)
-        memory.statistics.data["backend"] = b"mujoco"
-        memory.statistics.publish()
-        rtloop.describe(memory, robot, made)
-        return rig
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceOfPlant]:
-    with ServiceOfPlant(tmp_path_factory.mktemp("cell"), of_robot=f"cell: {EXAMPLE}").serving() as made:
+    with ServiceOfPlant(tmp_path_factory.mktemp("cell"), of_robot=THE_CELL).serving() as made:
         assert isinstance(made, ServiceOfPlant)
         yield made
-
-
-def positions(run: ServiceOfPlant) -> dict[str, list[float]]:
-    return {each["name"]: each["position"] for each in run.get("/cell").json()["parts"]}
 
 
 START = {"cube": [0.5, -0.3, 0.225], "bar": [0.6, -0.15, 0.22], "can": [0.65, -0.32, 0.24]}
@@ -51,16 +22,16 @@ START = {"cube": [0.5, -0.3, 0.225], "bar": [0.6, -0.15, 0.22], "can": [0.65, -0
 def test_the_parts_are_where_the_plant_has_them_and_a_reset_puts_them_back(run: ServiceOfPlant) -> None:
     shown = run.get("/cell").json()
     assert [each["name"] for each in shown["switches"]] == ["gate", "gate.count"]
-    assert positions(run) == {name: pytest.approx(place, abs=1e-4) for name, place in START.items()}
+    assert run.positions() == {name: pytest.approx(place, abs=1e-4) for name, place in START.items()}
     data = run.plant._plant_data
     data.joint(run.plant.plant.mj.body_jntadr[run.plant.plant.parts[0]]).qpos[:3] = [0.6, 0.12, 0.34]
     run.sleep(0.05)
     shown = run.get("/cell").json()
-    assert positions(run)["cube"][:2] == pytest.approx([0.6, 0.12], abs=1e-3)
+    assert run.positions()["cube"][:2] == pytest.approx([0.6, 0.12], abs=1e-3)
     assert [each["value"] for each in shown["switches"]] == [True, 1]
     answer = run.ask("POST", "/cell/reset")
     assert answer.status_code == 200, answer.json()
-    assert positions(run) == {name: pytest.approx(place, abs=1e-4) for name, place in START.items()}
+    assert run.positions() == {name: pytest.approx(place, abs=1e-4) for name, place in START.items()}
     run.sleep(0.05)
     assert [each["value"] for each in run.get("/cell").json()["switches"]] == [False, 0]
 
@@ -95,6 +66,36 @@ def test_the_fixtures_are_objects_of_the_scene_that_only_the_cell_file_changes(r
     answer = run.ask("POST", "/scene", json={"clear": True})
     assert answer.status_code == 200, answer.text
     assert {each["name"] for each in run.get("/scene").json()["objects"]} == {"table", "tray"}
+
+
+def test_planners_avoid_the_fixtures_from_the_first_motion_on(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """Oracle: the flange is 25 mm below the top of the table."""
+    with ServiceOfPlant(tmp_path_factory.mktemp("new"), of_robot=THE_CELL).serving() as new:
+        new.post("/robot/tool", {"clear": True}).raise_for_status()
+        answer = new.post("/robot/plan/pose", {"x": 0.6, "y": 0.0, "z": 0.175, "b": 3.14159265})
+        assert answer.status_code == 422, answer.text
+        assert "link7 and table" in answer.json()["detail"]
+
+
+def test_the_hand_is_the_tool_until_another_one_is_set(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Oracle: the lengths in the cell file; 0.07 + 0.055 - 0.01 m from the flange to the TCP."""
+    folder = tmp_path_factory.mktemp("tool")
+    with ServiceOfPlant(folder, of_robot=THE_CELL).serving() as first:
+        tool = first.get("/robot/tool").json()
+        assert (tool["name"], tool["mass"], tool["position"]) == (
+            "hand",
+            0.8,
+            pytest.approx([0.0, 0.0, 0.115]),
+        )
+        gripper = first.get("/robot/gripper").json()
+        assert (gripper["type"], gripper["connected"]) == ("simulated", True)
+        assert gripper["capabilities"]["force_n"][1] == 100.0
+        assert not any("carried another tool" in line for line in first.lines)
+        first.post("/robot/tool", {"clear": True}).raise_for_status()
+    with ServiceOfPlant(folder, of_robot=THE_CELL, name=first.name).serving() as second:
+        assert second.get("/robot/tool").json()["mass"] == 0.0
 
 
 def test_a_robot_without_a_cell_answers_404_and_says_what_to_do(
