@@ -10,14 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from cell_arm import ServiceOfCell
+from programs_here import run_lua, run_sequence
 
 from cobot import client
-from cobot.runner.interpreter import Interpreter
-from cobot.runner.library import Library
-from cobot.runner.lua_program import Program
-from cobot.runner.lua_sandbox import Limits
-from cobot.runner.progress import Progress
-from cobot.runner.schema import read_sequence
 
 PAGE = Path(__file__).parents[1] / "docs" / "programs.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -48,13 +43,7 @@ def files(tmp_path: Path) -> list[Path]:
 def run(service: ServiceOfCell, file: Path) -> list[str]:
     """The log of a run."""
     service.arm.was_set.clear()
-    lines: list[str] = []
-    library, sequence = Library(file.parent), read_sequence(file)
-    library.require(sequence, file.name)
-    progress = Progress(None, None)
-    client_of_it = service.client(service.url)
-    Interpreter(client_of_it, library, progress, lines.append, clock=service.clock).run(sequence)
-    return lines
+    return run_sequence(service, file)
 
 
 def tcp(service: ServiceOfCell) -> list[float]:
@@ -88,20 +77,10 @@ def test_each_other_sequence_of_the_page_runs(service: ServiceOfCell, files: lis
 
 
 def test_the_lua_of_the_page_does_what_it_says(service: ServiceOfCell, files: list[Path]) -> None:
-    """In one thread: on virtual time only this one may run the service."""
     service.go_home()
     service.arm.was_set.clear()
     (block,) = blocks("lua")
-    said: list[str] = []
-    client_of_it, library = service.client(service.url), Library(files[0].parent)
-    interpreter = Interpreter(client_of_it, library, Progress(None, None), said.append, clock=service.clock)
-    program = Program(
-        client_of_it, service.url, Limits(), said.append, call=lambda name: interpreter.call(name, {})
-    )
-    program._unless_ended = program._steps._unless_ended = lambda work: work()  # type: ignore[method-assign]
-    program._steps._clock = service.clock
-    program._steps._paused_s = lambda: 0.0
-    program.run(block.encode(), "page.lua")
+    said = run_lua(service, block, files[0].parent)
     assert service.arm.was_set == [("belt", 1.0), ("belt", 0.0)] * 2
     assert [line for line in said if "of 3" in line] == ["1 of 3", "2 of 3", "3 of 3"]
     assert said[-1] == "fetch.json step 5 of 5: wait 0.2 s"
