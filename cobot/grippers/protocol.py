@@ -172,7 +172,8 @@ class IoPort(Protocol):
 
 
 class Gripper(Protocol):
-    """A gripper. The constructor is called with (options, port) and connects to nothing.
+    """A gripper. The constructor is called with (options, port) and connects to nothing. A class that needs
+    more of the settings than its options has `of_robot(settings, port)`, which is called instead.
 
     A thread that nothing else waits for calls the methods, one at a time. Each may wait for the device some
     tenths of a second, and may raise a GripperError. The commands return when the device has taken them, not

@@ -46,11 +46,9 @@ def gripper_section(settings: Settings) -> BackendSection | None:
     cell = settings.robot.cell
     if settings.robot.gripper is not None or cell is None:
         return settings.robot.gripper
-    hand = load_cell(cell).hand
-    if hand is None:
+    if load_cell(cell).hand is None:
         return None
-    options = {"stroke": hand.stroke_m, "max_force": hand.max_force_n, "max_speed": hand.max_speed_m_s}
-    return BackendSection(type="simulated", options=options, folder=cell)
+    return BackendSection(type="simulated", options={}, folder=cell)
 
 
 def gripper_options(settings: Settings) -> GripperOptions:
@@ -79,7 +77,8 @@ def make_gripper(settings: Settings, port: IoPort) -> Gripper:
     assert section is not None  # see above
     name = section.type
     try:
-        made = gripper_class(name)(options, port)
+        kind: Any = gripper_class(name)
+        made: Gripper = kind.of_robot(settings, port) if hasattr(kind, "of_robot") else kind(options, port)
         if not isinstance(made.capabilities, GripperCapabilities):
             raise TypeError("capabilities must be a GripperCapabilities")
         return made

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from pydantic import Field
-
+from cobot.cell import Hand, load_cell
 from cobot.clock import SYSTEM, Clock
+from cobot.config import Settings
+from cobot.errors import ConfigError
 from cobot.grippers.protocol import (
     Grasp,
     GripperCapabilities,
@@ -19,74 +18,101 @@ from cobot.grippers.protocol import (
 
 WIDTH, SPEED, FORCE = "hand.width", "hand.speed", "hand.force"
 MEASURED_WIDTH, MEASURED_FORCE, MOVING = "hand.measured_width", "hand.measured_force", "hand.moving"
+MIN_FORCE_N, MIN_SPEED_M_S = 0.5, 0.001
+DEFAULT_FORCE_SHARE = 0.5
+"""Share of the largest force with which the fingers close when a command names none."""
 BEYOND_M = 0.003
 """A grasp aims so far beyond the narrowest permitted object: the fingers have to press on it."""
 NEAR_M = 0.001
-PRESSING_N = 1.0
-"""Fingers that press harder, away from the commanded width, hold something."""
-REPORT_S = 0.05
-"""The cell reports a command no later than this."""
-
-
-class SimulatedOptions(GripperOptions):
-    """Options of `SimulatedGripper`; those of the hand itself are in the cell's file."""
-
-    stroke: Annotated[float, Field(gt=0.0, le=1.0, description="Largest width, m.")] = 0.08
-    max_force: Annotated[float, Field(gt=0.0, le=10_000.0, description="N")] = 70.0
-    max_speed: Annotated[float, Field(gt=0.0, le=10.0, description="m/s")] = 0.2
+PRESSING_N, PRESSING_SHARE = 1.0, 0.5
+"""Fingers that press harder than this, or than this share of the commanded force, away from the commanded
+width, hold something."""
+REPORT_S = 1.0
+"""A command that the cell has not reported after this time was replaced, by another client of its outputs."""
 
 
 class SimulatedGripper:
-    """See the module."""
+    """See the module.
 
-    Options = SimulatedOptions
+    Args:
+        hand: of the cell file.
+    """
 
-    def __init__(self, options: SimulatedOptions, port: IoPort, clock: Clock = SYSTEM) -> None:
-        self._options, self._port, self._clock = options, port, clock
-        self._begun_s = clock.now_s() - REPORT_S
+    Options = GripperOptions
+
+    def __init__(self, hand: Hand, port: IoPort, clock: Clock = SYSTEM) -> None:
+        self._hand, self._port, self._clock = hand, port, clock
+        self._asked: dict[str, float] = {}
+        self._asked_s = 0.0
         self.capabilities = GripperCapabilities(
-            width_m=(0.0, options.stroke),
-            force_n=(1.0, options.max_force),
-            speed_m_s=(0.001, options.max_speed),
+            width_m=(0.0, hand.stroke_m),
+            force_n=(MIN_FORCE_N, hand.max_force_n),
+            speed_m_s=(MIN_SPEED_M_S, hand.max_speed_m_s),
             object_detection=True,
             on_power_loss=PowerLoss.KEEPS,
             hardware=False,
         )
 
+    @classmethod
+    def of_robot(cls, settings: Settings, port: IoPort) -> SimulatedGripper:
+        """See `Gripper`.
+
+        Raises:
+            ConfigError: the robot has no cell, or its cell has no hand.
+        """
+        cell = settings.robot.cell
+        if cell is None:
+            raise ConfigError(
+                "robot.gripper: simulated is the hand of a simulated cell, and the robot has no cell: set "
+                "robot.cell, or start with cobot run --cell FILE"
+            )
+        hand = load_cell(cell).hand
+        if hand is None:
+            raise ConfigError(
+                f"robot.gripper: simulated is the hand of the cell, and {cell} has none: add `hand: {{}}`"
+            )
+        return cls(hand, port)
+
     def connect(self) -> None:
+        self._asked.clear()
         for name in (WIDTH, SPEED, FORCE, MEASURED_WIDTH, MEASURED_FORCE, MOVING):
             self._port.read(name)
 
     def disconnect(self) -> None: ...
 
     def open(self) -> None:
-        self.move(self._options.stroke, None, None)
+        self.move(self._hand.stroke_m, None, None)
 
     def close(self) -> None:
         self.move(0.0, None, None)
 
     def move(self, width: float, speed: float | None, force: float | None) -> None:
-        options = self._options
-        self._port.set(SPEED, options.max_speed if speed is None else speed)
-        self._port.set(FORCE, 0.5 * options.max_force if force is None else force)
-        self._port.set(WIDTH, width)
-        self._begun_s = self._clock.now_s()
+        hand = self._hand
+        self._asked = {
+            SPEED: hand.max_speed_m_s if speed is None else speed,
+            FORCE: DEFAULT_FORCE_SHARE * hand.max_force_n if force is None else force,
+            WIDTH: width,
+        }
+        self._asked_s = self._clock.now_s()
+        for name, value in self._asked.items():
+            self._port.set(name, value)
 
     def grasp(self, grasp: Grasp) -> None:
         present_m = self._port.read(MEASURED_WIDTH)
         if grasp.width is not None and grasp.width > present_m:
-            target_m = min(self._options.stroke, grasp.width + grasp.tolerance_outer + BEYOND_M)
+            target_m = min(self._hand.stroke_m, grasp.width + grasp.tolerance_outer + BEYOND_M)
         else:
             narrow_m = 0.0 if grasp.width is None else grasp.width - grasp.tolerance_inner
             target_m = max(0.0, narrow_m - BEYOND_M)
         self.move(target_m, grasp.speed, grasp.force)
 
     def release(self, width: float | None) -> None:
-        self.move(self._options.stroke if width is None else width, None, None)
+        self.move(self._hand.stroke_m if width is None else width, None, None)
 
     def stop(self) -> None:
         if self._moves():
-            self._port.set(WIDTH, self._port.read(MEASURED_WIDTH))
+            self._asked, self._asked_s = {WIDTH: self._port.read(MEASURED_WIDTH)}, self._clock.now_s()
+            self._port.set(WIDTH, self._asked[WIDTH])
 
     def home(self) -> None:
         self.open()
@@ -95,10 +121,14 @@ class SimulatedGripper:
         width, target = self._port.read(MEASURED_WIDTH), self._port.read(WIDTH)
         force, moving = abs(self._port.read(MEASURED_FORCE)), self._moves()
         held = HeldObject.NONE
-        if not moving and force > PRESSING_N and abs(width - target) > NEAR_M:
+        pressing_n = min(PRESSING_N, PRESSING_SHARE * self._port.read(FORCE))
+        if not moving and force > pressing_n and abs(width - target) > NEAR_M:
             held = HeldObject.HELD_INSIDE if width > target else HeldObject.HELD_OUTSIDE
         return GripperState(width, target, moving, force=force, object=held)
 
     def _moves(self) -> bool:
-        reported = self._clock.now_s() - self._begun_s >= REPORT_S
-        return bool(self._port.read(MOVING)) or not reported
+        """Whether the fingers move, or the cell has not reported the last command yet."""
+        reported = all(self._port.read(name) == value for name, value in self._asked.items())
+        if reported or self._clock.now_s() - self._asked_s > REPORT_S:
+            self._asked.clear()
+        return bool(self._asked) or bool(self._port.read(MOVING))

@@ -29,6 +29,8 @@ BUSY_PERIOD_S = 0.01
 """How often the state of another one is read, unless its driver has a period of its own, s."""
 BACKOFF_S = (0.1, 3.0)
 """The first pause between two attempts to connect and the longest one, s; each is twice the one before."""
+FIRST_REPORT_S = 2.0
+"""How long a driver that uses the robot's inputs and outputs waits for their first report, s."""
 HUNG_S = 3.0
 """A driver that has not returned from a call for so long is reported."""
 
@@ -66,16 +68,20 @@ class DaemonThread(Executor):
             work()
 
 
+class NotReported(GripperError):
+    """The robot has not reported its inputs and outputs yet."""
+
+
 class RobotPort:
     """The robot's inputs and outputs for a driver: those of before its call, and what it sets in the call.
 
     Attributes:
-        points: by name, as the robot has reported them.
+        points: by name, as the robot has reported them; None before its first report.
         wanted: outputs that were set and not handed over yet.
     """
 
     def __init__(self) -> None:
-        self.points: dict[str, IoPoint] = {}
+        self.points: dict[str, IoPoint] | None = None
         self.wanted: dict[str, float] = {}
 
     def read(self, name: str) -> float:
@@ -94,6 +100,11 @@ class RobotPort:
         self.wanted[name] = value
 
     def _point(self, name: str) -> IoPoint:
+        if self.points is None:
+            raise NotReported(
+                f"{name!r}: the robot has not reported any input or output; /health shows whether rtloop "
+                "runs, docs/api.md which backends have inputs and outputs"
+            )
         if name not in self.points:
             known = ", ".join(self.points) or "none"
             raise GripperError(f"the robot has no input or output {name!r}; it reports: {known}")
@@ -214,18 +225,29 @@ class GripperWorker:
             future.set_result(self.reading.number)
 
     async def _call(self, method: Callable[[Gripper], Result]) -> tuple[str, Result | None]:
-        """Call the driver; what went wrong, or "", and the result."""
-        report = self._link.io()
-        self._port.points = {} if report is None else {each.name: each for each in report.points}
+        """Call the driver, again until the robot has reported the points that it uses; what went wrong, or
+        "", and the result.
+        """
+        latest_s = self._link.clock.now_s() + FIRST_REPORT_S
+        while True:
+            problem, result, reported = await self._call_once(method)
+            if reported or self._link.clock.now_s() >= latest_s:
+                return problem, result
+            await asyncio.sleep(BUSY_PERIOD_S)
+
+    async def _call_once(self, method: Callable[[Gripper], Result]) -> tuple[str, Result | None, bool]:
+        """As `_call`; the last value is whether the driver had the report that it needed."""
+        report, reported = self._link.io(), True
+        self._port.points = None if report is None else {each.name: each for each in report.points}
         self._port.wanted.clear()
         self._calling_since_s = self._link.clock.now_s()
         try:
             loop = asyncio.get_running_loop()
             result = await loop.run_in_executor(self._thread, self._call_connected, method)
             await self._hand_over()
-            return "", result
+            return "", result, True
         except (GripperError, CobotError) as exc:
-            problem = plain_text(exc)
+            problem, reported = plain_text(exc), not isinstance(exc, NotReported)
         except asyncio.CancelledError:
             raise
         except BaseException as exc:
@@ -236,7 +258,7 @@ class GripperWorker:
         if self._connected:
             self._connected = False
             await asyncio.get_running_loop().run_in_executor(self._thread, self._disconnect)
-        return problem, None
+        return problem, None, reported
 
     async def _hand_over(self) -> None:
         while self._port.wanted:

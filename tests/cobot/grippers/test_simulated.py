@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from cobot.grippers import Grasp, GripperError, HeldObject
-from cobot.grippers.simulated import SimulatedGripper, SimulatedOptions
+from cobot import cell
+from cobot.config import load_settings
+from cobot.errors import ConfigError
+from cobot.grippers import Grasp, GripperError, HeldObject, make_gripper
+from cobot.grippers.simulated import SimulatedGripper
+
+HAND = cell.Hand()
 
 
 class Hand:
@@ -47,7 +54,7 @@ def hand() -> Hand:
 
 @pytest.fixture
 def gripper(hand: Hand) -> SimulatedGripper:
-    made = SimulatedGripper(SimulatedOptions(), hand, hand)  # type: ignore[arg-type]
+    made = SimulatedGripper(HAND, hand, hand)  # type: ignore[arg-type]
     made.connect()
     return made
 
@@ -81,6 +88,63 @@ def test_a_stop_on_the_way_stays_where_it_is(hand: Hand, gripper: SimulatedGripp
 
 def test_a_robot_without_a_cell_has_no_hand(hand: Hand) -> None:
     del hand.points["hand.speed"]
-    gripper = SimulatedGripper(SimulatedOptions(), hand, hand)  # type: ignore[arg-type]
+    gripper = SimulatedGripper(HAND, hand, hand)  # type: ignore[arg-type]
     with pytest.raises(GripperError, match=r"hand\.speed"):
         gripper.connect()
+
+
+def made_for(folder: Path, hand: Hand, robot: str) -> SimulatedGripper:
+    config = folder / "config.yaml"
+    config.write_text(f"robot: {{{robot}gripper: {{type: simulated}}}}\n", encoding="utf-8")
+    made = make_gripper(load_settings(config), hand)
+    assert isinstance(made, SimulatedGripper)
+    return made
+
+
+def test_it_can_do_what_the_hand_of_the_cell_file_can(tmp_path: Path, hand: Hand) -> None:
+    (tmp_path / "cell.yaml").write_text("hand: {stroke_m: 0.05, max_force_n: 20.0, max_speed_m_s: 0.1}\n")
+    able = made_for(tmp_path, hand, f"cell: {tmp_path}, ").capabilities
+    assert able.width_m == (0.0, 0.05)
+    assert able.force_n is not None
+    assert able.speed_m_s is not None
+    assert (able.force_n[1], able.speed_m_s[1]) == (20.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("content", "why"), [(None, "cobot run --cell FILE"), ("floor_m: 0.0\n", r"has none: add `hand: {}`")]
+)
+def test_without_a_hand_in_a_cell_the_start_says_what_to_do(
+    tmp_path: Path, hand: Hand, content: str | None, why: str
+) -> None:
+    if content is not None:
+        (tmp_path / "cell.yaml").write_text(content)
+    with pytest.raises(ConfigError, match=why):
+        made_for(tmp_path, hand, "" if content is None else f"cell: {tmp_path}, ")
+
+
+def test_the_weakest_hand_detects_what_it_holds(hand: Hand) -> None:
+    gripper = SimulatedGripper(cell.Hand(max_force_n=1.0), hand, hand)  # type: ignore[arg-type]
+    hand.part = 0.04
+    gripper.grasp(Grasp(None, 0.0, 0.0, force=0.8))
+    hand.go_on(0.5)
+    assert gripper.state().object is HeldObject.HELD_INSIDE
+
+
+def test_it_moves_until_the_cell_has_reported_the_command(hand: Hand, gripper: SimulatedGripper) -> None:
+    before = dict(hand.points)
+    gripper.move(0.02, None, None)
+    commanded, hand.points = hand.points, before  # the cell still reports what was before
+    assert gripper.state().moving
+    hand.points = commanded
+    hand.go_on(0.5)
+    assert not gripper.state().moving
+    assert gripper.state().width == pytest.approx(0.02)
+
+
+def test_a_command_that_another_client_has_replaced_ends(hand: Hand, gripper: SimulatedGripper) -> None:
+    gripper.move(0.02, None, None)
+    hand.points["hand.width"] = 0.06
+    hand.go_on(0.5)
+    assert gripper.state().moving
+    hand.go_on(0.6)
+    assert not gripper.state().moving

@@ -357,3 +357,13 @@ def test_a_wrong_command_on_the_path_moves_nothing(
     assert answer.status_code == status, answer.text
     assert words in answer.json()["detail"]
     assert run.service.joints() == before
+
+
+def test_a_gripper_at_outputs_of_a_robot_without_any_is_a_problem_in_words(tmp_path: Path) -> None:
+    service = VirtualService(tmp_path, of_robot="gripper: {type: digital, close_output: valve}")
+    with service.serving():
+        answer = service.post("/robot/gripper/release", {}).json()
+        assert not answer["success"]
+        words = "'valve': the robot has not reported any input or output"
+        assert words in answer["message"]
+        assert words in service.get("/robot/gripper").json()["problem"]
