@@ -188,7 +188,7 @@ def _services(
     servo = ServoService(robot, link, streams, force)
     max_payload_kg = settings.robot.max_payload_kg
     scene = SceneService(robot, link, goals, motion, planning, stopping, ownership, settings)
-    held = HeldService(robot, link, ownership, scene)
+    held = HeldService(robot, link, ownership, scene, cell)
     gripper = GripperService(settings, link, ownership, stopping, held)
     path_gripper = PathCommands(gripper, ownership)
     motion.command_gripper = path_gripper.begin

@@ -1,15 +1,15 @@
-"""What a cell means for the planners: fixtures as objects of the scene, the hand as a tool."""
+"""What a cell means for the planners: fixtures and held parts as objects of the scene, the hand as a tool."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 
-from cobot.cell.cell import HAND, Belt, Cell, CellSolid, Hand, load_cell
+from cobot.cell.cell import HAND, Belt, Cell, CellPart, CellSolid, Hand, load_cell
 from cobot.config import Settings
 from cobot.robot.scene import SceneFile, SceneObject
 from cobot.robot.tool import BARE, Tool, ToolFile
-from cobot.types import Pose
+from cobot.types import Numbers7, Pose
 
 FINGER_SHARE = 0.1
 """Share of the hand's mass in each finger."""
@@ -33,6 +33,11 @@ def tool_file(settings: Settings) -> ToolFile:
     """
     hand = None if settings.robot.cell is None else load_cell(settings.robot.cell).hand
     return ToolFile(settings.tool_file, BARE if hand is None else hand_as_tool(hand))
+
+
+def part_in_scene(part: CellPart, pose: Numbers7) -> SceneObject:
+    """A part as an object of the scene; `pose` is in the base frame."""
+    return SceneObject(shape=part.shape, size=tuple(part.size_m), pose=pose, mass=part.mass_kg)
 
 
 def fixtures_in_scene(cell: Cell) -> dict[str, SceneObject]:

@@ -1,4 +1,5 @@
 """What is between the fingers: an object of the scene is attached when it is grasped, and detached later.
+A part of a simulated cell is in the scene only while it is held, and may touch the fixtures of the cell.
 
 The scene's load changes only while the arm rests. If it moves, the change follows when it rests next.
 """
@@ -8,13 +9,16 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import logging
+from collections.abc import Sequence
 
 import numpy as np
 
 from app.services.motion.scene import SceneService
-from app.services.motion.scene_edits import detach
+from app.services.motion.scene_edits import Edit, detach, remove_object
 from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
+from cobot.cell import Cell
+from cobot.cell.surroundings import part_in_scene
 from cobot.errors import CobotError, ConflictError, UnavailableError
 from cobot.grippers import GripperState
 from cobot.pose import Pose
@@ -32,19 +36,30 @@ log = logging.getLogger("cobot.gripper")
 class HeldService:
     """See the module.
 
+    Args:
+        cell: the simulated cell; None without one.
+
     Attributes:
-        name: of the object in the scene that is held; None for none.
+        name: of the object or part that is held; None for none.
         context: of the client that has commanded the gripper last: on its behalf the scene changes.
     """
 
     def __init__(
-        self, robot: RobotDescription, link: RobotLink, ownership: Ownership, scene: SceneService
+        self,
+        robot: RobotDescription,
+        link: RobotLink,
+        ownership: Ownership,
+        scene: SceneService,
+        cell: Cell | None,
     ) -> None:
         self._robot = robot
         self._link = link
         self._ownership = ownership
         self._scene = scene
+        self._parts = {} if cell is None else cell.parts
+        self._fixtures = [] if cell is None else [name for name, _ in cell.solids()]
         self._task: asyncio.Task[None] | None = None
+        self._postponed = False
         self.context = contextvars.copy_context()
         attached = [name for name, each in scene.scene.objects.items() if each.attached]
         self.name = self._attached = attached[0] if len(attached) == 1 else None
@@ -55,7 +70,9 @@ class HeldService:
 
     def forget(self) -> None:
         """The gripper holds nothing: what an earlier run of the service has attached is not in it."""
-        if self._task is None:
+        if self._attached in self._parts:  # the cell has begun again since
+            self.release()
+        elif self._task is None:
             self.name = self._attached = None
 
     def grasp(self, state: GripperState) -> str | None:
@@ -71,22 +88,40 @@ class HeldService:
         self._settle()
         return before
 
+    async def follow(self) -> None:
+        """Wait until the scene says what is held, unless that is postponed until the arm rests.
+
+        A motion that a client commands next would otherwise find the robot in use by this change.
+        """
+        while self._task is not None and not self._postponed:
+            await asyncio.wait({self._task}, timeout=AGAIN_S)
+
     def _between(self) -> str | None:
-        """The nearest object at the TCP that is not attached."""
+        """The nearest object or part at the TCP that is not attached."""
         try:
             tcp = self._robot.model.forward(self._link.state().position)
         except UnavailableError:
             return None
         distances = {
             name: distance_m(each, tcp.position)
-            for name, each in self._scene.scene.objects.items()
+            for name, each in {**self._scene.scene.objects, **self._parts_where_they_are()}.items()
             if not each.attached
         }
         name = min(distances, key=lambda each: distances[each], default=None)
         return None if name is None or distances[name] > REACH_M else name
 
+    def _parts_where_they_are(self) -> dict[str, SceneObject]:
+        """The parts of the cell where they are."""
+        poses = self._link.cell() or {}
+        return {
+            name: part_in_scene(self._parts[name], pose)
+            for name, pose in poses.items()
+            if name in self._parts
+        }
+
     def _settle(self) -> None:
         if self._task is None and self.name != self._attached:
+            self._postponed = False
             self._task = asyncio.create_task(self._change(), name="held object", context=self.context)
 
     async def _change(self) -> None:
@@ -99,6 +134,7 @@ class HeldService:
                         continue
                     except ConflictError as exc:  # something moves again, or another client has control
                         log.debug("the held object: %s", exc)
+                self._postponed = True
                 await asyncio.sleep(AGAIN_S)
         except CobotError as exc:
             log.warning("%sgripper: the scene does not follow it: %s", self._link.label, exc)
@@ -111,22 +147,33 @@ class HeldService:
         if old is not None:
             item = scene.scene.objects.get(old)
             if item is not None and item.attached:
-                await scene.change([detach(old)], moves_hand=True, name="release")
+                edit = remove_object(old) if old in self._parts else detach(old)
+                await scene.change([edit], moves_hand=True, name="release")
             self._attached = None
             return
         if new is not None:
-            if new not in scene.scene.objects:
+            part = self._parts_where_they_are().get(new)
+            if part is None and new not in scene.scene.objects:
                 self.name = None
                 return
-            touch = await asyncio.to_thread(self._touched, new)
-            await scene.change([scene.attach(new, touch)], moves_hand=True, name="grasp")
+            put = [] if part is None else [scene.put_object(new, part, self._robot.base_frame)]
+            touch = await asyncio.to_thread(self._touched, new, put)
+            if put:  # it is to be placed somewhere
+                touch = sorted({*touch, *self._fixtures})
+            await scene.change([*put, scene.attach(new, touch)], moves_hand=True, name="grasp")
             self._attached = new
 
-    def _touched(self, name: str) -> list[str]:
-        """What the object touches where it is: the fingers, and what it stands on."""
+    def _touched(self, name: str, put: Sequence[Edit]) -> list[str]:
+        """What the object touches where it is: the fingers, and what it stands on.
+
+        Args:
+            put: what brings it into the scene.
+        """
         state = self._link.state()
         hand = self._robot.model.forward(state.commanded_position)
-        held: Scene = self._scene.attach(name, [])(self._scene.scene, hand)
+        held: Scene = self._scene.scene
+        for edit in (*put, self._scene.attach(name, [])):
+            held = edit(held, hand)
         contacts = self._robot.collision.among(held).contacts(state.commanded_position)
         pairs = [{each.first, each.second} for each in contacts]
         return sorted(set().union(*(pair for pair in pairs if name in pair)) - {name})

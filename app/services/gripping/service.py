@@ -152,6 +152,7 @@ class GripperService:
             state = await self._follow(worker, running, caller)
             error = shortfall(command, state, worker.gripper.capabilities)
             self._note(command, state, good=error is None)
+            await self._held.follow()
         except CobotError as exc:
             error = exc
         except BaseException as exc:
@@ -269,16 +270,18 @@ class GripperService:
                 self._lose()
             else:
                 self._released()
+        elif holds and not self._holds and self._running is None:
+            self._grasped(state)  # by a command of an earlier run of the service, which was killed meanwhile
         self._holds = holds
 
     def _adopt(self, state: GripperState) -> None:
         """Take over what an earlier run of the service has left in the gripper."""
         if state.object is None:
             self._holds = self._held.name is not None
-            return
-        self._holds = state.object.is_held
-        if not self._holds:
+        elif not state.object.is_held:
             self._held.forget()
+        else:
+            self._holds = self._held.name is not None
 
     def _released(self) -> None:
         name = self._held.release()

@@ -1,0 +1,81 @@
+"""The parts of a cell between the fingers. Oracle: the bodies that MuJoCo steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from plant_service import THE_CELL, ServiceOfPlant
+
+DOWN = {"b": math.pi}
+CUBE = {"x": 0.5, "y": -0.3, "z": 0.225}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceOfPlant]:
+    with ServiceOfPlant(tmp_path_factory.mktemp("held"), of_robot=THE_CELL).serving() as made:
+        assert isinstance(made, ServiceOfPlant)
+        yield made
+
+
+def go(run: ServiceOfPlant, **place: Any) -> None:
+    answer = run.post("/robot/move/pose", {**CUBE, **DOWN, "planner": "lin", "speed": 0.5, **place}).json()
+    assert answer["success"], answer
+
+
+def command(run: ServiceOfPlant, name: str, **body: Any) -> dict[str, Any]:
+    answer: dict[str, Any] = run.post(f"/robot/gripper/{name}", body).json()
+    assert answer["success"], answer
+    return answer
+
+
+def scene(run: ServiceOfPlant) -> dict[str, dict[str, Any]]:
+    return {each["name"]: each for each in run.get("/scene").json()["objects"]}
+
+
+def test_the_hand_of_the_cell_is_the_gripper_without_a_setting(run: ServiceOfPlant) -> None:
+    assert command(run, "move", width=0.08)["width"] == pytest.approx(0.08, abs=1e-3)
+
+
+def test_the_tcp_is_between_the_fingers_before_a_tool_is_set(run: ServiceOfPlant) -> None:
+    tool = run.get("/robot/tool").json()
+    assert (tool["name"], tool["mass"]) == ("hand", 0.8)
+    assert tool["position"] == pytest.approx([0.0, 0.0, 0.115])
+
+
+def test_a_grasped_part_is_in_the_scene_until_it_is_released(run: ServiceOfPlant) -> None:
+    assert set(scene(run)) == {"table", "tray"}
+    run.go_home()
+    go(run, z=0.36, planner="ptp")
+    go(run)
+    assert command(run, "grasp", width=0.05, force=40.0)["held"] == "cube"
+    run.until(lambda: scene(run).get("cube", {}).get("attached"))
+    held = scene(run)["cube"]
+    assert (held["mass"], held["size"]) == (0.2, [0.05, 0.05, 0.05])
+    go(run, z=0.4)
+    run.sleep(0.5)
+    tcp = run.rig.robot.model.forward(np.array(run.joints()))
+    in_scene = tcp.apply(np.array(held["position"]))
+    assert run.positions()["cube"] == pytest.approx(in_scene, abs=2e-3)
+    assert run.positions()["cube"][2] > 0.38
+    go(run, z=0.228)  # a held part may touch the fixtures: it is placed on them
+    released = command(run, "release")
+    assert released["held"] is None
+    run.until(lambda: "cube" not in scene(run))
+    go(run, z=0.4)
+    run.sleep(0.2)
+    assert run.positions()["cube"] == pytest.approx([0.5, -0.3, 0.225], abs=2e-3)
+
+
+def test_a_reset_of_the_cell_takes_a_held_part_out_of_the_scene(run: ServiceOfPlant) -> None:
+    go(run, z=0.36)
+    go(run)
+    command(run, "grasp", width=0.05, force=40.0)
+    run.until(lambda: scene(run).get("cube", {}).get("attached"))
+    go(run, z=0.4)
+    run.post("/cell/reset").raise_for_status()
+    run.until(lambda: "cube" not in scene(run))
+    assert run.get("/robot/gripper").json()["held"] is None
