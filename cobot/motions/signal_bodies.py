@@ -13,7 +13,7 @@ from cobot.types import MAX_ACTIONS
 
 MAX_FORCE = 10_000.0
 DEFAULT_FORCE_N, DEFAULT_TORQUE_NM = 20.0, 5.0
-"""Default thresholds of `until`. docs/signals-and-contact.md has the measurement behind them."""
+"""Default thresholds of `until`; see "Thresholds" in docs/signals-and-contact.md."""
 MAX_NAME = 200
 MAX_TEXT = 200
 MAX_RETRACT_M = 1.0
