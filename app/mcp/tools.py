@@ -21,6 +21,7 @@ from app.api.endpoints import Endpoint
 from app.api.plan_schemas import PlanArc, PlanId, PlanPath, PlanPose
 from app.api.routers.plans import rehearsal
 from app.api.schemas import LogLines
+from app.api.signal_schemas import action_answers
 from app.mcp.arguments import takes_fields_of
 from app.mcp.departures import GONE
 from app.mcp.endpoint import STOPPED
@@ -183,6 +184,8 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
         "success": outcome.error is None,
         "error": "" if outcome.error is None else str(outcome.error),
         "duration_s": outcome.duration_s,
+        "stopped_by": outcome.signals.stopped_by,
+        "actions": [each.model_dump() for each in action_answers(outcome.signals.actions)],
     }
 
 

@@ -238,6 +238,22 @@ def test_an_agent_moves_within_its_fence(cell: Cell) -> None:
     np.testing.assert_allclose(cell.joints(), NEAR, atol=2e-3)
 
 
+def test_an_agent_runs_a_plan_with_an_event_and_a_condition_and_is_told_of_them(cell: Cell) -> None:
+    cell.goes_to(HOME)
+    events = [{"at": {"fraction": 0.5}, "event": "half way"}]
+    until = {"torque": {"joint": "joint2", "threshold": 500.0}, "if_not_met": "success"}
+    body = {"joints": NEAR, "speed": 0.1, "actions": events, "until": until}
+    plan = cell.service.post("/robot/plan/joints", body, headers=cell.agent.headers).json()
+    assert "plan_id" in plan, plan
+    (listed,) = (
+        each for each in cell.agent.call("list_plans")["plans"] if each["plan_id"] == plan["plan_id"]
+    )
+    assert any("event 'half way'" in sentence for sentence in listed["signals"])
+    answer = cell.agent.call("execute", plan_id=plan["plan_id"])
+    assert (answer["success"], answer["stopped_by"]) == (True, "")
+    assert [each["fired"] for each in answer["actions"]] == [True]
+
+
 def test_what_an_operator_has_approved_runs_once(cell: Cell) -> None:
     cell.goes_to(HOME)
     plan = cell.agent.call("plan_to_joints", joints=FAR, speed=0.5)["plan_id"]

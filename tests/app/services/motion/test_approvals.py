@@ -20,10 +20,12 @@ from app.services.motion.approvals import Approvals
 from app.services.motion.plan import Plan
 from cobot.config import Settings
 from cobot.errors import NotFoundError, PermissionDenied
+from cobot.motions.signals import Action, PathPlace, Placed, PlacedAction
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import BARE, Tool
 
 ZONE = "Asia/Shanghai"
+START = PathPlace("fraction", 0.0)
 
 
 class World:
@@ -123,3 +125,27 @@ def test_an_approval_of_a_plan_that_is_forgotten_is_forgotten(world: World) -> N
     assert approvals.approved_by("1") is None
     with pytest.raises(NotFoundError):
         approvals.approve("1", "anna")
+
+
+@pytest.mark.parametrize(
+    ("action", "says"),
+    [
+        (Action("actions[0]", START, output="glue", value=1.0), "(set glue to 1)"),
+        (Action("actions[0]", START, gripper={"command": "release"}), "(gripper release)"),
+        (Action("actions[0]", START, event="half way"), ""),
+    ],
+)
+def test_an_agent_sets_no_output_and_commands_no_gripper_unasked(
+    world: World, action: Action, says: str
+) -> None:
+    plan = replace(world.plan, signals=Placed((PlacedAction(1, 0.0, action),)))
+    approvals = world.approvals(hours="00:00-23:59")
+    if not says:
+        assert approvals.permit(plan) is not None
+        return
+    with pytest.raises(PermissionDenied) as refused:
+        approvals.permit(plan)
+    assert says in str(refused.value)
+    world.plans["1"] = plan
+    approvals.approve("1", "an operator")
+    assert approvals.permit(plan) is None
