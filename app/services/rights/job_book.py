@@ -212,9 +212,16 @@ def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobReco
         f"its next start found that at {found:%Y-%m-%d %H:%M:%S} UTC"
     )
     error = JobError(sentence, "interrupted")
-    actions = tuple(replace(each, fired=each.fired or None) for each in record.actions)
     return replace(
-        record, state=JobState.INTERRUPTED, remaining_s=None, error=error, ended_at=ended_at, actions=actions
+        record,
+        state=JobState.INTERRUPTED,
+        remaining_s=None,
+        error=error,
+        ended_at=ended_at,
+        actions=tuple(
+            each if each.fired or each.problem else replace(each, fired=None) for each in record.actions
+        ),
+        waits_for="",
     )
 
 

@@ -6,12 +6,16 @@ Oracles: the outputs that the simulated device was told to set, and numpy's leng
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from cobot_run import until
 from wired_arm import WiredService
 
+from app.services.rights.job_book import JobBook
 from cobot.client.rest import Client
 from cobot.errors import ConditionNotMet
 from cobot.types import LoopMode
@@ -182,6 +186,28 @@ def test_what_a_stop_leaves_is_reported_in_the_job(run: WiredService) -> None:
     record = run.get(f"/jobs/{job['id']}").json()
     assert record["state"] == "cancelled"
     assert [each["fired"] for each in record["actions"]] == [True, False]
+
+
+def test_after_a_kill_no_action_is_told_as_not_fired(run: WiredService, tmp_path: Path) -> None:
+    """The next start reads the file of jobs as it is in the middle of the motion. The first action has fired
+    and the last has not: the file knows neither."""
+    actions = [setting(time_s=0.1), setting(**{"time_s": 0.0, "from": "end"})]
+    job = run.post("/robot/move/named?wait=false", {**NAMED, "speed": 0.1, "actions": actions}).json()
+    run.sleep(0.5)
+    assert len(run.arm.set) == 1
+    (file,) = run.config.parent.rglob("*.jobs.jsonl")
+    until(lambda: [line for line in file.read_text().splitlines() if job["id"] in line and "running" in line])
+    left = tmp_path / file.name
+    left.write_bytes(file.read_bytes())
+    run.post("/stop").raise_for_status()
+    link: Any = SimpleNamespace(clock=run.clock, label="", memory=SimpleNamespace(robot=run.name))
+    book = JobBook(link, left)
+    record = book.find(job["id"])
+    book.close()
+    assert record is not None
+    assert record.state == "interrupted"
+    assert [each.fired for each in record.actions] == [None, None]
+    assert [each.does for each in record.actions] == ["set pressure to 1.5"] * 2
 
 
 def test_a_rejected_output_is_in_the_answer(run: WiredService) -> None:

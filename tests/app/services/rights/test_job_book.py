@@ -13,6 +13,7 @@ import math
 import os
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,6 +29,7 @@ from app.services.rights.claims import Caller
 from app.services.rights.job import ENDS, Job, JobKind, JobRecord
 from app.services.rights.job_book import KEPT, JobBook
 from app.services.rights.ownership import Ownership
+from app.services.rights.signal_results import ActionResult, SignalResults
 from cobot.errors import CollisionError, ExecutionError, MotionStopped, UnavailableError
 from cobot.findings import Finding
 
@@ -177,6 +179,27 @@ def test_records_survive_and_what_was_under_way_was_interrupted(tmp_path: Path) 
     assert failed.error.findings == infinite.findings
     after.close()
     assert states(Bench(file).book.records(9)) == ["interrupted", "failed", "finished"]
+
+
+def test_of_a_motion_whose_end_was_not_seen_the_actions_are_told_as_far_as_they_were_known(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "arm.jobs.jsonl"
+    bench = Bench(file)
+    known = ActionResult("actions[0]", "set glue to 1", "0 s after the start", 0.0)
+    rejected = replace(known, action="actions[1]", path_time_s=0.1, problem="the valve block is off")
+    actions = (replace(known, fired=True, path_time_s=0.0), rejected, replace(known, action="actions[2]"))
+    with bench.motion() as claim:
+        claim.job.follow_signals(lambda: SignalResults(actions, waits_for="pause_while: input part is true"))
+        claim.job.started(7, TRAJECTORY)
+        bench.book.close()  # as a service that is killed
+    for _ in range(2):  # each start tells it as the one before
+        book = Bench(file).book
+        (found,) = book.records(9)
+        book.close()
+        assert found.state == "interrupted"
+        assert found.actions == (*actions[:2], replace(actions[2], fired=None)), "the last may have fired"
+        assert found.waits_for == "", "nothing waits any more"
 
 
 def test_what_is_no_record_in_the_file_is_passed_over(tmp_path: Path) -> None:
