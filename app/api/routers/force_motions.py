@@ -14,7 +14,7 @@ from app.api.goals import goal_of
 from app.api.job_schemas import ACCEPTED, Wait, accepted
 from app.api.route import EndpointRouter
 from app.services.rights.job import JobKind
-from app.services.streaming.force_motions import ForceOutcome
+from app.services.streaming.force_run import ForceOutcome
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.motions.fields import example

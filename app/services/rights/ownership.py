@@ -166,7 +166,7 @@ class Ownership:
         """
         self.require_control()
         client, moving = CLIENT.get(), self.moving
-        if self._link.streamer() is not None:
+        if self._link.streamer() is not None and not self.speed_override.follows_stream:
             raise ConflictError(f"{self.owner}: a stream has no path along which it could go slower")
         own = self._sequence is not None and self._sequence.token == client.sequence
         if moving is not None and not own and not moving.client.same(client):

@@ -36,13 +36,11 @@ class Sample:
     """What is measured now.
 
     Attributes:
-        time_s: since the motion began, without pauses.
         step_s: since the last sample, without pauses.
         pose: of the TCP in the base frame.
         force_n: that the TCP exerts along the push.
     """
 
-    time_s: float
     step_s: float
     pose: Pose
     force_n: float

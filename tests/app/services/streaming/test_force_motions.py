@@ -292,3 +292,24 @@ def test_a_request_that_waits_ends_with_its_timeout(service: VirtualService, tab
     found = done(service.post("/robot/force/press", body))
     assert (found["success"], found["stopped_by"], found["code"]) == (False, "max_time", "motion_timeout")
     assert found["duration_s"] < 65.0
+
+
+def test_the_speed_override_slows_a_search_down(service: VirtualService, table: Table) -> None:
+    body = {**DOWN, "force": 8.0, "radius": 0.02, "pitch": 0.0008, "max_time_s": 600.0}
+    job = service.post("/robot/force/search?wait=false", body).headers["location"]
+    service.until(lambda: table.forces[-1] > 5.0)
+    service.sleep(2.0)
+
+    def way_m() -> float:
+        begin = len(table.places)
+        service.sleep(2.0)
+        places = np.array(table.places[begin:])[:, :2]
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+
+    fast_m = way_m()
+    answer = service.post("/robot/speed_override", {"fraction": 0.2})
+    assert answer.status_code == 200, answer.text
+    service.sleep(0.5)
+    assert way_m() == pytest.approx(0.2 * fast_m, rel=0.15)
+    assert service.post("/robot/speed_override", {"fraction": 1.0}).status_code == 200
+    service.post(f"{job}/cancel").raise_for_status()

@@ -1,0 +1,175 @@
+"""One motion with force while it goes on: what is measured, what is commanded, and what has come of it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.services.rights.claims import Caller, Claim
+from app.services.rights.ownership import Ownership
+from app.services.state.link import RobotLink
+from app.services.streaming.force_stages import Aim, NotMet, Push, Sample, Stage, let_go
+from app.services.streaming.sessions import Session
+from cobot.errors import CobotError, ExecutionError, MotionStopped
+from cobot.motions.force_bodies import AnyForceMotion, FollowMotion
+from cobot.pose import Pose
+
+PERIOD_S = 0.01
+FORCE_INTEGRAL_PER_S = 2.0
+"""Rate at which a lasting error of the force is made up for, as on a slope."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Where the TCP touched, and how far it had gone along the push."""
+
+    pose: Pose
+    distance_m: float
+    force_n: float
+
+
+@dataclass(slots=True)
+class ForceOutcome:
+    """How a motion with force ended. Forces are along the push, distances from the start, pose of the TCP.
+
+    Attributes:
+        error: None if its end was reached, or if that did not matter.
+        stopped_by: word for what ended it; "" before anything did.
+        force_n: mean while it was held; None if it was not.
+    """
+
+    error: CobotError | None = None
+    stopped_by: str = ""
+    contact: Contact | None = None
+    force_n: float | None = None
+    max_force_n: float = 0.0
+    pose: Pose | None = None
+    distance_m: float = 0.0
+    duration_s: float = 0.0
+    held: list[float] = field(default_factory=list)
+
+
+def outcome_word(outcome: ForceOutcome) -> Callable[[str], None]:
+    """What notes the word for the end of a search."""
+
+    def note(word: str) -> None:
+        outcome.stopped_by = word
+
+    return note
+
+
+class ForceRun:
+    """A motion with force while it goes on.
+
+    Attributes:
+        free_n: external force when it began, in the base frame, shape (3,), N.
+    """
+
+    def __init__(
+        self, link: RobotLink, ownership: Ownership, push: Push, body: AnyForceMotion, caller: Caller
+    ) -> None:
+        self._link, self._ownership = link, ownership
+        self.push, self.body, self.caller = push, body, caller
+        self.outcome = ForceOutcome()
+        self.free_n = link.state().wrench[:3].copy()
+        self._in_tool = push.start.rotation.T @ push.axis
+        self._turns = isinstance(body, FollowMotion) and body.frame == "tool"
+        self._stops = link.stops
+        self._active_s = 0.0
+        self._before_s = link.clock.now_s()
+        self._number = 0
+        self._missing_n = 0.0  # in contact, over time
+        self._aim = Aim(push.start, 0.0)
+
+    async def drive(self, session: Session, stages: Stage) -> None:
+        """Run the stages, then let go, whatever the stages came to.
+
+        Raises:
+            NotMet: a bound came first.
+            MotionStopped, ExecutionError: the session has been ended by something else.
+        """
+        try:
+            most_s = self.caller.timeout_s if self.caller.waits else np.inf
+            await self._run(session, stages, min(self.body.max_time_s, most_s))
+        except NotMet:
+            with contextlib.suppress(NotMet):  # the first bound is what the answer speaks of
+                await self._let_go(session)
+            raise
+        await self._let_go(session)
+
+    async def _let_go(self, session: Session) -> None:
+        last = self._sample(0.0)
+        await self._run(session, let_go(self.push, last, self._aim, self.body.retract), np.inf)
+
+    async def _run(self, session: Session, stage: Stage, most_s: float) -> None:
+        aim = next(stage)
+        while True:
+            self._feed(session, aim)
+            await asyncio.sleep(PERIOD_S)
+            now_s = self._link.clock.now_s()
+            step_s, self._before_s = now_s - self._before_s, now_s
+            self._require_going(session)
+            override = self._ownership.speed_override
+            sample = self._sample(0.0 if override.paused else override.fraction * step_s)
+            if override.paused:
+                continue
+            self._active_s += step_s
+            self._account(aim, sample)
+            if self._active_s > most_s:
+                stage.close()
+                raise NotMet("max_time", f"its end was not reached within {most_s:g} s")
+            try:
+                aim = stage.send(sample)
+            except StopIteration:
+                return
+
+    def _account(self, aim: Aim, sample: Sample) -> None:
+        """Integrate the error of the force while it is held."""
+        if self.outcome.contact is None or aim.force_n != self.push.force_n:
+            self._missing_n = 0.0
+            return
+        missing_n = self._missing_n + FORCE_INTEGRAL_PER_S * sample.step_s * (aim.force_n - sample.force_n)
+        self._missing_n = float(np.clip(missing_n, -aim.force_n, aim.force_n))
+
+    def _sample(self, step_s: float) -> Sample:
+        state = self._link.state()
+        pose = Pose.from_numbers(state.tcp)
+        axis = pose.rotation @ self._in_tool if self._turns else self.push.axis
+        force_n = float((self.free_n - state.wrench[:3]) @ axis)
+        outcome = self.outcome
+        outcome.max_force_n = max(outcome.max_force_n, force_n)
+        outcome.pose, outcome.distance_m = pose, self.push.distance_m(pose)
+        return Sample(step_s, pose, force_n)
+
+    def _feed(self, session: Session, aim: Aim) -> None:
+        self._aim = aim
+        axis = aim.pose.rotation @ self._in_tool if self._turns else self.push.axis
+        self._number += 1
+        setpoint = session.setpoint.copy()
+        setpoint["number"] = self._number
+        setpoint["pose"] = aim.pose.numbers
+        # rtloop compares with what is measured, which had this share when the TCP was free.
+        setpoint["wrench"][2] = aim.force_n + self._missing_n - float(self.free_n @ axis)
+        session.take_setpoint(self._number, setpoint)
+
+    def _require_going(self, session: Session) -> None:
+        """See that nothing has ended the motion.
+
+        Raises:
+            MotionStopped: a stop, a cancel, or a client that has gone.
+            ExecutionError: rtloop has ended the session, with its reason.
+        """
+        if self.caller.gone.is_set() and self.caller.job is not None:
+            self._ownership.cancel(self.caller.job, MotionStopped("the client went away"))
+            raise MotionStopped("the client went away")
+        if not session.over:
+            return
+        claim = self._ownership.moving
+        interrupted = isinstance(claim, Claim) and claim.interruption is not None
+        if interrupted or self._link.stops != self._stops:
+            raise MotionStopped(session.over)
+        raise ExecutionError(session.over)
