@@ -6,7 +6,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from cobot.clock import SYSTEM, Clock
+from cobot.clock import SYSTEM
+from cobot.grippers.point_rigs import DigitalRig
 from cobot.grippers.positions import Goal, TwoPositions
 from cobot.grippers.protocol import (
     GripperCapabilities,
@@ -14,6 +15,7 @@ from cobot.grippers.protocol import (
     GripperState,
     HeldObject,
     IoPort,
+    Now,
     PowerLoss,
 )
 
@@ -62,7 +64,7 @@ class DigitalGripper(TwoPositions):
     LATE = 3.0
     """Multiple of the time after which fingers that have not arrived are a fault."""
 
-    def __init__(self, options: DigitalOptions, port: IoPort, clock: Clock = SYSTEM) -> None:
+    def __init__(self, options: DigitalOptions, port: IoPort, clock: Now = SYSTEM) -> None:
         super().__init__(port, (options.closed_width, options.open_width), clock)
         self._options = options
         self.capabilities = GripperCapabilities(
@@ -71,6 +73,11 @@ class DigitalGripper(TwoPositions):
             continuous=False,
             on_power_loss=options.on_power_loss,
         )
+
+    @staticmethod
+    def contract_rig(options: DigitalOptions) -> DigitalRig:
+        """Fingers at such outputs and inputs."""
+        return DigitalRig(options)
 
     def connect(self) -> None:
         """The outputs tell what the last command was, of an earlier run of cobot too."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from enum import Enum, auto
 
-from cobot.clock import SYSTEM, Clock
-from cobot.grippers.protocol import Grasp, IoPort
+from cobot.clock import SYSTEM
+from cobot.grippers.protocol import Grasp, IoPort, Now
 
 
 class Goal(Enum):
@@ -23,7 +23,7 @@ class TwoPositions:
         goal: of the last command.
     """
 
-    def __init__(self, port: IoPort, width_m: tuple[float, float], clock: Clock = SYSTEM) -> None:
+    def __init__(self, port: IoPort, width_m: tuple[float, float], clock: Now = SYSTEM) -> None:
         self._port = port
         self._width_m = width_m
         self._clock = clock

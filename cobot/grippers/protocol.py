@@ -151,6 +151,12 @@ class GripperOptions(BaseModel):
     ] = "stop"
 
 
+class Now(Protocol):
+    """What a driver needs of a clock: `cobot.clock.SYSTEM`, or that of a simulated device."""
+
+    def now_s(self) -> float: ...
+
+
 class IoPort(Protocol):
     """The inputs and outputs of the robot, by name, as GET /robot/io has them. For a driver's thread."""
 

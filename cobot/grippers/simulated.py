@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from cobot.cell import Hand, load_cell
-from cobot.clock import SYSTEM, Clock
+from cobot.clock import SYSTEM
 from cobot.config import Settings
 from cobot.errors import ConfigError
+from cobot.grippers.point_rigs import HandRig
 from cobot.grippers.protocol import (
     Grasp,
     GripperCapabilities,
@@ -13,6 +14,7 @@ from cobot.grippers.protocol import (
     GripperState,
     HeldObject,
     IoPort,
+    Now,
     PowerLoss,
 )
 
@@ -40,7 +42,7 @@ class SimulatedGripper:
 
     Options = GripperOptions
 
-    def __init__(self, hand: Hand, port: IoPort, clock: Clock = SYSTEM) -> None:
+    def __init__(self, hand: Hand, port: IoPort, clock: Now = SYSTEM) -> None:
         self._hand, self._port, self._clock = hand, port, clock
         self._asked: dict[str, float] = {}
         self._asked_s = 0.0
@@ -72,6 +74,11 @@ class SimulatedGripper:
                 f"robot.gripper: simulated is the hand of the cell, and {cell} has none: add `hand: {{}}`"
             )
         return cls(hand, port)
+
+    @staticmethod
+    def contract_rig(options: GripperOptions) -> HandRig:
+        """The hand that a cell has by default."""
+        return HandRig(Hand())
 
     def connect(self) -> None:
         self._asked.clear()

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cobot.config import load_settings
+from cobot.contract_checks import CheckResult, CheckVerdict
 from cobot.errors import CobotError
 from cobot.launch.process import in_words
 from rtloop.backends import BackendError
 from rtloop.contract.listing import listed
 from rtloop.contract.new_backend import write_backend
-from rtloop.contract.suite import CHECKS, Result, Verdict, cell_for, examined
+from rtloop.contract.suite import CHECKS, cell_for, examined
 
 EXIT_OK, EXIT_FAILED = 0, 1
 
@@ -84,14 +85,14 @@ def _test(chosen: argparse.Namespace) -> int:
         print(json.dumps([_as_dict(each) for each in results], indent=2))
     else:
         counted = ", ".join(
-            f"{sum(each.verdict is verdict for each in results)} {verdict}" for verdict in Verdict
+            f"{sum(each.verdict is verdict for each in results)} {verdict}" for verdict in CheckVerdict
         )
         print(f"{chosen.name}, every {1e3 * cell.settings.rt.period_s:g} ms: {counted}")
-    failed = any(each.verdict is Verdict.FAILED for each in results)
+    failed = any(each.verdict is CheckVerdict.FAILED for each in results)
     return EXIT_FAILED if failed else EXIT_OK
 
 
-def _as_dict(result: Result) -> dict[str, str]:
+def _as_dict(result: CheckResult) -> dict[str, str]:
     return {"check": result.check, "result": result.verdict.value, "found": result.found}
 
 

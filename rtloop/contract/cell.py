@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from cobot.config import Settings
+from cobot.contract_checks import ContractError
 from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode
-from rtloop.contract.driver import ContractError, Driver
+from rtloop.contract.driver import Driver
 from rtloop.contract.rig import rig_of
 
 REST_S = 0.2
-
-
-class NotTested(Exception):
-    """The device or its rig lacks something that a check needs; the text says what."""
 
 
 @dataclass(frozen=True, slots=True)

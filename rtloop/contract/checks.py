@@ -8,12 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cobot.contract_checks import ContractError, NotTested
 from cobot.ipc.layout import MotionResult
 from cobot.robot.device import MEASURED_NAMES, STATUS_WORDS, DeviceStatus
 from cobot.types import Array, LoopMode
 from rtloop.backends import BackendError, Measured, Reporting, capabilities_of
-from rtloop.contract.cell import REST_S, Cell, NotTested
-from rtloop.contract.driver import ContractError, Driver
+from rtloop.contract.cell import REST_S, Cell
+from rtloop.contract.driver import Driver
 
 HELD_RAD = 1e-3
 """Largest distance of the first command from the measured position."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from cobot.config import Settings
+from cobot.contract_checks import ContractError
 from cobot.errors import ConfigError
 from rtloop.backends import Reporting, capabilities_of, make_backend
 from rtloop.contract.cell import Cell
-from rtloop.contract.driver import ContractError
 
 CLAIMS = {
     "impedance": ("set_impedance",),

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cobot.config import Settings
+from cobot.contract_checks import ContractError
 from cobot.ipc.layout import RING, Ack, Command, MotionResult, text
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
@@ -31,10 +32,6 @@ ATTEMPTS = 20
 SHARE = 0.5
 """A move uses this share of the joints' limits."""
 _numbers = itertools.count()
-
-
-class ContractError(Exception):
-    """A backend violates the contract; the text says where."""
 
 
 @dataclass(slots=True)

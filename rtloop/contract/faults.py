@@ -7,12 +7,13 @@ from functools import partial
 
 import numpy as np
 
+from cobot.contract_checks import ContractError, NotTested
 from cobot.ipc.layout import Command, MotionResult
 from cobot.types import LoopMode
 from rtloop.backends import BackendError, Reporting, capabilities_of
-from rtloop.contract.cell import REST_S, Cell, NotTested
+from rtloop.contract.cell import REST_S, Cell
 from rtloop.contract.checks import require_entry, require_limits
-from rtloop.contract.driver import ContractError, Driver
+from rtloop.contract.driver import Driver
 from rtloop.contract.stream import begin_stream
 
 ENDED = (LoopMode.FAULT, LoopMode.ESTOP)

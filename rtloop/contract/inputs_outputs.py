@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from cobot.contract_checks import ContractError, NotTested
 from cobot.ipc.io_record import report_of
 from cobot.ipc.layout import IO_NAME_BYTES, IO_POINTS, Command
 from cobot.robot.io_points import IoKind, IoPoint, io_points, require_number
 from cobot.types import LoopMode
 from rtloop.backends import BackendError, HasIo, capabilities_of
-from rtloop.contract.cell import Cell, NotTested
-from rtloop.contract.driver import ContractError, Driver
+from rtloop.contract.cell import Cell
+from rtloop.contract.driver import Driver
 
 UNKNOWN = "no such output"
 

@@ -17,8 +17,9 @@ from functools import cache
 import pytest
 
 from cobot.config import load_settings
+from cobot.contract_checks import CheckVerdict
 from rtloop.contract.cell import Cell
-from rtloop.contract.suite import CHECKS, Verdict, cell_for, examined
+from rtloop.contract.suite import CHECKS, cell_for, examined
 
 MARKER = "cobot_backend"
 
@@ -41,9 +42,9 @@ def contract_check(request: pytest.FixtureRequest) -> Callable[[], None]:
 
     def check() -> None:
         result = examined(_cell(marker.args[0]), request.param)
-        if result.verdict is Verdict.NOT_TESTED:
+        if result.verdict is CheckVerdict.NOT_TESTED:
             pytest.skip(result.found)
-        if result.verdict is Verdict.FAILED:
+        if result.verdict is CheckVerdict.FAILED:
             pytest.fail(f"{result.check}: {result.found}", pytrace=False)
 
     return check

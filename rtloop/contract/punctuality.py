@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from cobot.contract_checks import ContractError, NotTested
 from rtloop.backends import BackendError, capabilities_of
 from rtloop.clock import Pace
-from rtloop.contract.cell import Cell, NotTested
-from rtloop.contract.driver import ContractError
+from rtloop.contract.cell import Cell
 
 BEATEN_S = 0.5
 LATE_SHARE = 0.01

@@ -6,9 +6,10 @@ import os
 
 import numpy as np
 
+from cobot.contract_checks import ContractError
 from cobot.ipc.layout import Ack, Interpolation, ServoMode, Stream, text
 from rtloop.backends import ImpedanceControlled
-from rtloop.contract.driver import ContractError, Driver
+from rtloop.contract.driver import Driver
 
 STREAMED_RAD, STREAM_S = 0.02, 0.3
 """Distance and duration by which the stream moves each joint."""

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
 from cobot.config import Settings
-from cobot.errors import CobotError
-from cobot.foreign import plain_error, plain_text
+from cobot.contract_checks import CheckResult, result_of
 from cobot.robot.description import load_robot
 from rtloop.backends import BackendError, backend_class, capabilities_of
 from rtloop.contract import checks, declared, faults, inputs_outputs, punctuality
-from rtloop.contract.cell import Cell, NotTested
-from rtloop.contract.driver import ContractError
+from rtloop.contract.cell import Cell
 from rtloop.contract.rig import rig_of
 
 CHECKS = {
@@ -26,21 +22,6 @@ CHECKS = {
     **inputs_outputs.CHECKS,
     **faults.CHECKS,
 }
-
-
-class Verdict(StrEnum):
-    PASSED = "passed"
-    FAILED = "FAILED"
-    NOT_TESTED = "not tested"
-
-
-@dataclass(frozen=True, slots=True)
-class Result:
-    """The result of a check: what was found, what is wrong, or what is missing."""
-
-    check: str
-    verdict: Verdict
-    found: str
 
 
 def settings_for(settings: Settings, name: str) -> Settings:
@@ -68,22 +49,13 @@ def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> Cell:
     return cell
 
 
-def examined(cell: Cell, check: str) -> Result:
+def examined(cell: Cell, check: str) -> CheckResult:
     """Run one check. A backend that raises an unexpected exception has failed it."""
-    try:
-        with np.errstate(all="ignore"):  # as in rtloop: comparisons find values that are not finite
-            return Result(check, Verdict.PASSED, CHECKS[check](cell))
-    except NotTested as exc:
-        return Result(check, Verdict.NOT_TESTED, str(exc))
-    except (ContractError, BackendError, CobotError) as exc:
-        return Result(check, Verdict.FAILED, plain_text(exc))
-    except KeyboardInterrupt:
-        raise
-    except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
-        return Result(check, Verdict.FAILED, plain_error(exc))
+    with np.errstate(all="ignore"):  # as in rtloop: comparisons find values that are not finite
+        return result_of(check, lambda: CHECKS[check](cell), BackendError)
 
 
-def run(cell: Cell) -> Iterator[Result]:
+def run(cell: Cell) -> Iterator[CheckResult]:
     """Run all checks, one after the other."""
     for check in CHECKS:
         yield examined(cell, check)

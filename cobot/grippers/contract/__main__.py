@@ -14,9 +14,10 @@ from typing import Any
 import yaml
 
 from cobot.config import load_settings
+from cobot.contract_checks import CheckVerdict
 from cobot.errors import CobotError, ConfigError
 from cobot.grippers.contract.new import write_gripper
-from cobot.grippers.contract.suite import CHECKS, GripperVerdict, examined, subject_for
+from cobot.grippers.contract.suite import CHECKS, examined, subject_for
 from cobot.grippers.registry import REGISTRY
 from cobot.launch.process import in_words
 
@@ -89,7 +90,7 @@ def _test(chosen: argparse.Namespace) -> int:
             print(f"{check:{width}}  {result.verdict:10}  {result.found}", flush=True)
     if chosen.json:
         print(json.dumps([asdict(each) for each in results], indent=2))
-    return 1 if any(each.verdict is GripperVerdict.FAILED for each in results) else 0
+    return 1 if any(each.verdict is CheckVerdict.FAILED for each in results) else 0
 
 
 def _options(given: Sequence[str]) -> dict[str, Any]:

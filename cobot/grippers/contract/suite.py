@@ -7,15 +7,13 @@ waiting for it, and never moves real fingers.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any, Protocol
 
 from pydantic import ValidationError
 
 from cobot.config import Settings
+from cobot.contract_checks import CheckResult, ContractError, NotTested, result_of
 from cobot.errors import ConfigError
-from cobot.foreign import plain_error, plain_text
 from cobot.grippers.protocol import (
     Grasp,
     Gripper,
@@ -62,29 +60,6 @@ class GripperRig(Protocol):
     def clear(self, fault: str) -> None:
         """Its cause is gone."""
         ...
-
-
-class GripperVerdict(StrEnum):
-    PASSED = "passed"
-    FAILED = "FAILED"
-    NOT_TESTED = "not tested"
-
-
-@dataclass(frozen=True, slots=True)
-class Result:
-    """The result of a check: what was found, what is wrong, or what it lacks."""
-
-    check: str
-    verdict: GripperVerdict
-    found: str
-
-
-class ContractError(Exception):
-    """The contract is not kept."""
-
-
-class NotTested(Exception):
-    """The check does not apply, with the reason."""
 
 
 class NoPoints:
@@ -323,18 +298,9 @@ def subject_for(settings: Settings, name: str, given: dict[str, Any]) -> Callabl
     return lambda: Subject(kind, found)
 
 
-def examined(make: Callable[[], Subject], check: str) -> Result:
+def examined(make: Callable[[], Subject], check: str) -> CheckResult:
     """One check, on a new device."""
-    try:
-        return Result(check, GripperVerdict.PASSED, CHECKS[check](make()))
-    except NotTested as exc:
-        return Result(check, GripperVerdict.NOT_TESTED, str(exc))
-    except (ContractError, GripperError, ConfigError) as exc:
-        return Result(check, GripperVerdict.FAILED, plain_text(exc))
-    except KeyboardInterrupt:
-        raise
-    except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
-        return Result(check, GripperVerdict.FAILED, plain_error(exc))
+    return result_of(check, lambda: CHECKS[check](make()), GripperError)
 
 
 def _detectable(subject: Subject) -> float:

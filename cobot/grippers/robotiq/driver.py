@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, Protocol, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -16,6 +16,7 @@ from cobot.grippers.protocol import (
     GripperState,
     HeldObject,
     IoPort,
+    Now,
     PowerLoss,
 )
 from cobot.grippers.robotiq.registers import (
@@ -40,12 +41,6 @@ BEYOND_M = 0.003
 NEAR = 2
 """Fingers that have stopped so few counts from the commanded position are there, and hold nothing."""
 INACTIVE = "the gripper is not activated: POST /robot/gripper/home, in which its fingers close and open"
-
-
-class Now(Protocol):
-    """A clock."""
-
-    def now_s(self) -> float: ...
 
 
 class RobotiqOptions(GripperOptions):

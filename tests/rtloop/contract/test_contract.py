@@ -11,10 +11,11 @@ import pytest
 from franka_settings import franka_settings
 
 from cobot.config import Settings
+from cobot.contract_checks import CheckVerdict
 from cobot.errors import ConfigError
 from rtloop.contract.__main__ import main
 from rtloop.contract.cell import Cell
-from rtloop.contract.suite import CHECKS, Verdict, cell_for, examined
+from rtloop.contract.suite import CHECKS, cell_for, examined
 
 TOY = "rtloop.contract.toy:ToyArm"
 HURRIES = "paced_arm:PacedArm"
@@ -54,14 +55,18 @@ def franka() -> Cell:
 @pytest.mark.parametrize("check", CHECKS)
 def test_the_simulation_keeps_it(mujoco: Cell, check: str) -> None:
     result = examined(mujoco, check)
-    assert result.verdict is (Verdict.NOT_TESTED if check in UNTOLD else Verdict.PASSED), result.found
+    assert result.verdict is (CheckVerdict.NOT_TESTED if check in UNTOLD else CheckVerdict.PASSED), (
+        result.found
+    )
     assert result.found
 
 
 @pytest.mark.parametrize("check", CHECKS)
 def test_fri_keeps_it_beside_a_simulated_cabinet(fri: Cell, check: str) -> None:
     result = examined(fri, check)
-    assert result.verdict is (Verdict.NOT_TESTED if check in ON_REQUEST else Verdict.PASSED), result.found
+    assert result.verdict is (CheckVerdict.NOT_TESTED if check in ON_REQUEST else CheckVerdict.PASSED), (
+        result.found
+    )
 
 
 def test_a_first_contact_is_announced_to_nobody(fri: Cell, caplog: pytest.LogCaptureFixture) -> None:
@@ -75,7 +80,7 @@ def test_franka_keeps_it_beside_a_stand_in(franka: Cell, check: str) -> None:
         pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: pip install 'cobot[franka]'")
     result = examined(franka, check)
     untold = check in {*ON_REQUEST, "operation_mode", "io"}
-    assert result.verdict is (Verdict.NOT_TESTED if untold else Verdict.PASSED), result.found
+    assert result.verdict is (CheckVerdict.NOT_TESTED if untold else CheckVerdict.PASSED), result.found
 
 
 def test_the_toy_keeps_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
@@ -132,7 +137,7 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
 def test_each_way_of_breaking_it_is_found(settings: Settings, arm: str, check: str, found: str) -> None:
     name = f"broken_backends:{arm}"
     result = examined(cell_for(settings, name), check)
-    assert result.verdict is Verdict.FAILED
+    assert result.verdict is CheckVerdict.FAILED
     with pytest.raises(AssertionError, match=found):
         raise AssertionError(result.found)
 

@@ -1,0 +1,140 @@
+"""Simulated devices at a robot's inputs and outputs, on which the contract of their drivers is run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cobot.cell import Hand
+from cobot.grippers.protocol import Gripper, GripperError, IoPort
+
+if TYPE_CHECKING:
+    from cobot.grippers.digital import DigitalOptions
+
+
+class PointRig:
+    """A robot's inputs and outputs, and a clock.
+
+    Attributes:
+        values: of the points, by name.
+        seconds: the time on the clock.
+        object_m: width of what is between the fingers; None for nothing.
+        silent: the robot does not report.
+    """
+
+    faults = frozenset({"disconnect"})
+
+    def __init__(self, values: dict[str, float]) -> None:
+        self.values = values
+        self.seconds = 10.0
+        self.object_m: float | None = None
+        self.silent = False
+
+    def now_s(self) -> float:
+        """The clock."""
+        return self.seconds
+
+    def read(self, name: str) -> float:
+        """See `IoPort`."""
+        if self.silent:
+            raise GripperError("the robot does not report its inputs and outputs")
+        if name not in self.values:
+            raise GripperError(f"the robot has no input or output {name!r}")
+        return self.values[name]
+
+    def set(self, name: str, value: float) -> None:
+        """See `IoPort`."""
+        self.read(name)
+        self.values[name] = value
+
+    def place(self, width_m: float | None) -> None:
+        """See `GripperRig`, as for `inject` and `clear`."""
+        self.object_m = width_m
+
+    def inject(self, fault: str) -> None:
+        self.silent = True
+
+    def clear(self, fault: str) -> None:
+        self.silent = False
+
+
+class HandRig(PointRig):
+    """The hand of a cell: the fingers go to the width, and stop at what is between them.
+
+    Attributes:
+        width: between the fingers, m.
+    """
+
+    def __init__(self, hand: Hand) -> None:
+        self.hand = hand
+        self.width = hand.stroke_m
+        super().__init__({})
+        self.values |= {"hand.width": self.width, "hand.speed": hand.max_speed_m_s, "hand.force": 0.0}
+
+    def gripper(self, port: IoPort) -> Gripper:
+        """A new driver at the same hand."""
+        from cobot.grippers.simulated import SimulatedGripper
+
+        return SimulatedGripper(self.hand, self, self)
+
+    def read(self, name: str) -> float:
+        """See `IoPort`."""
+        target = self.values["hand.width"]
+        presses = self.width > target and self.width == self.object_m
+        measured = {
+            "hand.measured_width": self.width,
+            "hand.measured_force": self.values["hand.force"] * presses,
+            "hand.moving": float(self.width != target and not presses),
+        }
+        return super().read(name) if self.silent or name not in measured else measured[name]
+
+    def step(self, duration_s: float) -> None:
+        """Have time go on."""
+        self.seconds += duration_s
+        target = self.values["hand.width"]
+        if self.object_m is not None and self.width >= self.object_m:
+            target = max(target, self.object_m)
+        way_m, step_m = target - self.width, self.values["hand.speed"] * duration_s
+        self.width = target if abs(way_m) <= step_m else self.width + (step_m if way_m > 0.0 else -step_m)
+
+
+class DigitalRig(PointRig):
+    """Fingers at one or two valves, which take their time; sensors at both ends."""
+
+    def __init__(self, options: DigitalOptions) -> None:
+        self._options = options
+        self._opened = 1.0
+        outputs = [name for name in (options.close_output, options.open_output) if name is not None]
+        super().__init__(dict.fromkeys(outputs, 0.0))
+        if options.open_output is not None:
+            self.values[options.open_output] = 1.0
+        self.step(0.0)
+
+    def gripper(self, port: IoPort) -> Gripper:
+        """A new driver at the same fingers."""
+        from cobot.grippers.digital import DigitalGripper
+
+        return DigitalGripper(self._options, self, self)
+
+    def step(self, duration_s: float) -> None:
+        """Have time go on."""
+        options = self._options
+        self.seconds += duration_s
+        shut, apart = options.close_output, options.open_output
+        closes = self.values[shut] if shut is not None else 1.0 - self.values[apart or ""]
+        opens = self.values[apart] if apart is not None else 1.0 - closes
+        self._opened += duration_s * (opens / options.open_time_s - closes / options.close_time_s)
+        self._opened = min(max(self._opened, self._narrowest), 1.0)
+        for name, on in (
+            (options.closed_input, self._opened <= 0.0),
+            (options.opened_input, self._opened >= 1.0),
+        ):
+            if name is not None:
+                self.values[name] = float(on is not options.inverted_inputs)
+
+    @property
+    def _narrowest(self) -> float:
+        """Where the fingers stop, as a share of the way from closed to open."""
+        options = self._options
+        if self.object_m is None:
+            return 0.0
+        return (self.object_m - options.closed_width) / (options.open_width - options.closed_width)
