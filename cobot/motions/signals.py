@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -257,6 +257,37 @@ class TcpWay:
         return self._lengths_m[grows], self._times_s[grows]
 
 
+class HasConditions(Protocol):
+    """A motion with the conditions that it was given, in any form; None for those that it does not have."""
+
+    @property
+    def start_when(self) -> object: ...
+    @property
+    def pause_while(self) -> object: ...
+    @property
+    def until(self) -> object: ...
+
+
+def require_conditions(motions: Sequence[HasConditions], prefixes: Sequence[str]) -> None:
+    """Check which motions have conditions, of those that follow each other in one trajectory.
+
+    Args:
+        prefixes: of the fields of each motion, for errors.
+
+    Raises:
+        InputError: a condition is given for a motion that cannot have it.
+    """
+    pausing = 0
+    for number, (motion, prefix) in enumerate(zip(motions, prefixes, strict=True), start=1):
+        if motion.start_when is not None and number > 1:
+            raise InputError(f"{prefix}start_when: only the first motion of a sequence may have it")
+        pausing += motion.pause_while is not None
+        if motion.pause_while is not None and pausing > 1:
+            raise InputError(f"{prefix}pause_while: only one motion of a sequence may have it")
+        if motion.until is not None and number < len(motions):
+            raise InputError(f"{prefix}until: only the last motion of a sequence may have it")
+
+
 def placed(segments: Sequence[PathSignals], ends_s: Sequence[float], way: TcpWay) -> Placed:
     """The actions and conditions of motions that a trajectory goes through.
 
@@ -271,34 +302,26 @@ def placed(segments: Sequence[PathSignals], ends_s: Sequence[float], way: TcpWay
     actions: list[PlacedAction] = []
     begin_s = 0.0
     conditions: dict[str, Any] = {}
-    last = len(segments) - 1
-    for index, (signals, end_s) in enumerate(zip(segments, ends_s, strict=True)):
-        prefix = f"motions[{index}]." if last else ""
+    prefixes = [f"motions[{index}]." if len(segments) > 1 else "" for index in range(len(segments))]
+    require_conditions(segments, prefixes)
+    for signals, prefix, end_s in zip(segments, prefixes, ends_s, strict=True):
         for action in signals.actions:
             path_time_s = min(_path_time_s(action, prefix, begin_s, end_s, way), way.duration_s)
             actions.append(PlacedAction(len(actions) + 1, path_time_s, action))
-        conditions |= _conditions(signals, prefix, index == 0, index == last, (begin_s, end_s), conditions)
+        conditions |= _conditions(signals, (begin_s, end_s))
         begin_s = end_s
     if len(actions) > MAX_ACTIONS:
         raise InputError(f"actions: the motion has {len(actions)}, at most {MAX_ACTIONS} are possible")
     return Placed(tuple(sorted(actions, key=lambda each: each.path_time_s)), **conditions)
 
 
-def _conditions(
-    signals: PathSignals, prefix: str, is_first: bool, is_last: bool, times_s: tuple[float, float], known: Any
-) -> dict[str, Any]:
+def _conditions(signals: PathSignals, times_s: tuple[float, float]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if signals.start_when is not None:
-        if not is_first:
-            raise InputError(f"{prefix}start_when: only the first motion of a sequence may have it")
         found["start_when"] = signals.start_when
     if signals.pause_while is not None:
-        if "pause_while" in known:
-            raise InputError(f"{prefix}pause_while: only one motion of a sequence may have it")
         found |= {"pause_while": signals.pause_while, "pause_s": times_s}
     if signals.until is not None:
-        if not is_last:
-            raise InputError(f"{prefix}until: only the last motion of a sequence may have it")
         found |= {"until": signals.until, "until_s": times_s[0]}
     return found
 

@@ -15,6 +15,7 @@ from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError
 from cobot.motions.conditions import StepCondition
 from cobot.runner import schema
+from cobot.runner.blocks import Numbered, groups
 from cobot.runner.gripper_step import describe_command, run_command
 from cobot.runner.library import Library
 from cobot.runner.moving import go
@@ -24,7 +25,6 @@ from cobot.runner.steps import (
     CallStep,
     GripperStep,
     IfStep,
-    Numbered,
     OnErrorStep,
     PalletStep,
     RepeatStep,
@@ -32,7 +32,6 @@ from cobot.runner.steps import (
     Step,
     WaitForStep,
     WaitStep,
-    groups,
 )
 from cobot.runner.targets import Target
 from cobot.runner.where import Where

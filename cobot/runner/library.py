@@ -7,8 +7,9 @@ from pathlib import Path
 
 from cobot.errors import InputError
 from cobot.folders import below
+from cobot.runner.blocks import walk
 from cobot.runner.schema import Sequence, read_sequence
-from cobot.runner.steps import MAX_DEPTH, CallStep, walk
+from cobot.runner.steps import MAX_DEPTH, CallStep
 
 MAX_FILES = 100
 """Maximum number of files that one sequence reads."""

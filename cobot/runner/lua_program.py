@@ -16,13 +16,13 @@ from cobot.client import Client
 from cobot.codes import code_of
 from cobot.errors import CobotError, ExecutionError, InputError
 from cobot.motions.bodies import JointMotion, TcpMotion
+from cobot.runner.blocks import groups
 from cobot.runner.lua_sandbox import Function, Limits, Sandbox, Watch
 from cobot.runner.lua_steps import LuaSteps
 from cobot.runner.lua_values import lua, number, numbers, plain, text
 from cobot.runner.moving import go
 from cobot.runner.ros_bind import RosBridge
 from cobot.runner.schema import sequence_of
-from cobot.runner.steps import groups
 from cobot.runner.targets import Target
 from cobot.strict import shown
 

@@ -13,17 +13,8 @@ from pydantic import ConfigDict, Field, ValidationError, model_validator
 from cobot import shipped
 from cobot.errors import InputError
 from cobot.loose_lists import RequestModel
-from cobot.runner.steps import (
-    IGNORED_TAGS,
-    MAX_DEPTH,
-    MAX_STEPS,
-    Block,
-    Numbered,
-    Step,
-    groups,
-    require_stops,
-    walk,
-)
+from cobot.runner.blocks import Numbered, groups, require_stops, walk
+from cobot.runner.steps import IGNORED_TAGS, MAX_DEPTH, MAX_STEPS, Block, Step
 from cobot.runner.targets import AnyTarget, Target
 from cobot.strict import sentences, without_repetition
 

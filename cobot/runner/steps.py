@@ -6,7 +6,6 @@ key is a waypoint, see `cobot.runner.targets`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
@@ -19,7 +18,6 @@ from cobot.motions.bodies import (
     ARC,
     JOINT,
     KINDS,
-    MAX_MOTIONS,
     MOTION_TAGS,
     NAMED,
     POSE,
@@ -30,7 +28,7 @@ from cobot.motions.bodies import (
 from cobot.motions.conditions import PointName, StepCondition
 from cobot.motions.fields import Coordinate, Finite
 from cobot.runner.gripper_step import COMMAND_TAGS, GripperCommand
-from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, PoseTarget, Target
+from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, PoseTarget
 
 MAX_STEPS = 100_000
 """Maximum number of steps in one list."""
@@ -245,55 +243,3 @@ AnyStep = Annotated[
     Discriminator(_kind, custom_error_type="step", custom_error_message=A_STEP),
 ]
 Block = Annotated[list[AnyStep], Field(min_length=1, max_length=MAX_STEPS)]
-Numbered = tuple[int, "Target | Step"]
-
-
-def groups(steps: Sequence[Target | Step], first: int = 1) -> list[list[Numbered]]:
-    """The steps with their numbers. Waypoints that the arm goes through without a stop are one group, with
-    the waypoint where it stops."""
-    found: list[list[Numbered]] = [[]]
-    for number, step in enumerate(steps, start=first):
-        found[-1].append((number, step))
-        if not isinstance(step, Target) or step.radius == 0.0:
-            found.append([])
-    return [group for group in found if group]
-
-
-def require_stops(
-    steps: Sequence[Target | Step], place: str, word: str, before: Target | None = None
-) -> None:
-    """Check the radii of one list.
-
-    Args:
-        place: of the list, as `steps[2].do`.
-        word: for one of them: step or waypoint.
-        before: the way home, if it comes first.
-
-    Raises:
-        ValueError: a radius where the arm stops, or too many waypoints without a stop.
-    """
-    for index, step in enumerate(steps):
-        if isinstance(step, Target) and step.radius > 0.0:
-            following = steps[index + 1] if index + 1 < len(steps) else None
-            why = f"the last {word} has a radius" if following is None else "the next step is not a waypoint"
-            if not isinstance(following, Target):
-                raise ValueError(f"{place}[{index}].radius: {why}, but the arm stops there; leave it out")
-    for group in groups(steps) if before is None else groups([before, *steps], first=0):
-        if len(group) > MAX_MOTIONS:
-            first, end = group[0][0], group[-1][0]
-            raise ValueError(
-                f"{place}[{max(first - 1, 0)}] to [{end - 1}] are {len(group)} without a stop, allowed are "
-                f"{MAX_MOTIONS}; remove the radius of one between them"
-            )
-
-
-def walk(
-    steps: Sequence[Target | Step], place: str, depth: int = 1
-) -> Iterator[tuple[str, int, Target | Step]]:
-    """All steps, those in other steps included: place, depth (1 for the outermost list) and step."""
-    for index, step in enumerate(steps):
-        here = f"{place}[{index}]"
-        yield here, depth, step
-        if isinstance(step, Step):
-            for key, block in step.blocks().items():
-                yield from walk(block, f"{here}.{key}", depth + 1)

@@ -279,6 +279,18 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
             [{"pallet": {**GRID, "origin": {**POSE, "frame_id": "tool"}}, "do": [WAIT]}],
             "origin.frame_id: 'tool' moves with the arm; a pallet needs a fixed frame",
         ),
+        (
+            [WAIT, {**JOINTS, "radius": 0.1, "until": {"input": "part", "is": True}}, JOINTS],
+            "steps[1].until: only the last motion of a sequence may have it; remove the radius",
+        ),
+        (
+            [{"repeat": {}, "do": [{**JOINTS, "radius": 0.1}, {**JOINTS, "start_when": PART}]}],
+            "steps[0].do[1].start_when: only the first motion of a sequence may have it",
+        ),
+        (
+            [{**JOINTS, "radius": 0.1, "pause_while": PART}, {**JOINTS, "pause_while": PART}],
+            "steps[1].pause_while: only one motion of a sequence may have it",
+        ),
         ([nested(20)], "steps are nested more than 20 deep; flatten them"),
         ([nested(200)], "steps are nested too deeply, allowed are 20 lists in each other"),
     ],

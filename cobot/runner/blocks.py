@@ -1,0 +1,71 @@
+"""Lists of steps: which waypoints belong together, and what a list must fulfil."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from cobot.errors import InputError
+from cobot.motions.bodies import MAX_MOTIONS
+from cobot.motions.signals import require_conditions
+from cobot.runner.steps import Step
+from cobot.runner.targets import Target
+
+Numbered = tuple[int, Target | Step]
+
+
+def groups(steps: Sequence[Target | Step], first: int = 1) -> list[list[Numbered]]:
+    """The steps with their numbers. Waypoints that the arm goes through without a stop are one group, with
+    the waypoint where it stops."""
+    found: list[list[Numbered]] = [[]]
+    for number, step in enumerate(steps, start=first):
+        found[-1].append((number, step))
+        if not isinstance(step, Target) or step.radius == 0.0:
+            found.append([])
+    return [group for group in found if group]
+
+
+def require_stops(
+    steps: Sequence[Target | Step], place: str, word: str, before: Target | None = None
+) -> None:
+    """Check the radii of one list, and the conditions of motions between which the arm does not stop.
+
+    Args:
+        place: of the list, as `steps[2].do`.
+        word: for one of them: step or waypoint.
+        before: the way home, if it comes first.
+
+    Raises:
+        ValueError: a radius where the arm stops, too many waypoints without a stop, or a condition that
+            such a waypoint cannot have.
+    """
+    for index, step in enumerate(steps):
+        if isinstance(step, Target) and step.radius > 0.0:
+            following = steps[index + 1] if index + 1 < len(steps) else None
+            why = f"the last {word} has a radius" if following is None else "the next step is not a waypoint"
+            if not isinstance(following, Target):
+                raise ValueError(f"{place}[{index}].radius: {why}, but the arm stops there; leave it out")
+    for group in groups(steps) if before is None else groups([before, *steps], first=0):
+        if len(group) > MAX_MOTIONS:
+            first, end = group[0][0], group[-1][0]
+            raise ValueError(
+                f"{place}[{max(first - 1, 0)}] to [{end - 1}] are {len(group)} without a stop, allowed are "
+                f"{MAX_MOTIONS}; remove the radius of one between them"
+            )
+        prefixes = [f"{place}[{number - 1}]." if number else "home." for number, _ in group]
+        motions = [step for _, step in group if isinstance(step, Target)]
+        try:
+            require_conditions(motions, prefixes[: len(motions)])
+        except InputError as exc:
+            raise ValueError(f"{exc}; remove the radius before or after it") from exc
+
+
+def walk(
+    steps: Sequence[Target | Step], place: str, depth: int = 1
+) -> Iterator[tuple[str, int, Target | Step]]:
+    """All steps, those in other steps included: place, depth (1 for the outermost list) and step."""
+    for index, step in enumerate(steps):
+        here = f"{place}[{index}]"
+        yield here, depth, step
+        if isinstance(step, Step):
+            for key, block in step.blocks().items():
+                yield from walk(block, f"{here}.{key}", depth + 1)
