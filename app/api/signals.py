@@ -87,6 +87,8 @@ class _Reader:
             self._services.path_gripper.check(command)
         except InputError as exc:
             raise InputError(f"{field}.gripper.{exc}") from exc
+        except NotSupportedError as exc:
+            raise exc.said(f"{field}.gripper: {exc}") from exc
         return Action(field, place, gripper=command)
 
     def input(self, field: str, body: InputCondition | UntilCondition | None) -> Condition | None:
