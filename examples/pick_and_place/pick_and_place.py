@@ -9,27 +9,29 @@ from __future__ import annotations
 
 import math
 import os
+from typing import Any
 
 from cobot.client import Client
 
-DOWN = {"b": math.pi}
-TOUCH = {"force": {"direction": {"x": 0.0, "y": 0.0, "z": 1.0}, "threshold": 10.0}}
+DOWN = math.pi
+"""Angle b of poses whose tool points down."""
+TOUCH: dict[str, Any] = {"force": {"direction": {"x": 0.0, "y": 0.0, "z": 1.0}, "threshold": 10.0}}
 
 with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
 
     def line(x: float, y: float, z: float, speed_m_s: float) -> None:
-        robot.move_pose(x=x, y=y, z=z, **DOWN, planner="lin", speed_m_s=speed_m_s)
+        robot.move_pose(x=x, y=y, z=z, b=DOWN, planner="lin", speed_m_s=speed_m_s)
 
     robot.move_named("home", speed=0.5)
     robot.gripper.release()
-    robot.move_pose(x=0.5, y=-0.3, z=0.36, **DOWN, speed=0.5)  # above the cube
+    robot.move_pose(x=0.5, y=-0.3, z=0.36, b=DOWN, speed=0.5)  # above the cube
     line(0.5, -0.3, 0.225, 0.1)
     robot.gripper.grasp(width=0.05, force=40.0)
     line(0.5, -0.3, 0.36, 0.1)
     line(0.5, 0.12, 0.36, 0.3)  # into the light barrier, which is below the fingers: it sees the cube alone
     robot.wait_for({"input": "gate", "is": True}, timeout_s=2.0)
     line(0.55, 0.3, 0.36, 0.3)  # above the tray
-    placed = robot.move_pose(x=0.55, y=0.3, z=0.22, **DOWN, planner="lin", speed_m_s=0.03, until=TOUCH)
+    placed = robot.move_pose(x=0.55, y=0.3, z=0.22, b=DOWN, planner="lin", speed_m_s=0.03, until=TOUCH)
     robot.gripper.release()
     line(0.55, 0.3, 0.5, 0.1)
     robot.move_named("home", speed=0.5)

@@ -7,13 +7,14 @@ from rtloop.planned.path cimport Path
 cdef class PathClock:
     cdef readonly double path_time_s, rate, rate_slope, target_rate, share
     cdef double asked_rate  # before the share
+    cdef double aim  # of the next profile: the target rate, or a lower one on the way from rest to it
     cdef int dof
     cdef double period_s, patience_s
     cdef Rates rates
     cdef Profile profile, candidate
     cdef double profile_target, profile_s  # time into the profile; negative: there is none
     cdef bint pending, held, urgent
-    cdef int rung
+    cdef int rung, failed_at_rest
     cdef double waited_s
 
     cdef void c_reset(self) noexcept nogil
@@ -30,6 +31,7 @@ cdef class PathClock:
     cdef void c_advance(self, Path path) noexcept nogil
     cdef void _try_rung(self, Path path) noexcept nogil
     cdef void _try_sooner(self, Path path) noexcept nogil
+    cdef void _lower_aim(self) noexcept nogil
     cdef void _take_candidate(self) noexcept nogil
     cdef bint _plan(self, Path path, double share) noexcept nogil
     cdef bint _admissible(self, Path path) noexcept nogil

@@ -40,6 +40,9 @@ cdef int URGENT_TRIES = 8
 cdef double GENTLER = 0.96
 # A profile that lasts longer is not taken, for somebody waits for the stop.
 cdef double LONGEST_S = 2.0
+# Where no profile leads from rest to the target rate, one leads to this share of it, or to the share of that.
+cdef double GENTLER_AIM = 0.5
+cdef double MIN_AIM = 0.02
 
 
 cdef struct Place:  # On the way of a candidate: the path time, the rate and its first two derivatives.
@@ -99,10 +102,11 @@ cdef class PathClock:
         """Back to the beginning of a path, at full rate: of that what the device permits."""
         self.asked_rate = 1.0
         self.held = self.urgent = False
-        self.path_time_s, self.rate, self.rate_slope, self.target_rate = 0.0, self.share, 0.0, self.share
+        self.path_time_s, self.rate, self.rate_slope = 0.0, self.share, 0.0
+        self.target_rate = self.aim = self.share
         self.profile_s = -1.0
         self.pending = False
-        self.rung = 0
+        self.rung = self.failed_at_rest = 0
         self.waited_s = 0.0
 
     cdef bint c_at_rest(self) noexcept nogil:
@@ -138,9 +142,9 @@ cdef class PathClock:
         self.asked_rate = rate
         rate *= 0.0 if self.held else self.share
         if rate != self.target_rate:
-            self.target_rate = rate
+            self.target_rate = self.aim = rate
             self.pending = True
-            self.rung = 0
+            self.rung = self.failed_at_rest = 0
             self.waited_s = 0.0
 
     cdef void c_scale(self, double share) noexcept nogil:
@@ -196,12 +200,25 @@ cdef class PathClock:
             share = LADDER[self.rung]
         if self._plan(path, share) and self._admissible(path):
             self._take_candidate()
-        else:
-            self.rung = (self.rung + 1) % RUNGS
+            return
+        self.rung = (self.rung + 1) % RUNGS
+        self.failed_at_rest = self.failed_at_rest + 1 if self.rate == 0.0 and self.profile_s < 0.0 else 0
+        if self.failed_at_rest == RUNGS:
+            self._lower_aim()
+
+    cdef void _lower_aim(self) noexcept nogil:
+        """Aim at a lower rate for now, at rest, where all candidates have failed.
+
+        Where the path itself needs all the acceleration of a joint, no profile leads up to full rate, and the
+        arm would stay there for ever. A low rate leaves room, and takes it to where there is more.
+        """
+        cdef double lower = GENTLER_AIM * self.aim
+        self.aim, self.failed_at_rest = lower if lower > MIN_AIM else self.target_rate, 0
 
     cdef void _take_candidate(self) noexcept nogil:
         self.profile = self.candidate
-        self.profile_target, self.profile_s, self.pending = self.target_rate, 0.0, False
+        self.profile_target, self.profile_s = self.aim, 0.0
+        self.pending, self.aim, self.failed_at_rest = self.aim != self.target_rate, self.target_rate, 0
 
     cdef void _try_sooner(self, Path path) noexcept nogil:
         """A gentle profile gives way to one that arrives sooner, as soon as the path leaves room for it."""
@@ -226,7 +243,7 @@ cdef class PathClock:
             jerk = fmin(jerk, self.rates.jerk[joint] / speed)
         problem.position, problem.velocity = self.path_time_s, self.rate
         problem.acceleration = self.rate_slope
-        problem.target_position, problem.target_velocity = 0.0, self.target_rate
+        problem.target_position, problem.target_velocity = 0.0, self.aim
         problem.min_velocity, problem.max_velocity = -2.0, 2.0  # Not used by this interface.
         # Never below the present slope: else a phase in front would first bring it below.
         problem.max_acceleration = fmax(steepest * share, fabs(self.rate_slope) * (1.0 + 1e-9))

@@ -156,6 +156,25 @@ def test_a_paused_motion_waits_and_goes_on(rig: Rig, robot: RobotDescription) ->
     assert rig.result is MotionResult.ARRIVED
 
 
+@pytest.mark.parametrize("paused_after", range(1, 200, 6))
+def test_a_motion_paused_where_the_path_leaves_no_room_goes_on(
+    rig: Rig, robot: RobotDescription, paused_after: int
+) -> None:
+    """Near its start the path needs all the acceleration of a joint: no profile leads from rate 0 to 1."""
+    goal = np.array([-0.78837122, 0.27312708, 0.20006086, -1.70469166, 0.0794025, 1.325601, -0.27884569])
+    trajectory = ptp(robot, rig.home, goal, 0.9994684422938739)
+    assert rig.start(trajectory) == ""
+    rig.commanded.clear()
+    rig.path_times.clear()
+    rig.step(paused_after)
+    rig.send(Command.SET_RATE, value=0.0)
+    rig.step(1500)
+    rig.send(Command.SET_RATE, value=1.0)
+    rig.run(3000)
+    assert rig.result is MotionResult.ARRIVED
+    check(rig, trajectory)
+
+
 def test_a_stop_ends_a_pause(rig: Rig, robot: RobotDescription) -> None:
     assert rig.start(ptp(robot, rig.home, rig.home + 0.4, 0.5)) == ""
     rig.step(300)

@@ -24,6 +24,8 @@ MIN_RATE = -1e-9
 """Below zero the arm would go back."""
 LONGEST_S = 2.0
 """Of a profile: a gentler one is not taken, for somebody waits for the stop."""
+GENTLER_AIM, MIN_AIM = 0.5, 0.02
+"""Where no profile leads from rest to the target rate, one leads to a share of it, down to a least rate."""
 
 
 class PathClock:
@@ -48,10 +50,10 @@ class PathClock:
         self.path_time_s = 0.0
         self.rate = 1.0
         self.rate_slope = 0.0
-        self.target_rate = 1.0
+        self.target_rate = self._aim = 1.0
         self._profile_s = -1.0  # time into the profile; negative: there is none
         self._pending = False
-        self._rung = 0
+        self._rung = self._failed_at_rest = 0
         self._waited_s = 0.0
 
     @property
@@ -74,9 +76,9 @@ class PathClock:
     def request(self, rate: float) -> None:
         """Go over to another rate, as soon and as fast as the joints permit."""
         if rate != self.target_rate:
-            self.target_rate = rate
+            self.target_rate = self._aim = rate
             self._pending = True
-            self._rung = 0
+            self._rung = self._failed_at_rest = 0
             self._waited_s = 0.0
 
     def advance(self, path: Path) -> None:
@@ -100,9 +102,17 @@ class PathClock:
         self._waited_s += self._period_s
         if self._planned(path) and self._admissible(path):
             self._profile, self._candidate = self._candidate, self._profile
-            self._profile_target, self._profile_s, self._pending = self.target_rate, 0.0, False
-        else:
-            self._rung = (self._rung + 1) % len(LADDER)
+            self._profile_target, self._profile_s = self._aim, 0.0
+            self._pending, self._aim = self._aim != self.target_rate, self.target_rate
+            self._failed_at_rest = 0
+            return
+        self._rung = (self._rung + 1) % len(LADDER)
+        self._failed_at_rest += 1
+        if self.rate != 0.0 or self._profile_s >= 0.0:
+            self._failed_at_rest = 0
+        if self._failed_at_rest == len(LADDER):
+            lower = GENTLER_AIM * self._aim
+            self._aim, self._failed_at_rest = lower if lower > MIN_AIM else self.target_rate, 0
 
     def _try_sooner(self, path: Path) -> None:
         """A gentle profile gives way to one that arrives sooner, as soon as the path leaves room for it."""
@@ -122,7 +132,7 @@ class PathClock:
         problem.current_position = [self.path_time_s]
         problem.current_velocity = [self.rate]
         problem.current_acceleration = [self.rate_slope]
-        problem.target_velocity = [self.target_rate]
+        problem.target_velocity = [self._aim]
         # never below the present slope: Ruckig would put a brake phase in front
         problem.max_acceleration = [max(steepest * fraction, abs(self.rate_slope) * (1.0 + 1e-9))]
         problem.max_jerk = [jerk * fraction]
