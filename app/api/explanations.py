@@ -52,7 +52,7 @@ def explained(
 
 
 def _works(remedy: Remedy, asked: AnyMotion, found: Explanation, base_frame: str) -> Works:
-    body = asked.model_dump(exclude_unset=True)
+    body = asked.model_dump(exclude_unset=True, by_alias=True)
     kind = next(name for model, name in ENDPOINTS.items() if isinstance(asked, model))
     if found.motion is not None:
         body["start"] = list(found.start)

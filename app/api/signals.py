@@ -140,7 +140,7 @@ class _Reader:
         if point.kind is IoKind.BOOLEAN:
             if body.above is not None or body.below is not None:
                 raise InputError(f"{field}: {point.name} is boolean; give is or edge")
-            wanted = body.wanted if body.edge is None else body.edge == "rising"
+            wanted = body.is_ if body.edge is None else body.edge == "rising"
             return TRUE if wanted else FALSE
         if body.above is None and body.below is None:
             raise InputError(f"{field}: {point.name} is {point.kind}; give above or below")
@@ -173,7 +173,7 @@ class _Reader:
 
 def _place(body: ActionPlace) -> PathPlace:
     unit = next(name for name in PLACE_UNITS if getattr(body, name) is not None)
-    return PathPlace(unit, getattr(body, unit), body.from_end)
+    return PathPlace(unit, getattr(body, unit), body.from_ == "end")
 
 
 def _unit(field: str, direction: Direction | None) -> tuple[float, float, float] | None:

@@ -1,8 +1,8 @@
-"""Conditions on inputs, as the steps of sequences take them."""
+"""Conditions on inputs in requests and sequences, as JSON."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -13,18 +13,34 @@ PointName = Annotated[str, Field(min_length=1, max_length=200)]
 """Name of an input or output, as in GET /robot/io."""
 
 
-class StepCondition(RequestModel):
-    """A condition on an input: `is` for a boolean one, `above` or `below` for the others."""
+class InputTest(RequestModel):
+    """What the value of an input has to be."""
 
-    input: PointName = Field(description="One of the inputs of GET /robot/io.")
-    is_: bool | None = Field(None, alias="is", description="Value of a boolean input.")
-    above: Finite | None = Field(None, description="The input is greater than this number.")
-    below: Finite | None = Field(None, description="The input is less than this number.")
+    TESTS: ClassVar[tuple[str, ...]] = ("is", "above", "below")
+
+    is_: bool | None = Field(None, alias="is", description="The boolean input has this value.")
+    above: Finite | None = Field(None, description="The input is greater; for digital and analog inputs.")
+    below: Finite | None = Field(None, description="The input is less; for digital and analog inputs.")
+
+    @property
+    def tests(self) -> list[str]:
+        """Names of the tests that are given."""
+        names = {field.alias or name: name for name, field in type(self).model_fields.items()}
+        return [test for test in self.TESTS if getattr(self, names[test]) is not None]
+
+    def _require_one_test(self) -> None:
+        if len(self.tests) != 1:
+            raise ValueError(f"give one of {', '.join(self.TESTS)}, got {', '.join(self.tests) or 'none'}")
+
+
+class StepCondition(InputTest):
+    """A condition on the value of an input. Give one of `is`, `above` and `below`."""
+
+    input: PointName = Field(description="Name of an input in GET /robot/io.")
 
     @model_validator(mode="after")
-    def _require_one_test(self) -> Self:
-        if sum(each is not None for each in (self.is_, self.above, self.below)) != 1:
-            raise ValueError('give one of "is" (true or false), "above" and "below" (a number)')
+    def _require_test(self) -> Self:
+        self._require_one_test()
         return self
 
     def as_json(self) -> dict[str, Any]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import FailFast, Field, create_model, model_validator
+from pydantic import FailFast, Field, model_validator
 
 from cobot.loose_lists import RequestModel
+from cobot.motions.conditions import InputTest, PointName, StepCondition
 from cobot.motions.fields import Direction, Finite
 from cobot.motions.signals import Unit
 from cobot.types import MAX_ACTIONS
@@ -14,20 +15,13 @@ from cobot.types import MAX_ACTIONS
 MAX_FORCE = 10_000.0
 DEFAULT_FORCE_N, DEFAULT_TORQUE_NM = 20.0, 5.0
 """Default thresholds of `until`; see "Thresholds" in docs/signals-and-contact.md."""
-MAX_NAME = 200
 MAX_TEXT = 200
 MAX_RETRACT_M = 1.0
 
 
-def _with_word(name: str, base: type[RequestModel], doc: str, word: str, field: Any) -> type[RequestModel]:
-    """A model with a field whose name is a word of Python, so that no attribute can be written with it."""
-    return create_model(name, __base__=base, __doc__=doc, __module__=__name__, **{word: field})
+class ActionPlace(RequestModel):
+    """A place on the path of the motion. Give one of `distance_m`, `time_s` and `fraction`."""
 
-
-PointName = Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
-
-
-class _Place(RequestModel):
     distance_m: Annotated[
         Finite | None, Field(ge=0.0, le=1000.0, description="Length of the path of the TCP, m.")
     ] = None
@@ -44,34 +38,19 @@ class _Place(RequestModel):
         ),
     ] = None
 
+    from_: Literal["start", "end"] = Field(
+        "start", alias="from", description="Where the distance, time or fraction begins."
+    )
+
     @model_validator(mode="after")
-    def _require_one(self) -> _Place:
+    def _require_one(self) -> Self:
         given = [name for name in PLACE_UNITS if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(f"give one of {', '.join(PLACE_UNITS)}, got {', '.join(given) or 'none'}")
         return self
 
-    @property
-    def from_end(self) -> bool:
-        """Whether the place is measured back from the end."""
-        return bool(getattr(self, "from") == "end")
-
 
 PLACE_UNITS: tuple[Unit, ...] = ("distance_m", "time_s", "fraction")
-
-if TYPE_CHECKING:
-
-    class ActionPlace(_Place):
-        """A place on the path of the motion."""
-
-else:
-    ActionPlace = _with_word(
-        "ActionPlace",
-        _Place,
-        "A place on the path of the motion. Give one of `distance_m`, `time_s` and `fraction`.",
-        "from",
-        (Literal["start", "end"], Field("start", description="Where the distance, time or fraction begins.")),
-    )
 
 
 class SetAction(RequestModel):
@@ -105,57 +84,23 @@ class PathAction(RequestModel):
     )
 
     @model_validator(mode="after")
-    def _require_one(self) -> PathAction:
+    def _require_one(self) -> Self:
         given = [name for name in ("set", "event", "gripper") if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(f"give one of set, event and gripper, got {', '.join(given) or 'none'}")
         return self
 
 
-class _InputTest(RequestModel):
-    above: Finite | None = Field(None, description="The input is greater; for digital and analog inputs.")
-    below: Finite | None = Field(None, description="The input is less; for digital and analog inputs.")
+class _EdgeTest(InputTest):
+    TESTS = (*InputTest.TESTS, "edge")
+
     edge: Literal["rising", "falling"] | None = Field(
         None, description="The boolean input becomes true or false after it was not."
     )
 
-    @property
-    def wanted(self) -> bool | None:
-        """The value that a boolean input is to have."""
-        found: bool | None = getattr(self, "is")
-        return found
 
-    def _require_one_test(self) -> None:
-        given = [name for name in INPUT_TESTS if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise ValueError(f"give one of {', '.join(INPUT_TESTS)}, got {', '.join(given) or 'none'}")
-
-
-class _InputCondition(_InputTest):
-    input: PointName = Field(description="Name of an input in GET /robot/io.")
-
-    @model_validator(mode="after")
-    def _require_test(self) -> _InputCondition:
-        self._require_one_test()
-        return self
-
-
-INPUT_TESTS = ("is", "above", "below", "edge")
-_IS = (bool | None, Field(None, description="The boolean input has this value."))
-
-if TYPE_CHECKING:
-
-    class InputCondition(_InputCondition):
-        """A condition on an input."""
-
-else:
-    InputCondition = _with_word(
-        "InputCondition",
-        _InputCondition,
-        "A condition on an input. Give one of `is`, `above`, `below` and `edge`.",
-        "is",
-        _IS,
-    )
+class InputCondition(_EdgeTest, StepCondition):
+    """A condition on an input. Give one of `is`, `above`, `below` and `edge`."""
 
 
 class ForceThreshold(RequestModel):
@@ -182,13 +127,15 @@ class TorqueThreshold(RequestModel):
     threshold: Finite = Field(DEFAULT_TORQUE_NM, gt=0.0, le=MAX_FORCE, description="N·m")
 
     @model_validator(mode="after")
-    def _require_one_place(self) -> TorqueThreshold:
+    def _require_one_place(self) -> Self:
         if self.joint is not None and self.direction is not None:
             raise ValueError("joint, direction: give one of them; the torque on a joint has no direction")
         return self
 
 
-class _Until(_InputTest):
+class UntilCondition(_EdgeTest):
+    """A condition that ends a motion. Give one of `input`, `force` and `torque`."""
+
     input: PointName | None = Field(None, description="Name of an input in GET /robot/io.")
     force: ForceThreshold | None = Field(None, description="A force at the TCP exceeds a threshold.")
     torque: TorqueThreshold | None = Field(
@@ -212,30 +159,15 @@ class _Until(_InputTest):
     )
 
     @model_validator(mode="after")
-    def _require_condition(self) -> _Until:
+    def _require_condition(self) -> Self:
         given = [name for name in ("input", "force", "torque") if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(f"give one of input, force and torque, got {', '.join(given) or 'none'}")
         if self.input is not None:
             self._require_one_test()
-        elif tests := [name for name in INPUT_TESTS if getattr(self, name) is not None]:
-            raise ValueError(f"{tests[0]}: is a test of an input, and there is no input")
+        elif self.tests:
+            raise ValueError(f"{self.tests[0]}: is a test of an input, and there is no input")
         return self
-
-
-if TYPE_CHECKING:
-
-    class UntilCondition(_Until):
-        """A condition that ends a motion."""
-
-else:
-    UntilCondition = _with_word(
-        "UntilCondition",
-        _Until,
-        "A condition that ends a motion. Give one of `input`, `force` and `torque`.",
-        "is",
-        _IS,
-    )
 
 
 class SignalFields(RequestModel):

@@ -32,7 +32,7 @@ class Target(RequestModel):
 
     def body(self) -> dict[str, Any]:
         """The body of its motion request: the fields that were given."""
-        return self.model_dump(exclude={*Target.model_fields}, exclude_unset=True)
+        return self.model_dump(exclude={*Target.model_fields}, exclude_unset=True, by_alias=True)
 
 
 class JointTarget(Target, MoveJoints):

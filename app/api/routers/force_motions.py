@@ -127,7 +127,9 @@ async def insert(body: InsertMotion, request: Request, gone: Gone, wait: Wait = 
 async def _run(body: AnyForceMotion, request: Request, gone: Gone, wait: bool) -> Answer:
     call = Call(request)
     services = call.services
-    caller = call.caller(gone, JobKind.FORCE, body.model_dump_json(exclude_unset=True), wait=wait)
+    caller = call.caller(
+        gone, JobKind.FORCE, body.model_dump_json(exclude_unset=True, by_alias=True), wait=wait
+    )
     goal = goal_of(body.motion, services) if isinstance(body, FollowMotion) else None
     work = services.force_motions.run(body, goal, caller)
     if caller.waits:

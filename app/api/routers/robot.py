@@ -166,7 +166,7 @@ async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
 
 
 def _as_text(body: BaseModel) -> str:
-    return body.model_dump_json(exclude_unset=True)
+    return body.model_dump_json(exclude_unset=True, by_alias=True)
 
 
 async def _move(call: Call, caller: Caller, goal: MotionRequest, how: MoveQuery) -> MoveAnswer | JSONResponse:

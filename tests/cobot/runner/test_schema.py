@@ -62,6 +62,17 @@ def test_a_target_takes_all_that_its_motion_takes(
     assert target.model_fields.keys() == of_motion | {"label", "radius"}
 
 
+def test_the_body_of_a_target_has_the_words_of_the_document() -> None:
+    """Two of them, `is` and `from`, are no names of attributes in Python."""
+    given = {
+        **JOINTS,
+        "start_when": {"input": "part", "is": True},
+        "actions": [{"at": {"fraction": 0.5, "from": "end"}, "event": "half way"}],
+    }
+    target = JointTarget.model_validate({**given, "label": "there", "radius": 0.1})
+    assert target.body() == given
+
+
 @pytest.mark.parametrize(
     "waypoint",
     [
@@ -257,9 +268,12 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
     [
         (
             [{"wait_for": {"input": "part"}}],
-            'steps[0].wait_for: give one of "is" (true or false), "above" and',
+            "steps[0].wait_for: give one of is, above, below, got none",
         ),
-        ([{"wait_for": {**PART, "above": 1}}], 'steps[0].wait_for: give one of "is"'),
+        (
+            [{"wait_for": {**PART, "above": 1}}],
+            "steps[0].wait_for: give one of is, above, below, got is, above",
+        ),
         ([{**JOINTS, "radius": 0.1}, WAIT], "steps[0].radius: the next step is not a waypoint, but the arm"),
         (
             [{"repeat": {}, "do": [{**JOINTS, "radius": 0.1}]}],
