@@ -59,8 +59,9 @@ class HeldService:
         self._parts = {} if cell is None else cell.parts
         self._fixtures = [] if cell is None else [name for name, _ in cell.solids()]
         self._task: asyncio.Task[None] | None = None
-        self._postponed = False
+        self._postponed = self._changing = False
         self.context = contextvars.copy_context()
+        ownership.before_motion = self.settle
         attached = [name for name, each in scene.scene.objects.items() if each.attached]
         self.name = self._attached = attached[0] if len(attached) == 1 else None
 
@@ -96,6 +97,12 @@ class HeldService:
         while self._task is not None and not self._postponed:
             await asyncio.wait({self._task}, timeout=AGAIN_S)
 
+    async def settle(self) -> None:
+        """Before the arm moves on: have a change that was postponed made now."""
+        if self._task is not None and (self._changing or self._rests()):
+            self._postponed = False
+            await self.follow()
+
     def _between(self) -> str | None:
         """The nearest object or part at the TCP that is not attached."""
         try:
@@ -129,11 +136,14 @@ class HeldService:
         try:
             while self.name != self._attached:
                 if self._rests():
+                    self._changing = True
                     try:
                         await self._step(self._attached, self.name)
                         continue
                     except ConflictError as exc:  # something moves again, or another client has control
                         log.debug("the held object: %s", exc)
+                    finally:
+                        self._changing = False
                 self._postponed = True
                 await asyncio.sleep(AGAIN_S)
         except CobotError as exc:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 
 from app.services.clients import CLIENT
 from app.services.rights.claims import Caller, Claim, SequenceClaim
@@ -35,6 +35,7 @@ class Ownership:
         lease: the control lease; while a client holds it, no other may request motions.
         jobs: the records of all motions.
         on_sequence_end: called with the token of each sequence that has ended.
+        before_motion: waits for what has to be done before a planned motion claims the arm.
     """
 
     def __init__(self, link: RobotLink, jobs: JobBook | None = None) -> None:
@@ -45,6 +46,7 @@ class Ownership:
         self._fraction = 1.0  # without a lease or a sequence
         self.stops = 0
         self.on_sequence_end: Callable[[str], None] = lambda token: None
+        self.before_motion: Callable[[], Awaitable[None]] = _do_nothing
         self._stopped_s = -math.inf
         self.speed_override = SpeedOverride(link, self.jobs.moved)
         self.lease = ControlLease(
@@ -261,3 +263,6 @@ class Ownership:
         if self._claim is not None:
             self._claim.interrupt(cause)
         return self._claim
+
+
+async def _do_nothing() -> None: ...

@@ -79,3 +79,19 @@ def test_a_reset_of_the_cell_takes_a_held_part_out_of_the_scene(run: ServiceOfPl
     run.post("/cell/reset").raise_for_status()
     run.until(lambda: "cube" not in scene(run))
     assert run.get("/robot/gripper").json()["held"] is None
+
+
+def test_what_is_released_on_the_way_is_out_of_the_scene_before_the_arm_moves_on(run: ServiceOfPlant) -> None:
+    go(run, z=0.36)
+    go(run)
+    command(run, "grasp", width=0.05, force=40.0)
+    up = run.begin(run.asking("POST", "/robot/move/pose", json={**CUBE, **DOWN, "z": 0.4, "planner": "lin"}))
+    run.until(lambda: run.get("/robot/state").json()["mode"] == "TRAJECTORY")
+    command(run, "release")
+    assert scene(run)["cube"]["attached"]  # what the arm carries changes only while it rests
+    assert run.end(up).json()["success"]
+    body = {**CUBE, **DOWN, "z": 0.36, "planner": "lin", "speed": 0.1}
+    assert run.post("/robot/move/pose?wait=false", body).status_code == 202
+    run.until(lambda: run.get("/robot/state").json()["mode"] == "TRAJECTORY")
+    assert "cube" not in scene(run)
+    run.post("/stop").raise_for_status()
