@@ -18,6 +18,7 @@ from cobot.config import Settings
 from cobot.ipc.layout import Command, Firing, MotionResult, Waiting
 from cobot.ipc.signal_record import SignalReport, signal_report
 from cobot.motions.requests import MotionRequest
+from cobot.motions.signal_places import TcpWay, place_signals, resting
 from cobot.motions.signals import (
     FALSE,
     TRUE,
@@ -28,10 +29,7 @@ from cobot.motions.signals import (
     Placed,
     PlacedAction,
     Quantity,
-    TcpWay,
     Until,
-    placed,
-    resting,
 )
 from cobot.planners import plan
 from cobot.robot.description import RobotDescription
@@ -391,7 +389,9 @@ def test_an_arm_at_its_goal_fires_its_actions_all_the_same(
 ) -> None:
     actions = (Action("actions[0]", PathPlace("distance_m", 0.0, True), "glue", 1.0),)
     trajectory = resting(rig.home)
-    signals = placed([PathSignals(actions)], [trajectory.duration_s], TcpWay(trajectory, robot.model.chain))
+    signals = place_signals(
+        [PathSignals(actions)], [trajectory.duration_s], TcpWay(trajectory, robot.model.chain)
+    )
     assert rig.start(trajectory, signals=signals) == ""
     rig.run()
     assert rig.result is MotionResult.ARRIVED

@@ -32,7 +32,8 @@ from cobot.errors import (
 from cobot.ipc.layout import MotionResult
 from cobot.motions.fence import Fence
 from cobot.motions.requests import MotionRequest
-from cobot.motions.signals import NO_PLACED, PathSignals, Placed, TcpWay, placed
+from cobot.motions.signal_places import TcpWay, place_signals
+from cobot.motions.signals import NO_PLACED, PathSignals, Placed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode, PlannerName
@@ -89,11 +90,11 @@ class MotionService:
     async def place(
         self, segments: Sequence[PathSignals], ends_s: Sequence[float], trajectory: Trajectory
     ) -> Placed:
-        """Find the path times of actions; see `cobot.motions.signals.placed`."""
+        """Find the path times of actions; see `place_signals`."""
         if not any(segments):
             return NO_PLACED
         way = await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
-        return placed(segments, ends_s, way)
+        return place_signals(segments, ends_s, way)
 
     async def start(
         self,

@@ -19,7 +19,8 @@ from cobot.clock import Clock
 from cobot.errors import CobotError, ExecutionError, InputError, PlanningError
 from cobot.motions.fence import Fence
 from cobot.motions.requests import Blended, MotionRequest
-from cobot.motions.signals import NO_PLACED, PathSignals, Placed, resting
+from cobot.motions.signal_places import resting
+from cobot.motions.signals import NO_PLACED, PathSignals, Placed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
