@@ -63,7 +63,7 @@ MEANINGS: dict[Code, str] = {
     Code.EXECUTION: "something was started and did not end well",
     Code.STOPPED: "a client, a person or a safety function stopped the motion",
     Code.MOTION_TIMEOUT: "it did not arrive in its time",
-    Code.CONDITION_NOT_MET: "it arrived, and the condition that was to end it was not met",
+    Code.CONDITION_NOT_MET: "the motion has ended, and not by the condition that was to end it",
     Code.CONFLICT: "another client has control, or the present state does not permit this call",
     Code.UNAVAILABLE: "a process, a file in shared memory or a device does not answer",
     Code.NOT_READY: "the robot answers but is in a mode that permits no motion",

@@ -11,7 +11,7 @@ CobotError
 │   ├── CollisionError       the motion would touch the robot itself or its surroundings
 │   └── PlanningTimeout      the planner did not finish in its time
 ├── ExecutionError       a motion was started and not completed
-│   ├── ConditionNotMet      it reached its goal, and the condition that was to end it was not met
+│   ├── ConditionNotMet      it has ended, and not by the condition that was to end it
 │   ├── MotionStopped        a client, a person or a safety function stopped it
 │   └── MotionTimeout        it did not arrive and settle within its time
 ├── ConflictError        another client has control, or the present state does not permit the call

@@ -33,8 +33,8 @@ from app.services.streaming.force_stages import (
 from app.services.streaming.sessions import Session, StreamService
 from cobot.errors import (
     CobotError,
+    ConditionNotMet,
     ConflictError,
-    ExecutionError,
     InputError,
     MotionTimeout,
     NotSupportedError,
@@ -120,7 +120,7 @@ class ForceMotionService:
         except NotMet as exc:
             work.outcome.stopped_by = exc.by
             if work.body.if_not_met == "error":
-                error = MotionTimeout(str(exc)) if exc.by == "max_time" else ExecutionError(str(exc))
+                error = MotionTimeout(str(exc)) if exc.by == "max_time" else ConditionNotMet(str(exc))
         except CobotError as exc:
             work.outcome.stopped_by, error = exc.code, exc
         finally:

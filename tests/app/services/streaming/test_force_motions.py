@@ -104,6 +104,7 @@ def test_nothing_to_touch_is_an_error_or_a_success(service: VirtualService, tabl
     body = {**DOWN, "force": 10.0, "max_distance": 0.02}
     found = done(service.post("/robot/force/press", body))
     assert (found["success"], found["stopped_by"], found["contact"]) == (False, "max_distance", None)
+    assert found["code"] == "condition_not_met"
     assert "no contact within 0.02 m" in found["message"]
     assert found["distance_m"] < 0.025
     again = {**body, "max_distance": 0.005, "if_not_met": "success"}
