@@ -130,7 +130,7 @@ def approach(push: Push) -> Stage:
             raise NotMet(
                 "max_distance",
                 f"there is no contact within {push.max_distance_m:g} m: the TCP has felt "
-                f"{sample.force_n:.1f} N, a contact begins at {push.contact_n:g} N",
+                f"{max(sample.force_n, 0.0):.1f} N, a contact begins at {push.contact_n:g} N",
             )
 
 
