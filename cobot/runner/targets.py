@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 from pydantic import Discriminator, Field, Tag
 
-from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import (
     ARC,
     JOINT,
@@ -19,9 +18,10 @@ from cobot.motions.bodies import (
     Radius,
     kind_of,
 )
+from cobot.motions.signal_bodies import SignalFields
 
 
-class Target(RequestModel):
+class Target(SignalFields):
     """Fields of every target in addition to its motion, which is a body of POST /robot/move/..."""
 
     label: str = Field("", max_length=200, description="For the log.")
@@ -32,7 +32,7 @@ class Target(RequestModel):
 
     def body(self) -> dict[str, Any]:
         """The body of its motion request: the fields that were given."""
-        return self.model_dump(exclude={*Target.model_fields}, exclude_unset=True, by_alias=True)
+        return self.model_dump(exclude={"label", "radius"}, exclude_unset=True, by_alias=True)
 
 
 class JointTarget(Target, MoveJoints):
