@@ -196,6 +196,7 @@ def _services(
     recordings = RecordingService(settings, shared.default_robot)
     queue = MotionQueue(link, ownership, motion, planning, tool_and_limits)
     plans = PlanService(robot, link.clock, goals, motion, moves, planning, settings)
+    plans.command_gripper = gripper.run_plan
     return Services(
         robot=robot,
         link=link,

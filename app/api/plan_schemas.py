@@ -63,7 +63,9 @@ class KeptPlan(BaseModel):
     by: str = Field(description="The client that requested it: the name of its token.")
     planners: list[str] = Field(description="The planners that were requested.")
     duration_s: float = Field(description="How long it moves, at full speed.")
-    signals: list[str] = Field(description="Actions on its path and its conditions, as sentences.")
+    signals: list[str] = Field(
+        description="Actions on its path, its conditions and commands to the gripper, as sentences."
+    )
     expires_in_s: float = Field(description="The time for which it is still kept.")
     approved_by: str | None = Field(
         description="The client that lets an agent run it, once; null: not approved."
@@ -167,6 +169,19 @@ class PlanSequence(Planning, MoveSequence):
             "samples": 3,
         }
     )
+
+
+class PlanGripper(RequestModel):
+    """A command to the gripper."""
+
+    model_config = example({"gripper": {"command": "grasp", "width": 0.04}, "samples": 2})
+
+    gripper: dict[str, Any] = Field(
+        max_length=8,
+        description="`command` is move, grasp, release or home; the other fields are those of POST "
+        "/robot/gripper/move, grasp, release and home.",
+    )
+    samples: Samples = 2
 
 
 class MotionQuery(StrictModel):

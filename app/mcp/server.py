@@ -46,7 +46,11 @@ sampled path, how much of each limit is used and the closest distances. Nothing 
 4. execute runs it, if an operator has approved it (each approval is for one run) or if the settings of \
 the robot draw a fence and the plan is within: a box for the TCP, a speed, a payload, planners, hours. The \
 arm has to be where the plan begins; limits, scene and tool have to be as they were.
-5. stop brings the arm to rest. why_did_it_stop tells why it stands still."""
+5. get_gripper tells what the fingers hold. plan_gripper_move, plan_gripper_grasp, plan_gripper_release and \
+plan_gripper_home answer a plan_id too; only a plan that an operator has approved commands the gripper, and \
+the arm has to be where it was. A grasp that attaches an object changes the scene: \
+plan the next motion after it.
+6. stop brings the arm to rest, stop_gripper the fingers. why_did_it_stop tells why it stands still."""
 
 
 class AgentServer(MCPServer[Any]):

@@ -19,6 +19,7 @@ from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
 from app.api.endpoints import Endpoint
 from app.api.plan_schemas import PlanArc, PlanId, PlanPath, PlanPose
+from app.api.routers.gripper import GripperReportAnswer
 from app.api.routers.plans import rehearsal
 from app.api.schemas import LogLines
 from app.api.signal_schemas import action_answers
@@ -33,6 +34,7 @@ from cobot.access.roles import Role, acting
 from cobot.errors import BY_CODE, CobotError
 from cobot.motions.bodies import Joints, PositionName
 from cobot.motions.fields import Angle, Coordinate, OneOf, Speed
+from cobot.motions.gripper_bodies import GripperGrasp, GripperMove, GripperRelease
 from cobot.motions.planners import GOAL_ALONE, summaries
 
 Ctx = Context[Any, Request]
@@ -147,6 +149,45 @@ async def plan_arc(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
     return await _plan(ctx, robot, "arc", fields)
 
 
+async def get_gripper(ctx: Ctx, robot: Robot = "") -> Any:
+    """The gripper: width (m), force (N), whether it moves, what it holds, and the ranges that it has."""
+    return await _Rest(ctx, robot).get("/robot/gripper")
+
+
+@takes_fields_of(GripperMove, "width", "speed", "force")
+async def plan_gripper_move(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
+    """Plan to bring the fingers to a width. Nothing moves; answers a plan_id."""
+    return await _plan_gripper(ctx, robot, "move", fields)
+
+
+@takes_fields_of(GripperGrasp, "width", "tolerance_inner", "tolerance_outer", "speed", "force", "if_missed")
+async def plan_gripper_grasp(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
+    """Plan to close the fingers on an object and hold it. Nothing moves; answers a plan_id."""
+    return await _plan_gripper(ctx, robot, "grasp", fields)
+
+
+@takes_fields_of(GripperRelease, "width")
+async def plan_gripper_release(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
+    """Plan to open the fingers and let go of the object where the arm is now. Nothing moves; answers a
+    plan_id.
+    """
+    return await _plan_gripper(ctx, robot, "release", fields)
+
+
+async def plan_gripper_home(ctx: Ctx, robot: Robot = "") -> Any:
+    """Plan to activate the gripper, in which its fingers may close and open and drop what they hold. Nothing
+    moves; answers a plan_id.
+    """
+    return await _plan_gripper(ctx, robot, "home", {})
+
+
+async def stop_gripper(ctx: Ctx, robot: Robot = "") -> Any:
+    """Stop the fingers where they are, no matter which client moves them. What they hold stays held. Always
+    permitted; the arm goes on.
+    """
+    return await _Rest(ctx, robot).post("/robot/gripper/stop")
+
+
 async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:
     """A picture of a plan: the arm at its end, faintly at its start, the way of the TCP in blue."""
     rest = _Rest(ctx, robot)
@@ -159,7 +200,8 @@ async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:
 
 async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any]:
     """Run a plan that an operator has approved, or that is within the fence of this robot's settings. Answers
-    when the arm has arrived; `success` says whether it has. Stops the arm if you go away meanwhile.
+    when the arm has arrived or the gripper has ended its command; `success` says whether it has. Stops both
+    if you go away meanwhile.
     """
     rest = _Rest(ctx, robot)
     identity, scope = rest.scope[IDENTITY], rest.scope
@@ -169,7 +211,9 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     acting.set(identity)
     CLIENT.set(client_of(scope))
     job = rest.services.ownership.new_job(JobKind.EXECUTE, f"MCP execute {plan_id}")
+    gripper = None
     try:
+        plan = rest.services.plans.get(plan_id)
         caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
         # A cancellation in here would leave the arm moving.
         running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
@@ -178,6 +222,8 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
         except asyncio.CancelledError:
             gone.set()
             raise
+        if plan.gripper is not None:
+            gripper = GripperReportAnswer.of(rest.services.gripper.report()).model_dump(mode="json")
     except CobotError as exc:
         raise ToolError(str(exc)) from exc
     return {
@@ -186,6 +232,7 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
         "duration_s": outcome.duration_s,
         "stopped_by": outcome.signals.stopped_by,
         "actions": [each.model_dump() for each in action_answers(outcome.signals.actions)],
+        "gripper": gripper,
     }
 
 
@@ -248,10 +295,16 @@ async def _plan(ctx: Ctx, robot: str, kind: str, body: dict[str, Any]) -> Any:
     return await _Rest(ctx, robot).post(f"/robot/plan/{kind}", {**fields, "samples": 20})
 
 
+async def _plan_gripper(ctx: Ctx, robot: str, command: str, fields: dict[str, Any]) -> Any:
+    given = {name: value for name, value in fields.items() if value is not None}
+    return await _Rest(ctx, robot).post("/robot/plan/gripper", {"gripper": {"command": command, **given}})
+
+
 TOOLS: tuple[tuple[Callable[..., Any], Role, ToolAnnotations], ...] = (
     (get_state, Role.OBSERVER, LOOKS),
     (list_positions, Role.OBSERVER, LOOKS),
     (get_scene, Role.OBSERVER, LOOKS),
+    (get_gripper, Role.OBSERVER, LOOKS),
     (list_plans, Role.OBSERVER, LOOKS),
     (get_sequence, Role.OBSERVER, LOOKS),
     (get_log, Role.OBSERVER, LOOKS),
@@ -262,8 +315,13 @@ TOOLS: tuple[tuple[Callable[..., Any], Role, ToolAnnotations], ...] = (
     (plan_to_pose, Role.AGENT, PLANS),
     (plan_path, Role.AGENT, PLANS),
     (plan_arc, Role.AGENT, PLANS),
+    (plan_gripper_move, Role.AGENT, PLANS),
+    (plan_gripper_grasp, Role.AGENT, PLANS),
+    (plan_gripper_release, Role.AGENT, PLANS),
+    (plan_gripper_home, Role.AGENT, PLANS),
     (rehearse, Role.AGENT, PLANS),
     (execute, Role.AGENT, MOVES),
     (stop, Role.OBSERVER, MOVES),
+    (stop_gripper, Role.OBSERVER, MOVES),
 )
 """Each tool, and the role without which not even its arguments are looked at."""

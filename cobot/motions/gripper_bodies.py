@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
+from cobot.errors import InputError
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import Finite, example
+from cobot.strict import sentences, shown
 
 Width = Annotated[Finite, Field(ge=0.0, le=10.0, description="Between the fingers, m.")]
 Tolerance = Annotated[Finite, Field(ge=0.0, le=1.0)]
@@ -65,3 +69,47 @@ class GripperHome(RequestModel):
 
 
 AnyGripperCommand = GripperMove | GripperGrasp | GripperRelease | GripperHome
+COMMANDS: dict[str, type[AnyGripperCommand]] = {
+    "move": GripperMove,
+    "grasp": GripperGrasp,
+    "release": GripperRelease,
+    "home": GripperHome,
+}
+UNITS = {"width": "m", "tolerance_inner": "m", "tolerance_outer": "m", "speed": "m/s", "force": "N"}
+
+
+@dataclass(frozen=True, slots=True)
+class GripperRequest:
+    """A command to the gripper, with its name in `COMMANDS`."""
+
+    name: str
+    command: AnyGripperCommand
+
+    @classmethod
+    def of(cls, fields: Mapping[str, Any], valid: Collection[str] = tuple(COMMANDS)) -> GripperRequest:
+        """Read a command.
+
+        Args:
+            fields: `command`, and the body of that command.
+            valid: the names that are permitted here.
+
+        Raises:
+            InputError: there is no such command, or its fields are wrong.
+        """
+        name = fields.get("command")
+        if not isinstance(name, str) or name not in valid:
+            raise InputError(f"command: must be one of {', '.join(valid)}, got {shown(name)}")
+        try:
+            body = COMMANDS[name].model_validate(
+                {key: value for key, value in fields.items() if key != "command"}
+            )
+        except ValidationError as exc:
+            raise InputError(sentences(exc.errors())) from exc
+        return cls(name, body)
+
+    @property
+    def words(self) -> str:
+        """What the fingers are to do, for people."""
+        given = self.command.model_dump(exclude_defaults=True)
+        values = [f"{name} {shown(value)} {UNITS.get(name, '')}".rstrip() for name, value in given.items()]
+        return ", ".join([f"gripper {self.name}", *values])

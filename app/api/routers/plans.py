@@ -1,4 +1,4 @@
-"""Motions planned without moving, and run later."""
+"""Motions and commands to the gripper planned without moving, and run later."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ from app.api.plan_schemas import (
     KeptPlan,
     MotionQuery,
     PlanArc,
+    PlanGripper,
     PlanJoints,
     PlanNamed,
     Planning,
@@ -45,9 +46,10 @@ from app.services.motion.plan import Plan
 from app.services.motion.plan_attempt import PlanOptions
 from app.services.rights.job import JobKind
 from cobot.access.roles import Role
-from cobot.errors import CobotError
+from cobot.errors import CobotError, InputError
 from cobot.motions.bodies import AnyMotion
 from cobot.motions.forecast import Closest, Forecast
+from cobot.motions.gripper_bodies import GripperRequest
 from cobot.motions.rehearsal import Rehearsal
 
 PLAN: dict[str, Any] = {
@@ -91,6 +93,18 @@ async def plan_path(body: PlanPath, request: Request) -> PlanAnswer:
 async def plan_sequence(body: PlanSequence, request: Request) -> PlanAnswer:
     """Plan several motions as one, with round corners. Nothing moves."""
     return await _plan(body.motions, body.radii, body, Call(request))
+
+
+@router.endpoint("POST /robot/plan/gripper", Role.AGENT, timeout_s=20.0, **PLAN)
+async def plan_gripper(body: PlanGripper, request: Request) -> PlanAnswer:
+    """Plan a command to the gripper, for a person to approve. Nothing moves."""
+    call = Call(request)
+    try:
+        asked = GripperRequest.of(body.gripper)
+        call.services.gripper.check(asked.command)
+    except InputError as exc:
+        raise InputError(f"gripper.{exc}") from exc
+    return _made(await call.services.plans.make_gripper(asked, body.samples, call.timeout_s), call)
 
 
 @router.endpoint(
@@ -208,7 +222,7 @@ def _kept(plan: Plan, services: Services) -> KeptPlan:
         by=plan.by,
         planners=sorted(plan.planners),
         duration_s=0.0 if trajectory is None else trajectory.duration_s,
-        signals=list(plan.signals.words),
+        signals=list(plan.words),
         expires_in_s=services.plans.expires_in_s(plan),
         approved_by=services.approvals.approved_by(plan.plan_id),
     )
@@ -227,12 +241,17 @@ async def _plan(
             base_frame = call.services.robot.base_frame
             tell(call.request, explained(exc, exc.explanation, motions, goals, base_frame))
         raise
+    return _made(plan, call)
+
+
+def _made(plan: Plan, call: Call) -> PlanAnswer:
+    """Report a new plan, and return it as JSON."""
     kept = _kept(plan, call.services)
     events = call.services.link.events
     events.publish(
         "plan", what="made", plan=plan.plan_id, by=plan.by, planners=kept.planners, duration_s=kept.duration_s
     )
-    return _shown(plan, plans.lifetime_s)
+    return _shown(plan, call.services.plans.lifetime_s)
 
 
 def _shown(plan: Plan, expires_in_s: float) -> PlanAnswer:
@@ -250,7 +269,7 @@ def _shown(plan: Plan, expires_in_s: float) -> PlanAnswer:
         },
         closest_self=_distance(found.closest_self),
         closest_environment=_distance(found.closest_environment),
-        signals=list(plan.signals.words),
+        signals=list(plan.words),
     )
 
 

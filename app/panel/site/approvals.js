@@ -77,9 +77,9 @@ export class Approvals {
 
   write({ made, text, button, show, plan }) {
     const { plan_id: id, by, planners, duration_s: duration, expires_in_s: left, approved_by: approved } = plan;
-    const about = { id: id.slice(0, 8), by, planners: planners.join(", "), seconds: duration.toFixed(1) };
+    const about = { id: id.slice(0, 8), by, planners: planners.join(", ") || word("gripper"), seconds: duration.toFixed(1) };
     const who = approved ? word("plan_approved", { by: approved }) : word("plan_left", { minutes: Math.ceil(left / 60) });
-    const said = `${word("plan_of", about)} ${who}`;
+    const said = [word("plan_of", about), ...plan.signals.map((each) => `${each}.`), who].join(" ");
     if (text.textContent !== said) text.textContent = said;
     const act = word(approved ? "plan_withdraw" : "plan_approve");
     if (button.textContent !== act) button.textContent = act;

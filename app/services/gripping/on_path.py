@@ -6,21 +6,13 @@ import asyncio
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import ValidationError
-
 from app.services.gripping.service import GripperService
 from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind
 from app.services.rights.ownership import Ownership
-from cobot.errors import InputError
-from cobot.motions.gripper_bodies import AnyGripperCommand, GripperGrasp, GripperMove, GripperRelease
-from cobot.strict import sentences, shown
+from cobot.motions.gripper_bodies import GripperRequest
 
-BODIES: dict[str, type[AnyGripperCommand]] = {
-    "move": GripperMove,
-    "grasp": GripperGrasp,
-    "release": GripperRelease,
-}
+VALID = ("move", "grasp", "release")
 NAME = "an action on the path"
 TIMEOUT_S = 30.0
 
@@ -43,25 +35,13 @@ class PathCommands:
             InputError: there is no such command, or its fields are wrong.
             LimitError, NotSupportedError: see `check_command`.
         """
-        self._gripper.check(_command(fields)[1])
+        self._gripper.check(GripperRequest.of(fields, VALID).command)
 
     def begin(self, fields: Mapping[str, Any]) -> None:
         """Begin it and return at once; its job says how it ends."""
-        name, command = _command(fields)
-        about = f"{NAME}: gripper {name} {command.model_dump_json(exclude_unset=True)}"
-        job = self._ownership.new_job(JobKind.GRIPPER, about)
+        request = GripperRequest.of(fields, VALID)
+        job = self._ownership.new_job(JobKind.GRIPPER, f"{NAME}: {request.words}")
         caller = Caller(NAME, None, self._ownership.stops, TIMEOUT_S, asyncio.Event(), job, waits=False)
-        task = asyncio.create_task(self._gripper.run(name, command, caller))
+        task = asyncio.create_task(self._gripper.run(request.name, request.command, caller))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-
-def _command(fields: Mapping[str, Any]) -> tuple[str, AnyGripperCommand]:
-    name = fields.get("command")
-    if not isinstance(name, str) or name not in BODIES:
-        raise InputError(f"command: must be one of {', '.join(BODIES)}, got {shown(name)}")
-    try:
-        body = BODIES[name].model_validate({key: value for key, value in fields.items() if key != "command"})
-    except ValidationError as exc:
-        raise InputError(sentences(exc.errors())) from exc
-    return name, body

@@ -45,6 +45,7 @@ from cobot.motions.gripper_bodies import (
     GripperGrasp,
     GripperHome,
     GripperRelease,
+    GripperRequest,
 )
 from cobot.types import LoopMode
 
@@ -167,6 +168,13 @@ class GripperService:
         assert worker.reading.state is not None or error is not None
         last = worker.reading.state or GripperState(None, None, moving=False)
         return GripperOutcome(error, self._shown(last), self._held.name)
+
+    async def run_plan(self, request: GripperRequest, caller: Caller) -> CobotError | None:
+        """Run a command of a plan; why it has failed, or None. Raises as `run`, and `ConflictError` while
+        another client has the control.
+        """
+        self._ownership.require_control()
+        return (await self.run(request.name, request.command, caller)).error
 
     async def stop(self) -> GripperReport:
         """Stop the fingers where they are; the grip on an object stays. Ends the command that is under way.

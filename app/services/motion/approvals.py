@@ -89,8 +89,7 @@ class Approvals:
         if others:
             allowed = ", ".join(fence.planners)
             return f"its planner is {others[0]}, mcp.fence.planners has {allowed}"
-        deeds = [each.action.words for each in plan.signals.actions if not each.action.event]
-        if deeds:
+        if deeds := plan.deeds:
             return f"it does more than move ({deeds[0]}), and the fence is one of motions"
         mass = self._robot.model.carried.mass
         if mass > fence.payload_kg:

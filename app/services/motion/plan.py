@@ -1,13 +1,15 @@
-"""A motion that was planned, and whether all is still as it was then."""
+"""A motion or a command to the gripper that was planned, and whether all is still as it was then."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from cobot.errors import ConflictError
 from cobot.motions.forecast import Forecast
+from cobot.motions.gripper_bodies import GripperRequest
 from cobot.motions.signals import NO_PLACED, Placed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -35,6 +37,7 @@ class Plan:
         motions: the number of motions that it consists of.
         to_run: the trajectory that is run; None if nothing moves, and nothing is to be done.
         signals: actions and conditions on its way.
+        gripper: the command to the gripper that is the whole plan; None: it is a motion.
     """
 
     plan_id: str
@@ -49,6 +52,20 @@ class Plan:
     motions: int = 1
     to_run: Trajectory | None = None
     signals: Placed = NO_PLACED
+    gripper: GripperRequest | None = None
+
+    @property
+    def words(self) -> Iterator[str]:
+        """What it does besides the motion, for people, one sentence each."""
+        if self.gripper is not None:
+            yield self.gripper.words
+        yield from self.signals.words
+
+    @property
+    def deeds(self) -> list[str]:
+        """What it changes besides the arm's position, in words."""
+        own = [] if self.gripper is None else [self.gripper.words]
+        return own + [each.action.words for each in self.signals.actions if not each.action.event]
 
     def require_unchanged(self, robot: RobotDescription) -> None:
         """The limits, the scene and the tool are those that it was made for.

@@ -1,13 +1,14 @@
-"""Motions that are planned now and perhaps run later."""
+"""Motions and commands to the gripper that are planned now and perhaps run later."""
 
 from __future__ import annotations
 
 import asyncio
 import secrets
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from copy import deepcopy
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from cobot.access.roles import acting
 from cobot.clock import Clock
 from cobot.config import Settings
 from cobot.errors import (
+    CobotError,
     ConflictError,
     InputError,
     MotionStopped,
@@ -40,6 +42,7 @@ from cobot.errors import (
 )
 from cobot.motions.fence import Fence
 from cobot.motions.forecast import Forecast
+from cobot.motions.gripper_bodies import GripperRequest
 from cobot.motions.rehearsal import Rehearsal
 from cobot.motions.requests import MotionRequest
 from cobot.motions.signals import NO_PLACED
@@ -47,7 +50,7 @@ from cobot.motions.stretches import Leg
 from cobot.robot.description import RobotDescription
 from cobot.strict import shown
 from cobot.trajectory import Trajectory
-from cobot.types import Array
+from cobot.types import Array, JointLimits
 
 DRAW_S = 10.0
 """Maximum time that a picture waits for others, and for a process, s. It takes a fiftieth of that."""
@@ -57,7 +60,12 @@ class PlanService:
     """Makes plans and keeps the newest of them, in memory: after a restart of the service there are none.
 
     One is made at a time, so that they leave planning processes to the motions.
+
+    Attributes:
+        command_gripper: runs a command to the gripper, and returns why it has failed, or None.
     """
+
+    command_gripper: Callable[[GripperRequest, Caller], Awaitable[CobotError | None]]
 
     def __init__(
         self,
@@ -107,15 +115,32 @@ class PlanService:
                 found, course = await self._forecast(goals, radii_m, attempt)
         except TimeoutError as exc:
             raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
-        scene = self._robot.collision.scene.version
-        tool = self._robot.model.tool.version
         planners = frozenset(str(goal.planner) for goal in goals)
-        made_s, by = self._clock.now_s(), acting.get().name
-        number, motions = secrets.token_hex(8), len(goals)
         to_run, signals = course.to_run(begin), NO_PLACED
         if to_run is not None:
             signals = await self._motion.place(course.signals, course.ends_s, to_run)
-        plan = Plan(number, begin, found, limits, made_s, scene, tool, planners, by, motions, to_run, signals)
+        return self._keep(
+            begin, found, limits, planners=planners, motions=len(goals), to_run=to_run, signals=signals
+        )
+
+    async def make_gripper(self, request: GripperRequest, samples: int, timeout_s: float) -> Plan:
+        """Plan a command to the gripper; nothing moves. The arm has to be where it is now when it is run.
+
+        Raises:
+            ConflictError: the arm moves.
+            UnavailableError: the robot is not ready, or no planning process is free.
+        """
+        begin = np.array((await self._motion.ready()).commanded_position)
+        work = partial(describe, trajectory=None, start=begin, samples=samples)
+        async with self._turn:
+            found = await self._planning.compute(work, timeout_s)
+        return self._keep(begin, found, deepcopy(self._robot.limits), gripper=request)
+
+    def _keep(self, begin: Array, found: Forecast, limits: JointLimits, **fields: Any) -> Plan:
+        """Keep a plan that has been made in the present scene, with the present tool."""
+        made_s, number = self._clock.now_s(), secrets.token_hex(8)
+        scene, tool = self._robot.collision.scene.version, self._robot.model.tool.version
+        plan = Plan(number, begin, found, limits, made_s, scene, tool, by=acting.get().name, **fields)
         self._plans[plan.plan_id] = plan
         self._forget()
         return plan
@@ -197,6 +222,11 @@ class PlanService:
             plan.require_unchanged(self._robot)
             plan.require_start(joints)
 
+        if plan.gripper is not None:
+            begun_s = self._clock.now_s()
+            require(np.array((await self._motion.ready()).commanded_position))
+            error = await self.command_gripper(plan.gripper, caller)
+            return Outcome(error, None, self._clock.now_s() - begun_s, 0.0)
         return await self._moves.run(plan.to_run, require, caller, fence, plan.signals)
 
     async def rehearse(
@@ -257,9 +287,10 @@ class PlanService:
             ConflictError: a limit, the scene or the tool is not what it was.
         """
         plan = self.get(plan_id)
-        if plan.signals is not NO_PLACED:
+        if plan.signals is not NO_PLACED or plan.gripper is not None:
             raise InputError(
-                f"plan {plan_id}: has actions or conditions, which motions in the queue do not have"
+                f"plan {plan_id}: has actions or conditions, or commands the gripper, which motions in the "
+                "queue do not do"
             )
         trajectory, same = plan.forecast.trajectory, partial(plan.require_unchanged, self._robot)
         same()

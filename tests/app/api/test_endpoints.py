@@ -29,7 +29,10 @@ WITHOUT_CONTROL = {
     "POST /robot/plans/{plan}/rehearse",
     "POST /recordings",
     "DELETE /recordings/{name}",
-    *(f"POST /robot/plan/{kind}" for kind in ("named", "joints", "pose", "arc", "path", "sequence")),
+    *(
+        f"POST /robot/plan/{kind}"
+        for kind in ("named", "joints", "pose", "arc", "path", "sequence", "gripper")
+    ),
 }
 """They stop, wait, plan or record."""
 OF_THE_CONTROL = {"POST /robot/control", "DELETE /robot/control"}

@@ -33,7 +33,10 @@ def test_what_an_agent_may_change_by_rest_moves_nothing() -> None:
     """Who adds to this list makes another door for agents."""
     changing = {name: each.role for name, each in ENDPOINTS.items() if not name.startswith("GET ")}
     given = {name for name, role in changing.items() if role <= Role.AGENT}
-    plans = {f"POST /robot/plan/{what}" for what in ("named", "pose", "joints", "arc", "path", "sequence")}
+    plans = {
+        f"POST /robot/plan/{what}"
+        for what in ("named", "pose", "joints", "arc", "path", "sequence", "gripper")
+    }
     stops = {"POST /stop", "POST /robot/gripper/stop"}
     others = stops | {"POST /robot/plans/{plan}/rehearse", "POST /{robot}/{Class}/{method}"}
     assert given == plans | others | {
