@@ -14,9 +14,11 @@ from cobot.grippers import GripperOptions
 from cobot.grippers.digital import DigitalOptions
 from cobot.grippers.registry import gripper_names
 from cobot.grippers.robotiq.driver import RobotiqOptions
+from cobot.grippers.vacuum import VacuumOptions
 
 DOCS = Path(__file__).parents[1] / "docs"
 GRIPPERS = (DOCS / "grippers.md").read_text(encoding="utf-8")
+OPTIONS = {"robotiq": RobotiqOptions, "digital": DigitalOptions, "vacuum": VacuumOptions}
 COMMON = GripperOptions.model_fields
 
 
@@ -38,7 +40,7 @@ def section(title: str) -> str:
     return GRIPPERS.split(f"\n## {title}\n")[1].split("\n## ")[0]
 
 
-@pytest.mark.parametrize(("title", "options"), [("robotiq", RobotiqOptions), ("digital", DigitalOptions)])
+@pytest.mark.parametrize(("title", "options"), OPTIONS.items())
 def test_the_options_of_a_driver_are_those_of_its_section(title: str, options: type[GripperOptions]) -> None:
     told = rows(section(title))
     assert set(told) == set(options.model_fields) - set(COMMON)

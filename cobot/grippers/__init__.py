@@ -4,7 +4,8 @@ protocol    what a driver has: commands, state, capabilities, options
 registry    the drivers by name, and how one is made
 positions   what two-position grippers have in common
 digital     outputs that open and close, inputs that tell when
-point_rigs  simulated devices of `digital` and `simulated`, for the contract
+vacuum      a suction cup at outputs, with a sensor
+point_rigs  simulated devices of these and of `simulated`, for the contract
 simulated   the hand of a simulated cell
 robotiq/    2F-85, 2F-140 and Hand-E over Modbus RTU, and a simulated one
 

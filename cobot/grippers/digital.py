@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from cobot.clock import SYSTEM
 from cobot.grippers.point_rigs import DigitalRig
-from cobot.grippers.positions import Goal, TwoPositions
+from cobot.grippers.positions import Goal, Name, Seconds, TwoPositions
 from cobot.grippers.protocol import (
     GripperCapabilities,
     GripperOptions,
@@ -18,9 +18,6 @@ from cobot.grippers.protocol import (
     Now,
     PowerLoss,
 )
-
-Name = Annotated[str, Field(min_length=1, max_length=200)]
-Seconds = Annotated[float, Field(gt=0.0, le=30.0)]
 
 
 class DigitalOptions(GripperOptions):
@@ -91,8 +88,7 @@ class DigitalGripper(TwoPositions):
             elif opens is None:
                 opens = not closes
             if closes is not opens:
-                self.goal = Goal.CLOSED if closes else Goal.OPEN
-                self._begun_s = self._clock.now_s() - 2.0 * self._time_s
+                self._adopt(Goal.CLOSED if closes else Goal.OPEN)
 
     def stop(self) -> None:
         """Such fingers cannot stop on their way: both outputs of two go off, one stays as it is."""

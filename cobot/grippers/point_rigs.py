@@ -9,6 +9,7 @@ from cobot.grippers.protocol import Gripper, GripperError, IoPort
 
 if TYPE_CHECKING:
     from cobot.grippers.digital import DigitalOptions
+    from cobot.grippers.vacuum import VacuumOptions
 
 
 class PointRig:
@@ -138,3 +139,33 @@ class DigitalRig(PointRig):
         if self.object_m is None:
             return 0.0
         return (self.object_m - options.closed_width) / (options.open_width - options.closed_width)
+
+
+class VacuumRig(PointRig):
+    """A suction cup: with a part at it the vacuum builds up and goes with time, without one there is none."""
+
+    BUILD_UP_S = 0.2
+
+    def __init__(self, options: VacuumOptions) -> None:
+        self._options = options
+        self._vacuum = 0.0
+        outputs = (options.output, options.off_value), (options.blow_output, 0.0)
+        super().__init__({name: value for name, value in outputs if name is not None})
+        self.step(0.0)
+
+    def gripper(self, port: IoPort) -> Gripper:
+        """A new driver at the same cup."""
+        from cobot.grippers.vacuum import VacuumGripper
+
+        return VacuumGripper(self._options, self, self)
+
+    def step(self, duration_s: float) -> None:
+        """Have time go on."""
+        options = self._options
+        self.seconds += duration_s
+        sucks = self.values[options.output] == options.on_value and self.object_m is not None
+        self._vacuum += (1.0 if sucks else -1.0) * duration_s / self.BUILD_UP_S
+        self._vacuum = min(max(self._vacuum, 0.0), 1.0)
+        if options.sensor is not None:
+            beyond = (self._vacuum - 0.5) * (1.0 + 4.0 * options.hysteresis)
+            self.values[options.sensor] = options.threshold + (-beyond if options.inverted_sensor else beyond)

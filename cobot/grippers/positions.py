@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum, auto
+from typing import Annotated
+
+from pydantic import Field
 
 from cobot.clock import SYSTEM
-from cobot.grippers.protocol import Grasp, IoPort, Now
+from cobot.grippers.protocol import Grasp, GripperError, IoPort, Now, Range
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Seconds = Annotated[float, Field(gt=0.0, le=30.0)]
 
 
 class Goal(Enum):
@@ -19,11 +26,14 @@ class Goal(Enum):
 class TwoPositions:
     """Base of such a gripper: which end is nearer to a width, and how long the fingers take.
 
+    Args:
+        width_m: closed and open; None for a gripper without a width.
+
     Attributes:
         goal: of the last command.
     """
 
-    def __init__(self, port: IoPort, width_m: tuple[float, float], clock: Now = SYSTEM) -> None:
+    def __init__(self, port: IoPort, width_m: Range | None, clock: Now = SYSTEM) -> None:
         self._port = port
         self._width_m = width_m
         self._clock = clock
@@ -37,6 +47,8 @@ class TwoPositions:
         self._command(Goal.CLOSED)
 
     def move(self, width: float, speed: float | None, force: float | None) -> None:
+        if self._width_m is None:
+            raise GripperError("this gripper has no width; use grasp and release")
         closed_m, open_m = self._width_m
         self._command(Goal.CLOSED if width - closed_m < open_m - width else Goal.OPEN)
 
@@ -55,6 +67,10 @@ class TwoPositions:
     def _command(self, goal: Goal) -> None:
         self.goal, self._begun_s = goal, self._clock.now_s()
         self._drive(goal)
+
+    def _adopt(self, goal: Goal, since_s: float = math.inf) -> None:
+        """Go on as if this had been commanded so long ago."""
+        self.goal, self._begun_s = goal, self._clock.now_s() - since_s
 
     def _drive(self, goal: Goal) -> None:
         raise NotImplementedError

@@ -49,7 +49,8 @@ class GripperCapabilities:
     """The capabilities of a gripper. A request that needs a missing one is rejected, naming it.
 
     Attributes:
-        width_m: the smallest and the largest width between the fingers, m.
+        width_m: the smallest and the largest width between the fingers, m; None: it has none, as a suction
+            cup, and only grasps and releases.
         force_n: the forces that can be commanded, N; None: the force is fixed.
         speed_m_s: the speeds that can be commanded, m/s; None: the speed is fixed.
         object_detection: `GripperState.object` is known.
@@ -58,7 +59,7 @@ class GripperCapabilities:
         hardware: moves real fingers.
     """
 
-    width_m: Range
+    width_m: Range | None
     force_n: Range | None = None
     speed_m_s: Range | None = None
     object_detection: bool = False
@@ -80,12 +81,14 @@ class GripperCapabilities:
     def words(self) -> str:
         """The capabilities in words, for people."""
         force = "a fixed force" if self.force_n is None else f"{self.force_n[0]:g} to {self.force_n[1]:g} N"
-        how = "any width" if self.continuous else "open or closed"
         detects = "detects objects" if self.object_detection else "does not detect objects"
-        return (
-            f"{how} from {1e3 * self.width_m[0]:g} to {1e3 * self.width_m[1]:g} mm, {force}, {detects}, "
-            f"power loss: {self.on_power_loss}"
-        )
+        if self.width_m is None:
+            how = "grasps and releases, without a width"
+        else:
+            least, most = self.width_m
+            way = "any width" if self.continuous else "open or closed"
+            how = f"{way} from {1e3 * least:g} to {1e3 * most:g} mm"
+        return f"{how}, {force}, {detects}, power loss: {self.on_power_loss}"
 
 
 @dataclass(frozen=True, slots=True)

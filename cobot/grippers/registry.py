@@ -18,6 +18,7 @@ REGISTRY = Registry(
     {
         "digital": "cobot.grippers.digital:DigitalGripper",
         "simulated": "cobot.grippers.simulated:SimulatedGripper",
+        "vacuum": "cobot.grippers.vacuum:VacuumGripper",
         "robotiq": "cobot.grippers.robotiq:RobotiqGripper",
     },
 )

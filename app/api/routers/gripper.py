@@ -62,7 +62,9 @@ class GripperValues(BaseModel):
 class GripperAble(BaseModel):
     """What the gripper can do. A range is its smallest and its largest value."""
 
-    width_m: tuple[float, float] = Field(description="Between the fingers, m.")
+    width_m: tuple[float, float] | None = Field(
+        description="Between the fingers, m; null: it has none, as a suction cup."
+    )
     force_n: tuple[float, float] | None = Field(description="N; null: the force is fixed.")
     speed_m_s: tuple[float, float] | None = Field(description="m/s; null: the speed is fixed.")
     object_detection: bool = Field(description="Whether `object` is known.")

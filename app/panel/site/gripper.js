@@ -71,7 +71,7 @@ export class Gripper {
     element("gripper").hidden = !this.report;
     if (!this.report) return;
     const { state, problem, capabilities: able, held } = this.report;
-    const bounds = [...able.width_m, able.force_n].join();
+    const bounds = [able.width_m, able.force_n].join();
     if (element("gripper").dataset.bounds !== bounds) {
       element("gripper").dataset.bounds = bounds;
       this.describe(able);
@@ -82,9 +82,10 @@ export class Gripper {
     element("gripper-state").textContent = problem || (state ? this.said(state, held) : "");
   }
 
-  describe({ width_m: [least, most], force_n: force, continuous }) {
+  describe({ width_m: widths, force_n: force, continuous }) {
     const width = element("gripper-width");
-    [width.min, width.max] = [MM * least, MM * most];
+    width.closest("label").hidden = !widths;
+    if (widths) [width.min, width.max] = widths.map((each) => MM * each);
     width.disabled = !continuous;
     const place = element("gripper-force");
     place.closest("label").hidden = !force;

@@ -37,6 +37,9 @@ def grasp_of(command: GripperGrasp) -> Grasp:
 
 
 def _check_width(name: str, able: GripperCapabilities, width: float, *, grasps: bool) -> None:
+    if able.width_m is None:
+        advice = "leave it out" if grasps else "use grasp and release"
+        raise NotSupportedError(f"width is {width:g} m, but the gripper {name} has no width: {advice}")
     least, most = able.width_m
     if not least - SLACK_M <= width <= most + SLACK_M:
         raise LimitError(f"width is {width:g} m, the gripper {name} allows {least:g} to {most:g} m")

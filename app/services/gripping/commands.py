@@ -77,7 +77,7 @@ def missed(state: GripperState) -> CobotError | None:
     if state.object is None or state.object.is_held:
         return None
     where = "" if state.width is None else f" at {state.width:.4f} m"
-    return ExecutionError(f"the fingers have closed on nothing{where}: no object is held")
+    return ExecutionError(f"the gripper has closed on nothing{where}: no object is held")
 
 
 def shortfall(
@@ -92,7 +92,7 @@ def shortfall(
                 f"(-{command.tolerance_inner:g}, +{command.tolerance_outer:g})"
             )
         return None if command.if_missed == "success" else nothing
-    if isinstance(command, GripperMove) and state.width is not None:
+    if isinstance(command, GripperMove) and state.width is not None and able.width_m is not None:
         allowed_m = max(ARRIVED_M, ARRIVED_SHARE * (able.width_m[1] - able.width_m[0]))
         if abs(state.width - command.width) > allowed_m:
             return ExecutionError(

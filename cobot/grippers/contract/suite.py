@@ -23,6 +23,7 @@ from cobot.grippers.protocol import (
     GripperState,
     HeldObject,
     IoPort,
+    Range,
 )
 from cobot.grippers.registry import gripper_class, gripper_options, gripper_section
 from cobot.strict import sentence
@@ -107,9 +108,9 @@ class Subject:
         require(not state.fault, f"{what}: it reports a fault: {state.fault}")
         return state
 
-    def hold(self, width_m: float) -> GripperState:
-        """Grasp an object of this width."""
-        self.rig.place(width_m)
+    def hold(self, width_m: float | None) -> GripperState:
+        """Grasp an object of this width; None for a gripper without one."""
+        self.rig.place(width_m or 0.0)
         self.gripper.grasp(Grasp(width_m, 0.005, 0.005))
         return self.until_still("grasp")
 
@@ -154,7 +155,7 @@ def connect(subject: Subject) -> str:
 def move(subject: Subject) -> str:
     """A move says that it moves until it is there."""
     able = subject.ready()
-    least, most = able.width_m
+    least, most = _widths(able)
     width = least if not able.continuous else 0.5 * (least + most)
     subject.gripper.move(width, None, None)
     require(subject.gripper.state().moving, "moving is false directly after a command has returned")
@@ -169,7 +170,7 @@ def move(subject: Subject) -> str:
 
 def preempt(subject: Subject) -> str:
     """A command replaces the one before."""
-    least, most = subject.ready().width_m
+    least, most = _widths(subject.ready())
     subject.gripper.move(least, None, None)
     subject.rig.step(STEP_S)
     subject.gripper.move(most, None, None)
@@ -181,15 +182,16 @@ def preempt(subject: Subject) -> str:
 def stop(subject: Subject) -> str:
     """The fingers stop on their way and stay."""
     able = subject.ready()
+    least, _ = _widths(able)
     if not able.continuous:
         raise NotTested("such fingers cannot stop on their way")
-    subject.gripper.move(able.width_m[0], able.speed_m_s and able.speed_m_s[0], None)
+    subject.gripper.move(least, able.speed_m_s and able.speed_m_s[0], None)
     subject.rig.step(0.1)
     subject.gripper.stop()
     width = subject.until_still("stop").width
     subject.rig.step(1.0)
     require(subject.gripper.state().width == width, "the fingers have moved after the stop")
-    require(width is None or width > able.width_m[0], "the fingers have gone to the end before they stopped")
+    require(width is None or width > least, "the fingers have gone to the end before they stopped")
     return "a stop stops"
 
 
@@ -208,7 +210,7 @@ def grasp(subject: Subject) -> str:
     subject.gripper.release(None)
     state = subject.until_still("release")
     require(state.object is HeldObject.NONE, f"object is {state.object} after a release")
-    return f"an object of {width:g} m is held, kept and released"
+    return f"an object{f' of {width:g} m' if width else ''} is held, kept and released"
 
 
 def missed(subject: Subject) -> str:
@@ -303,11 +305,17 @@ def examined(make: Callable[[], Subject], check: str) -> CheckResult:
     return result_of(check, lambda: CHECKS[check](make()), GripperError)
 
 
-def _detectable(subject: Subject) -> float:
+def _widths(able: GripperCapabilities) -> Range:
+    if able.width_m is None:
+        raise NotTested("it has no width")
+    return able.width_m
+
+
+def _detectable(subject: Subject) -> float | None:
     able = subject.ready()
     if not able.object_detection:
         raise NotTested("it does not detect objects")
-    return 0.5 * sum(able.width_m)
+    return None if able.width_m is None else 0.5 * sum(able.width_m)
 
 
 def _injectable(subject: Subject, name: str) -> None:

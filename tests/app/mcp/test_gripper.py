@@ -72,7 +72,7 @@ def test_an_agent_grasps_and_releases(cell: Cell) -> None:
 def test_a_grasp_of_nothing_is_told(cell: Cell) -> None:
     answer = run_approved(cell, "plan_gripper_grasp", width=PART_M)
     assert not answer["success"]
-    assert "the fingers have closed on nothing" in answer["error"]
+    assert "the gripper has closed on nothing" in answer["error"]
 
 
 def test_a_plan_counts_where_the_arm_was_when_it_was_made(cell: Cell) -> None:

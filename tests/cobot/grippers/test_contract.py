@@ -16,8 +16,13 @@ from cobot.grippers.contract.__main__ import main
 from cobot.grippers.contract.suite import CHECKS, examined, subject_for
 from cobot.grippers.contract.toy import ToyGripper, ToyOptions, ToyRig
 
-NOT_TESTED = {"simulated": ["fault"], "digital": ["stop", "fault"]}
-"""What the devices of these drivers do not have: faults of their own, and fingers that stop on their way."""
+NOT_TESTED = {
+    "simulated": ["fault"],
+    "digital": ["stop", "fault"],
+    "vacuum": ["move", "preempt", "stop", "fault"],
+}
+"""What the devices of these drivers do not have: faults of their own, fingers that stop on their way, or any
+fingers."""
 TOY = "cobot.grippers.contract.toy:ToyGripper"
 
 
@@ -34,6 +39,20 @@ TOY = "cobot.grippers.contract.toy:ToyGripper"
         (
             "digital",
             {"close_output": "shut", "open_output": "open", "closed_input": "c", "inverted_inputs": True},
+        ),
+        ("vacuum", {"output": "ejector", "sensor": "vacuum"}),
+        (
+            "vacuum",
+            {
+                "output": "pump",
+                "on_value": 8.0,
+                "off_value": 0.5,
+                "blow_output": "blow",
+                "sensor": "kPa",
+                "threshold": 40.0,
+                "hysteresis": 10.0,
+                "inverted_sensor": True,
+            },
         ),
     ],
 )
