@@ -1,4 +1,4 @@
-"""docs/planning.md names tests: each of them exists, in the file that it names."""
+"""docs/planning-theory.md names tests: each of them exists, in the file that it names."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def test_each_test_that_the_table_of_complaints_names_exists() -> None:
-    text = (ROOT / "docs" / "planning.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "planning-theory.md").read_text(encoding="utf-8")
     named = set(re.findall(r"(?:`|::)(test_\w+)`", text.split("## Complaints and answers")[1]))
     source = "".join(file.read_text(encoding="utf-8") for file in (ROOT / "tests").rglob("test_*.py"))
     assert len(named) > 15
@@ -17,7 +17,7 @@ def test_each_test_that_the_table_of_complaints_names_exists() -> None:
 
 
 def test_each_file_that_the_table_of_complaints_names_has_the_test() -> None:
-    text = (ROOT / "docs" / "planning.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "planning-theory.md").read_text(encoding="utf-8")
     named = re.findall(r"`([\w/]+\.py)::(test_\w+)`", text.split("## Complaints and answers")[1])
     assert len(named) > 15
     for path, name in named:

@@ -1,6 +1,6 @@
 """The part of its effort limit that a planned motion leaves to each drive.
 
-A drive at its limit cannot correct its position. docs/planning.md, "What is kept", explains these shares.
+A drive at its limit cannot correct its position. docs/planning.md, "Effort reserve", explains these shares.
 Trajectories that clients send with times of their own may use the whole limit.
 """
 
