@@ -24,7 +24,7 @@ from starlette.datastructures import State
 from app.robot_services import Services
 from app.routes import ENDPOINTS
 from app.services.rights.claims import Caller
-from cobot.cell import Cell, load_cell
+from cobot.cell import cell_of
 from cobot.config import Settings, load_endpoints, load_settings
 from cobot.errors import (
     CobotError,
@@ -143,7 +143,7 @@ class Reloading:
             endpoints = load_endpoints(new.web.endpoints, ENDPOINTS)
             for each in new.each.values():
                 load_robot(each).check_named_positions(each.robot.srdf)
-                _cell(each)
+                cell_of(each)
             settings = self._merged(new)
             if self._running is not None:
                 settings = load_settings(self._running.prepare(settings))
@@ -156,7 +156,7 @@ class Reloading:
         needs_restart += [
             f"robot.cell of {name}: what the file says"
             for name in self._settings.each.keys() & new.each.keys()
-            if _cell(self._settings.each[name]) != _cell(new.each[name])
+            if cell_of(self._settings.each[name]) != cell_of(new.each[name])
         ]
         return self._compared(settings, robots, needs_restart)
 
@@ -254,10 +254,6 @@ def _require_within(services: Services, limits: JointLimits) -> None:
         )
     except LimitError as exc:
         raise ConflictError(f"{exc}; move it there first") from exc
-
-
-def _cell(settings: Settings) -> Cell | None:
-    return None if settings.robot.cell is None else load_cell(settings.robot.cell)
 
 
 def _differences(old: Settings, new: Settings) -> Iterator[str]:

@@ -52,7 +52,7 @@ from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
 from cobot.access.authentication import Authenticator
 from cobot.addresses import address
-from cobot.cell import load_cell
+from cobot.cell import cell_of
 from cobot.cell.surroundings import tool_file
 from cobot.clock import Clock
 from cobot.config import Settings
@@ -168,7 +168,7 @@ def _services(
     # The time of a motion is that of full speed.
     latest_s = shared.slowest_move_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
-    cell = None if settings.robot.cell is None else load_cell(settings.robot.cell)
+    cell = cell_of(settings)
     tolerance_rad, smoothing_rad = settings.planning.start_tolerance_rad, settings.planning.smoothing_rad
     jobs = JobBook(link, settings.jobs_file)
     jobs.on_change = partial(_tell_job, link)

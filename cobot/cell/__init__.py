@@ -12,8 +12,10 @@ from cobot.cell.cell import (
     cell_file,
     load_cell,
 )
+from cobot.cell.own_hand import AnyHand, OwnHand, SlidingFinger, cell_of, hand_of
 
 __all__ = [
+    "AnyHand",
     "Belt",
     "Cell",
     "CellPart",
@@ -22,6 +24,10 @@ __all__ = [
     "Distance",
     "Hand",
     "LightBarrier",
+    "OwnHand",
+    "SlidingFinger",
     "cell_file",
+    "cell_of",
+    "hand_of",
     "load_cell",
 ]

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from cobot.cell.cell import HAND, Belt, Cell, CellPart, CellSolid, Hand, cell_file, load_cell
+from cobot.cell.cell import HAND, Belt, Cell, CellPart, CellSolid, Hand, cell_file
+from cobot.cell.own_hand import AnyHand, OwnHand, cell_of, hand_of
 from cobot.cell.surroundings import FINGER_SHARE, pose_of
 from cobot.config import Settings
 from cobot.errors import CollisionError, ConfigError, exhausted
@@ -24,6 +25,7 @@ from cobot.types import Array, Pose
 
 FLOOR = "floor of the cell"
 FINGERS = ("hand finger 1", "hand finger 2")
+"""Names of the joints of the fingers, and of the bodies and shapes of a cell file's hand."""
 OVERLAP_M = 0.001
 """How far bodies may overlap at the start."""
 IMPEDANCE_RATIO = 10.0
@@ -48,6 +50,7 @@ class Plant:
     """A compiled plant.
 
     Attributes:
+        hand: None without one.
         start: its joint positions at the start; those of the arm are zeros.
         tcp_body: the body with the TCP.
         parts: the bodies of the parts, in the cell's order.
@@ -55,6 +58,7 @@ class Plant:
     """
 
     cell: Cell
+    hand: AnyHand | None
     mj: mujoco.MjModel
     start: Array
     tcp_body: int
@@ -62,12 +66,24 @@ class Plant:
     base: Pose
 
 
-def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str) -> Plant:
+def plant_of(robot: RobotModel, settings: Settings) -> Plant:
+    """The plant of the settings, which have a cell or a hand of the arm's model; raises as `build_plant`."""
+    cell, hand, names = cell_of(settings), hand_of(settings), settings.robot
+    assert cell is not None
+    own = hand if isinstance(hand, OwnHand) else None
+    return build_plant(robot, cell, names.base_frame, names.tcp, own)
+
+
+def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: OwnHand | None = None) -> Plant:
     """Add the cell to the arm's model.
+
+    Args:
+        own: the hand that is part of the arm's model.
 
     Raises:
         ConfigError: a name is one of the arm's, or MuJoCo rejects the model, with the reason.
     """
+    hand = cell.hand if own is None else own
     if robot.spec is None:
         raise ConfigError("this model was not read from a file, so no cell can be added to it")
     spec = robot.spec.copy()
@@ -75,21 +91,24 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str) -> Plant:
         spec.delete(key)
     _make_contacts_stiff(spec)
     base_pose = _base_pose(robot.mj, base)
-    own = robot.frame_names
+    frames = robot.frame_names
     for name in (HAND, *cell.parts, *cell.fixtures, *cell.belts):
-        if name in own:
+        if name in frames:
             raise ConfigError(f"the arm has a body or site named {name!r}: rename that of the cell")
     if cell.floor_m is not None:
         _replace_floor(spec, base_pose, cell.floor_m)
-    if cell.hand is not None:
-        _add_hand(spec, robot, cell.hand, tcp)
+    fingers: list[mujoco.MjsGeom] = []
+    if isinstance(hand, Hand):
+        fingers = _add_hand(spec, robot, hand, tcp)
+    elif hand is not None:
+        fingers = _add_own_hand(spec, hand)
     for name, solid in cell.solids():
         _add_solid(spec.body(base), name, solid, pose_of(solid))
     for name, part in cell.parts.items():
         body = _add_solid(spec.worldbody, name, part, base_pose @ pose_of(part))
         body.add_freejoint()
-        if cell.hand is not None:
-            _add_grasp(spec, name, part)
+        for finger in fingers:
+            _add_grasp(spec, finger.name, name, part)
     mj = _compiled(spec)
     arm = robot.limits.names
     if tuple(mj.joint(index).name for index in range(len(arm))) != arm:
@@ -98,11 +117,12 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str) -> Plant:
         )
     start = np.array(mj.qpos0)
     start[: len(arm)] = 0.0
-    if cell.hand is not None:
-        for finger in FINGERS:
-            start[mj.joint(finger).qposadr[0]] = 0.5 * cell.hand.stroke_m
+    if isinstance(hand, Hand):
+        for finger_name in FINGERS:
+            start[mj.joint(finger_name).qposadr[0]] = 0.5 * hand.stroke_m
     return Plant(
         cell=cell,
+        hand=hand,
         mj=mj,
         start=start,
         tcp_body=int(mj.site_bodyid[mj.site(tcp).id]),
@@ -141,23 +161,25 @@ def check_cell(robot: RobotDescription, settings: Settings) -> str:
     Raises:
         ConfigError, CollisionError: it cannot, with the file and the reason.
     """
-    if settings.robot.cell is None:
+    cell = cell_of(settings)
+    if cell is None:
         return "none"
-    names, joints = settings.robot, robot.positions[settings.robot.start_position].joints
-    file = cell_file(settings.robot.cell)
-    cell = load_cell(file)
+    joints = robot.positions[settings.robot.start_position].joints
+    file = "no file" if settings.robot.cell is None else cell_file(settings.robot.cell)
     try:
-        plant = build_plant(robot.model, cell, names.base_frame, names.tcp)
+        plant = plant_of(robot.model, settings)
         check_start(plant, np.array(joints))
     except (ConfigError, CollisionError) as exc:
-        raise type(exc)(f"{file}: {exc}") from exc
+        place = "robot.gripper.hand" if settings.robot.cell is None else file
+        raise type(exc)(f"{place}: {exc}") from exc
     counts = (
         (cell.parts, "parts"),
         (cell.fixtures, "fixtures"),
         (cell.belts, "belts"),
         (cell.switches, "switches"),
     )
-    hand = "a hand" if cell.hand is not None else "no hand"
+    own = "the hand of the arm's model" if isinstance(plant.hand, OwnHand) else "a hand"
+    hand = "no hand" if plant.hand is None else own
     return f"{file}: {hand}, " + ", ".join(f"{len(entries)} {what}" for entries, what in counts)
 
 
@@ -195,7 +217,8 @@ def _replace_floor(spec: mujoco.MjSpec, base: Pose, height_m: float) -> None:
     )
 
 
-def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> None:
+def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> list[mujoco.MjsGeom]:
+    """Add the hand at the flange; the shapes of its fingers."""
     mj = robot.mj
     flange = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_SITE, "flange")
     if flange < 0 or mj.body_weldid[mj.site_bodyid[flange]] != mj.body_weldid[mj.site(tcp).bodyid[0]]:
@@ -213,26 +236,61 @@ def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> N
     )
     for finger, side in zip(FINGERS, (1.0, -1.0), strict=True):
         body = palm.add_body(name=finger, pos=[0.0, 0.0, height])
-        body.add_joint(
-            name=finger,
-            type=mujoco.mjtJoint.mjJNT_SLIDE,
-            axis=[side, 0.0, 0.0],
-            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-            range=[0.0, 0.5 * hand.stroke_m],
-            armature=DRIVE_KG,
-            damping=1.0,
-        )
+        _add_slide(body, finger, (side, 0.0, 0.0), 0.5 * hand.stroke_m)
         body.add_geom(
             name=finger,
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=[0.5 * thickness, 0.5 * width, 0.5 * length],
             pos=[0.5 * side * thickness, 0.0, 0.5 * length],
             mass=FINGER_SHARE * hand.mass_kg,
-            condim=4,
-            friction=[1.0, TORSION_M, ROLLING_M],
-            **CONTACT,
         )
-    spec.add_exclude(bodyname1=FINGERS[0], bodyname2=FINGERS[1])
+    return _couple(spec, (spec.body(FINGERS[0]), spec.body(FINGERS[1])), 1.0)
+
+
+def _add_own_hand(spec: mujoco.MjSpec, hand: OwnHand) -> list[mujoco.MjsGeom]:
+    """Have the fingers of the arm's model slide; their shapes."""
+    bodies = []
+    for name, finger in zip(FINGERS, hand.fingers, strict=True):
+        body = spec.body(finger.body)
+        if body is None:
+            raise ConfigError(
+                f"robot.gripper.hand: the model has no body {finger.body!r}; valid are: "
+                f"{', '.join(each.name for each in spec.bodies if each.name)}"
+            )
+        if body.joints:
+            raise ConfigError(f"robot.gripper.hand: {finger.body!r} is a link of the arm, not a finger")
+        joint = _add_slide(body, name, finger.axis, finger.travel_m)
+        joint.ref = finger.travel_m  # the model has it open
+        bodies.append(body)
+    return _couple(spec, (bodies[0], bodies[1]), hand.fingers[0].travel_m / hand.fingers[1].travel_m)
+
+
+def _add_slide(
+    body: mujoco.MjsBody, name: str, axis: tuple[float, float, float], travel_m: float
+) -> mujoco.MjsJoint:
+    return body.add_joint(
+        name=name,
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=axis,
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        range=[0.0, travel_m],
+        armature=DRIVE_KG,
+        damping=1.0,
+    )
+
+
+def _couple(
+    spec: mujoco.MjSpec, fingers: tuple[mujoco.MjsBody, mujoco.MjsBody], ratio: float
+) -> list[mujoco.MjsGeom]:
+    """Have the fingers move together, and pass each other; their shapes, which touch as fingers do.
+
+    Args:
+        ratio: how far the first one slides for each metre of the second one.
+    """
+    links = [_links(finger) for finger in fingers]
+    for one in links[0]:
+        for other in links[1]:
+            spec.add_exclude(bodyname1=one.name, bodyname2=other.name)
     together = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT,
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
@@ -240,7 +298,18 @@ def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> N
         name2=FINGERS[1],
         solref=[0.004, 1.0],
     )
-    together.data[:5] = [0.0, 1.0, 0.0, 0.0, 0.0]
+    together.data[:5] = [0.0, ratio, 0.0, 0.0, 0.0]
+    shapes = [geom for link in (*links[0], *links[1]) for geom in link.geoms if geom.contype]
+    for number, geom in enumerate(shapes, start=1):
+        geom.name = geom.name or f"{HAND} shape {number}"
+        geom.condim, geom.friction = 4, [1.0, TORSION_M, ROLLING_M]
+        geom.solref[:2], geom.solimp[:5] = CONTACT["solref"], CONTACT["solimp"]
+    return shapes
+
+
+def _links(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
+    """A body and all that it carries."""
+    return [body, *(link for child in body.bodies for link in _links(child))]
 
 
 def _add_solid(parent: mujoco.MjsBody, name: str, solid: CellSolid | Belt, pose: Pose) -> mujoco.MjsBody:
@@ -267,16 +336,15 @@ def _add_solid(parent: mujoco.MjsBody, name: str, solid: CellSolid | Belt, pose:
     return body
 
 
-def _add_grasp(spec: mujoco.MjSpec, name: str, part: CellPart) -> None:
-    """Add the contacts between the fingers and a part."""
-    for finger in FINGERS:
-        pair = spec.add_pair(
-            geomname1=finger,
-            geomname2=name,
-            condim=4 if part.shape == "box" else 6,
-            friction=[part.friction, part.friction, TORSION_M, ROLLING_M, ROLLING_M],
-        )
-        pair.solref[:2], pair.solimp[:5] = GRASP["solref"], GRASP["solimp"]
+def _add_grasp(spec: mujoco.MjSpec, finger: str, name: str, part: CellPart) -> None:
+    """Add the contact between a shape of a finger and a part."""
+    pair = spec.add_pair(
+        geomname1=finger,
+        geomname2=name,
+        condim=4 if part.shape == "box" else 6,
+        friction=[part.friction, part.friction, TORSION_M, ROLLING_M, ROLLING_M],
+    )
+    pair.solref[:2], pair.solimp[:5] = GRASP["solref"], GRASP["solimp"]
 
 
 def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from cobot.cell.cell import HAND, Belt, Cell, CellPart, CellSolid, Hand, load_cell
+from cobot.cell.own_hand import hand_of
 from cobot.config import Settings
 from cobot.robot.scene import SceneFile, SceneObject
 from cobot.robot.tool import BARE, Tool, ToolFile
@@ -31,8 +32,8 @@ def tool_file(settings: Settings) -> ToolFile:
     Raises:
         ConfigError: the cell file is invalid.
     """
-    hand = None if settings.robot.cell is None else load_cell(settings.robot.cell).hand
-    return ToolFile(settings.tool_file, BARE if hand is None else hand_as_tool(hand))
+    hand = hand_of(settings)
+    return ToolFile(settings.tool_file, hand_as_tool(hand) if isinstance(hand, Hand) else BARE)
 
 
 def part_in_scene(part: CellPart, pose: Numbers7) -> SceneObject:

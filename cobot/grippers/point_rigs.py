@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cobot.cell import Hand
+from cobot.cell import AnyHand
 from cobot.grippers.protocol import Gripper, GripperError, IoPort
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class HandRig(PointRig):
         width: between the fingers, m.
     """
 
-    def __init__(self, hand: Hand) -> None:
+    def __init__(self, hand: AnyHand) -> None:
         self.hand = hand
         self.width = hand.stroke_m
         super().__init__({})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cobot.cell import load_cell
+from cobot.cell import hand_of
 from cobot.config import Settings
 from cobot.config.backend import BackendSection, options_of
 from cobot.entry_points import Registry
@@ -47,7 +47,7 @@ def gripper_section(settings: Settings) -> BackendSection | None:
     cell = settings.robot.cell
     if settings.robot.gripper is not None or cell is None:
         return settings.robot.gripper
-    if load_cell(cell).hand is None:
+    if hand_of(settings) is None:
         return None
     return BackendSection(type="simulated", options={}, folder=cell)
 

@@ -1,8 +1,12 @@
-"""The hand of a simulated cell, driven through the cell's inputs and outputs."""
+"""The hand of the simulation, driven through the cell's inputs and outputs."""
 
 from __future__ import annotations
 
-from cobot.cell import Hand, load_cell
+from typing import Annotated
+
+from pydantic import Field
+
+from cobot.cell import AnyHand, Hand, OwnHand, hand_of
 from cobot.clock import SYSTEM
 from cobot.config import Settings
 from cobot.errors import ConfigError
@@ -33,16 +37,23 @@ REPORT_S = 1.0
 """A command that the cell has not reported after this time was replaced, by another client of its outputs."""
 
 
+class SimulatedOptions(GripperOptions):
+    """Options of `SimulatedGripper`."""
+
+    hand: Annotated[
+        OwnHand | None,
+        Field(
+            description="Fingers of the arm's model, as cobot new-robot writes them; null: the cell's hand."
+        ),
+    ] = None
+
+
 class SimulatedGripper:
-    """See the module.
+    """See the module."""
 
-    Args:
-        hand: of the cell file.
-    """
+    Options = SimulatedOptions
 
-    Options = GripperOptions
-
-    def __init__(self, hand: Hand, port: IoPort, clock: Now = SYSTEM) -> None:
+    def __init__(self, hand: AnyHand, port: IoPort, clock: Now = SYSTEM) -> None:
         self._hand, self._port, self._clock = hand, port, clock
         self._asked: dict[str, float] = {}
         self._asked_s = 0.0
@@ -62,13 +73,12 @@ class SimulatedGripper:
         Raises:
             ConfigError: the robot has no cell, or its cell has no hand.
         """
-        cell = settings.robot.cell
-        if cell is None:
+        hand, cell = hand_of(settings), settings.robot.cell
+        if hand is None and cell is None:
             raise ConfigError(
                 "robot.gripper: simulated is the hand of a simulated cell, and the robot has no cell: set "
                 "robot.cell, or start with cobot run --cell FILE"
             )
-        hand = load_cell(cell).hand
         if hand is None:
             raise ConfigError(
                 f"robot.gripper: simulated is the hand of the cell, and {cell} has none: add `hand: {{}}`"
@@ -76,9 +86,9 @@ class SimulatedGripper:
         return cls(hand, port)
 
     @staticmethod
-    def contract_rig(options: GripperOptions) -> HandRig:
-        """The hand that a cell has by default."""
-        return HandRig(Hand())
+    def contract_rig(options: SimulatedOptions) -> HandRig:
+        """The hand of the options, else the one that a cell has by default."""
+        return HandRig(options.hand or Hand())
 
     def connect(self) -> None:
         self._asked.clear()

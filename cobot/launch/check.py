@@ -15,6 +15,7 @@ from typing import TextIO
 from cobot.access.authentication import authentication_required, ros_access
 from cobot.access.tls import check_certificate
 from cobot.access.tokens import TokenFile
+from cobot.cell import cell_of
 from cobot.cell.plant import check_cell
 from cobot.config import Settings, WebSection
 from cobot.errors import CobotError, CollisionError, ConfigError
@@ -78,7 +79,7 @@ def _check_robot(report: _Report, settings: Settings, config: Path | None) -> No
     report.item("robot", load)
     for robot in robots:
         report.item("efforts", partial(_efforts, robot, settings))
-        if settings.robot.cell is not None:
+        if cell_of(settings) is not None:
             report.item("cell", partial(check_cell, robot, settings))
         report.item("backend", lambda: _backend(settings, config))
         for name in robot.positions:

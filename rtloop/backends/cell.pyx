@@ -21,8 +21,7 @@ from cobot.robot.mujoco cimport (
 
 from dataclasses import replace
 
-from cobot.cell import load_cell
-from cobot.cell.plant import build_plant
+from cobot.cell.plant import plant_of
 from cobot.robot.payload import Carrier
 from rtloop.backends.cell_devices import CellDevices
 from rtloop.backends.mujoco import MujocoBackend
@@ -35,8 +34,7 @@ cdef class CellBackend(MujocoBackend):
         super().__init__(settings, limits)
         cdef int dof = self._dof
         names = settings.robot
-        cell = load_cell(names.cell)
-        plant = self.plant = build_plant(self._robot, cell, names.base_frame, names.tcp)
+        plant = self.plant = plant_of(self._robot, settings)
         model = plant.mj
         model.opt.timestep = settings.rt.period_s
         model.actuator_ctrlrange[:dof] = self._model.actuator_ctrlrange
@@ -50,8 +48,8 @@ cdef class CellBackend(MujocoBackend):
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         base = model.body(names.base_frame).id
         # With a hand the plant carries the hand and what it holds, and no tool in addition.
-        self._carrier = None if cell.hand is not None else Carrier(model, base, model.site(names.tcp).id)
-        self.part_names = tuple(cell.parts)
+        self._carrier = None if plant.hand is not None else Carrier(model, base, model.site(names.tcp).id)
+        self.part_names = tuple(plant.cell.parts)
         self._part_places = [model.jnt_qposadr[model.body_jntadr[body]] for body in plant.parts]
         inverse = plant.base.inverse().quaternion
         for axis in range(3):

@@ -28,6 +28,7 @@ cdef class CellDevices:
     cdef double _values[MAX_POINTS]
     cdef int _finger_position[2]
     cdef int _finger_dof[2]
+    cdef double _finger_share[2]  # of the width that each finger makes
     cdef bint _has_hand
     cdef double _reference, _stroke_m, _period_s, _stiffness, _damping
     cdef int _still_cycles, _cycles_to_rest

@@ -43,20 +43,21 @@ cdef class CellDevices:
         cell = plant.cell
         self._owners = plant, data
         self._model, self._data = <mjModel*>model_of(plant.mj), data_of(data)
-        self._points = cell_points(cell)
+        self._points = cell_points(cell, plant.hand)
         if len(self._points) > MAX_POINTS:
             raise BackendError(
                 f"the cell has {len(self._points)} inputs and outputs, at most {MAX_POINTS} are allowed"
             )
         self._indices = {point.name: index for index, point in enumerate(self._points)}
         self._period_s = period_s
-        self._has_hand = cell.hand is not None
+        self._has_hand = plant.hand is not None
         if self._has_hand:
             assert HAND_POINTS == MOVING + 1
-            self._stroke_m = cell.hand.stroke_m
+            self._stroke_m = plant.hand.stroke_m
             for index, name in enumerate(FINGERS):
                 self._finger_position[index] = plant.mj.joint(name).qposadr[0]
                 self._finger_dof[index] = plant.mj.joint(name).dofadr[0]
+                self._finger_share[index] = plant.mj.joint(name).range[1] / self._stroke_m
             self._stiffness = DRIVE_KG * FINGER_FREQUENCY_RAD_S * FINGER_FREQUENCY_RAD_S
             self._damping = 2.0 * DRIVE_KG * FINGER_FREQUENCY_RAD_S
             self._cycles_to_rest = round(REST_S / period_s)
@@ -162,8 +163,8 @@ cdef class CellDevices:
         for finger in range(2):
             dof = self._finger_dof[finger]
             pull = (
-                self._stiffness * (0.5 * self._reference - position[self._finger_position[finger]])
-                + self._damping * (0.5 * speed - velocity[dof])
+                self._stiffness * (self._finger_share[finger] * self._reference - position[self._finger_position[finger]])
+                + self._damping * (self._finger_share[finger] * speed - velocity[dof])
             )
             self._data.qfrc_applied[dof] = min(max(pull, -force), force)
 

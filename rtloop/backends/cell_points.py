@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cobot.cell import AnyHand
 from cobot.cell.cell import COUNT, HAND, SPEED, Cell, Distance, LightBarrier
 from cobot.robot.io_points import MAX_DIGITAL, IoKind, IoPoint
 
@@ -31,13 +32,13 @@ class CellPoint:
         return IoPoint(self.name, self.kind, self.is_output, value)
 
 
-def cell_points(cell: Cell) -> tuple[CellPoint, ...]:
+def cell_points(cell: Cell, hand: AnyHand | None) -> tuple[CellPoint, ...]:
     """All points of a cell: those of the hand, the belts' speeds, the switches, and the other outputs."""
-    return (*_of_hand(cell), *_of_belts(cell), *_of_switches(cell), *_other_outputs(cell))
+    return (*_of_hand(hand), *_of_belts(cell), *_of_switches(cell), *_other_outputs(cell))
 
 
-def _of_hand(cell: Cell) -> list[CellPoint]:
-    hand, analog = cell.hand, IoKind.ANALOG
+def _of_hand(hand: AnyHand | None) -> list[CellPoint]:
+    analog = IoKind.ANALOG
     if hand is None:
         return []
     stroke, speed, force = hand.stroke_m, hand.max_speed_m_s, hand.max_force_n

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from cobot.cell import cell_of
 from cobot.config import Settings
 from cobot.entry_points import Registry
 from cobot.errors import ConfigError
@@ -47,7 +48,7 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
         BackendError: raised by the backend.
     """
     name = settings.robot.backend.type
-    kind = backend_class(name if settings.robot.cell is None else _with_cell(name))
+    kind = backend_class(_with_cell(name, settings) if cell_of(settings) is not None else name)
     settings.backend_options(getattr(kind, "Options", NoOptions))
     refusal = capabilities_of(kind).period_refusal(settings.rt.period_s)
     if refusal:
@@ -62,13 +63,18 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
         raise REGISTRY.unloadable(name, exc) from exc
 
 
-def _with_cell(name: str) -> str:
+def _with_cell(name: str, settings: Settings) -> str:
     """The class of a backend with a cell.
 
     Raises:
         ConfigError: this backend simulates none.
     """
     if name not in WITH_CELL:
+        if settings.robot.cell is None:
+            raise ConfigError(
+                f"robot.gripper: simulated is a hand of the simulation, and the backend {name!r} has none, "
+                f"only {', '.join(WITH_CELL)} has; name the real gripper, or set robot.gripper to null"
+            )
         raise ConfigError(
             f"robot.cell: the backend {name!r} has no simulated cell, only {', '.join(WITH_CELL)} has one; "
             "set robot.cell to null"

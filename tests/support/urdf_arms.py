@@ -40,3 +40,22 @@ def urdf(joints: list[Joint], extra: str = "", inertial: bool = True) -> str:
         )
         parent = name
     return "".join([*parts, extra, "</robot>"])
+
+
+INERTIAL = (
+    '<inertial><origin xyz="0 0.01 0.03"/><mass value="0.3"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" '
+    'ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+BOX = '<collision><geometry><box size="0.02 0.02 0.05"/></geometry></collision>'
+
+
+def link(name: str, parent: str, kind: str, *, range_: str = "-1 1", mimic: str = "", place: str = "0 0 0.1",
+         joint: str = "", axis: str = "0 1 0") -> str:  # fmt: skip
+    """A link with mass and a box, and the joint above it."""
+    low, high = range_.split()
+    follow = f"<mimic {mimic}/>" if mimic else ""
+    return (
+        f'<link name="{name}">{INERTIAL}{BOX}</link><joint name="{joint or name}" type="{kind}">'
+        f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{place}" rpy="0.2 -0.3 0.4"/>'
+        f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" velocity="1" effort="20"/>{follow}</joint>'
+    )

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import mujoco
@@ -20,6 +21,7 @@ import yaml
 from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import ConfigError
 from cobot.launch.new_robot import efforts, guesses, home_posture, masses
+from cobot.launch.new_robot.fingers import FingerPair, add_tcp, sliding_pair
 from cobot.launch.new_robot.inertials import Stated, set_aside
 from cobot.launch.new_robot.srdf_import import GROUP, Semantics, Tree, read_srdf
 from cobot.launch.robot_file.arm import find_arm, guess_tcp, named_arm
@@ -43,6 +45,8 @@ from cobot.robot.holding import examine
 from cobot.robot.model import RobotModel
 from cobot.robot.srdf import write_srdf
 from cobot.types import JointLimits
+
+FROZEN = "gripper found; its joints stay where they are, with mass and shapes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +93,7 @@ class NewRobot:
     hulls: bool = False
     xacro: Mapping[str, str] = field(default_factory=dict)
     guessed: list[str] = field(default_factory=list)
+    _last_link: str = ""
 
     def write(self, folder: Path) -> None:
         """Make the folder.
@@ -123,10 +128,11 @@ class NewRobot:
         spec = source.spec
         own_state = home_posture.keyframe(spec) or {}
         semantics, tree, chain = self._chain(root, spec, source.names, source.tree)
-        joints, tcp = self._reduce_to_arm(source, tree, chain, semantics, own_state)
+        joints, tcp, fingers, resting = self._reduce_to_arm(source, tree, chain, semantics, own_state)
         check_driven(self.file, root, joints, self.without)
         said, assumed = masses.settle(self.file, spec, self.wishes, source.stated)
         self.guessed += said
+        gripper, tcp = self._keep_fingers(spec, fingers, resting, tcp)
         base, tcp = guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
         for joint in joints:
             motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -159,7 +165,7 @@ class NewRobot:
         usual_m = load_settings().streaming.collision_margin_m
         margin_m = guesses.stream_margin(robot, collision, usual_m, self.guessed)
         write_srdf(folder / "robot.srdf", semantics.group, limits.names, positions, pairs)
-        settings = {
+        settings: dict[str, dict[str, Any]] = {
             "robot": {
                 "name": name, "model": "model.xml", "srdf": "robot.srdf", "group": semantics.group,
                 "base_frame": base, "tcp": tcp, "start_position": home_posture.start_name(positions),
@@ -168,6 +174,8 @@ class NewRobot:
             "planning": {"default_frame": base},
             "web": {"joint_limits": "joint_limits.yaml"},
         }  # fmt: skip
+        if gripper:
+            settings["robot"]["gripper"] = gripper
         if margin_m < usual_m:
             settings["streaming"] = {"collision_margin_m": margin_m}
         (folder / SETTINGS_FILE).write_text(yaml.safe_dump(settings, sort_keys=False))
@@ -231,36 +239,78 @@ class NewRobot:
         chain: list[Node],
         semantics: Semantics,
         own_state: dict[str, float],
-    ) -> tuple[list[str], str]:
-        """The joints of the arm and its TCP. All other joints are fixed, and their links stay."""
+    ) -> tuple[list[str], str | None, FingerPair | None, dict[str, float]]:
+        """The joints of the arm, its TCP if that is known, its fingers if they can be simulated, and where
+        all other joints are fixed; their links stay.
+        """
         spec = source.spec
         for telescope in find_telescopes(spec, chain):
             chain = [node for node in chain if node not in telescope.others]
             self.guessed.append(telescope.merge(spec, source.rates))
             telescope.rescale([own_state, *semantics.states.values()])
         tcp = self._tcp(chain[-1].joint.parent, semantics.tcp)
-        fingers = [node.name for child in chain[-1].children for node in child.subtree]
+        fingers = [node for child in chain[-1].children for node in child.subtree]
+        pair = sliding_pair(fingers, source.rates)
         rods = tree.linkages(chain)
         remove_shapes(rods)
         joints = [node.name for node in chain]
-        self._leave_out(spec, joints, fingers, [node.name for rod in rods for node in rod.subtree])
-        return joints, tcp
+        resting = self._leave_out(
+            spec,
+            joints,
+            [node.name for node in fingers],
+            [node.name for rod in rods for node in rod.subtree],
+            pair if isinstance(pair, str) else "",
+        )
+        self._last_link = guess_tcp(chain[-1].joint.parent)[0]
+        return joints, tcp, None if isinstance(pair, str) else pair, resting
 
-    def _tcp(self, last_link: mujoco.MjsBody, of_srdf: str | None = None) -> str:
+    def _keep_fingers(
+        self, spec: mujoco.MjSpec, fingers: FingerPair | None, resting: dict[str, float], tcp: str | None
+    ) -> tuple[dict[str, Any], str]:
+        """The setting robot.gripper, empty without fingers that can be simulated; and the TCP."""
+        gripper: dict[str, Any] = {}
+        if fingers is not None:
+            found = fingers.open(spec, compiled(self.file, spec), resting)
+            if isinstance(found, str):
+                places = ", ".join(f"{each.name} at {resting[each.name]:.4g}" for each in fingers.slides)
+                self.guessed.append(f"{FROZEN} ({found}): {places}")
+            else:
+                hand, sentence = found
+                self.guessed.append(sentence)
+                gripper = {"type": "simulated", "hand": hand.model_dump(mode="json")}
+                if tcp is None and (tcp := add_tcp(spec, compiled(self.file, spec), hand)):
+                    self.guessed.append(f"tcp {tcp}: a new site between the fingertips (--tcp)")
+        if tcp is None:
+            tcp = self._last_link
+            self.guessed.append(f"tcp {tcp}: the last link (--tcp)")
+        return gripper, tcp
+
+    def _tcp(self, last_link: mujoco.MjsBody, of_srdf: str | None = None) -> str | None:
         if given := self.tcp or of_srdf:
             return given
         tcp, known = guess_tcp(last_link)
-        self.guessed.append(f"tcp {tcp}: {'by its name' if known else 'the last link'} (--tcp)")
+        if not known:
+            return None
+        self.guessed.append(f"tcp {tcp}: by its name (--tcp)")
         return tcp
 
     def _leave_out(
-        self, spec: mujoco.MjSpec, arm: list[str], fingers: Sequence[str] = (), linkage: Sequence[str] = ()
-    ) -> None:
-        """All joints except the arm's. Reports where they are fixed."""
+        self,
+        spec: mujoco.MjSpec,
+        arm: list[str],
+        fingers: Sequence[str],
+        linkage: Sequence[str],
+        why_fixed: str,
+    ) -> dict[str, float]:
+        """All joints except the arm's; where they are fixed, which is reported.
+
+        Args:
+            why_fixed: why the fingers are; "" if they may slide.
+        """
         slides = {joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
         resting = keep_joints(spec, arm)
         parts = {
-            "gripper found; its joints stay where they are, with mass and shapes": fingers,
+            f"{FROZEN} ({why_fixed})": fingers if why_fixed else (),
             "linkage found; its joints stay where they are, with mass and without shapes": linkage,
             "joints that stay where they are": [n for n in resting if n not in {*fingers, *linkage}],
         }
@@ -272,6 +322,7 @@ class NewRobot:
             if places:
                 told = (f"{name or '(no name)'} at {place}" for name, place in places.items())
                 self.guessed.append(f"{what}: {', '.join(told)}")
+        return resting
 
     def _load(self, folder: Path, limits: JointLimits, base: str, tcp: str) -> RobotModel:
         with self._errors_name_file(folder):

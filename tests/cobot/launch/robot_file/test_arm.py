@@ -12,31 +12,14 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
-from urdf_arms import ARMS, urdf
+from urdf_arms import ARMS, link, urdf
 
 from cobot.config import load_settings
 from cobot.errors import ConfigError
 from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.robot.description import RobotDescription, load_robot
 
-INERTIAL = (
-    '<inertial><origin xyz="0 0.01 0.03"/><mass value="0.3"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" '
-    'ixy="0" ixz="0" iyz="0"/></inertial>'
-)
-BOX = '<collision><geometry><box size="0.02 0.02 0.05"/></geometry></collision>'
 NAMES = tuple(f"a{index}" for index in range(6))
-
-
-def link(name: str, parent: str, kind: str, *, range_: str = "-1 1", mimic: str = "", place: str = "0 0 0.1",
-         joint: str = "", axis: str = "0 1 0") -> str:  # fmt: skip
-    """A link with mass and a box, and the joint above it."""
-    low, high = range_.split()
-    follow = f"<mimic {mimic}/>" if mimic else ""
-    return (
-        f'<link name="{name}">{INERTIAL}{BOX}</link><joint name="{joint or name}" type="{kind}">'
-        f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{place}" rpy="0.2 -0.3 0.4"/>'
-        f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" velocity="1" effort="20"/>{follow}</joint>'
-    )
 
 
 def made_of(file: Path, text: str, **options: object) -> tuple[RobotDescription, str]:
@@ -73,7 +56,7 @@ GRASP = (
     "</joint>"
 )
 GRIPPERS = {
-    "fingers that slide and follow": (PARALLEL, {"left": 0.005, "right": -0.007}),
+    "fingers that slide and follow": (PARALLEL, {"left": 0.04, "right": -0.042}),
     "fingers by their names": (link("f", "tool0", "revolute", joint="finger_1"), {"finger_1": 0.0}),
     "a jaw beside the TCP": (JAW, {"six": 0.3}),
     "a hand of three": (
@@ -84,7 +67,7 @@ GRIPPERS = {
 
 
 @pytest.mark.parametrize("kind", sorted(GRIPPERS))
-def test_a_gripper_is_found_and_stays_where_its_ranges_allow(kind: str, tmp_path: Path) -> None:
+def test_a_gripper_is_found_and_planned_with_where_its_ranges_allow(kind: str, tmp_path: Path) -> None:
     extra, held = GRIPPERS[kind]
     text = urdf(ARMS["ur"], extra)
     robot, said = made_of(tmp_path / "arm.urdf", text)
