@@ -154,7 +154,7 @@ cdef class CellDevices:
         cdef double step = self._values[FINGER_SPEED] * self._period_s
         cdef double width = position[self._finger_position[0]] + position[self._finger_position[1]]
         cdef double lead = 2.0 * (force + 1.0) / self._stiffness
-        cdef double before = self._reference, speed, pull
+        cdef double before = self._reference, speed, pull, share
         cdef int finger, dof
         self._reference = min(max(self._values[WIDTH], before - step), before + step)
         self._reference = min(max(self._reference, width - lead - step), width + lead + step)
@@ -162,9 +162,10 @@ cdef class CellDevices:
                     self._values[FINGER_SPEED])
         for finger in range(2):
             dof = self._finger_dof[finger]
+            share = self._finger_share[finger]
             pull = (
-                self._stiffness * (self._finger_share[finger] * self._reference - position[self._finger_position[finger]])
-                + self._damping * (self._finger_share[finger] * speed - velocity[dof])
+                self._stiffness * (share * self._reference - position[self._finger_position[finger]])
+                + self._damping * (share * speed - velocity[dof])
             )
             self._data.qfrc_applied[dof] = min(max(pull, -force), force)
 
