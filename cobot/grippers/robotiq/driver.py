@@ -19,14 +19,13 @@ from cobot.grippers.protocol import (
     Now,
     PowerLoss,
 )
+from cobot.grippers.robotiq.link import GripperLink, ModbusLink
 from cobot.grippers.robotiq.registers import (
-    COUNT,
     FAULTS,
     FULL,
     MODELS,
+    NOT_ACTIVE,
     PASSING,
-    REQUEST,
-    STATUS,
     Activation,
     Detection,
     Request,
@@ -34,12 +33,18 @@ from cobot.grippers.robotiq.registers import (
     share,
 )
 from cobot.grippers.robotiq.rig import RobotiqRig
-from cobot.grippers.robotiq.rtu import Master
+from cobot.grippers.robotiq.rtu import SOCKET, Master
+from cobot.grippers.robotiq.urcap import PORT, UrcapLink
+from cobot.strict import shown
 
 BEYOND_M = 0.003
 """A grasp aims so far beyond the narrowest permitted object: the fingers have to press on it."""
 NEAR = 2
 """Fingers that have stopped so few counts from the commanded position are there, and hold nothing."""
+ACTIVATION_S = 15.0
+"""An activation that takes longer has failed, s."""
+RESETS = 20
+"""How often a gripper is asked whether its activation is reset, before it is activated again."""
 INACTIVE = "the gripper is not activated: POST /robot/gripper/home, in which its fingers close and open"
 
 
@@ -51,9 +56,14 @@ class RobotiqOptions(GripperOptions):
         Field(
             min_length=1,
             max_length=200,
-            description="Serial port such as /dev/ttyUSB0, or HOST:PORT for RTU over TCP.",
+            description="Serial port such as /dev/ttyUSB0, or HOST:PORT for RTU over TCP; of urcap the "
+            f"address of the robot's controller, HOST or HOST:PORT ({PORT}).",
         ),
     ]
+    protocol: Annotated[
+        Literal["rtu", "urcap"],
+        Field(description="Modbus RTU, or the text protocol of the URCap in the robot's controller."),
+    ] = "rtu"
     model: Annotated[Literal["2f85", "2f140", "hande"], Field(description="The gripper.")] = "2f85"
     unit: Annotated[int, Field(ge=1, le=247, description="Its Modbus address.")] = 9
     baud: Annotated[int, Field(ge=1200, le=1_000_000, description="Of the serial port.")] = 115_200
@@ -74,7 +84,25 @@ class RobotiqOptions(GripperOptions):
             raise ValueError(
                 f"closed_count is {self.closed_count}, it must be above open_count, {self.open_count}"
             )
+        if self.protocol == "rtu":
+            if not self.device.startswith("/") and not _is_address(self.device, with_port=True):
+                raise ValueError(
+                    f"device is {shown(self.device)}, it must be a path such as /dev/ttyUSB0, or HOST:PORT"
+                )
+            return self
+        if given := sorted({"unit", "baud"} & self.model_fields_set):
+            raise ValueError(f"{given[0]} is of the protocol rtu, and the protocol is urcap: leave it out")
+        if not _is_address(self.device, with_port=False):
+            raise ValueError(f"device is {shown(self.device)}, with urcap it must be HOST or HOST:PORT")
         return self
+
+
+def _is_address(text: str, *, with_port: bool) -> bool:
+    """Whether a text is HOST:PORT; without `with_port` also HOST alone."""
+    host, colon, port = text.removeprefix(SOCKET).rpartition(":")
+    if not colon:
+        return not with_port and bool(port) and "/" not in port
+    return bool(host) and not set("/:") & set(host) and port.isdecimal() and 0 < int(port) < 65536
 
 
 class RobotiqGripper:
@@ -88,14 +116,21 @@ class RobotiqGripper:
         options: RobotiqOptions,
         port: IoPort,
         clock: Now = SYSTEM,
-        line: Callable[[], Any] | None = None,
+        connect: Callable[[], Any] | None = None,
     ) -> None:
+        """connect: makes another connection than that to `options.device`, for tests."""
         self._options = options
         self._clock = clock
         model = MODELS[options.model]
         self._stroke_m = options.stroke or model.stroke_m
         self._speed_m_s, self._force_n = model.speed_m_s, model.force_n
-        self._master = Master(options.device, options.unit, options.baud, options.timeout_s, line)
+        self._link: GripperLink
+        if options.protocol == "urcap":
+            self._link = UrcapLink(options.device, options.timeout_s, connect)
+        else:
+            self._link = ModbusLink(
+                Master(options.device, options.unit, options.baud, options.timeout_s, connect)
+            )
         self._request: Request | None = None
         self._activating_since_s: float | None = None
         self.capabilities = GripperCapabilities(
@@ -107,12 +142,12 @@ class RobotiqGripper:
         )
 
     def connect(self) -> None:
-        self._master.open()
-        self._request = Request.of(self._master.read(REQUEST, COUNT)) if self._request else None
-        self._status()
+        self._link.open()
+        self._request = self._link.request() if self._request else None
+        self._link.status()
 
     def disconnect(self) -> None:
-        self._master.close()
+        self._link.close()
 
     def open(self) -> None:
         self.move(self._stroke_m, None, None)
@@ -150,6 +185,9 @@ class RobotiqGripper:
             self.open()
             return
         self._send(Request(False, False))
+        for _ in range(RESETS):
+            if self._status().activation is Activation.RESET:
+                break
         self._send(Request(True, False))
         self._activating_since_s = self._clock.now_s()
 
@@ -157,8 +195,12 @@ class RobotiqGripper:
         status = self._status()
         width = self._width_m(status.position)
         if status.activation is not Activation.COMPLETE:
-            moving = status.activation is Activation.IN_PROGRESS or self._activating_since_s is not None
-            return GripperState(width, None, moving, object=HeldObject.NONE, fault="" if moving else INACTIVE)
+            begun_s = self._activating_since_s
+            begins = begun_s is not None and self._clock.now_s() - begun_s < ACTIVATION_S
+            fault = "" if status.fault in (*PASSING, NOT_ACTIVE) else _words(status.fault)
+            moving = not fault and (begins or status.activation is Activation.IN_PROGRESS)
+            fault = fault or ("" if moving else INACTIVE)
+            return GripperState(width, None, moving, object=HeldObject.NONE, fault=fault)
         self._activating_since_s = None
         target, request = status.echo, self._request
         late = request is not None and request.go and request.position != status.echo
@@ -169,9 +211,7 @@ class RobotiqGripper:
                 held = HeldObject.HELD_INSIDE
             elif status.detection is Detection.STOPPED_OPENING:
                 held = HeldObject.HELD_OUTSIDE
-        fault = "" if status.fault in PASSING else FAULTS.get(status.fault, "")
-        if status.fault and status.fault not in FAULTS:
-            fault = f"fault {status.fault:#04x}, which the manual does not list"
+        fault = "" if status.fault in PASSING else _words(status.fault)
         commanded_m = self._width_m(request.position if request is not None and late else target)
         force_n = None
         if held.is_held and request is not None:
@@ -180,7 +220,7 @@ class RobotiqGripper:
         return GripperState(width, commanded_m, moving, force=force_n, object=held, fault=fault)
 
     def _status(self) -> Status:
-        return Status.of(self._master.read(STATUS, COUNT))
+        return self._link.status()
 
     def _go(self, width_m: float, speed_m_s: float | None, force_n: float | None) -> None:
         self._send(Request(True, True, self._count(width_m), *self._rates(speed_m_s, force_n)))
@@ -194,7 +234,7 @@ class RobotiqGripper:
         return speed, force
 
     def _send(self, request: Request) -> None:
-        self._master.write(REQUEST, request.words)
+        self._link.send(request)
         self._request = request
 
     def _count(self, width_m: float) -> int:
@@ -210,3 +250,8 @@ class RobotiqGripper:
     @staticmethod
     def contract_rig(options: RobotiqOptions) -> RobotiqRig:
         return RobotiqRig(options)
+
+
+def _words(fault: int) -> str:
+    """A fault in words; "" for none."""
+    return FAULTS.get(fault, f"fault {fault:#04x}, which the manual does not list" if fault else "")

@@ -29,6 +29,7 @@ FAULTS = {
     0x0F: "an automatic release is completed: it must be activated again",
 }
 """By gFLT."""
+NOT_ACTIVE = 0x07
 PASSING = frozenset({0x05, 0x09})
 """Faults of no consequence for a command that is under way."""
 

@@ -1,4 +1,4 @@
-"""The simulated Robotiq gripper for the contract: its frames pass through memory, and it counts time."""
+"""The simulated Robotiq gripper for the contract: frames pass through memory, and it counts time."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from cobot.grippers.protocol import IoPort
 from cobot.grippers.robotiq.slave import Fingers, Slave
+from cobot.grippers.robotiq.text_slave import TextSlave
 
 if TYPE_CHECKING:
     from cobot.grippers.robotiq.driver import RobotiqGripper, RobotiqOptions
@@ -33,16 +34,39 @@ class SlaveLine:
     def close(self) -> None: ...
 
 
+class TextLine:
+    """A connection to the text protocol of a slave, with the methods of a socket that a client uses."""
+
+    def __init__(self, slave: Slave) -> None:
+        self._slave = TextSlave(slave)
+        self._answer = b""
+
+    def sendall(self, data: bytes) -> None:
+        self._answer += self._slave.feed(data)
+
+    def recv(self, count: int) -> bytes:
+        if not self._answer:
+            raise TimeoutError
+        found, self._answer = self._answer[:count], self._answer[count:]
+        return found
+
+    def close(self) -> None: ...
+
+
 class RobotiqRig:
-    """See `cobot.grippers.contract.suite.GripperRig`."""
+    """See `cobot.grippers.contract.suite.GripperRig`.
+
+    Attributes:
+        fingers: of the device.
+    """
 
     faults = frozenset({"disconnect", "fault"})
 
     def __init__(self, options: RobotiqOptions) -> None:
         self._options = options
         self._time_s = 0.0
-        self._fingers = Fingers(options.model, lambda: self._time_s)
-        self._slave = Slave(self._fingers, options.unit)
+        self.fingers = Fingers(options.model, lambda: self._time_s)
+        self._slave = Slave(self.fingers, options.unit)
 
     def now_s(self) -> float:
         return self._time_s
@@ -51,22 +75,23 @@ class RobotiqRig:
         """A new driver at the same device."""
         from cobot.grippers.robotiq.driver import RobotiqGripper
 
-        return RobotiqGripper(self._options, port, self, lambda: SlaveLine(self._slave))
+        line = SlaveLine if self._options.protocol == "rtu" else TextLine
+        return RobotiqGripper(self._options, port, self, lambda: line(self._slave))
 
     def step(self, duration_s: float) -> None:
         """Have the device's time go on."""
         self._time_s += duration_s
-        self._fingers.advance()
+        self.fingers.advance()
 
     def place(self, width_m: float | None) -> None:
         """Put an object between the fingers, or take it away."""
-        self._fingers.object_m = width_m
+        self.fingers.object_m = width_m
 
     def inject(self, fault: str) -> None:
         """A fault begins, and lasts."""
         self._slave.silent = fault == "disconnect"
-        self._fingers.fault = TOO_HOT if fault == "fault" else 0
+        self.fingers.fault = TOO_HOT if fault == "fault" else 0
 
     def clear(self, fault: str) -> None:
         """Its cause is gone."""
-        self._slave.silent, self._fingers.fault = False, 0
+        self._slave.silent, self.fingers.fault = False, 0

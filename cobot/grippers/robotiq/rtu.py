@@ -1,12 +1,15 @@
 """Frames of Modbus RTU, and a master that reads and writes registers.
 
 Sources: MODBUS over Serial Line V1.02 and MODBUS Application Protocol V1.1b3, modbus.org. An answer that is
-anything else than these say is an error; what comes after its time is thrown away before the next request.
+anything else than these say is an error. An answer that comes after its time must not be taken for that to
+the next request: after an error the line has to be quiet for the time of an answer first.
 """
 
 from __future__ import annotations
 
+import contextlib
 import struct
+import termios
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import Any
@@ -20,6 +23,10 @@ SHORTEST = 5
 """Bytes of the shortest answer, a refusal."""
 REFUSALS = {1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure", 6: "busy"}
 SOCKET = "socket://"
+MAX_DRAINS = 8
+"""How often a line is listened to until it is quiet."""
+LOST = (OSError, termios.error)
+"""What pyserial raises on a line that is gone; its own errors are OSErrors."""
 
 
 class Function(IntEnum):
@@ -75,9 +82,11 @@ class Master:
         self._line = line
         self._device, self._unit, self._baud, self._timeout_s = device, unit, baud, timeout_s
         self._port: Any = None
+        self._expects_late = False
 
     def open(self) -> None:
         """Raises GripperError: there is no such port, or it cannot be opened."""
+        self.close()
         if self._line is not None:
             self._port = self._line()
             return
@@ -85,7 +94,7 @@ class Master:
         exclusive = {} if url.startswith(SOCKET) else {"exclusive": True}
         try:
             self._port = serial.serial_for_url(url, self._baud, timeout=self._timeout_s, **exclusive)
-        except (OSError, ValueError) as exc:  # pyserial's errors are OSErrors
+        except (*LOST, ValueError) as exc:
             raise GripperError(
                 f"{self._device} cannot be opened: {exc}; check its plug, its name, and whether "
                 "another program uses it"
@@ -95,7 +104,8 @@ class Master:
         port, self._port = self._port, None
         if port is not None:
             connection = getattr(port, "_socket", None)  # pyserial does not close one that has ended already
-            port.close()
+            with contextlib.suppress(*LOST):  # a line that is gone needs no end
+                port.close()
             if connection is not None:
                 connection.close()
 
@@ -122,24 +132,37 @@ class Master:
         if self._port is None:
             raise self._error("is not connected")
         try:
+            self._await_quiet()
             self._port.reset_input_buffer()
             self._port.write(framed(bytes((self._unit, function)) + data))
             frame = self._port.read(SHORTEST)
             if len(frame) == SHORTEST and not frame[1] & REFUSED:
                 frame += self._port.read(length + 4 - SHORTEST)
-        except OSError as exc:
+        except LOST as exc:
             raise self._error(f"has lost its connection: {exc}") from exc
+        self._expects_late = True
         refuses = len(frame) == SHORTEST and frame[1] == function | REFUSED
         if not frame or len(frame) < (SHORTEST if refuses else length + 4):
             got = f"; it sent {len(frame)} bytes" if frame else ""
             raise self._error(f"has not answered within {self._timeout_s:g} s{got}")
         if not is_whole(frame) or frame[0] != self._unit or frame[1] & ~REFUSED != function:
             raise self._error(f"has answered garbage ({frame[:16].hex(' ')}): check baud rate and wiring")
+        self._expects_late = False
         if refuses:
             raise self._error(
                 f"rejects the request: {REFUSALS.get(frame[2], 'unknown')} (exception {frame[2]})"
             )
         return bytes(frame[2:-2])
+
+    def _await_quiet(self) -> None:
+        """After an error: wait until nothing more comes."""
+        if self._expects_late:
+            for _ in range(MAX_DRAINS):
+                if not self._port.read(256):
+                    break
+            else:
+                raise self._error("does not stop sending: check baud rate and wiring")
+        self._expects_late = False
 
     def _error(self, what: str) -> GripperError:
         return GripperError(f"{self._device}, unit {self._unit}: the gripper {what}")

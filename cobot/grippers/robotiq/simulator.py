@@ -1,4 +1,4 @@
-"""`cobot simulate robotiq`: a simulated gripper on a pseudo terminal and over TCP, for any client of its."""
+"""`cobot simulate robotiq`: a simulated gripper on a pseudo terminal and over TCP, for any client."""
 
 from __future__ import annotations
 
@@ -18,9 +18,13 @@ from typing import Any
 
 from cobot.grippers.robotiq.registers import MODELS
 from cobot.grippers.robotiq.slave import Fingers, Slave
+from cobot.grippers.robotiq.text_slave import TextSlave
+from cobot.grippers.robotiq.urcap import PORT as URCAP_PORT
 
 PORT = 54321
 MAX_CLIENTS = 8
+SEND_S = 1.0
+"""A client that does not take its answers for so long is disconnected, s."""
 
 
 class Simulator:
@@ -29,7 +33,8 @@ class Simulator:
     Attributes:
         slave: the gripper.
         device: path of the pseudo terminal.
-        port: of TCP.
+        port: of RTU over TCP.
+        urcap_port: of the text protocol of the URCap.
         late_s: how long each answer takes more, for tests.
     """
 
@@ -40,10 +45,21 @@ class Simulator:
         host: str = "127.0.0.1",
         port: int = 0,
         link: Path | None = None,
+        urcap_port: int = 0,
     ) -> None:
         self.slave = Slave(Fingers(model, time.monotonic), unit)
         self.late_s = 0.0
+        # Ports first: one that is in use leaves nothing behind.
+        self._listener = socket.create_server((host, port))
+        try:
+            self._urcap = socket.create_server((host, urcap_port))
+        except (OSError, OverflowError):
+            self._listener.close()
+            raise
+        self.port: int = self._listener.getsockname()[1]
+        self.urcap_port: int = self._urcap.getsockname()[1]
         self._terminal, self._other = os.openpty()
+        os.set_blocking(self._terminal, False)  # what a client does not read is lost, as on a serial line
         tty.setraw(self._other)  # it stays open: a client that goes away does not end the terminal
         self.device = os.ttyname(self._other)
         self._link = link
@@ -52,9 +68,7 @@ class Simulator:
                 link.unlink()
             link.symlink_to(self.device)
             self.device = str(link)
-        self._listener = socket.create_server((host, port))
-        self.port: int = self._listener.getsockname()[1]
-        self._clients: list[socket.socket] = []
+        self._clients: list[tuple[socket.socket, Slave | TextSlave]] = []
         self._wake, self._woken = os.pipe()
         self._thread = threading.Thread(target=self._serve, name="robotiq", daemon=True)
         self._thread.start()
@@ -63,7 +77,7 @@ class Simulator:
         """End it; its clients are disconnected."""
         os.write(self._woken, b"x")
         self._thread.join()
-        for each in (*self._clients, self._listener):
+        for each in (*(client for client, _ in self._clients), self._listener, self._urcap):
             each.close()
         for number in (self._terminal, self._other, self._wake, self._woken):
             os.close(number)
@@ -72,36 +86,41 @@ class Simulator:
 
     def _serve(self) -> None:
         while True:
-            waiting: list[Any] = [self._wake, self._terminal, self._listener, *self._clients]
+            sockets = [client for client, _ in self._clients]
+            waiting: list[Any] = [self._wake, self._terminal, self._listener, self._urcap, *sockets]
             ready, _, _ = select.select(waiting, [], [])
             if self._wake in ready:
                 return
             if self._terminal in ready:
-                os.write(self._terminal, self._answer(os.read(self._terminal, 256)))
+                with contextlib.suppress(BlockingIOError):
+                    os.write(self._terminal, self._answer(self.slave, os.read(self._terminal, 256)))
+            for each in [each for each in self._clients if each[0] in ready]:
+                self._serve_client(*each)
             if self._listener in ready:
-                self._accept()
-            for client in [each for each in self._clients if each in ready]:
-                self._serve_client(client)
+                self._accept(self._listener, self.slave)
+            if self._urcap in ready:
+                self._accept(self._urcap, TextSlave(self.slave))
 
-    def _accept(self) -> None:
-        client, _ = self._listener.accept()
+    def _accept(self, listener: socket.socket, slave: Slave | TextSlave) -> None:
+        client, _ = listener.accept()
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._clients.append(client)
+        client.settimeout(SEND_S)
+        self._clients.append((client, slave))
         if len(self._clients) > MAX_CLIENTS:
-            self._clients.pop(0).close()
+            self._clients.pop(0)[0].close()
 
-    def _serve_client(self, client: socket.socket) -> None:
+    def _serve_client(self, client: socket.socket, slave: Slave | TextSlave) -> None:
         data = b""
         with contextlib.suppress(OSError):
             data = client.recv(256)
             if data:
-                client.sendall(self._answer(data))
+                client.sendall(self._answer(slave, data))
                 return
         client.close()
-        self._clients.remove(client)
+        self._clients.remove((client, slave))
 
-    def _answer(self, data: bytes) -> bytes:
-        answer = self.slave.feed(data)
+    def _answer(self, slave: Slave | TextSlave, data: bytes) -> bytes:
+        answer = slave.feed(data)
         if self.late_s:
             time.sleep(self.late_s)
         return answer
@@ -130,17 +149,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--port", type=int, default=PORT, metavar="P", help="0 picks a free one; %(default)s without it"
     )
+    parser.add_argument(
+        "--urcap-port", type=int, default=URCAP_PORT, metavar="P",
+        help="of the text protocol of the URCap; 0 picks a free one; %(default)s without it",
+    )  # fmt: skip
     parser.add_argument("--link", type=Path, metavar="FILE", help="path that leads to the serial port")
     parser.add_argument("--object", type=float, metavar="M", help="width of what is between the fingers, m")
     chosen = parser.parse_args(arguments)
+    if not 1 <= chosen.unit <= 247:
+        parser.error(f"--unit is {chosen.unit}, allowed is 1 to 247")
+    stroke_m = MODELS[chosen.model].stroke_m
+    if chosen.object is not None and not 0.0 <= chosen.object <= stroke_m:
+        parser.error(f"--object is {chosen.object:g} m, allowed is 0 to {stroke_m:g} m for {chosen.model}")
     try:
-        simulator = Simulator(chosen.model, chosen.unit, chosen.host, chosen.port, chosen.link)
+        simulator = Simulator(
+            chosen.model, chosen.unit, chosen.host, chosen.port, chosen.link, chosen.urcap_port
+        )
     except (OSError, OverflowError) as exc:
-        print(f"cobot: {chosen.host}:{chosen.port}: {exc}; choose another --port or --link", file=sys.stderr)
+        print(
+            f"cobot: {chosen.host}, ports {chosen.port} and {chosen.urcap_port}: {exc}; choose another "
+            "--port, --urcap-port or --link",
+            file=sys.stderr,
+        )
         return 1
     simulator.slave.fingers.object_m = chosen.object
     print(
-        f"Simulated {chosen.model} at {simulator.device} and {chosen.host}:{simulator.port}; Ctrl-C ends it."
+        f"Simulated {chosen.model} at {simulator.device}, {chosen.host}:{simulator.port} (RTU over TCP) and "
+        f"{chosen.host}:{simulator.urcap_port} (URCap); Ctrl-C ends it."
     )
     print(
         f"robot: {{gripper: {{type: robotiq, model: {chosen.model}, device: '{simulator.device}'}}}}",

@@ -12,6 +12,7 @@ from cobot.grippers.robotiq.registers import (
     COUNT,
     FULL,
     MODELS,
+    NOT_ACTIVE,
     REQUEST,
     STATUS,
     Activation,
@@ -22,7 +23,6 @@ from cobot.grippers.robotiq.registers import (
 from cobot.grippers.robotiq.rtu import REFUSED, Function, framed, is_whole
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
-NOT_ACTIVATED = 0x07
 HOLDING_A = 0.4
 
 
@@ -93,7 +93,7 @@ class Fingers:
         self.advance()
         activation = self._activation()
         holds = self._detection in (Detection.STOPPED_CLOSING, Detection.STOPPED_OPENING)
-        fault = self.fault or (NOT_ACTIVATED if self.request.go and activation is Activation.RESET else 0)
+        fault = self.fault or (NOT_ACTIVE if self.request.go and activation is Activation.RESET else 0)
         return Status(
             self.request.activate,
             self.request.go,

@@ -31,8 +31,9 @@ TOY = "cobot.grippers.contract.toy:ToyGripper"
     ("name", "options"),
     [
         (TOY, {}),
-        ("robotiq", {"device": "x"}),
-        ("robotiq", {"device": "x", "model": "hande"}),
+        ("robotiq", {"device": "/dev/ttyUSB0"}),
+        ("robotiq", {"device": "10.0.0.2:54321", "model": "hande"}),
+        ("robotiq", {"device": "10.0.0.2", "protocol": "urcap"}),
         ("simulated", {}),
         ("digital", {"close_output": "shut", "closed_input": "closed"}),
         ("digital", {"open_output": "open", "closed_input": "closed", "opened_input": "opened"}),

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import pyrobotiqgripper
+import pyrobotiqur
 import pytest
 import robotiq2f
 import robotiq2f.robotiq2f as library
 from cobot_run import until
+from pyrobotiqur.enums import ObjectStatus
 
 from cobot.grippers.robotiq.simulator import Simulator, simulated
 
@@ -68,3 +70,18 @@ def test_robotiq2f_activates_moves_and_detects_an_object(
         assert gripper.object_detected
         where = gripper.count_to_opening(round(255 * (1 - 0.03 / 0.085)))  # by its own calibration
         assert gripper.opening == pytest.approx(where, abs=0.5)
+
+
+def test_pyrobotiqur_activates_moves_and_detects_an_object(simulator: Simulator) -> None:
+    """Over the text protocol of the URCap."""
+    with pyrobotiqur.RobotiqGripper("127.0.0.1", simulator.urcap_port) as gripper:
+        gripper.activate(poll_interval=0.01)
+        assert gripper.move(100) == (100, ObjectStatus.AT_DEST)
+        assert simulator.slave.fingers.width_m == pytest.approx(0.085 * (1 - 100 / 255))
+        simulator.slave.fingers.object_m = 0.03
+        position, found = gripper.move(255)
+        assert position == pytest.approx(255 * (1 - 0.03 / 0.085), abs=1)
+        assert found is ObjectStatus.STOPPED_INNER_OBJECT
+        assert gripper.get_fault() == 0
+        with pytest.raises(RuntimeError, match="SET STA failed"):
+            gripper.set_var("STA", 3)

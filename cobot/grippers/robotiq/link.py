@@ -1,0 +1,44 @@
+"""What a driver needs of the connection to a gripper: Modbus RTU, or the text protocol of the URCap."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from cobot.grippers.robotiq.registers import COUNT, REQUEST, STATUS, Request, Status
+from cobot.grippers.robotiq.rtu import Master
+
+
+class GripperLink(Protocol):
+    """A connection. Each method raises a GripperError: no answer, or one that is not the right one."""
+
+    def open(self) -> None:
+        """Connect; one that is open is opened again."""
+        ...
+
+    def close(self) -> None: ...
+
+    def status(self) -> Status:
+        """What the gripper reports."""
+        ...
+
+    def request(self) -> Request:
+        """The request that the gripper has."""
+        ...
+
+    def send(self, request: Request) -> None: ...
+
+
+class ModbusLink:
+    """Registers over Modbus RTU."""
+
+    def __init__(self, master: Master) -> None:
+        self.open, self.close, self._master = master.open, master.close, master
+
+    def status(self) -> Status:
+        return Status.of(self._master.read(STATUS, COUNT))
+
+    def request(self) -> Request:
+        return Request.of(self._master.read(REQUEST, COUNT))
+
+    def send(self, request: Request) -> None:
+        self._master.write(REQUEST, request.words)
