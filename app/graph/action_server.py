@@ -163,6 +163,12 @@ class ActionServer:
         goal.accepted.set_result(None)
         self._publish_status()
 
+    def explain(self, what: str, error: CobotError) -> None:
+        """Tell what becomes of a goal and why, in the log and on /rosout."""
+        text = f"a goal of {self.action.name} {what}: {error}"
+        log.warning("%s", text)
+        self._graph.warn(text)
+
     def feedback(self, goal: Goal, values: Message) -> None:
         """It goes on.
 
@@ -200,7 +206,7 @@ class ActionServer:
                 status = GoalStatus.ABORTED
         except CobotError as exc:
             if not self._refuse(goal, exc):
-                log.warning("a goal of %s is aborted: %s", name, exc)
+                self.explain("is aborted", exc)
                 result = failed_result(result, exc)
         except Exception as exc:
             log.error("%s failed", name, exc_info=exc)
@@ -245,7 +251,7 @@ class ActionServer:
         try:
             goal = await self.begin(goal_id, request["goal"])
         except CobotError as exc:  # ROS has no field for the reason
-            log.warning("a goal of %s is refused: %s", self.action.name, exc)
+            self.explain("is refused", exc)
             return {"accepted": False, "stamp": ros_time(0)}
         return {"accepted": True, "stamp": ros_time(goal.accepted_ns)}
 

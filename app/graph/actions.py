@@ -6,7 +6,7 @@ import asyncio
 from enum import IntEnum
 from typing import TYPE_CHECKING, Protocol
 
-from cobot.errors import InputError
+from cobot.errors import CobotError, InputError
 from cobot.ros.messages import Message
 
 if TYPE_CHECKING:
@@ -83,6 +83,10 @@ class GoalHandle:
     def accept(self) -> None:
         """The goal will be worked on, and is from now on. May be called again, which does nothing."""
         self._server.accepted(self._goal)
+
+    def explain(self, error: CobotError) -> None:
+        """Tell why the goal fails, for types whose result has no room for it."""
+        self._server.explain("fails", error)
 
     def feedback(self, values: Message) -> None:
         """Send feedback to the listeners; before `accept` there are none."""

@@ -48,6 +48,7 @@ class Graph(Topics):
         actions: by name.
         clock: of the service.
         services: by name.
+        warn: tells people something for which a message of ROS has no field.
     """
 
     def __init__(self, messages: Messages, clock: Clock = SYSTEM) -> None:
@@ -55,6 +56,7 @@ class Graph(Topics):
         self.clock = clock
         self.actions: dict[str, ActionServer] = {}
         self.services: dict[str, Service] = {}
+        self.warn: Callable[[str], None] = lambda _: None
         self._loop = asyncio.get_running_loop()
         self._changing: asyncio.TimerHandle | None = None
         self._graph = self.advertise(GRAPH_TOPIC, "std_msgs/msg/String", owner=self, local=True, alone=True)

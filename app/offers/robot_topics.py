@@ -5,9 +5,13 @@ The DDS process has all but `status` and `joint_cmd` itself, straight from share
 
 from __future__ import annotations
 
+import numpy as np
+
 from app.graph.graph import Graph
+from app.offers.gripper_topics import GripperTopics
 from app.robot_services import Services
 from cobot.clock import Ticks
+from cobot.ros.messages import Message
 from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
 
 RATE_HZ = 100.0
@@ -17,6 +21,8 @@ STATUS_TICKS = 10
 
 class RobotTopics:
     """/{robot}/joint_states, tcp_pose, wrench, status, joint_cmd, robot_description; /tf, /tf_static.
+
+    The last joints are the fingers of a gripper.
 
     States are read only while there is a subscriber. Only the service publishes them; any client may publish
     frames.
@@ -31,11 +37,15 @@ class RobotTopics:
         self._clock = services.link.clock
         self._ticker: Ticks | None = None
         self._publication = self._ticks = 0
+        self._gripper: GripperTopics | None = None
+        if services.gripper.exists:
+            self._gripper = GripperTopics(graph, services.gripper, name, self._clock)
         messages = RobotMessages(robot.model, robot.base_frame, tcp, prefix, self._clock)
+        self._messages = messages
         self._made = {
             graph.advertise(topic, type_, owner=self, local=True, alone=alone): make
             for topic, type_, make, alone in (
-                (f"/{name}/joint_states", JOINT_STATES, messages.joint_state, True),
+                (f"/{name}/joint_states", JOINT_STATES, self._joint_state, True),
                 (f"/{name}/tcp_pose", POSE, messages.pose, True),
                 (f"/{name}/wrench", WRENCH, messages.wrench, True),
                 ("/tf", TRANSFORMS, messages.transforms, False),
@@ -66,8 +76,13 @@ class RobotTopics:
     def close(self) -> None:
         """Read nothing any more."""
         self._tool.on_change.remove(self._publish_latched)
+        if self._gripper is not None:
+            self._gripper.close()
         if self._ticker is not None:
             self._ticker.close()
+
+    def _joint_state(self, state: np.ndarray) -> Message:
+        return self._messages.joint_state(state, None if self._gripper is None else self._gripper.fingers)
 
     def _publish_latched(self) -> None:
         for publisher, make in self._latched.items():

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import AsyncIterator, Mapping
 from functools import partial
 
+from app.actions.gripper_action import gripper_actions
 from app.actions.servo_action import ServoModeAction
 from app.aubo.interfaces import PACKAGE, interface_definitions
 from app.aubo.registry import REGISTRY, call
+from app.graph.ends import Publisher
 from app.graph.graph import Graph
 from app.offers.robot_topics import RobotTopics
 from app.robot_services import Services
 from app.rosbridge.rosapi import add_rosapi
 from cobot.clock import Clock
-from cobot.ros.messages import Message, Messages
+from cobot.ros.messages import Message, Messages, ros_time
+
+LOG = "rcl_interfaces/msg/Log"
 
 
 @contextlib.asynccontextmanager
@@ -31,6 +36,7 @@ async def serving(
     messages.promise(interface_definitions())
     graph = Graph(messages, clock)
     add_rosapi(graph)
+    graph.warn = partial(_warn, graph.advertise("/rosout", LOG, owner=graph), clock)
     topics = []
     for name, services in robots.items():
         prefix = f"{name}/" if len(robots) > 1 else ""
@@ -47,12 +53,21 @@ async def serving(
         graph.add_service(f"/{name}/take_control", "std_srvs/srv/SetBool", take, owner=graph)
         graph.add_action(ServoModeAction(name, services.servo))
         graph.add_action(services.fjt)
+        for action in gripper_actions(name, services.gripper, services.ownership):
+            graph.add_action(action)
     try:
         yield graph
     finally:
         await graph.close()
         for each in topics:
             each.close()
+
+
+def _warn(rosout: Publisher, clock: Clock, text: str) -> None:
+    """Publish a warning where ROS 2 shows those of nodes."""
+    if rosout.subscribers:
+        stamp = ros_time(clock.wall_ns())
+        rosout.publish({"stamp": stamp, "level": logging.WARNING, "name": "cobot", "msg": text})
 
 
 async def _take_control(services: Services, request: Message) -> Message:

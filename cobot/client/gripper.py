@@ -27,10 +27,20 @@ class GripperCommands:
         return self._client._json("GET", "/robot/gripper")
 
     def move(
-        self, width: float, speed: float | None = None, force: float | None = None, *, wait: bool = True
+        self,
+        width: float,
+        speed: float | None = None,
+        force: float | None = None,
+        *,
+        if_blocked: str | None = None,
+        wait: bool = True,
     ) -> Json | JobHandle:
-        """Go to a width."""
-        return self._run("move", wait, width=width, speed=speed, force=force)
+        """Go to a width.
+
+        Args:
+            if_blocked: "success": what stops the fingers on their way is held.
+        """
+        return self._run("move", wait, width=width, speed=speed, force=force, if_blocked=if_blocked)
 
     def grasp(self, width: float | None = None, *, wait: bool = True, **how: Any) -> Json | JobHandle:
         """Close on an object and hold it.

@@ -50,6 +50,9 @@ class Gateway:
         own: topics that this process publishes itself.
         token: identifies this process to the service.
         role: rights of this process there. An observer does not subscribe to topics that it may not forward.
+
+    Attributes:
+        listeners: called with each message of a topic of the graph, by its name.
     """
 
     def __init__(
@@ -62,6 +65,7 @@ class Gateway:
         self._out: dict[str, Publisher] = {}
         self._in: dict[tuple[str, str], Subscription] = {}
         self._unread = UnreadGoals()
+        self.listeners: dict[str, Callable[[Message], None]] = {}
         self.link = Rosbridge(url, self._greet, self._take, token)
 
     async def run(self) -> None:
@@ -98,6 +102,8 @@ class Gateway:
         if topic == GRAPH:
             self._mirror(json.loads(message["data"]))
         elif topic in self._out:
+            if topic in self.listeners:
+                self.listeners[topic](message)
             try:
                 self._out[topic].publish(message)
             except CobotError as exc:

@@ -27,6 +27,7 @@ from cobot.dds.rtps import LastWords, NetworkError, Participant
 from cobot.dds.telemetry import Telemetry
 from cobot.errors import CobotError
 from cobot.logs import start_logging
+from cobot.ros.fingers import gripper_states
 from cobot.ros.messages import Messages
 from cobot.ros.robot_messages import STRING, TRANSFORMS
 
@@ -87,6 +88,8 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
         own = {"/tf", "/tf_static", "/robot_description"}.union(*(robot.topics for robot in robots))
         token = os.environ.get(ROS_TOKEN_VARIABLE, "")
         gateway = Gateway(node, url, own, token, rights_of_ros(ros, settings.web)) if url else None
+        if gateway is not None:
+            gateway.listeners = {gripper_states(robot.robot): robot.take_fingers for robot in robots}
         Parameters(node, options(settings, robots, gateway))
         _announce(settings, participant)
         gc.freeze()

@@ -19,11 +19,12 @@ import numpy as np
 
 from cobot.cell.surroundings import tool_file
 from cobot.config import Settings
-from cobot.dds.node import Node, Publisher
+from cobot.dds.node import Message, Node, Publisher
 from cobot.errors import CobotError, TornReadError
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot.description import load_robot
-from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
+from cobot.ros.fingers import FINGER_JOINTS, FRESH_S, FingerState
+from cobot.ros.robot_messages import JOINT_STATES, MEASURED, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
 
 IDLE_S = 0.02
 """Interval at which this process checks for subscribers while there are none, s."""
@@ -41,20 +42,22 @@ class JointStates:
 
     Args:
         template: a message for the same joints, as CDR.
+        joints: their number, that of fingers included.
     """
 
-    def __init__(self, template: bytes, dof: int) -> None:
+    def __init__(self, template: bytes, joints: int) -> None:
         self._bytes = bytearray(template)
-        self._joints = struct.Struct(f"<{dof}d")
+        self._joints = struct.Struct(f"<{joints}d")
         # The three arrays are last in the message; each follows its length and four bytes of padding.
         step = self._joints.size + 8
         self._at = [len(template) - self._joints.size - step * place for place in (2, 1, 0)]
 
-    def cdr(self, state: np.ndarray, stamp_ns: int) -> bytes:
+    def cdr(self, state: np.ndarray, stamp_ns: int, fingers: FingerState | None = None) -> bytes:
         """The message for a record of `cobot.ipc.state_fields.state_dtype`: rad, rad/s, N·m."""
         _STAMP.pack_into(self._bytes, _STAMP_AT, *divmod(stamp_ns, _SECOND_NS))
-        for at, name in zip(self._at, ("position", "velocity", "effort"), strict=True):
-            self._joints.pack_into(self._bytes, at, *state[name].tolist())
+        rows = {} if fingers is None else fingers.rows
+        for at, name in zip(self._at, MEASURED, strict=True):
+            self._joints.pack_into(self._bytes, at, *state[name].tolist(), *rows.get(name, ()))
         return bytes(self._bytes)
 
 
@@ -113,6 +116,8 @@ class Telemetry:
         self._memory: RobotMemory | None = None
         self.problem = "rtloop has not started yet"
         self._template: JointStates | None = None
+        self._fingers: tuple[int, FingerState] | None = None
+        self._with_fingers = False
         self._ended = threading.Event()
         made = self._messages
 
@@ -143,6 +148,11 @@ class Telemetry:
 
     def start(self) -> None:
         self._thread.start()
+
+    def take_fingers(self, message: Message) -> None:
+        """Take the fingers of the gripper, which the service reads, into the joint states."""
+        fingers = FingerState.of(message)
+        self._fingers = None if fingers is None else (time.monotonic_ns(), fingers)
 
     def close(self) -> None:
         self._ended.set()
@@ -234,8 +244,13 @@ class Telemetry:
         self._status.publisher.publish_cdr(content)
 
     def _joint_state(self, state: np.ndarray) -> bytes:
-        if self._template is None:
-            template = self._encode(JOINT_STATES, self._messages.joint_state(state))
-            self._template = JointStates(template, self._dof)
-        ago_ns = time.monotonic_ns() - int(state["measured_monotonic_ns"])
-        return self._template.cdr(state, time.time_ns() - ago_ns)
+        now_ns, fingers = time.monotonic_ns(), None
+        if (read := self._fingers) is not None and now_ns - read[0] <= FRESH_S * _SECOND_NS:
+            fingers = read[1]
+        if self._template is None or self._with_fingers is not (fingers is not None):
+            self._with_fingers = fingers is not None
+            template = self._encode(JOINT_STATES, self._messages.joint_state(state, fingers))
+            joints = self._dof + (0 if fingers is None else len(FINGER_JOINTS))
+            self._template = JointStates(template, joints)
+        ago_ns = now_ns - int(state["measured_monotonic_ns"])
+        return self._template.cdr(state, time.time_ns() - ago_ns, fingers)

@@ -31,6 +31,11 @@ class GripperMove(RequestModel):
     width: Width
     speed: FingerSpeed = None
     force: GripForce = None
+    if_blocked: Literal["error", "success"] = Field(
+        "error",
+        description="What the answer says if something stops the fingers on their way: `success` false, or "
+        "true, and then they hold it.",
+    )
 
 
 class GripperGrasp(RequestModel):

@@ -19,6 +19,7 @@ _NAME = re.compile(r"([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Za-z][A-Za-z0-9_]*)"
 _SEPARATOR = re.compile(r"^---[^\S\n]*$", re.MULTILINE)
 
 _TOLERANCE = "string name\nfloat64 position\nfloat64 velocity\nfloat64 acceleration\n"
+_GRIP = "float64 position\nfloat64 effort\nbool stalled\nbool reached_goal\n"
 _MULTI_DOF = "".join(
     f"trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_{part}\n"
     for part in ("desired", "actual", "error")
@@ -50,6 +51,13 @@ STANDARD = {
         "trajectory_msgs/JointTrajectoryPoint desired\ntrajectory_msgs/JointTrajectoryPoint actual\n"
         "trajectory_msgs/JointTrajectoryPoint error\n"
         "string[] multi_dof_joint_names\n" + _MULTI_DOF
+    ),
+    "control_msgs/msg/GripperCommand": "float64 position\nfloat64 max_effort\n",
+    "control_msgs/action/GripperCommand": f"GripperCommand command\n---\n{_GRIP}---\n{_GRIP}",
+    "control_msgs/action/ParallelGripperCommand": (
+        "sensor_msgs/JointState command\n---\n"
+        "sensor_msgs/JointState state\nbool stalled\nbool reached_goal\n---\n"
+        "sensor_msgs/JointState state\n"
     ),
     "lifecycle_msgs/srv/ChangeState": "lifecycle_msgs/Transition transition\n---\nbool success\n",
     "lifecycle_msgs/srv/GetState": "---\nlifecycle_msgs/State current_state\n",

@@ -12,6 +12,7 @@ from cobot.clock import SYSTEM, Clock
 from cobot.ipc.layout import text
 from cobot.robot.model import RobotModel
 from cobot.robot.quaternion import conjugate, product, rotated
+from cobot.ros.fingers import FINGER_JOINTS, FingerState
 from cobot.ros.messages import Message, ros_time
 from cobot.ros.urdf import WORLD, link_name, urdf
 from cobot.types import Array, LoopMode
@@ -21,6 +22,8 @@ POSE = "geometry_msgs/msg/PoseStamped"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 STRING = "std_msgs/msg/String"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
+MEASURED = ("position", "velocity", "effort")
+"""The arrays of a JointState, in its order."""
 
 
 class RobotMessages:
@@ -50,15 +53,12 @@ class RobotMessages:
         self._moving = [body for body in range(1, model.mj.nbody) if model.mj.body_jntnum[body]]
         self._fixed = [body for body in range(1, model.mj.nbody) if not model.mj.body_jntnum[body]]
 
-    def joint_state(self, state: np.ndarray) -> Message:
-        """sensor_msgs/msg/JointState: measured, rad, rad/s, N·m."""
-        return {
-            "header": self._header(state, self._base),
-            "name": self._names,
-            "position": state["position"].tolist(),
-            "velocity": state["velocity"].tolist(),
-            "effort": state["effort"].tolist(),
-        }
+    def joint_state(self, state: np.ndarray, fingers: FingerState | None = None) -> Message:
+        """sensor_msgs/msg/JointState: measured, rad, rad/s, N·m; then the fingers, if they are known."""
+        rows = {} if fingers is None else fingers.rows
+        measured = {name: state[name].tolist() + rows.get(name, []) for name in MEASURED}
+        names = self._names if fingers is None else [*self._names, *FINGER_JOINTS]
+        return {"header": self._header(state, self._base), "name": names, **measured}
 
     def pose(self, state: np.ndarray) -> Message:
         """geometry_msgs/msg/PoseStamped: the TCP in the base frame, measured."""

@@ -94,7 +94,9 @@ def standard_packages() -> dict[str, dict[str, str]]:
     control = {name: text for name, text in STANDARD.items() if name.startswith("control_msgs/")}
     transforms = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n"}
     return {
-        "control_msgs": interface_package("control_msgs", control, "std_msgs", "trajectory_msgs"),
+        "control_msgs": interface_package(
+            "control_msgs", control, "sensor_msgs", "std_msgs", "trajectory_msgs"
+        ),
         "tf2_msgs": interface_package("tf2_msgs", transforms, "geometry_msgs"),
     }
 
@@ -166,7 +168,7 @@ def _colcon(folder: Path, packages: Packages) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=280.0,
+        timeout=540.0,
         check=False,
     )
     assert ended.returncode == 0, ended.stdout[-5000:]

@@ -92,14 +92,22 @@ def shortfall(
                 f"(-{command.tolerance_inner:g}, +{command.tolerance_outer:g})"
             )
         return None if command.if_missed == "success" else nothing
-    if isinstance(command, GripperMove) and state.width is not None and able.width_m is not None:
-        allowed_m = max(ARRIVED_M, ARRIVED_SHARE * (able.width_m[1] - able.width_m[0]))
-        if abs(state.width - command.width) > allowed_m:
-            return ExecutionError(
-                f"the fingers stopped at {state.width:.4f} m, commanded {command.width:g} m: something is in "
-                "their way; to hold an object use grasp"
-            )
-    return None
+    if not isinstance(command, GripperMove) or command.if_blocked == "success":
+        return None
+    if has_arrived(command.width, state, able):
+        return None
+    return ExecutionError(
+        f"the fingers stopped at {state.width:.4f} m, commanded {command.width:g} m: something is in "
+        "their way; to hold an object use grasp"
+    )
+
+
+def has_arrived(width: float, state: GripperState, able: GripperCapabilities) -> bool:
+    """Whether the fingers are at this width, or may be: not every gripper knows its width."""
+    if state.width is None or able.width_m is None:
+        return True
+    least, most = able.width_m
+    return abs(state.width - width) <= max(ARRIVED_M, ARRIVED_SHARE * (most - least))
 
 
 def start_of(command: AnyGripperCommand) -> Callable[[Gripper], None]:

@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 import contextvars
 import logging
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from typing import Any
 
@@ -44,6 +44,7 @@ from cobot.motions.gripper_bodies import (
     AnyGripperCommand,
     GripperGrasp,
     GripperHome,
+    GripperMove,
     GripperRelease,
     GripperRequest,
 )
@@ -61,7 +62,11 @@ log = logging.getLogger("cobot.gripper")
 
 
 class GripperService:
-    """The gripper of one robot; a robot without one has this service too, which rejects every request."""
+    """The gripper of one robot; a robot without one has this service too, which rejects every request.
+
+    Attributes:
+        on_reading: called when the driver has reported.
+    """
 
     def __init__(
         self,
@@ -80,6 +85,7 @@ class GripperService:
         self._lost = False
         self._tasks: set[asyncio.Task[None]] = set()
         self._worker: GripperWorker | None = None
+        self.on_reading: list[Callable[[], None]] = []
         section = gripper_section(settings)
         if section is None:
             return
@@ -96,6 +102,11 @@ class GripperService:
         self._held.close()
         if self._worker is not None:
             self._worker.close()
+
+    @property
+    def exists(self) -> bool:
+        """Whether the robot has a gripper."""
+        return self._worker is not None
 
     @property
     def problem(self) -> str:
@@ -243,6 +254,9 @@ class GripperService:
         if isinstance(command, GripperGrasp):
             if good and missed(state) is None:
                 self._grasped(state)
+        elif isinstance(command, GripperMove):
+            if good and state.object is not None and state.object.is_held:
+                self._grasped(state)
         elif state.object is None and self._holds and isinstance(command, GripperRelease | GripperHome):
             self._holds = False  # such a gripper does not see by itself that nothing is held any more
             self._released()
@@ -264,6 +278,8 @@ class GripperService:
         """See what a new reading tells: a command goes on, an object is held, let go or lost."""
         if self._running is not None:
             self._running.news.set()
+        for tell in self.on_reading:
+            tell()
         state = reading.state
         if reading.problem or state is None:
             return

@@ -1,0 +1,171 @@
+"""Goals of the gripper's actions, as commands to the gripper; and its state, as they report it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from app.graph.actions import Rejected
+from app.services.gripping.commands import has_arrived
+from cobot.grippers import GripperCapabilities, GripperState
+from cobot.motions.gripper_bodies import GripperGrasp, GripperMove, GripperRequest
+from cobot.ros.fingers import FINGER_JOINTS, FingerState
+from cobot.ros.messages import Message
+from cobot.strict import shown
+
+SAME_M = 1e-6
+"""Both fingers are at the same place if their positions differ by no more, m."""
+GRASP, RELEASE = 0.0, 1.0
+"""Positions of a gripper without a width."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grip:
+    """A goal of either action.
+
+    Attributes:
+        width: m.
+        force: largest force of the fingers, N; 0: the gripper's default.
+        speed: largest speed of the width, m/s; 0: the gripper's default.
+    """
+
+    width: float
+    force: float = 0.0
+    speed: float = 0.0
+
+    def request(self, able: GripperCapabilities) -> GripperRequest:
+        """The command to the gripper. A largest value above what the gripper has is kept in any case.
+
+        Raises:
+            Rejected: a value is not a number or out of range.
+        """
+        for name, value in (("position", self.width), ("effort", self.force), ("velocity", self.speed)):
+            if not math.isfinite(value) or value < 0.0:
+                raise Rejected(f"{name} is {value:g}, it must be a number from 0 on")
+        force = _at_most(self.force, able.force_n, "effort", "N")
+        speed = _at_most(self.speed, able.speed_m_s, "velocity", "m/s")
+        if able.width_m is None:
+            return self._request_without_width(force, speed)
+        least, most = able.width_m
+        if not least - SAME_M <= self.width <= most + SAME_M:
+            raise Rejected(f"the width is {self.width:g} m, the gripper allows {least:g} to {most:g} m")
+        width = min(max(self.width, least), most)
+        return GripperRequest(
+            "move", GripperMove(width=width, speed=speed, force=force, if_blocked="success")
+        )
+
+    def _request_without_width(self, force: float | None, speed: float | None) -> GripperRequest:
+        if self.width == GRASP:
+            return GripperRequest.of({"command": "grasp", "speed": speed, "force": force})
+        if self.width == RELEASE:
+            return GripperRequest.of({"command": "release"})
+        raise Rejected(f"position is {self.width:g}, but this gripper has no width: 0 grasps, 1 releases")
+
+
+def _at_most(value: float, able: tuple[float, float] | None, name: str, unit: str) -> float | None:
+    """What is commanded for a largest value; None for the gripper's default."""
+    if value == 0.0:
+        return None
+    if able is None:
+        raise Rejected(f"{name} is {value:g} {unit}, but the gripper cannot limit it: set it to 0")
+    least, most = able
+    if value < least:
+        raise Rejected(f"{name} is {value:g} {unit}, the gripper needs at least {least:g} {unit}")
+    return min(value, most)
+
+
+@dataclass(frozen=True, slots=True)
+class Grasped:
+    """How the fingers stand to a goal.
+
+    Attributes:
+        width, force: NaN: it is not known.
+        stalled: they press on something.
+        reached: they are where the goal wants them, as far as that is known.
+    """
+
+    width: float
+    force: float
+    stalled: bool
+    reached: bool
+
+    @classmethod
+    def of(
+        cls, request: GripperRequest, state: GripperState | None, able: GripperCapabilities, *, ended: bool
+    ) -> Grasped:
+        """The values of a state; None: it is not known.
+
+        Args:
+            ended: the command has ended. Before, the state may be from before the command.
+        """
+        if state is None:
+            return cls(math.nan, math.nan, stalled=False, reached=False)
+        width = math.nan if state.width is None else state.width
+        force = math.nan if state.force is None else state.force
+        if not ended or state.moving:
+            return cls(width, force, stalled=False, reached=False)
+        command, held = request.command, state.object is not None and state.object.is_held
+        moves = isinstance(command, GripperMove)
+        there = has_arrived(command.width, state, able) if isinstance(command, GripperMove) else not held
+        unseen = held and state.width is None
+        wanted = not isinstance(command, GripperGrasp) and there and not unseen
+        return cls(width, force, stalled=held or (moves and not there), reached=wanted)
+
+    @property
+    def verdict(self) -> Message:
+        return {"stalled": self.stalled, "reached_goal": self.reached}
+
+
+class OneGap:
+    """control_msgs/action/GripperCommand: one position, which is the width."""
+
+    type_ = "control_msgs/action/GripperCommand"
+
+    @staticmethod
+    def read(goal: Message) -> Grip:
+        command = goal["command"]
+        return Grip(command["position"], command["max_effort"])
+
+    @staticmethod
+    def feedback(grasped: Grasped) -> Message:
+        return {"position": grasped.width, "effort": grasped.force, **grasped.verdict}
+
+    result = feedback
+
+
+class FingerJoints:
+    """control_msgs/action/ParallelGripperCommand: joints, each of which slides by half of the width."""
+
+    type_ = "control_msgs/action/ParallelGripperCommand"
+
+    @staticmethod
+    def read(goal: Message) -> Grip:
+        """
+        Raises:
+            Rejected: the joints are not those of the gripper, or their values do not fit.
+        """
+        command = goal["command"]
+        names, positions = command["name"] or list(FINGER_JOINTS[:1]), command["position"]
+        unknown = [name for name in names if name not in FINGER_JOINTS]
+        if unknown or len(set(names)) != len(names):
+            valid = " and ".join(FINGER_JOINTS)
+            raise Rejected(f"command.name is {shown(names)}, valid are {valid}, once each")
+        if len(positions) != len(names):
+            raise Rejected(f"command.position must be {len(names)} numbers, got {len(positions)}")
+        if not all(abs(each - positions[0]) <= SAME_M for each in positions[1:]):  # NaN is not either
+            raise Rejected(f"command.position is {shown(positions)}: both fingers move alike")
+        one = {}
+        for name in ("velocity", "effort"):
+            values = command[name]
+            if values and len(values) != len(names):
+                raise Rejected(f"command.{name} must be {len(names)} numbers or none, got {len(values)}")
+            one[name] = max(values, default=0.0) if all(map(math.isfinite, values)) else math.nan
+        return Grip(2.0 * positions[0], one["effort"], 2.0 * one["velocity"])
+
+    @staticmethod
+    def feedback(grasped: Grasped) -> Message:
+        return {"state": FingerState(grasped.width, 0.0, grasped.force).message}
+
+    @classmethod
+    def result(cls, grasped: Grasped) -> Message:
+        return {**cls.feedback(grasped), **grasped.verdict}

@@ -1,0 +1,66 @@
+"""The fingers of a gripper as joints of ROS: two that slide, each by half of the width."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from cobot.ros.messages import Message
+
+FINGER_JOINTS = ("gripper_finger_1", "gripper_finger_2")
+"""Names of the joints, in the order of their values."""
+FRESH_S = 1.0
+"""Older values of the fingers are left out of joint states."""
+
+
+def gripper_states(robot: str) -> str:
+    """The topic on which the service publishes the fingers of a robot."""
+    return f"/{robot}/gripper/joint_states"
+
+
+@dataclass(frozen=True, slots=True)
+class FingerState:
+    """Both fingers at one moment.
+
+    Attributes:
+        width: between the fingers, m.
+        speed: of the width, m/s.
+        force: at the fingers, N; NaN if it is not known.
+    """
+
+    width: float
+    speed: float = 0.0
+    force: float = math.nan
+
+    @property
+    def rows(self) -> dict[str, list[float]]:
+        """Position, velocity and effort of each joint: m, m/s, N."""
+        joints = len(FINGER_JOINTS)
+        return {
+            "position": [0.5 * self.width] * joints,
+            "velocity": [0.5 * self.speed] * joints,
+            "effort": [self.force] * joints,
+        }
+
+    @property
+    def message(self) -> Message:
+        """sensor_msgs/msg/JointState without a header."""
+        return {"name": list(FINGER_JOINTS), **self.rows}
+
+    @classmethod
+    def of(cls, message: Message) -> FingerState | None:
+        """Those of a message of `message`; None if it has other joints or none."""
+        values = [message[name] for name in ("position", "velocity", "effort")]
+        if tuple(message["name"]) != FINGER_JOINTS or any(not _is_whole(each) for each in values):
+            return None
+        (position, velocity, effort) = (_number(each[0]) for each in values)
+        return cls(2.0 * position, 2.0 * velocity, effort)
+
+
+def _is_whole(values: Sequence[float | None]) -> bool:
+    return len(values) == len(FINGER_JOINTS)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value  # JSON has no NaN
