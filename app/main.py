@@ -28,6 +28,7 @@ from app.api.roles import guard, roles
 from app.api.routers.robots import twin_name
 from app.api.start_failure import StartFailure
 from app.api.timing import RequestTimes, Timing
+from app.api.versions import Versions
 from app.aubo import http as vendor
 from app.lifetime import Lifetime
 from app.mcp.endpoint import McpEndpoint
@@ -123,6 +124,7 @@ def _application(lifetime: Lifetime) -> FastAPI:
         lifespan=lifetime.of,
         docs_url=None,
         openapi_tags=documentation.TAGS,
+        servers=documentation.SERVERS,
     )
     return app
 
@@ -153,6 +155,7 @@ def _add_middleware(app: FastAPI, settings: Settings, tokens: Authenticator, *, 
     )
     app.add_middleware(Timing, times=app.state.requests)
     app.add_middleware(RequestTrail)
+    app.add_middleware(Versions)
     errors.install(app)
 
 

@@ -16,6 +16,10 @@ from cobot.errors import InputError
 DEFAULT_URL = "http://localhost:8007"
 CONTROL_TOKEN = "X-Control-Token"
 """The header that shows the token of a lease: its holder's motions carry it."""
+VERSION = "/v1"
+"""Version of the API, below which each path exists too. The paths without it are aliases."""
+PREFER, STRICT_STATUS = "Prefer", "status=strict"
+"""The header and its value by which a motion that did not arrive is answered with the status of its error."""
 ROBOTS = "/robots"
 MCP = "/mcp/mcp"
 """Where agents reach the service."""
@@ -45,6 +49,11 @@ def address(url: str, robot: str) -> str:
 def path_below(plain: str) -> str:
     """What follows the name of a robot, of a plain path as in api_endpoints.yaml."""
     return plain.removeprefix(_PLAIN) if plain.startswith(f"{_PLAIN}/") else plain
+
+
+def service_of(url: str) -> str:
+    """What precedes the paths of the service, of an address of the service or of one of its robots."""
+    return urlsplit(url).path.rstrip("/").partition(f"{ROBOTS}/")[0]
 
 
 def path_at(url: str, plain: str) -> str:

@@ -24,15 +24,18 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.errors import answer_to
 from app.api.origins import Origins
+from app.api.strict import APPLIED
+from app.api.versions import plain_path
 from cobot.access.authentication import LOOK_AGAIN_S, Authenticator, Holder
 from cobot.access.roles import ANONYMOUS, Identity, Role, acting
+from cobot.addresses import PREFER
 from cobot.errors import CobotError, MisdirectedError, PermissionDenied
 
 IDENTITY = "cobot.identity"
 STILL_VALID = "cobot.still_valid"
 """Tells whether the token of a request means the same still: for an answer that takes long."""
 _HEADERS = "cobot.headers"
-HEADERS = ("Authorization", "Content-Type", "X-Motion-Token", "X-Control-Token", "X-Request-Id")
+HEADERS = ("Authorization", "Content-Type", "X-Motion-Token", "X-Control-Token", "X-Request-Id", PREFER)
 METHODS = ("GET", "POST", "PUT", "DELETE")
 SUBPROTOCOL = "cobot"
 TOKEN_SUBPROTOCOL = "cobot.token."
@@ -84,7 +87,7 @@ class Access:
             allow_methods=METHODS,
             allow_headers=HEADERS,
             allow_private_network=True,
-            expose_headers=("WWW-Authenticate", "X-Request-Id"),
+            expose_headers=("WWW-Authenticate", "X-Request-Id", "Location", APPLIED),
         )
         role = {
             False: Role.PUBLIC if required else Role.ADMIN,
@@ -127,7 +130,7 @@ class Access:
             return self._while_valid(scope, receive, send, token, holder, by_protocol)
         if token is not None:
             scope[STILL_VALID] = lambda: self._tokens.find(token) == holder
-        if not websocket and scope["path"].startswith(PAGES):
+        if not websocket and plain_path(scope).startswith(PAGES):
             send = _unframed(send)
         return self._app(scope, receive, send)
 

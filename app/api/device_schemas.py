@@ -30,7 +30,7 @@ class Acknowledge(RequestModel):
 class AcknowledgeAnswer(BaseModel):
     """What was acknowledged."""
 
-    success: bool = Field(description="Always true.")
+    success: Literal[True] = Field(description="Always true.")
     message: str = Field(description="What holds from now on, in words.")
     found: str = Field(
         description='What the first contact had found; "" if there was nothing to acknowledge.'

@@ -19,6 +19,7 @@ from fastapi.responses import HTMLResponse, Response
 
 from app.api.openapi import of_any_robot, of_the_default_robot
 from app.api.samples import SAMPLES, SAMPLES_PATH
+from cobot.addresses import VERSION
 from cobot.errors import NotFoundError
 from cobot.strict import unknown_key
 
@@ -32,6 +33,11 @@ PARAMETERS = {
     "defaultModelsExpandDepth": -1,  # no list of models below the endpoints, which show theirs
     "docExpansion": "none",
 }
+SERVERS: list[dict[str, Any]] = [
+    {"url": VERSION, "description": "This version of the API."},
+    {"url": "/", "description": "The same without a version, for clients written before there was one."},
+]
+"""The documents list each path once. It stands below either of these; generated clients use the first."""
 TAGS = [
     {"name": "robot", "description": "State, motions, and who controls the arm."},
     {"name": "gripper", "description": "The gripper: its state and its commands."},

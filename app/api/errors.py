@@ -19,7 +19,9 @@ from starlette.routing import Match, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.explain_schemas import Explain, explain_of
+from app.api.versions import BELOW
 from cobot import audit, errors
+from cobot.addresses import VERSION
 from cobot.errors import CobotError, exhausted
 from cobot.logs import log_context
 from cobot.strict import sentence, shown
@@ -79,6 +81,7 @@ DESCRIPTIONS = {
     415: "The Content-Type is another one than this endpoint takes.",
     422: "The request cannot be honoured as it is written: the detail says what, where, the value and the "
     "limit. Nothing has moved.",
+    500: "An error in cobot itself; its log has the details.",
     501: "The robot's backend cannot do this: the detail names it.",
     502: "The device does not take it: the detail says why.",
     503: "The real-time process does not answer, or the robot is in a mode that permits no motion.",
@@ -181,15 +184,17 @@ def _allowed(request: Request) -> str:
 
 def _meant(request: Request) -> str:
     """The path that a wrong one may stand for: with single slashes, in small letters, or one much like it."""
-    path = request.url.path
+    path = request.scope["path"]
     if len(path) > MAX_GUESSED:
         return ""
     routes = [each for each in request.app.routes if isinstance(each, Route)]
-    plain = re.sub("/+", "/", path).lower()
-    if any(each.path_regex.fullmatch(plain) and not each.path_regex.fullmatch(path) for each in routes):
-        return f" (did you mean {plain}?)"
+    whole = re.sub("/+", "/", path).lower()
+    version = VERSION if whole.startswith(BELOW) else ""
+    plain = whole.removeprefix(version)
+    if whole != path and any(each.path_regex.fullmatch(plain) for each in routes):
+        return f" (did you mean {whole}?)"
     guess = difflib.get_close_matches(plain, [each.path for each in routes if "{" not in each.path], 1, 0.8)
-    return f" (did you mean {guess[0]}?)" if guess else ""
+    return f" (did you mean {version}{guess[0]}?)" if guess else ""
 
 
 async def _http_exception(request: Request, exc: Exception) -> JSONResponse:

@@ -18,6 +18,7 @@ from app.api.signal_schemas import ActionAnswer, ContactAnswer
 from app.services.rights.job import JobKind, JobRecord, JobState
 from app.services.rights.job_book import KEPT
 from cobot import audit
+from cobot.addresses import address
 from cobot.errors import CobotError
 from cobot.loose_lists import RequestModel
 from cobot.strict import StrictModel
@@ -142,9 +143,9 @@ def job_answer(record: JobRecord) -> JobAnswer:
 def accepted(call: Call, record: JobRecord) -> JSONResponse:
     """The answer 202 to a request that does not wait."""
     audit.add_details(job=record.id)
-    path = call.request.scope["path"]
+    version = call.request.scope.get("root_path", "")
     robot = call.request.path_params.get("robot")
-    below = path[: path.index(robot) + len(robot)] if robot else ""
+    below = address(version, robot) if robot else version
     return JSONResponse(
         job_answer(record).model_dump(mode="json"), 202, {"Location": f"{below}/jobs/{record.id}"}
     )

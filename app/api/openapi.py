@@ -8,6 +8,7 @@ from typing import Any
 
 from app.api.errors import responses
 from app.api.links import link
+from app.api.strict import describe_strict
 from cobot.access.roles import Role
 from cobot.addresses import CONTROL_TOKEN, ROBOTS, path_below
 from cobot.types import JointLimits
@@ -54,6 +55,7 @@ def with_limits(
                 if "409" in endpoint["responses"] and not path.endswith(("/reset", "/reload")):
                     _add(CONTROL, endpoint)
                 endpoint["summary"] = f"{summary} Of any robot." if path.startswith(BY_NAME) else summary
+        describe_strict(schema)
         link(schema)
         return schema
 

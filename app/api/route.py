@@ -29,6 +29,7 @@ from app.api.dependencies import BEGUN_S, LARGE_BYTES, STOPS, Call, body_check, 
 from app.api.endpoints import WEBSOCKET, Endpoint, declare, declared
 from app.api.errors import responses, status_of
 from app.api.json_text import decoded
+from app.api.strict import is_strict, reports_success, with_strict_status
 from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError
 from cobot.motions.bodies import MOTION_TAGS
@@ -126,6 +127,8 @@ class CobotRoute(APIRoute):
             handler = _answering_in_turn(handler)
         if self.methods == {"GET"}:
             return handler
+        if reports_success(self.response_model):
+            handler = _answering_strictly(handler)
 
         async def handle(request: Request) -> Response:
             ownership = services_of(request).ownership
@@ -168,6 +171,17 @@ def _answering_in_turn(handler: Handler) -> Handler:
     async def handle(request: Request) -> Response:
         async with costly_turn(request):
             return await handler(request)
+
+    return handle
+
+
+def _answering_strictly(handler: Handler) -> Handler:
+    """Heed the client's wish for strict statuses, see `app.api.strict`."""
+
+    async def handle(request: Request) -> Response:
+        strict = is_strict(request)
+        response = await handler(request)
+        return with_strict_status(response) if strict else response
 
     return handle
 

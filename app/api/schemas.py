@@ -62,7 +62,7 @@ class MoveAnswer(BaseModel):
 class ResetAnswer(BaseModel):
     """What a reset has led to."""
 
-    success: bool = Field(description="Whether the robot may move.")
+    success: Literal[True] = Field(description="Always true: the robot may move.")
     message: str = Field(description="The same in words.")
 
 

@@ -23,6 +23,7 @@ from app.api.errors import ErrorAnswer
 from app.api.json_text import decoded
 from app.api.openapi import CONTROL, error_components, error_references
 from app.api.route import EndpointRouter
+from app.api.versions import plain_path
 from app.aubo.classes import CLASSES, REGISTRY
 from app.aubo.fields import REQUIRED, Field
 from app.aubo.registry import Origin, Service, bind, run, unknown_service
@@ -65,7 +66,7 @@ EXAMPLES: dict[str, Any] = {
 class _VendorRoute(APIRoute):
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
         """Match only paths whose second part is a class. All others belong to other routes, or to none."""
-        parts = scope["path"].split("/")
+        parts = plain_path(scope).split("/")
         return super().matches(scope) if len(parts) == 4 and parts[2] in CLASSES else (Match.NONE, {})
 
 

@@ -26,13 +26,14 @@ from app.listeners.flow import Flow
 from app.listeners.refusals import CROWDED, RECEIVE_BYTES, refusal
 from app.listeners.turns import Turns
 from app.listeners.websocket import StreamProtocol, keep_nothing_unsent
+from cobot.addresses import VERSION
 from cobot.clock import SYSTEM
 from cobot.config import ConnectionLimits
 from cobot.errors import BusyError, NotSupportedError
 
 SLICE_BYTES = 4096
 """Maximum number of bytes that the parser gets at once: at most a thousand pieces, about a millisecond."""
-ROBOT = rb"(?:/robots/[A-Za-z0-9_-]+)?"
+ROBOT = rb"(?:" + VERSION.encode() + rb")?(?:/robots/[A-Za-z0-9_-]+)?"
 STOP = re.compile(rb"POST " + ROBOT + rb"/stop[ ?]")
 """Takes no turn."""
 HEALTH = re.compile(rb"GET " + ROBOT + rb"/health(?:/\w+)?[ ?]")

@@ -15,6 +15,7 @@ from websockets.http11 import Request
 from app.listeners.crowd import Crowd, Doing, Visit
 from app.listeners.turns import Turns
 from app.rosbridge import router as rosbridge
+from cobot.addresses import VERSION
 
 UNSENT_BYTES = 4096
 SLICE_BYTES = 1024
@@ -43,7 +44,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         self._pong = b""
 
     def handle_connect(self, event: Request) -> None:
-        if event.path.partition("?")[0] == rosbridge.PATH:
+        if event.path.partition("?")[0].removeprefix(VERSION) == rosbridge.PATH:
             self.conn.max_message_size = rosbridge.MAX_FRAME_BYTES
         super().handle_connect(event)
 

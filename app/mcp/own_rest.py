@@ -20,7 +20,7 @@ from cobot.errors import NotFoundError
 from cobot.strict import shown
 
 PASSED_ON = FORWARDING.union((b"authorization", b"host", b"x-control-token", b"x-request-id"))
-_OF_THE_CONNECTION = ("type", "asgi", "http_version", "scheme", "server", "client", "root_path", "app")
+_OF_THE_CONNECTION = ("type", "asgi", "http_version", "scheme", "server", "client", "app")
 
 
 class OwnRest:

@@ -9,9 +9,9 @@ from typing import Any, Self
 
 import httpx
 
-from cobot.addresses import DEFAULT_URL, address, check_url, path_at
+from cobot.addresses import DEFAULT_URL, PREFER, STRICT_STATUS, address, check_url, path_at
 from cobot.client.tls import Verify, tls_context, token_from_environment
-from cobot.errors import BY_CODE, CobotError, ExecutionError, InputError, UnavailableError
+from cobot.errors import BY_CODE, CobotError, InputError, UnavailableError
 
 MOTION_TIMEOUT_S = 90.0
 """Timeout for the answer to a motion, in seconds. It is longer than the service's default timeouts."""
@@ -22,7 +22,9 @@ ERRORS = BY_CODE
 """The error class for each code of the service."""
 
 
-def _answered(error: CobotError, answer: Json) -> CobotError:
+def _error_of(answer: Json) -> CobotError:
+    """The error that an answer reports; of a motion that did not arrive it is in `message`."""
+    error = ERRORS.get(str(answer["code"]), CobotError)(str(answer.get("detail") or answer["message"]))
     error.explain = answer.get("explain")
     return error
 
@@ -77,9 +79,11 @@ class Connection:
         self._http.close()
 
     def _arrived(self, path: str, body: Json) -> Json:
-        answer = self._json("POST", path, json=body, timeout=self._motion_timeout_s)
-        if not answer["success"]:
-            raise _answered(ERRORS.get(str(answer.get("code")), ExecutionError)(answer["message"]), answer)
+        """Send a motion and wait for its end. One that does not arrive is answered like any other error."""
+        strict = {PREFER: STRICT_STATUS}
+        answer = self._json("POST", path, json=body, timeout=self._motion_timeout_s, headers=strict)
+        if not answer["success"]:  # a proxy has removed the header
+            raise _error_of(answer)
         return answer
 
     def _json(self, method: str, path: str, **request: Any) -> Json:
@@ -138,9 +142,9 @@ class Connection:
             answer = response.json()
             if response.is_success:
                 return answer
-            code, detail = str(answer["code"]), str(answer["detail"])
+            error = _error_of(answer)
         except (ValueError, KeyError, TypeError) as exc:
             raise UnavailableError(
                 f"{method} {url}: status {response.status_code}, the answer is not one of cobot"
             ) from exc
-        raise _answered(ERRORS.get(code, CobotError)(detail), answer)
+        raise error

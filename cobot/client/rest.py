@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from cobot.addresses import CONTROL_TOKEN
+from cobot.addresses import CONTROL_TOKEN, service_of
 from cobot.client.connection import Json
 from cobot.client.events import EventConnection
 from cobot.client.force import ForceMoves
@@ -207,9 +207,8 @@ class Client(ForceMoves, Steps, EventConnection):
 
     def call_service(self, robot: str, robot_class: str, method: str, arguments: Mapping[str, Any]) -> Json:
         """Call a vendor service of the robot by its name; `code` (0 is success), `message`, `result`."""
-        url = self._http.base_url.copy_with(
-            path=f"/{robot}/{robot_class}/{method}"
-        )  # URL of the service itself
+        base = self._http.base_url
+        url = base.copy_with(path=f"{service_of(str(base))}/{robot}/{robot_class}/{method}")
         return self._json("POST", str(url), json=dict(arguments), timeout=self._motion_timeout_s)
 
     def who_controls(self) -> Json:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import AfterValidator, Field, ValidationInfo
 
-from cobot.addresses import ROBOTS
+from cobot.addresses import ROBOTS, VERSION
 from cobot.strict import shown
 
 if TYPE_CHECKING:
@@ -22,8 +22,8 @@ Corner = Annotated[tuple[Metres, Metres, Metres], Field(strict=False)]
 
 
 def _a_robot_name(value: str) -> str:
-    if f"/{value}" == ROBOTS:
-        raise ValueError(f"{value!r} is taken: {ROBOTS}/NAME/... are the endpoints of any robot")
+    if f"/{value}" in (ROBOTS, VERSION):
+        raise ValueError(f"{value!r} is taken: the service has endpoints below {ROBOTS}/ and {VERSION}/")
     return value
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from fastapi import Request
 from pydantic import BaseModel, Field
 
@@ -27,7 +29,7 @@ class ForceZeroAnswer(BaseModel):
         }
     )
 
-    success: bool = Field(description="Always true.")
+    success: Literal[True] = Field(description="Always true.")
     force: list[float] = Field(description="That counts as none at the TCP, in the base frame, N.")
     torque: list[float] = Field(description="The same, N·m.")
     joints: list[float] = Field(description="The external torque that counts as none on each joint, N·m.")

@@ -159,7 +159,11 @@ def test_the_robot_section_says_what_is_the_same_for_all(tmp_path: Path) -> None
         ("robots: [{name: a, web: {port: 1}}]", "robots[0]: unknown key 'web'"),
         ("robots: [{name: a, 7: x}]", "robots[0]: unknown key '7'"),
         ("robots: [{name: a}, {name: ../b}]", "robots[1]: robot.name: "),
-        ("robots: [{name: robots}]", "robots[0]: robot.name: 'robots' is taken: /robots/NAME/... are"),
+        (
+            "robots: [{name: robots}]",
+            "robots[0]: robot.name: 'robots' is taken: the service has endpoints below",
+        ),
+        ("robots: [{name: v1}]", "robots[0]: robot.name: 'v1' is taken: the service has endpoints below"),
         ("robots: [{name: 7}]", "robots[0]: robot.name: must be a string, got 7"),
         ("robots: [{name: a, rt: {cup: 1}}]", "robots[0]: rt: unknown key 'cup' (did you mean 'cpu'?)"),
         ("robots: [{name: a, rt: 5}]", "robots[0]: rt: "),
