@@ -17,6 +17,7 @@ from app.mcp.endpoint import McpEndpoint
 from app.offers.robots_on_graph import serving
 from app.robot_services import Services, SharedParts, serving_robot
 from app.services.events.log_lines import log_events
+from app.services.keys import Keys
 from cobot.audit import Audit
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
@@ -62,6 +63,8 @@ class Lifetime:
         stack.enter_context(log_events(shared.events))
         app.state.audit = Audit(settings.audit_file, shared.clock)
         stack.callback(app.state.audit.close)
+        app.state.keys = Keys(settings.keys_file, shared.clock)
+        stack.callback(app.state.keys.close)
         app.state.robots = {
             name: await stack.enter_async_context(serving_robot(each, self.robots[name], shared))
             for name, each in settings.each.items()

@@ -28,14 +28,22 @@ from app.api.strict import APPLIED
 from app.api.versions import plain_path
 from cobot.access.authentication import LOOK_AGAIN_S, Authenticator, Holder
 from cobot.access.roles import ANONYMOUS, Identity, Role, acting
-from cobot.addresses import PREFER
+from cobot.addresses import IDEMPOTENCY_KEY, PREFER
 from cobot.errors import CobotError, MisdirectedError, PermissionDenied
 
 IDENTITY = "cobot.identity"
 STILL_VALID = "cobot.still_valid"
 """Tells whether the token of a request means the same still: for an answer that takes long."""
 _HEADERS = "cobot.headers"
-HEADERS = ("Authorization", "Content-Type", "X-Motion-Token", "X-Control-Token", "X-Request-Id", PREFER)
+HEADERS = (
+    "Authorization",
+    "Content-Type",
+    "X-Motion-Token",
+    "X-Control-Token",
+    "X-Request-Id",
+    PREFER,
+    IDEMPOTENCY_KEY,
+)
 METHODS = ("GET", "POST", "PUT", "DELETE")
 SUBPROTOCOL = "cobot"
 TOKEN_SUBPROTOCOL = "cobot.token."

@@ -28,6 +28,8 @@ STOPS = "cobot.stops"
 BEGUN_S = "cobot.begun_s"
 """When the head of a request came in, of the clock of `cobot.clock.SYSTEM`: its body may take some time."""
 LARGE_BYTES = 65536
+JOB, JOB_ID = "cobot.job", "cobot.job_id"
+"""In the scope of a request: the job that it is about, and the id that this is to have."""
 
 
 def robots_of(connection: HTTPConnection) -> dict[str, Services]:
@@ -113,7 +115,9 @@ class Call:
             about: a description of the request, for people.
         """
         name = self.name.replace("{robot}", self.request.path_params.get("robot", ""))
-        job = self.services.ownership.new_job(kind, f"{self.request.scope['path']} {about}")
+        scope = self.request.scope
+        job = self.services.ownership.new_job(kind, f"{scope['path']} {about}", scope.get(JOB_ID))
+        scope[JOB] = job
         leaving = gone if wait else asyncio.Event()
         return Caller(name, self.token, self.stops, self.timeout_s, leaving, job, waits=wait)
 

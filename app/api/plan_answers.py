@@ -7,7 +7,7 @@ from pydantic import BaseModel, Field
 from cobot.motions.fields import HOME, example
 
 PLANNED = {
-    "plan_id": "2f1c9a0b7d3e4855",
+    "plan_id": "plan_2f1c9a0b7d3e4855",
     "expires_in_s": 600.0,
     "duration_s": 1.1,
     "note": "",
@@ -107,7 +107,7 @@ class RehearsalAnswer(BaseModel):
 
     model_config = example(
         {
-            "plan_id": "2f1c9a0b7d3e4855",
+            "plan_id": "plan_2f1c9a0b7d3e4855",
             "runs_through": True,
             "duration_s": 1.14,
             "planned_duration_s": 1.1,

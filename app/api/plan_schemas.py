@@ -49,7 +49,7 @@ class KeptPlan(BaseModel):
 
     model_config = example(
         {
-            "plan_id": "2f1c9a0b7d3e4855",
+            "plan_id": "plan_2f1c9a0b7d3e4855",
             "by": "agent-7",
             "planners": ["lin"],
             "duration_s": 1.1,
@@ -75,7 +75,7 @@ class KeptPlan(BaseModel):
 class Approve(RequestModel):
     """Which plan an agent may run, once."""
 
-    model_config = example({"plan_id": "2f1c9a0b7d3e4855"})
+    model_config = example({"plan_id": "plan_2f1c9a0b7d3e4855"})
 
     plan_id: PlanId
     approved: Annotated[bool, Field(description="false takes an approval back.")] = True
@@ -195,6 +195,6 @@ class MotionQuery(StrictModel):
 class Execute(RequestModel):
     """Which plan to run."""
 
-    model_config = example({"plan_id": "2f1c9a0b7d3e4855"})
+    model_config = example({"plan_id": "plan_2f1c9a0b7d3e4855"})
 
     plan_id: PlanId

@@ -28,6 +28,7 @@ from app.api.costly import costly_turn
 from app.api.dependencies import BEGUN_S, LARGE_BYTES, STOPS, Call, body_check, services_of
 from app.api.endpoints import WEBSOCKET, Endpoint, declare, declared
 from app.api.errors import responses, status_of
+from app.api.idempotency import PARAMETER, answer_once, key_of
 from app.api.json_text import decoded
 from app.api.strict import is_strict, reports_success, with_strict_status
 from cobot.access.roles import Role
@@ -123,6 +124,8 @@ class CobotRoute(APIRoute):
     def get_route_handler(self) -> Handler:
         handler = super().get_route_handler()
         endpoint = declared(self.endpoint)
+        if endpoint is not None and endpoint.keyed:
+            handler = _answering_once(handler)
         if endpoint is not None and endpoint.costly:
             handler = _answering_in_turn(handler)
         if self.methods == {"GET"}:
@@ -175,6 +178,19 @@ def _answering_in_turn(handler: Handler) -> Handler:
     return handle
 
 
+def _answering_once(handler: Handler) -> Handler:
+    """Heed the key of a request, see `app.api.idempotency`."""
+
+    async def handle(request: Request) -> Response:
+        try:
+            key = key_of(request)
+            return await handler(request) if key is None else await answer_once(request, key, handler)
+        except CobotError as exc:
+            raise HTTPException(status_of(exc)) from exc
+
+    return handle
+
+
 def _answering_strictly(handler: Handler) -> Handler:
     """Heed the client's wish for strict statuses, see `app.api.strict`."""
 
@@ -223,18 +239,21 @@ class EndpointRouter(APIRouter):
         *,
         control: bool = False,
         costly: bool = False,
+        keyed: bool = False,
         **options: Any,
     ) -> Callable[[Function], Function]:
         """Serve an endpoint with the function that follows.
 
         Args:
-            name, role, timeout_s, control, costly: see `Endpoint`.
+            name, role, timeout_s, control, costly, keyed: see `Endpoint`.
             options: of FastAPI's route.
         """
         method, path = name.split(" ")
 
         def serve(function: Function) -> Function:
-            declare(function, Endpoint(name, role, timeout_s, control, costly))
+            declare(function, Endpoint(name, role, timeout_s, control, costly, keyed))
+            if keyed:
+                options["openapi_extra"] = {"parameters": [PARAMETER]}
             if method == WEBSOCKET:
                 self.add_api_websocket_route(path, function)
             else:

@@ -53,6 +53,11 @@ class Settings(Section):
         return self.logs / f"{self.robot.name}.audit.jsonl"
 
     @property
+    def keys_file(self) -> Path:
+        """File with the keys of requests, which the service writes."""
+        return (self.kept or self.logs) / f"{self.robot.name}.keys.sqlite"
+
+    @property
     def jobs_file(self) -> Path:
         """File with the results of motions, which the service writes."""
         return (self.kept or self.logs) / f"{self.robot.name}.jobs.jsonl"

@@ -91,6 +91,7 @@ class ForceAnswer(BaseModel):
 
 
 FORCE: dict[str, Any] = {
+    "keyed": True,
     "response_model": ForceAnswer,
     "responses": responses(409, 501, 503) | ACCEPTED,
 }

@@ -126,6 +126,7 @@ class GripperAnswer(GripperValues):
 
 
 COMMAND: dict[str, Any] = {
+    "keyed": True,
     "response_model": GripperAnswer,
     "responses": responses(409, 501, 503) | ACCEPTED,
 }

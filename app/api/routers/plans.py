@@ -112,6 +112,7 @@ async def plan_gripper(body: PlanGripper, request: Request) -> PlanAnswer:
     Role.OPERATOR,
     timeout_s=60.0,
     control=True,
+    keyed=True,
     response_model=MoveAnswer,
     responses=responses(404, 409, 501, 503) | ACCEPTED,
 )

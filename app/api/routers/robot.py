@@ -50,6 +50,7 @@ from cobot.robot.frames import abc_from_quaternion
 How = Annotated[MoveQuery, Query()]
 COMPLETED = "Motion completed successfully"
 MOTION: dict[str, Any] = {
+    "keyed": True,
     "response_model": MoveAnswer,
     "responses": responses(409, 501, 503) | ACCEPTED,
 }

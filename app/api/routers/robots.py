@@ -83,7 +83,8 @@ def _twin(route: APIRoute, documentation: dict[str, Any]) -> APIRoute:
     twin.tags = ["robots"]
     twin.responses = NOT_FOUND | route.responses
     twin.response_fields = _not_found_fields() | route.response_fields
-    twin.openapi_extra = documentation
+    own = (route.openapi_extra or {}).get("parameters", [])
+    twin.openapi_extra = documentation | {"parameters": [*documentation["parameters"], *own]}
     return twin
 
 

@@ -35,6 +35,7 @@ ACTION = "Not used; taken for compatibility and written to the log."
     Role.PROGRAMMER,
     timeout_s=10.0,
     control=True,
+    keyed=True,
     response_model=StartedAnswer,
     responses=responses(409, 503) | ACCEPTED,
 )

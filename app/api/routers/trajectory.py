@@ -27,6 +27,7 @@ from cobot.types import Waypoint
 
 router = EndpointRouter(tags=["trajectory"])
 SEND: dict[str, Any] = {
+    "keyed": True,
     "response_model": SentAnswer,
     "responses": responses(409, 503) | ACCEPTED,
 }

@@ -138,7 +138,7 @@ class PlanService:
 
     def _keep(self, begin: Array, found: Forecast, limits: JointLimits, **fields: Any) -> Plan:
         """Keep a plan that has been made in the present scene, with the present tool."""
-        made_s, number = self._clock.now_s(), secrets.token_hex(8)
+        made_s, number = self._clock.now_s(), f"plan_{secrets.token_hex(8)}"
         scene, tool = self._robot.collision.scene.version, self._robot.model.tool.version
         plan = Plan(number, begin, found, limits, made_s, scene, tool, by=acting.get().name, **fields)
         self._plans[plan.plan_id] = plan

@@ -49,6 +49,11 @@ class JobState(StrEnum):
     INTERRUPTED = "interrupted"
 
 
+def new_job_id() -> str:
+    """An id that no other job has, also after a restart."""
+    return f"job_{secrets.token_hex(8)}"
+
+
 ENDS = frozenset({JobState.FINISHED, JobState.FAILED, JobState.CANCELLED, JobState.INTERRUPTED})
 
 
@@ -134,7 +139,7 @@ class Job:
     owner: str
     changed: Callable[[Job], None]
     parent: str | None = None
-    id: str = field(default_factory=lambda: secrets.token_hex(8))
+    id: str = field(default_factory=new_job_id)
     accepted: asyncio.Event = field(default_factory=asyncio.Event)
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     end_record: JobRecord | None = None

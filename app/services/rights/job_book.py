@@ -20,7 +20,7 @@ from typing import NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from app.services.clients import CLIENT
-from app.services.rights.job import ENDS, Job, JobError, JobKind, JobRecord, JobState
+from app.services.rights.job import ENDS, Job, JobError, JobKind, JobRecord, JobState, new_job_id
 from app.services.state.link import RobotLink
 from cobot.errors import NotFoundError
 from cobot.logs.files import RotatingFile, aside
@@ -93,10 +93,16 @@ class JobBook:
         reason = os.strerror(self._outlet.error) if self._outlet.error > 0 else "its log has the details"
         return f"jobs cannot be recorded: {self._path}: {reason}"
 
-    def new(self, kind: JobKind, request: str = "", parent: str | None = None) -> Job:
-        """A job of the client on whose behalf the present task runs; it is in the book once it begins."""
+    def new(
+        self, kind: JobKind, request: str = "", parent: str | None = None, number: str | None = None
+    ) -> Job:
+        """A job of the client on whose behalf the present task runs; it is in the book once it begins.
+
+        Args:
+            number: its id; None for a new one.
+        """
         request, owner = printable(request, MAX_REQUEST), printable(str(CLIENT.get()), MAX_REQUEST)
-        return Job(self._link, kind, request, owner, self._changed, parent)
+        return Job(self._link, kind, request, owner, self._changed, parent, number or new_job_id())
 
     def records(self, count: int, states: frozenset[JobState] = frozenset(JobState)) -> list[JobRecord]:
         """The newest jobs in one of these states, the newest first."""

@@ -89,11 +89,16 @@ class Ownership:
         """The job of the sequence that has the right to move."""
         return None if self._sequence is None else self._sequence.job
 
-    def new_job(self, kind: JobKind, request: str = "") -> Job:
-        """A job for a `Caller`; one of a sequence's own requests belongs to that."""
+    def new_job(self, kind: JobKind, request: str = "", number: str | None = None) -> Job:
+        """A job for a `Caller`; one of a sequence's own requests belongs to that.
+
+        Args:
+            number: its id; None for a new one.
+        """
         sequence = self._sequence
         own = sequence is not None and sequence.token == CLIENT.get().sequence
-        return self.jobs.new(kind, request, sequence.job.id if sequence is not None and own else None)
+        parent = sequence.job.id if sequence is not None and own else None
+        return self.jobs.new(kind, request, parent, number)
 
     def claim_for_sequence(self, name: str, token: str, kind: JobKind = JobKind.SEQUENCE) -> None:
         """Reserve the motion for requests with a token.

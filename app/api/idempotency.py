@@ -1,0 +1,138 @@
+"""`Idempotency-Key`: a request that begins a job and is sent again begins nothing again.
+
+The second request with a key gets the answer of the first, which it waits for if that is still being carried
+out. A request that was refused, and has begun nothing, leaves its key free.
+
+Source: draft-ietf-httpapi-idempotency-key-header, which has the 422 for another request with the same key.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import re
+from collections.abc import Callable, Coroutine
+from typing import Any, cast
+from urllib.parse import parse_qsl
+
+from fastapi import Request, Response
+
+from app.api.access import identity_of
+from app.api.dependencies import JOB, JOB_ID, LARGE_BYTES
+from app.api.versions import plain_path
+from app.services.keys import Answer, Keys, Noted
+from app.services.rights.job import Job, new_job_id
+from cobot import audit
+from cobot.addresses import IDEMPOTENCY_KEY
+from cobot.errors import ConflictError, InputError
+from cobot.strict import shown
+
+REPLAYED = "Idempotent-Replayed"
+"""Header of an answer that was given before."""
+MAX_KEY = 255
+_KEY = re.compile(rf"[\x21-\x7e]{{1,{MAX_KEY}}}")
+PARAMETER: dict[str, Any] = {
+    "name": IDEMPOTENCY_KEY,
+    "in": "header",
+    "required": False,
+    "description": "A new random value for each job, such as a UUID. The same request with the same key "
+    "begins nothing within 24 hours: it gets the first answer.",
+    "schema": {"type": "string", "minLength": 1, "maxLength": MAX_KEY, "pattern": "^[\\x21-\\x7e]+$"},
+}
+Handler = Callable[[Request], Coroutine[Any, Any, Response]]
+
+
+def key_of(request: Request) -> str | None:
+    """The key of a request, without the quotation marks that the draft writes around it; None without one.
+
+    Raises:
+        InputError: it is empty, too long, has other characters, or there are several.
+    """
+    values = request.headers.getlist(IDEMPOTENCY_KEY)
+    if not values:
+        return None
+    key = values[0].strip()
+    if len(key) > 1 and key[0] == key[-1] == '"':
+        key = key[1:-1]
+    if len(values) > 1:
+        raise InputError(f"{IDEMPOTENCY_KEY} occurs {len(values)} times, allowed is once")
+    if len(key) > MAX_KEY:
+        raise InputError(f"{IDEMPOTENCY_KEY} has {len(key)} characters, allowed are 1 to {MAX_KEY}")
+    if not _KEY.fullmatch(key):
+        raise InputError(
+            f"{IDEMPOTENCY_KEY} is {shown(key)}, allowed are 1 to {MAX_KEY} printable ASCII characters "
+            "without spaces, such as a UUID"
+        )
+    return key
+
+
+async def answer_once(request: Request, key: str, handler: Handler) -> Response:
+    """Carry a request out, unless one with its key has been.
+
+    Raises:
+        InputError: the key is that of another request.
+        ConflictError: the service ended before it answered the first request.
+        UnavailableError: the key cannot be kept; nothing has begun.
+        And what the handler raises.
+    """
+    keys = cast(Keys, request.app.state.keys)
+    digest = hashlib.sha256(f"{identity_of(request).name}\0{key}".encode()).digest()
+    body = await request.body()
+    same = (
+        await asyncio.to_thread(_digest, request, body) if len(body) > LARGE_BYTES else _digest(request, body)
+    )
+    async with keys.turn(digest):
+        job = new_job_id()
+        noted = await keys.note(digest, same, job)
+        if noted is not None:
+            return _again(noted, same, key)
+        request.scope[JOB_ID] = job
+        try:
+            response = await handler(request)
+        except Exception:
+            if not _has_begun(request):
+                await keys.forget(digest)
+            raise
+        answer = Answer(
+            response.status_code,
+            response.media_type or response.headers.get("content-type", ""),
+            response.headers.get("location"),
+            bytes(response.body),
+        )
+        await asyncio.shield(keys.answer(digest, answer))
+        return response
+
+
+def _has_begun(request: Request) -> bool:
+    job: Job | None = request.scope.get(JOB)
+    return job is not None and job.record().started_at is not None
+
+
+def _again(noted: Noted, same: bytes, key: str) -> Response:
+    if noted.request != same:
+        raise InputError(
+            f"{IDEMPOTENCY_KEY} {shown(key)} is that of another request of the last 24 hours: "
+            "send the same path, query and body, or use a new key"
+        )
+    if noted.answer is None:
+        raise ConflictError(
+            f"{IDEMPOTENCY_KEY} {shown(key)}: the service ended before it answered this request, and does "
+            f"not carry it out again: see GET /jobs/{noted.job}, or GET /jobs if there is no such job; use a "
+            "new key to repeat the request"
+        )
+    audit.add_details(replayed=True)
+    headers = {REPLAYED: "true"} | ({"Location": noted.answer.location} if noted.answer.location else {})
+    return Response(noted.answer.body, noted.answer.status, headers, noted.answer.type)
+
+
+def _digest(request: Request, body: bytes) -> bytes:
+    """What makes two requests the same. A form has another boundary each time, which does not count."""
+    found = re.search(r'boundary="?([^";,]+)', request.headers.get("content-type", ""))
+    if found is not None:
+        body = body.replace(b"--" + found[1].encode("latin-1"), b"--")
+    query = sorted(
+        pair for pair in parse_qsl(request.url.query, keep_blank_values=True) if pair[0] != "strict"
+    )
+    digest = hashlib.sha256(f"{plain_path(request.scope)}\0{query}\0".encode())
+    digest.update(body)
+    return digest.digest()
