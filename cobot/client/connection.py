@@ -11,7 +11,7 @@ import httpx
 
 from cobot.addresses import DEFAULT_URL, PREFER, STRICT_STATUS, address, check_url, path_at
 from cobot.client.tls import Verify, tls_context, token_from_environment
-from cobot.errors import BY_CODE, CobotError, InputError, UnavailableError
+from cobot.errors import BY_CODE, CobotError, ExecutionError, InputError, UnavailableError
 
 MOTION_TIMEOUT_S = 90.0
 """Timeout for the answer to a motion, in seconds. It is longer than the service's default timeouts."""
@@ -23,8 +23,11 @@ ERRORS = BY_CODE
 
 
 def _error_of(answer: Json) -> CobotError:
-    """The error that an answer reports; of a motion that did not arrive it is in `message`."""
-    error = ERRORS.get(str(answer["code"]), CobotError)(str(answer.get("detail") or answer["message"]))
+    """The error that an answer reports. Raises KeyError: it reports none."""
+    if "success" in answer:  # a motion that did not arrive
+        error = ERRORS.get(str(answer.get("code")), ExecutionError)(str(answer["message"]))
+    else:
+        error = ERRORS.get(str(answer["code"]), CobotError)(str(answer["detail"]))
     error.explain = answer.get("explain")
     return error
 
