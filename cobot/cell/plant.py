@@ -5,6 +5,7 @@ The arm's joints come first, so its joint vectors are the first part of the plan
 Contacts are those of stiff bodies. Elliptic friction cones, friction stiffer than the contact's normal
 direction, and MuJoCo's no-slip iterations keep a held part from creeping between the fingers. In 5 s a can of
 0.25 kg creeps by 1.5 mm without the last two, by 0.15 mm without the iterations, by less than 1 µm with all.
+While the arm turns a part, `rtloop.backends.cell_devices` makes up for what MuJoCo's contacts leave out.
 """
 
 from __future__ import annotations
@@ -32,8 +33,7 @@ IMPEDANCE_RATIO = 10.0
 NO_SLIP_ITERATIONS = 3
 CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
 GRASP = {**CONTACT, "solref": [0.002, 1.0]}
-"""Between fingers and parts: the stiffest contact that a period of 1 ms permits. How far a held part moves
-in the hand while the arm turns it is in proportion to the first number."""
+"""Between fingers and parts: the stiffest contact that a period of 1 ms permits."""
 DRIVE_KG = 0.5
 """Mass of a finger's drive as the finger feels it: its rotor behind a gear."""
 TORSION_M = 0.005

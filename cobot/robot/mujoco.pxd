@@ -109,6 +109,8 @@ cdef extern from "mujoco/mujoco.h" nogil:
         double dist
         double pos[3]
         double frame[9]
+        double solref[2]
+        double solimp[5]
         int dim
         int geom[2]
         int exclude
@@ -162,6 +164,7 @@ cdef extern from "mujoco/mujoco.h" nogil:
         int* efc_id
         double* efc_pos
         double* efc_vel
+        double* efc_aref
         double* efc_force
 
     mjModel* mj_copyModel(mjModel* dest, const mjModel* src)
@@ -193,6 +196,7 @@ cdef extern from "mujoco/mujoco.h" nogil:
     void mj_mulM(const mjModel* m, const mjData* d, double* res, const double* vec)
     void mj_solveM(const mjModel* m, mjData* d, double* x, const double* y, int n)
     void mj_jac(const mjModel* m, const mjData* d, double* jacp, double* jacr, const double* point, int body)
+    void mj_jacDot(const mjModel* m, const mjData* d, double* jacp, double* jacr, const double* point, int body)
     void mj_jacSite(const mjModel* m, const mjData* d, double* jacp, double* jacr, int site)
     void mj_applyFT(const mjModel* m, mjData* d, const double* force, const double* torque,
                     const double* point, int body, double* qfrc_target)

@@ -111,6 +111,7 @@ cdef class CellBackend(MujocoBackend):
         mj_step1(self._c_plant_model, self._c_plant)
         memcpy(self._c_plant.ctrl, self._c_data.ctrl, self._dof * sizeof(double))
         self._devices.c_drive()
+        self._devices.c_keep_grasp()
         self._push_on(self._c_plant, self._plant_tcp_body)
         mj_step2(self._c_plant_model, self._c_plant)
         self._take_over()

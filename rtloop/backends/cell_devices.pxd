@@ -1,4 +1,4 @@
-from cobot.robot.mujoco cimport mjData, mjModel
+from cobot.robot.mujoco cimport mjContact, mjData, mjModel
 
 cdef enum:
     MAX_POINTS = 64
@@ -29,6 +29,9 @@ cdef class CellDevices:
     cdef int _finger_position[2]
     cdef int _finger_dof[2]
     cdef double _finger_share[2]  # of the width that each finger makes
+    cdef int _finger_body[2]
+    cdef double* _turning
+    cdef object _turning_array
     cdef bint _has_hand
     cdef double _reference, _stroke_m, _period_s, _stiffness, _damping
     cdef int _still_cycles, _cycles_to_rest
@@ -38,8 +41,10 @@ cdef class CellDevices:
     cdef Switch _switch[MAX_SWITCHES]
     cdef _add_switches(self, object plant)
     cdef void c_drive(self) noexcept nogil
+    cdef void c_keep_grasp(self) noexcept nogil
     cdef void c_sense(self) noexcept nogil
     cdef void _drive_hand(self) noexcept nogil
+    cdef void _keep(self, const mjContact* contact) noexcept nogil
     cdef void _sense_hand(self) noexcept nogil
     cdef double _look(self, const Ray* ray) noexcept nogil
     cdef bint _is_pressed(self, const Switch* switch) noexcept nogil

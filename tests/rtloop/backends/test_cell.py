@@ -61,6 +61,19 @@ def test_a_part_is_grasped_by_friction_lifted_carried_past_the_light_barrier_and
     assert arm.part("cube").position == pytest.approx([0.55, 0.3, 0.21 + 0.025], abs=3e-3)
 
 
+def test_a_held_part_does_not_creep_while_the_arm_turns_it(arm: CellArm) -> None:
+    """Oracle: a rigid grasp. Turning about the first joint at full speed is the hardest: the part is far from
+    the axis, and the centripetal acceleration points along the fingers.
+    """
+    arm.pick("can")
+    before = arm.part_in_tcp("can")
+    here = arm.joints.copy()
+    for turned in (0.9, -0.9, 0.9, -0.9, 0.0):
+        arm.go(np.array([here[0] + turned, *here[1:]]))
+    after = arm.part_in_tcp("can")
+    assert np.linalg.norm(after.position - before.position) < 0.05e-3
+
+
 def test_the_arm_feels_the_weight_of_what_it_holds(arm: CellArm) -> None:
     arm.hold(500)
     assert np.abs(arm.measured.wrench[:3]).max() < 0.05, "the hand alone is the tool"
