@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from benchmarks import (
     cell,
     clutter,
+    contact,
     corners,
     corpus,
     crowd,
@@ -69,8 +70,8 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "torn_reads": lambda quick: torn.torn_reads(100_000 if quick else 10_000_000),
     "stops": lambda quick: stopping.stops(4 if quick else 40),
     "path_actions": lambda quick: signals.actions(1000 if quick else 10_000),
-    "contact": lambda quick: signals.contact(40 if quick else 1000),
-    "free_motions": lambda quick: signals.free_motions(20 if quick else 1000),
+    "contact": lambda quick: contact.contact(40 if quick else 1000),
+    "free_motions": lambda quick: contact.free_motions(20 if quick else 1000),
     "smoothness": lambda quick: smoothness.smoothness(6.0 if quick else 30.0),
     "repeats": lambda quick: repeats.repeats(10 if quick else 100),
     "virtual_clock": lambda quick: virtual_clock.factor(2 if quick else 10),

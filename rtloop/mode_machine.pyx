@@ -385,10 +385,13 @@ cdef class ModeMachine:
         return self.settling.c_ended()
 
     def _rest(self, Measured measured, fresh):
-        """Finish a motion or stream that has ended: the arm is at rest, or does not come to rest."""
+        """Finish a motion or stream that has ended: the arm is at rest, or does not come to rest.
+
+        In contact it may not: pressed against a wall, it can slide until it is held where it is.
+        """
         if self.streaming.session:
             self._end_stream(measured.position, fresh)
-        elif self.settling.settled:
+        elif self.settling.settled or self.signals.met:
             self._motion_result = MotionResult.MET if self.signals.met else self.follower.result()
             if self.signals.met:
                 self._yield_to_contact(measured.position, fresh)

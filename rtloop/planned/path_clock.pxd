@@ -31,6 +31,8 @@ cdef class PathClock:
     cdef void c_advance(self, Path path) noexcept nogil
     cdef void _try_rung(self, Path path) noexcept nogil
     cdef void _try_sooner(self, Path path) noexcept nogil
+    cdef bint _find_steepest(self, Path path) noexcept nogil
+    cdef bint _try(self, Path path, double share) noexcept nogil
     cdef void _lower_aim(self) noexcept nogil
     cdef void _take_candidate(self) noexcept nogil
     cdef bint _plan(self, Path path, double share) noexcept nogil

@@ -25,6 +25,7 @@ cdef double[RUNGS] LADDER = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, 0.05, 
 cdef double SIDE_S = 1e-9
 # A profile may use this share of the limits; the rest is for what lies between two samples.
 cdef double SHARE = 0.99
+cdef double URGENT_SHARE = 0.998
 # A profile under way gives way to one that needs no more than this share of the time that is left.
 cdef double SOONER = 0.8
 # Below zero the arm would go back.
@@ -35,9 +36,11 @@ cdef double MAX_JERK = 2000.0
 # The same at contact, where each millimetre counts. The limits of the joints hold in any case.
 cdef double URGENT_ACCELERATION = 1000.0
 cdef double URGENT_JERK = 500_000.0
-# There the first cycle tries so many candidates, each a little gentler than the one before.
+# There the first cycle looks for the steepest profile: each try is gentler than the one before until one
+# holds, and then the gap to the last that did not is halved some times.
 cdef int URGENT_TRIES = 8
-cdef double GENTLER = 0.96
+cdef double GENTLER = 0.8
+cdef int HALVINGS = 6
 # A profile that lasts longer is not taken, for somebody waits for the stop.
 cdef double LONGEST_S = 2.0
 # Where no profile leads from rest to the target rate, one leads to this share of it, or to the share of that.
@@ -187,24 +190,41 @@ cdef class PathClock:
 
     cdef void _try_rung(self, Path path) noexcept nogil:
         """Take this cycle's candidate if it holds; if not, the next cycle tries a gentler one."""
-        cdef double share = 1.0
-        cdef int _attempt
         self.waited_s += self.period_s
-        if self.urgent and self.rung == 0:
-            for _attempt in range(URGENT_TRIES - 1):
-                if self._plan(path, share) and self._admissible(path):
-                    self._take_candidate()
-                    return
-                share *= GENTLER
-        else:
-            share = LADDER[self.rung]
-        if self._plan(path, share) and self._admissible(path):
+        if self._find_steepest(path) if self.urgent and self.rung == 0 else self._try(path, LADDER[self.rung]):
             self._take_candidate()
             return
         self.rung = (self.rung + 1) % RUNGS
         self.failed_at_rest = self.failed_at_rest + 1 if self.rate == 0.0 and self.profile_s < 0.0 else 0
         if self.failed_at_rest == RUNGS:
             self._lower_aim()
+
+    cdef bint _find_steepest(self, Path path) noexcept nogil:
+        """Make the steepest profile that holds the candidate; whether there is one.
+
+        Each percent below it takes the arm half a percent further into what it touches.
+        """
+        cdef double share = 1.0, too_steep = 1.0, middle
+        cdef int attempt
+        for attempt in range(URGENT_TRIES):
+            if self._try(path, share):
+                break
+            too_steep, share = share, share * GENTLER
+        else:
+            return False
+        if share == too_steep:
+            return True
+        for attempt in range(HALVINGS):
+            middle = 0.5 * (share + too_steep)
+            if self._try(path, middle):
+                share = middle
+            else:
+                too_steep = middle
+        return self._plan(path, share)
+
+    cdef bint _try(self, Path path, double share) noexcept nogil:
+        """Whether there is a candidate with this share of the steepest profile, and it holds."""
+        return self._plan(path, share) and self._admissible(path)
 
     cdef void _lower_aim(self) noexcept nogil:
         """Aim at a lower rate for now, at rest, where all candidates have failed.
@@ -282,6 +302,7 @@ cdef class PathClock:
         """
         cdef int joint
         cdef double own_acceleration, own_jerk, acceleration, jerk, first, second
+        cdef double permitted = URGENT_SHARE if self.urgent else SHARE
         cdef double derivatives[3 * MAX_DOF]
         path.c_sample(path_time_s, derivatives)
         for joint in range(self.dof):
@@ -290,9 +311,9 @@ cdef class PathClock:
             own_jerk = derivatives[2 * self.dof + joint] * (rate * rate * rate)
             acceleration = fabs(own_acceleration + first * slope)
             jerk = fabs(own_jerk + 3.0 * second * rate * slope + first * bend)
-            if not acceleration <= fmax(SHARE * self.rates.acceleration[joint], fabs(own_acceleration)):
+            if not acceleration <= fmax(permitted * self.rates.acceleration[joint], fabs(own_acceleration)):
                 return False
-            if not jerk <= fmax(SHARE * self.rates.jerk[joint], fabs(own_jerk)):
+            if not jerk <= fmax(permitted * self.rates.jerk[joint], fabs(own_jerk)):
                 return False
         return True
 

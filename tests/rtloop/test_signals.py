@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from rig import Rig
 from scipy.optimize import brentq
+from shortest_stop import rest_on_path
 from wired_arm import WiredArm
 
 from cobot.config import Settings
 from cobot.ipc.layout import Command, Firing, MotionResult, Waiting
 from cobot.ipc.signal_record import SignalReport, signal_report
-from cobot.motions.requests import MotionRequest
+from cobot.motions.requests import MotionRequest, TcpSpeed
 from cobot.motions.signal_places import TcpWay, place_signals, resting
 from cobot.motions.signals import (
     FALSE,
@@ -33,6 +34,7 @@ from cobot.motions.signals import (
 )
 from cobot.planners import plan
 from cobot.robot.description import RobotDescription
+from cobot.robot.frames import pose_from_abc
 from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode, PlannerName, Scaling
 
@@ -313,6 +315,38 @@ def test_an_input_ends_a_motion_on_its_path_or_as_fast_as_possible(
     assert met.path_time_s == path_time_s  # in the first cycle that could see it
     for rates in rig.rates():
         assert rates.max() <= 1.011
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_stop_on_the_path_is_as_short_as_the_limits_permit(
+    rig: Rig, robot: RobotDescription, arm: WiredArm, seed: int
+) -> None:
+    """Oracle: `shortest_stop.rest_on_path`. Fast straight lines, on which the joints' speeds change."""
+    random = np.random.default_rng(seed)
+    speed_m_s = float(random.uniform(0.1, 0.25))
+    x, y = random.uniform(0.45, 0.6), random.uniform(-0.2, 0.2)
+    above, below = (pose_from_abc(x, y, z, 0.0, np.pi, 0.0) for z in (0.55, 0.40))
+    there = plan(robot, MotionRequest(rig.home, above, PlannerName.PTP, Scaling(1.0)))
+    assert there is not None
+    down = MotionRequest(
+        there.end, below, PlannerName.LIN, Scaling(1.0), tcp_speed=TcpSpeed(linear_m_s=speed_m_s)
+    )
+    motion = plan(robot, down)
+    assert motion is not None
+    assert rig.start(there) == ""
+    rig.run()
+    until = Until(Condition(Quantity.INPUT, *TRUE, name="part"))
+    assert rig.start(motion, signals=Placed(until=until)) == ""
+    rig.step(round(500 * motion.duration_s))
+    arm.inputs["part"] = 1.0
+    rig.run()
+    met = report(rig).met
+    assert met is not None
+    for rates in rig.rates():
+        assert rates.max() <= 1.011
+    forward = robot.model.forward
+    shortest = forward(rest_on_path(motion, met.path_time_s, rig.limits)).position[2]
+    assert abs(shortest - forward(rig.commanded[-1]).position[2]) <= speed_m_s * rig.settings.rt.period_s
 
 
 def test_an_edge_counts_only_from_outside(rig: Rig, arm: WiredArm, motion: Trajectory) -> None:
