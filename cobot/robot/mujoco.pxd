@@ -196,7 +196,8 @@ cdef extern from "mujoco/mujoco.h" nogil:
     void mj_mulM(const mjModel* m, const mjData* d, double* res, const double* vec)
     void mj_solveM(const mjModel* m, mjData* d, double* x, const double* y, int n)
     void mj_jac(const mjModel* m, const mjData* d, double* jacp, double* jacr, const double* point, int body)
-    void mj_jacDot(const mjModel* m, const mjData* d, double* jacp, double* jacr, const double* point, int body)
+    void mj_jacDot(const mjModel* m, const mjData* d, double* jacp, double* jacr, const double* point,
+                   int body)
     void mj_jacSite(const mjModel* m, const mjData* d, double* jacp, double* jacr, int site)
     void mj_applyFT(const mjModel* m, mjData* d, const double* force, const double* torque,
                     const double* point, int body, double* qfrc_target)

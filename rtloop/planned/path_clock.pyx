@@ -190,8 +190,13 @@ cdef class PathClock:
 
     cdef void _try_rung(self, Path path) noexcept nogil:
         """Take this cycle's candidate if it holds; if not, the next cycle tries a gentler one."""
+        cdef bint found
         self.waited_s += self.period_s
-        if self._find_steepest(path) if self.urgent and self.rung == 0 else self._try(path, LADDER[self.rung]):
+        if self.urgent and self.rung == 0:
+            found = self._find_steepest(path)
+        else:
+            found = self._try(path, LADDER[self.rung])
+        if found:
             self._take_candidate()
             return
         self.rung = (self.rung + 1) % RUNGS
@@ -205,8 +210,8 @@ cdef class PathClock:
         Each percent below it takes the arm half a percent further into what it touches.
         """
         cdef double share = 1.0, too_steep = 1.0, middle
-        cdef int attempt
-        for attempt in range(URGENT_TRIES):
+        cdef int _attempt
+        for _attempt in range(URGENT_TRIES):
             if self._try(path, share):
                 break
             too_steep, share = share, share * GENTLER
@@ -214,7 +219,7 @@ cdef class PathClock:
             return False
         if share == too_steep:
             return True
-        for attempt in range(HALVINGS):
+        for _attempt in range(HALVINGS):
             middle = 0.5 * (share + too_steep)
             if self._try(path, middle):
                 share = middle
