@@ -19,6 +19,7 @@ REGISTRY = Registry(
         "digital": "cobot.grippers.digital:DigitalGripper",
         "simulated": "cobot.grippers.simulated:SimulatedGripper",
         "vacuum": "cobot.grippers.vacuum:VacuumGripper",
+        "franka": "cobot.grippers.franka:FrankaHand",
         "robotiq": "cobot.grippers.robotiq:RobotiqGripper",
     },
 )

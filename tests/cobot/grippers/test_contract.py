@@ -17,6 +17,7 @@ from cobot.grippers.contract.suite import CHECKS, examined, subject_for
 from cobot.grippers.contract.toy import ToyGripper, ToyOptions, ToyRig
 
 NOT_TESTED = {
+    "franka": ["fault"],
     "simulated": ["fault"],
     "digital": ["stop", "fault"],
     "vacuum": ["move", "preempt", "stop", "fault"],
@@ -34,6 +35,7 @@ TOY = "cobot.grippers.contract.toy:ToyGripper"
         ("robotiq", {"device": "/dev/ttyUSB0"}),
         ("robotiq", {"device": "10.0.0.2:54321", "model": "hande"}),
         ("robotiq", {"device": "10.0.0.2", "protocol": "urcap"}),
+        ("franka", {"address": "127.0.0.1"}),
         ("simulated", {}),
         ("digital", {"close_output": "shut", "closed_input": "closed"}),
         ("digital", {"open_output": "open", "closed_input": "closed", "opened_input": "opened"}),

@@ -1,0 +1,142 @@
+"""The driver of the Franka Hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated
+
+from pydantic import Field
+
+from cobot.grippers.franka.link import HandLink, ProcessLink
+from cobot.grippers.franka.rig import FrankaHandRig
+from cobot.grippers.protocol import (
+    Grasp,
+    GripperCapabilities,
+    GripperOptions,
+    GripperState,
+    HeldObject,
+    IoPort,
+    PowerLoss,
+)
+
+SPEEDS_M_S, FORCES_N = (0.005, 0.1), (1.0, 70.0)
+"""Of the width, and the force that the hand can hold continuously; source: data sheet of the Franka Hand."""
+CLOSED_M = 0.001
+"""Fingers that are no wider apart hold nothing, whatever the hand says."""
+
+
+class FrankaHandOptions(GripperOptions):
+    """Options of `FrankaHand`."""
+
+    address: Annotated[
+        str, Field(min_length=1, max_length=253, description="Of the robot's control unit, as the backend's.")
+    ]
+    max_width: Annotated[
+        float, Field(gt=0.0, le=0.2, description="Width when open, m; other fingers may need another one.")
+    ] = 0.08
+    default_speed: Annotated[
+        float, Field(ge=SPEEDS_M_S[0], le=SPEEDS_M_S[1], description="Without one in a command, m/s.")
+    ] = 0.1
+    default_force: Annotated[
+        float, Field(ge=FORCES_N[0], le=FORCES_N[1], description="Without one in a grasp, N.")
+    ] = 30.0
+
+
+class FrankaHand:
+    """See the package. `move` has no force; the library knows one for `grasp` alone."""
+
+    Options = FrankaHandOptions
+    sdk = "pylibfranka"
+    state_period_s = 0.02
+
+    def __init__(
+        self, options: FrankaHandOptions, port: IoPort, connect: Callable[[], HandLink] | None = None
+    ) -> None:
+        """connect: makes another connection than that to `options.address`, for tests."""
+        self._options = options
+        self._link = ProcessLink(options.address) if connect is None else connect()
+        self._busy = False
+        self._fault = ""
+        self._commanded: float | None = None
+        self._force: float | None = None
+        self.capabilities = GripperCapabilities(
+            width_m=(0.0, options.max_width),
+            force_n=FORCES_N,
+            speed_m_s=SPEEDS_M_S,
+            object_detection=True,
+            on_power_loss=PowerLoss.KEEPS,
+        )
+
+    @staticmethod
+    def contract_rig(options: FrankaHandOptions) -> FrankaHandRig:
+        return FrankaHandRig(options)
+
+    def connect(self) -> None:
+        self._link.open()
+        self._busy = False
+        self._link.read()
+
+    def disconnect(self) -> None:
+        self._link.close()
+
+    def open(self) -> None:
+        self.move(self._options.max_width, None, None)
+
+    def close(self) -> None:
+        self.move(0.0, None, None)
+
+    def move(self, width: float, speed: float | None, force: float | None) -> None:
+        self._begin("move", width, self._options.default_speed if speed is None else speed)
+        self._commanded, self._force = width, None
+
+    def grasp(self, grasp: Grasp) -> None:
+        options = self._options
+        speed = options.default_speed if grasp.speed is None else grasp.speed
+        force = options.default_force if grasp.force is None else grasp.force
+        width, inner, outer = grasp.width, grasp.tolerance_inner, grasp.tolerance_outer
+        if width is None:
+            width, inner, outer = 0.0, 0.0, options.max_width
+        self._begin("grasp", width, speed, force, inner, outer)
+        self._commanded, self._force = width, force
+
+    def release(self, width: float | None) -> None:
+        self.move(self._options.max_width if width is None else width, None, None)
+
+    def stop(self) -> None:
+        """A command under way alone is stopped: the library's stop would let go of what is held."""
+        if self._is_busy():
+            self._link.abort()
+            self._busy = False
+
+    def home(self) -> None:
+        self._begin("homing")
+        self._commanded = self._force = None
+
+    def state(self) -> GripperState:
+        moving = self._is_busy()
+        found = self._link.read()
+        holds = found.is_grasped and found.width > CLOSED_M and not moving
+        return GripperState(
+            found.width,
+            self._commanded,
+            moving,
+            force=self._force if holds else None,
+            object=HeldObject.HELD_INSIDE if holds else HeldObject.NONE,
+            temperature=found.temperature,
+            fault=self._fault,
+            ages_s={"width": found.age_s, "temperature": found.age_s} if moving else {},
+        )
+
+    def _begin(self, call: str, *arguments: float) -> None:
+        """Start a command; one that is under way is stopped, because the library takes no second one."""
+        self.stop()
+        self._fault = ""
+        self._link.begin(call, *arguments)
+        self._busy, self._call = True, call
+
+    def _is_busy(self) -> bool:
+        if self._busy and (result := self._link.result()) is not None:
+            self._busy = False
+            if self._call != "grasp" and not result.good:  # a grasp of nothing fails, too
+                self._fault = f"the hand has not done {self._call}: {result.failure or 'it was unsuccessful'}"
+        return self._busy
