@@ -20,7 +20,7 @@ from cobot.grippers.protocol import (
 )
 
 SPEEDS_M_S, FORCES_N = (0.005, 0.1), (1.0, 70.0)
-"""Of the width, and the force that the hand can hold continuously; source: data sheet of the Franka Hand."""
+"""Speeds of the width, and forces that the hand holds continuously. Source: data sheet of the Franka Hand."""
 CLOSED_M = 0.001
 """Fingers that are no wider apart hold nothing, whatever the hand says."""
 
