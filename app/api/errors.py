@@ -8,12 +8,15 @@ from __future__ import annotations
 import difflib
 import logging
 import re
-from typing import Any
+from collections.abc import Iterable, Mapping
+from http import HTTPStatus
+from typing import Annotated, Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
+from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.routing import Match, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -59,11 +62,20 @@ HEADERS = {
 }
 
 
+OF_HTTP = ("method_not_allowed", "http", "timeout", "interrupted")
+"""Codes that belong to no class of errors: of HTTP itself, and of a job that the end of the service ended."""
+ErrorCode = Annotated[str, Field(json_schema_extra={"enum": sorted({*errors.BY_CODE, *OF_HTTP})})]
+"""A code, with all that there are in the schema. A client accepts others too, of a newer service."""
+PROBLEM = "application/problem+json"
+MANUAL = "docs/api.md#errors"
+"""Page and anchor of the manual about errors."""
+
+
 class ErrorAnswer(BaseModel):
     """The body of every answer that is not 200."""
 
     detail: str = Field(description="What is wrong, where, the value and the limit.")
-    code: str = Field(description="A stable word for programs.")
+    code: ErrorCode = Field(description="A stable word for programs.")
 
 
 class RefusedAnswer(ErrorAnswer):
@@ -96,6 +108,37 @@ def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
         status: {"model": models.get(status, ErrorAnswer), "description": DESCRIPTIONS[status]}
         for status in statuses
     }
+
+
+class ErrorResponse(JSONResponse):
+    """An error in the form that the client accepts: ours, or the same with the members of RFC 9457."""
+
+    def __init__(self, content: dict[str, Any], status: int, headers: Mapping[str, str] | None) -> None:
+        super().__init__(content, status, headers)
+        self._content = content
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http" and _accepts_problem(Headers(scope=scope).getlist("accept")):
+            problem = {
+                "type": f"urn:cobot:error:{self._content['code']}",
+                "title": HTTPStatus(self.status_code).phrase,
+                "status": self.status_code,
+                "request_id": log_context.get().get("request", ""),
+                "manual": MANUAL,
+            }
+            self.body = self.render(problem | self._content)
+            self.headers["content-type"] = PROBLEM
+            self.headers["content-length"] = str(len(self.body))
+        await super().__call__(scope, receive, send)
+
+
+def _accepts_problem(accept: Iterable[str]) -> bool:
+    """Whether a client names the media type of RFC 9457, and not with a weight of 0."""
+    for media_range in ",".join(accept).split(","):
+        name, *parameters = (part.strip().lower() for part in media_range.split(";"))
+        if name == PROBLEM:
+            return not any(re.fullmatch(r"q=0(\.0*)?", each) for each in parameters)
+    return False
 
 
 def status_of(error: CobotError) -> int:
@@ -145,7 +188,7 @@ def _answer(
 ) -> JSONResponse:
     audit.add_details(error=detail, code=code)
     more = {} if explain is None else {"explain": explain.model_dump()}
-    return JSONResponse({"detail": detail, "code": code} | more, status, headers)
+    return ErrorResponse({"detail": detail, "code": code} | more, status, headers)
 
 
 async def _cobot_error(request: Request, exc: Exception) -> JSONResponse:

@@ -25,6 +25,8 @@ LINKS: dict[str, dict[str, dict[str, Any]]] = {
     "PlanAnswer": {
         "kept_plan": _parameter("plan", PLAN),
         "rehearse": _parameter("plan", PLAN),
+        "execute_plan": _parameter("plan", PLAN),
+        "approve_plan": _parameter("plan", PLAN),
         "approve": {"requestBody": {"plan_id": PLAN}},
         "execute": {"requestBody": {"plan_id": PLAN}},
     },

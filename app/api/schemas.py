@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.errors import ErrorCode
 from app.api.explain_schemas import Explain
 from app.api.signal_schemas import ActionAnswer, ContactAnswer
 from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
@@ -44,7 +45,7 @@ class MoveAnswer(BaseModel):
         description="Whether the arm has arrived and settled, or rests because its condition `until` was met."
     )
     message: str = Field(description="The reason, when it has not arrived.")
-    code: str | None = Field(None, description="A stable word for the reason, null on success.")
+    code: ErrorCode | None = Field(None, description="A stable word for the reason, null on success.")
     motion_id: int | None = Field(None, description="Null when nothing moved.")
     duration_s: float = Field(description="From request to answer, s.")
     planning_time_s: float = Field(description="Of that, s, until there was a plan.")
@@ -224,6 +225,7 @@ class StopAnswer(BaseModel):
             "duration_s": 0.15,
             "category": 2,
             "confirmed": False,
+            "confirmed_by": "cobot",
         }
     )
 
@@ -236,4 +238,10 @@ class StopAnswer(BaseModel):
     category: int = Field(
         description="The category that was carried out: 2 the drives hold the arm, 1 they are off."
     )
-    confirmed: bool = Field(description="Whether the device itself reports it, not cobot alone.")
+    confirmed: bool = Field(
+        description="Use `confirmed_by`. Whether the device itself reports it, not cobot alone.",
+        json_schema_extra={"deprecated": True},
+    )
+    confirmed_by: Literal["cobot", "device"] | None = Field(
+        description="What has seen the arm at rest: the device itself, or cobot alone; null: neither."
+    )

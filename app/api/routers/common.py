@@ -51,7 +51,7 @@ async def stop(request: Request, category: Category = HELD) -> StopAnswer:
     )
     stop = together(dict(zip(robots, stopped, strict=True)))
     audit.add_details(message=stop.message)
-    return StopAnswer.model_validate(asdict(stop))
+    return StopAnswer.model_validate(asdict(stop) | {"confirmed_by": stop.confirmed_by})
 
 
 @router.endpoint("GET /health/ready", Role.PUBLIC, timeout_s=1.5, responses=responses(503))

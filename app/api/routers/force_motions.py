@@ -8,7 +8,7 @@ from fastapi import Request, Response
 from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call, Gone
-from app.api.errors import responses
+from app.api.errors import ErrorCode, responses
 from app.api.explain_schemas import Explain, explain_of
 from app.api.goals import goal_of
 from app.api.job_schemas import ACCEPTED, Wait, accepted
@@ -75,7 +75,7 @@ class ForceAnswer(BaseModel):
 
     success: bool = Field(description="Whether the end that was asked for was reached, or did not matter.")
     message: str = Field(description="The reason, if it was not.")
-    code: str | None = Field(description="A stable word for the reason, null on success.")
+    code: ErrorCode | None = Field(description="A stable word for the reason, null on success.")
     stopped_by: str = Field(
         description="duration (press), path_end (follow), drop or target (search), depth (insert); or the "
         "bound that came first: max_distance, max_time, max_deviation, pattern_end, force (insert: it goes "

@@ -9,7 +9,7 @@ from fastapi import Request, Response
 from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call, Gone
-from app.api.errors import responses
+from app.api.errors import ErrorCode, responses
 from app.api.job_schemas import ACCEPTED, Wait, accepted
 from app.api.route import EndpointRouter
 from app.services.gripping.commands import GripperReport
@@ -121,7 +121,7 @@ class GripperAnswer(GripperValues):
 
     success: bool = Field(description="Whether it came to what was asked for, or that did not matter.")
     message: str = Field(description="The reason, if it did not.")
-    code: str | None = Field(description="A stable word for the reason, null on success.")
+    code: ErrorCode | None = Field(description="A stable word for the reason, null on success.")
     held: str | None = Field(description="Name of the object of the scene that is attached now.")
 
 

@@ -56,6 +56,7 @@ PLAN: dict[str, Any] = {
     "responses": responses(409, 501, 503),
 }
 
+PlanOfPath = Annotated[str, Path(max_length=64, description="Its plan_id.")]
 router = EndpointRouter(tags=["plans"])
 
 
@@ -107,26 +108,41 @@ async def plan_gripper(body: PlanGripper, request: Request) -> PlanAnswer:
     return _made(await call.services.plans.make_gripper(asked, body.samples, call.timeout_s), call)
 
 
-@router.endpoint(
-    "POST /robot/execute",
-    Role.OPERATOR,
-    timeout_s=60.0,
-    control=True,
-    keyed=True,
-    response_model=MoveAnswer,
-    responses=responses(404, 409, 501, 503) | ACCEPTED,
-)
+EXECUTE: dict[str, Any] = {
+    "timeout_s": 60.0,
+    "control": True,
+    "keyed": True,
+    "response_model": MoveAnswer,
+    "responses": responses(404, 409, 501, 503) | ACCEPTED,
+}
+
+
+@router.endpoint("POST /robot/execute", Role.OPERATOR, **EXECUTE)
 async def execute(body: Execute, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Run a plan, if all is as it was when it was made; answers when the arm has arrived and settled."""
+    return await _execute(body.plan_id, request, gone, how)
+
+
+@router.endpoint(
+    "POST /robot/plans/{plan}/execute",
+    Role.OPERATOR,
+    **EXECUTE | {"responses": responses(422) | EXECUTE["responses"]},
+)
+async def execute_plan(plan: PlanOfPath, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
+    """Run a plan, as POST /robot/execute does. Takes no body."""
+    return await _execute(plan, request, gone, how)
+
+
+async def _execute(plan_id: str, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     call = Call(request)
     plans = call.services.plans
-    caller = call.caller(gone, JobKind.EXECUTE, body.plan_id, wait=how.wait and not how.queue)
+    caller = call.caller(gone, JobKind.EXECUTE, plan_id, wait=how.wait and not how.queue)
     check_queueing(how)
     if not how.queue:
-        return await run_motion(call, caller, plans.execute(body.plan_id, caller))
+        return await run_motion(call, caller, plans.execute(plan_id, caller))
     job = caller.job
     assert job is not None
-    queued = plans.queued(body.plan_id, job, how.blend_radius)
+    queued = plans.queued(plan_id, job, how.blend_radius)
     return accepted(call, await call.services.jobs.enqueue(job, queued, caller))
 
 
@@ -165,9 +181,7 @@ async def kept_plans(request: Request) -> list[KeptPlan]:
     response_model=PlanAnswer,
     responses=responses(404, 422),
 )
-async def kept_plan(
-    plan: Annotated[str, Path(max_length=64, description="Its plan_id.")], request: Request
-) -> Response:
+async def kept_plan(plan: PlanOfPath, request: Request) -> Response:
     """A plan that can be run, as it was answered when it was made: its path is there to be looked at."""
     plans = Call(request).services.plans
     found = plans.get(plan)
@@ -178,9 +192,7 @@ async def kept_plan(
 @router.endpoint(
     "POST /robot/plans/{plan}/rehearse", Role.AGENT, timeout_s=20.0, responses=responses(404, 409, 422, 503)
 )
-async def rehearse(
-    plan: Annotated[str, Path(max_length=64, description="Its plan_id.")], request: Request, gone: Gone
-) -> RehearsalAnswer:
+async def rehearse(plan: PlanOfPath, request: Request, gone: Gone) -> RehearsalAnswer:
     """Run a plan on a simulated copy of the robot, by the real cycle. The robot itself does not move."""
     call = Call(request)
     return rehearsal(*await call.services.plans.rehearse(plan, gone, call.timeout_s))
@@ -189,11 +201,27 @@ async def rehearse(
 @router.endpoint("POST /robot/approve", Role.OPERATOR, timeout_s=1.5, responses=responses(404, 503))
 async def approve(body: Approve, request: Request) -> KeptPlan:
     """Let an agent run a plan, once, or take that back: look at the plan first."""
+    return _approve(body.plan_id, request, approved=body.approved)
+
+
+@router.endpoint(
+    "POST /robot/plans/{plan}/approve", Role.OPERATOR, timeout_s=1.5, responses=responses(404, 422, 503)
+)
+async def approve_plan(
+    plan: PlanOfPath,
+    request: Request,
+    approved: Annotated[bool, Query(description="false: take the approval back.")] = True,
+) -> KeptPlan:
+    """Let an agent run a plan, as POST /robot/approve does. Takes no body."""
+    return _approve(plan, request, approved=approved)
+
+
+def _approve(plan_id: str, request: Request, *, approved: bool) -> KeptPlan:
     services = Call(request).services
     approvals = services.approvals
     by = identity_of(request).name
-    plan = approvals.approve(body.plan_id, by) if body.approved else approvals.withdraw(body.plan_id)
-    what = "approved" if body.approved else "withdrawn"
+    plan = approvals.approve(plan_id, by) if approved else approvals.withdraw(plan_id)
+    what = "approved" if approved else "withdrawn"
     services.link.events.publish("plan", what=what, plan=plan.plan_id, by=by)
     return _kept(plan, services)
 

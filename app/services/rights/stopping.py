@@ -51,6 +51,13 @@ class Stopped:
     category: int = HELD
     confirmed: bool = False
 
+    @property
+    def confirmed_by(self) -> str | None:
+        """What has seen the arm at rest: the device itself or cobot; None while neither has."""
+        if not self.at_rest:
+            return None
+        return "device" if self.confirmed else "cobot"
+
 
 def together(stops: dict[str, Stopped]) -> Stopped:
     """The stops of several robots as one, with the position of the first; that of one robot as it is."""

@@ -26,6 +26,7 @@ WITHOUT_CONTROL = {
     "POST /robot/reset",
     "DELETE /robot/freedrive",
     "POST /robot/approve",
+    "POST /robot/plans/{plan}/approve",
     "POST /robot/plans/{plan}/rehearse",
     "POST /recordings",
     "DELETE /recordings/{name}",

@@ -13,6 +13,8 @@ import sys
 import httpx
 import pytest
 from fastapi import FastAPI
+from folders import ROOT
+from virtual_service import VirtualService
 
 from app.api.errors import STATUS, answer_to, install, status_of
 from cobot import errors
@@ -40,6 +42,50 @@ def test_every_error_of_the_tree_is_answered_with_its_status_code_and_sentence(
     answer = asyncio.run(ask())
     assert answer.status_code == status_of(kind("why"))
     assert answer.json() == {"detail": "joint1 is 9 rad, allowed is -2.97 to 2.97 rad", "code": kind.code}
+
+
+PROBLEM = "application/problem+json"
+
+
+@pytest.mark.parametrize(
+    ("accept", "problem"),
+    [
+        (PROBLEM, True),
+        (f"application/json, {PROBLEM.upper()};q=0.5", True),
+        (f"{PROBLEM};q=0", False),
+        (f"{PROBLEM}; q=0.00", False),
+        ("*/*", False),
+        ("application/problem+xml", False),
+        (f"x{PROBLEM}", False),
+    ],
+)
+def test_an_error_has_the_form_of_rfc_9457_for_clients_that_accept_it(
+    service: VirtualService, accept: str, problem: bool
+) -> None:
+    """Oracle: RFC 9457, 3.1: the types of its members, and its media type."""
+    for path, status in (("/jobs/none", 404), ("/nothing", 404), ("/v1/jobs?n=x", 422), ("/stop", 405)):
+        answer = service.ask("GET", path, headers={"Accept": accept, "X-Request-Id": "mine"})
+        plain = service.get(path).json()
+        assert answer.status_code == status
+        assert answer.headers["content-type"] == (PROBLEM if problem else "application/json")
+        assert int(answer.headers["content-length"]) == len(answer.content)
+        found = answer.json()
+        assert found.items() >= plain.items()
+        if problem:
+            assert (found["status"], found["request_id"]) == (status, "mine")
+            assert found["type"] == f"urn:cobot:error:{plain['code']}"
+            assert isinstance(found["title"], str)
+            assert (ROOT / found["manual"].partition("#")[0]).is_file()
+        else:
+            assert found == plain
+
+
+def test_each_code_that_is_answered_is_in_the_schema(service: VirtualService) -> None:
+    models = service.get("/openapi.json").json()["components"]["schemas"]
+    listed = models["ErrorAnswer"]["properties"]["code"]["enum"]
+    assert set(listed) >= {kind.code for kind in TREE}
+    (code,) = (each for each in models["MoveAnswer"]["properties"]["code"]["anyOf"] if "enum" in each)
+    assert code["enum"] == listed
 
 
 @pytest.mark.parametrize("kind", TREE)

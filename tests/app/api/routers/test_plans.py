@@ -417,3 +417,18 @@ def test_a_rotation_of_the_tool_can_be_free(service: VirtualService) -> None:
         refused = post(service, "/robot/plan/pose", body | {"free_axes": axes})
         assert refused.status_code == 422
         assert said in refused.json()["detail"]
+
+
+def test_a_plan_is_approved_and_run_by_its_address(service: VirtualService) -> None:
+    at_home(service)
+    path = f"/v1/robot/plans/{planned(service)['plan_id']}"
+    for query, by in (("", "anonymous"), ("?approved=false", None)):
+        assert service.post(f"{path}/approve{query}").json()["approved_by"] == by
+    headers = {"Idempotency-Key": "once"}
+    answers = [service.post(f"{path}/execute", headers=headers) for _ in range(2)]
+    assert answers[0].json()["success"], answers[0].text
+    assert answers[0].content == answers[1].content
+    np.testing.assert_allclose(joints(service), THERE, atol=1e-3)
+    for what in ("approve", "execute"):
+        answer = service.post(f"/robot/plans/plan_none/{what}")
+        assert (answer.status_code, answer.json()["code"]) == (404, "not_found")

@@ -35,7 +35,7 @@ def stopped_in_motion(service: VirtualService, path: str) -> dict[str, Any]:
 def test_by_default_the_arm_is_held_on_its_path(service: VirtualService) -> None:
     for path in ("/stop", "/stop?category=2", f"/robots/{service.name}/stop?category=2"):
         stopped = stopped_in_motion(service, path)
-        assert (stopped["success"], stopped["category"], stopped["confirmed"]) == (True, 2, False)
+        assert (stopped["success"], stopped["category"], stopped["confirmed_by"]) == (True, 2, "cobot")
         assert stopped["moved"]["code"] == "stopped"
         assert service.rig.mode is LoopMode.HOLD
 
@@ -48,7 +48,7 @@ def test_a_fast_stop_is_sooner_within_the_limits_and_ends_with_the_drives_off(
     driven: list[int] = []
     service.cycles[service.name].watch = lambda: driven.append(not rig.loop.controller.drives.off)
     stopped = stopped_in_motion(service, "/stop?category=1")
-    assert (stopped["success"], stopped["category"], stopped["confirmed"]) == (True, 1, False)
+    assert (stopped["success"], stopped["category"], stopped["confirmed_by"]) == (True, 1, "cobot")
     assert stopped["at_rest"]
     assert stopped["moved"]["success"] is False
     assert not driven[-1]
@@ -74,7 +74,7 @@ def test_a_fast_stop_without_category_1_holds_the_arm_and_says_so(
     service.rig.memory.device.data["stops"] = [0, 0, 2]
     watch._publish()
     stopped = service.post("/stop?category=1").json()
-    assert (stopped["success"], stopped["category"], stopped["confirmed"]) == (True, 2, True)
+    assert (stopped["success"], stopped["category"], stopped["confirmed_by"]) == (True, 2, "device")
     assert "the drives hold the arm: the backend mujoco has no stop category 1" in stopped["message"]
     assert service.rig.mode is LoopMode.ESTOP
     service.rig.memory.device.data["stops"] = [0, 1, 1]
