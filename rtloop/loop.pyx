@@ -324,6 +324,7 @@ cdef class ControlLoop:
         self._scalars.cycle = self._cycle
         self._scalars.robot_time_s = robot_time_s
         self.controller.c_describe(&self._scalars)
+        self._state.c_heed_gripper(&self._scalars)
         self._scalars.overruns = self._clock.overruns
         self._scalars.measured_monotonic_ns = self._measured_ns
         self._scalars.monotonic_ns = monotonic_ns()

@@ -1,6 +1,7 @@
 """What rtloop tells the world: the state of each cycle, and the statistics of all."""
 
-from libc.stdint cimport int64_t, uint32_t, uint64_t
+from libc.math cimport NAN
+from libc.stdint cimport UINT64_MAX, int64_t, uint32_t, uint64_t
 from libc.string cimport memcpy, memmove
 
 from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
@@ -10,7 +11,7 @@ from rtloop.clock cimport monotonic_ns
 import numpy as np
 
 from cobot.errors import LayoutError
-from cobot.ipc.layout import HISTOGRAM_BUCKETS, Intervention, Phase
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, GripperObject, Intervention, Phase
 from cobot.ipc.state_fields import STATE_SCALARS
 from cobot.ipc.shm import encoded
 from rtloop.backends import JOINT_ROWS
@@ -24,6 +25,8 @@ cdef int _phases = len(Phase)
 cdef int _buckets = HISTOGRAM_BUCKETS
 cdef int _kinds = len(Intervention)
 cdef int _joint_rows = JOINT_ROWS
+cdef uint64_t _objects = len(GripperObject)
+cdef uint64_t UNKNOWN = GripperObject.UNKNOWN
 
 
 cdef class StatePublisher:
@@ -52,6 +55,21 @@ cdef class StatePublisher:
         self._interventions = block.c_unsigned("interventions")
         self._intervened_ns = block.c_signed("intervened_ns")
         self._counted = -1
+        self._gripper = memory.gripper
+        self._gripper_values = self._gripper.c_doubles("gripper_width")
+        self._gripper_seen = UINT64_MAX
+
+    cdef void c_heed_gripper(self, StateScalars* scalars) noexcept nogil:
+        cdef uint64_t sequence = self._gripper.c_sequence()
+        if sequence == self._gripper_seen or not self._gripper.c_try_read():
+            return
+        self._gripper_seen = sequence
+        # The fields of the gripper stand together, in the order of its block.
+        memcpy(&scalars.gripper_width, self._gripper_values, self._gripper.mapped.size)
+        if scalars.gripper_monotonic_ns == 0:
+            scalars.gripper_width = scalars.gripper_commanded_width = scalars.gripper_force = NAN
+        if scalars.gripper_object >= _objects:
+            scalars.gripper_object = UNKNOWN
 
     cdef void c_heed(self, Safety safety, str reason) except *:
         """Take over what the safety layer has counted, and why the mode is what it is, when these change."""

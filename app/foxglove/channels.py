@@ -13,7 +13,7 @@ from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from cobot.errors import UnavailableError
 from cobot.ipc.records import record_dtype
-from cobot.ipc.state_fields import RECORDED
+from cobot.ipc.state_fields import GRIPPER, RECORDED
 from cobot.robot.description import RobotDescription
 
 if TYPE_CHECKING:
@@ -35,17 +35,24 @@ def _messages(names: tuple[str, ...], base_frame: str, period_s: float) -> Recor
 class Channels:
     """Those of one robot, for one client. To be made in a thread, see `_messages`.
 
+    Args:
+        has_gripper: whether there is a gripper, which has a topic of its own.
+
     Attributes:
         schemas: by topic: the name of its type, and the text that defines it.
     """
 
-    def __init__(self, robot: RobotDescription, link: RobotLink) -> None:
+    def __init__(self, robot: RobotDescription, link: RobotLink, *, has_gripper: bool) -> None:
         from cobot.recording.messages import TOPICS
 
         names = tuple(robot.limits.names)
         self._link = link
         self._messages = _messages(names, robot.base_frame, link.memory.period_s)
-        self.schemas = {topic: (kind, self._messages.definition(kind)) for topic, kind in TOPICS.items()}
+        self.schemas = {
+            topic: (kind, self._messages.definition(kind))
+            for topic, kind in TOPICS.items()
+            if has_gripper or topic != GRIPPER
+        }
         self._record = np.zeros(1, record_dtype(len(names)))
         self._caught: np.ndarray | None = None
 

@@ -79,7 +79,8 @@ async def foxglove(socket: WebSocket) -> None:
     socket.app.state.foxglove_clients += 1
     try:
         channels = {
-            name: await asyncio.to_thread(Channels, each.robot, each.link) for name, each in robots.items()
+            name: await asyncio.to_thread(Channels, each.robot, each.link, has_gripper=each.gripper.exists)
+            for name, each in robots.items()
         }
         await socket.accept(protocol)
         with contextlib.suppress(WebSocketDisconnect):

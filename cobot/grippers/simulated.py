@@ -57,6 +57,7 @@ class SimulatedGripper:
         self._hand, self._port, self._clock = hand, port, clock
         self._asked: dict[str, float] = {}
         self._asked_s = 0.0
+        self._holds = False
         self.capabilities = GripperCapabilities(
             width_m=(0.0, hand.stroke_m),
             force_n=(MIN_FORCE_N, hand.max_force_n),
@@ -104,7 +105,7 @@ class SimulatedGripper:
         self.move(0.0, None, None)
 
     def move(self, width: float, speed: float | None, force: float | None) -> None:
-        hand = self._hand
+        hand, self._holds = self._hand, False
         self._asked = {
             SPEED: hand.max_speed_m_s if speed is None else speed,
             FORCE: DEFAULT_FORCE_SHARE * hand.max_force_n if force is None else force,
@@ -139,7 +140,10 @@ class SimulatedGripper:
         force, moving = abs(self._port.read(MEASURED_FORCE)), self._moves()
         held = HeldObject.NONE
         pressing_n = min(PRESSING_N, PRESSING_SHARE * self._port.read(FORCE))
-        if not moving and force > pressing_n and abs(width - target) > NEAR_M:
+        presses = force > pressing_n and abs(width - target) > NEAR_M
+        # A held part may slip by some micrometres, which moves the fingers and loses nothing.
+        self._holds = presses and (not moving or (self._holds and not self._asked))
+        if self._holds:
             held = HeldObject.HELD_INSIDE if width > target else HeldObject.HELD_OUTSIDE
         return GripperState(width, target, moving, force=force, object=held)
 

@@ -59,7 +59,7 @@ def table() -> Iterator[str]:
     yield "| Field | Type | Unit | Meaning | Recorded |"
     yield "|---|---|---|---|---|"
     for field in STATE_FIELDS:
-        recorded = "`/cycle`" if field.message else "yes" if field.recorded else ""
+        recorded = f"`{field.topic}`" if field.message else "yes" if field.recorded else ""
         yield f"| `{field.name}` | {_json_type(field)} | {field.unit} | {field.meaning} | {recorded} |"
 
 

@@ -82,6 +82,21 @@ class Intervention(IntEnum):
     LATE = 13  # timed targets that arrived after their time: dropped
 
 
+class GripperObject(IntEnum):
+    """What is between the fingers, as `cobot.grippers.HeldObject` has it, and whether that is known."""
+
+    ABSENT = 0  # no gripper, or it has not been read yet
+    UNKNOWN = 1  # the gripper does not detect objects
+    NONE = 2
+    HELD_INSIDE = 3
+    HELD_OUTSIDE = 4
+    LOST = 5
+
+    @property
+    def is_held(self) -> bool:
+        return self in (GripperObject.HELD_INSIDE, GripperObject.HELD_OUTSIDE)
+
+
 class Stream(IntEnum):
     """The kind of target of a streaming session."""
 

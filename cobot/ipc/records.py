@@ -22,8 +22,8 @@ from cobot.ipc.state_fields import RECORDED
 MAGIC = b"COBOTREC"
 FRESH_BYTES = 8_000_000
 """About 18 s of seven joints at 1 kHz: the recorder may pause this long without losing a cycle."""
-HISTORY_BYTES = 52_000_000
-"""Maximum size of the history, even if `recording.ring_s` needs more; 122 s for seven joints at 1 kHz."""
+HISTORY_BYTES = 53_500_000
+"""Maximum size of the history, even if `recording.ring_s` needs more; 121 s for seven joints at 1 kHz."""
 NOTES = 256
 NAME = "S64"
 TIMED = (Phase.WAKEUP, Phase.READ, Phase.UPDATE, Phase.WRITE)

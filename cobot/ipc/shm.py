@@ -12,6 +12,7 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     head        the service writes: the newest command's number
     commands    the service writes: a ring
     tool, output   the service writes: data of a TOOL or an OUTPUT command
+    gripper     the service writes: each reading of the gripper, which rtloop publishes in its state
     slots       the service writes: two trajectories
     info        rtloop writes, at its start and with a new tool: properties of the robot
     device, io  rtloop writes, some times a second: the device's capabilities and status; inputs and outputs
@@ -76,7 +77,7 @@ from cobot.ipc.layout import (
 )
 from cobot.ipc.seqlock import Block, SharedCounter, checksum
 from cobot.ipc.signal_record import fill_signals
-from cobot.ipc.state_fields import LAYOUT_VERSION, state_dtype
+from cobot.ipc.state_fields import GRIPPER_RECORD, LAYOUT_VERSION, state_dtype
 from cobot.motions.fence import Fence
 from cobot.motions.signals import NO_PLACED, Placed
 from cobot.trajectory import ORDER, Trajectory
@@ -191,6 +192,7 @@ class RobotMemory:
         self.commands = [self._block(COMMAND, "command", _SERVICE) for _ in range(RING)]
         self.tool = self._block(TOOL, "tool", _SERVICE)
         self.output = self._block(OUTPUT, "output", _SERVICE)
+        self.gripper = self._block(GRIPPER_RECORD, "gripper", _SERVICE)
         self._next_page()
         self.slots = [self._slot(capacity) for _ in range(SLOTS)]
         self.info = self._block(info_dtype(self.dof), "robot information", _RTLOOP)

@@ -14,12 +14,14 @@ from enum import IntEnum
 
 import numpy as np
 
-from cobot.ipc.layout import TEXT, Intervention, MotionResult
+from cobot.ipc.layout import TEXT, GripperObject, Intervention, MotionResult
 from cobot.types import LoopMode
 
-LAYOUT_VERSION = 17
+LAYOUT_VERSION = 18
 """Version of all records in shared memory: a change of any of them raises it."""
 PER_JOINT = -1
+CYCLE, GRIPPER = "/cycle", "/gripper"
+"""Topics of recordings and of Foxglove whose messages are made of this table."""
 _STRUCT_CODES = {"u8": "Q", "i8": "q", "f8": "d"}
 """The kinds of numbers, and what `struct` calls them."""
 
@@ -37,8 +39,9 @@ class StateField:
         member: enumeration whose member's name stands in JSON in place of the number.
         keys: enumeration with a number for each member: JSON has an object with these keys.
         recorded: type in the recording's record, "" for a field that is not recorded.
-        message: place and ROS type in cobot_msgs/msg/Cycle, which recordings and Foxglove show. Readers know
-            that message: a place is never given to another field, a new field gets the next place.
+        message: place and ROS type in the message of `topic`, which recordings and Foxglove show. Readers
+            know that message: a place is never given to another field, a new field gets the next place.
+        topic: whose message has the field: cobot_msgs/msg/Cycle or cobot_msgs/msg/Gripper.
     """
 
     name: str
@@ -50,6 +53,7 @@ class StateField:
     keys: type[IntEnum] | None = None
     recorded: str = ""
     message: tuple[int, str] | None = None
+    topic: str = CYCLE
 
     @property
     def is_scalar(self) -> bool:
@@ -69,6 +73,63 @@ class StateField:
 def _members(kind: type[IntEnum]) -> str:
     return ", ".join(f"{member.value} {member.name.lower()}" for member in kind)
 
+
+GRIPPER_FIELDS = (
+    StateField(
+        "gripper_width",
+        "f8",
+        "m",
+        "Width between the fingers",
+        recorded="f4",
+        message=(1, "float64"),
+        topic=GRIPPER,
+    ),
+    StateField(
+        "gripper_commanded_width",
+        "f8",
+        "m",
+        "Width that the fingers were commanded to",
+        recorded="f4",
+        message=(2, "float64"),
+        topic=GRIPPER,
+    ),
+    StateField(
+        "gripper_force",
+        "f8",
+        "N",
+        "Force at the fingers",
+        recorded="f4",
+        message=(3, "float64"),
+        topic=GRIPPER,
+    ),
+    StateField(
+        "gripper_moving",
+        "u8",
+        "",
+        "1 while a command to the gripper is under way",
+        recorded="u1",
+        message=(4, "bool"),
+        topic=GRIPPER,
+    ),
+    StateField(
+        "gripper_object",
+        "u8",
+        "",
+        "What the gripper holds; `ABSENT` without a gripper",
+        member=GripperObject,
+        recorded="u1",
+        message=(5, "uint8"),
+        topic=GRIPPER,
+    ),
+    StateField(
+        "gripper_monotonic_ns",
+        "i8",
+        "ns",
+        "CLOCK_MONOTONIC when the gripper was last read, 0 without a gripper",
+    ),
+)
+"""What the service reports of the gripper, and rtloop publishes. A number that the gripper does not know is
+NaN, which is null in JSON."""
 
 STATE_FIELDS = (
     StateField("cycle", "u8", "", "Number of the cycle since rtloop started"),
@@ -142,6 +203,7 @@ STATE_FIELDS = (
         "CLOCK_MONOTONIC when the robot was last read without an error",
         recorded="i8",
     ),
+    *GRIPPER_FIELDS,
     StateField("position", "f8", "rad or m", "Measured joint positions", PER_JOINT, recorded="f8"),
     StateField("velocity", "f8", "rad/s or m/s", "Measured joint velocities", PER_JOINT, recorded="f4"),
     StateField("effort", "f8", "N·m or N", "Measured joint efforts", PER_JOINT, recorded="f4"),
@@ -218,6 +280,8 @@ SCALARS = tuple(field for field in STATE_FIELDS if field.is_scalar)
 STATE_SCALARS = tuple((field.name, field.kind) for field in SCALARS)
 STATE_STRUCT = struct.Struct("=" + "".join(_STRUCT_CODES[field.kind] for field in SCALARS))
 _ARRAYS = tuple(field for field in STATE_FIELDS if not field.is_scalar)
+GRIPPER_RECORD = np.dtype([(field.name, field.kind) for field in GRIPPER_FIELDS])
+"""The gripper's block, which rtloop copies into its state as it is."""
 RECORDED = tuple(field for field in STATE_FIELDS if field.recorded)
 """Fields that a recording has of each cycle."""
 

@@ -1,5 +1,5 @@
 # Written by `python -m cobot.ipc.generate`; `cobot.ipc.state_fields` describes the fields.
-# Layout version 17, records 96cffe747e141c90.
+# Layout version 18, records 90ca0bcf095c63f0.
 from libc.stdint cimport int64_t, uint64_t
 
 cdef struct StateScalars:
@@ -31,3 +31,9 @@ cdef struct StateScalars:
     uint64_t torn_reads
     int64_t monotonic_ns
     int64_t measured_monotonic_ns
+    double gripper_width
+    double gripper_commanded_width
+    double gripper_force
+    uint64_t gripper_moving
+    uint64_t gripper_object
+    int64_t gripper_monotonic_ns

@@ -18,6 +18,7 @@ from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
 from cobot.ipc.recording_memory import RecordingMemory
+from cobot.ipc.state_fields import CYCLE, GRIPPER
 from cobot.recording.bounds import bounded_records
 from cobot.recording.events import Event
 from cobot.recording.messages import TOPICS, RecordMessages
@@ -62,29 +63,36 @@ class RecordingFile:
         try:
             self._writer = Writer(self._file, CHUNK_BYTES, CompressionType.ZSTD)
             self._writer.start("ros2", f"cobot {version('cobot')}")
-            self._channels = self._write_header(memory, about)
+            self._channels: dict[str, int] = {}
+            self._schemas: dict[str, int] = {}
+            self._write_header(memory, about)
         except OSError:
             self.abandon()
             raise
 
-    def _write_header(self, memory: RecordingMemory, about: dict[str, str]) -> dict[str, int]:
-        """Write the metadata and the schemas, and return the channels by topic."""
-        writer = self._writer
-        schemas = {
-            type_: writer.register_schema(type_, "ros2msg", self._messages.definition(type_).encode())
-            for type_ in dict.fromkeys(TOPICS.values())
-        }
+    def _write_header(self, memory: RecordingMemory, about: dict[str, str]) -> None:
+        """Write the metadata, and the channels that every robot has."""
         robot = {
             "robot": memory.robot,
             "joint_names": json.dumps(memory.joint_names),
             "period_s": repr(memory.period_s),
             "monotonic_to_wall_ns": str(self._ahead_ns),
         }
-        writer.add_metadata("cobot", robot | about)
-        return {
-            topic: writer.register_channel(topic, "cdr", schemas[type_], {"offered_qos_profiles": ""})
-            for topic, type_ in TOPICS.items()
-        }
+        self._writer.add_metadata("cobot", robot | about)
+        for topic in TOPICS:
+            if topic != GRIPPER:
+                self._channel(topic)
+
+    def _channel(self, topic: str) -> int:
+        """The channel of a topic, which is written when it is first needed."""
+        if topic not in self._channels:
+            writer, type_ = self._writer, TOPICS[topic]
+            if type_ not in self._schemas:
+                definition = self._messages.definition(type_).encode()
+                self._schemas[type_] = writer.register_schema(type_, "ros2msg", definition)
+            about = {"offered_qos_profiles": ""}
+            self._channels[topic] = writer.register_channel(topic, "cdr", self._schemas[type_], about)
+        return self._channels[topic]
 
     @property
     def size(self) -> int:
@@ -96,7 +104,7 @@ class RecordingFile:
         numbers = (records["number"] & 0xFFFFFFFF).tolist()
         add = self._writer.add_message
         topics = [
-            (self._channels[topic], *content)
+            (self._channel(topic), *content)
             for topic, content in self._messages.of(records, self._ahead_ns).items()
         ]
         for index, (time_ns, number) in enumerate(zip(times, numbers, strict=True)):
@@ -119,15 +127,15 @@ class RecordingFile:
         try:
             with part.open("rb") as file:
                 for record in bounded_records(file):
-                    if isinstance(record, Channel) and record.topic in self._channels:
+                    if isinstance(record, Channel) and record.topic in TOPICS:
                         topics[record.id] = record.topic
                     elif isinstance(record, Message) and record.channel_id in topics:
                         topic = topics[record.channel_id]
                         moment_ns = record.log_time
                         self._writer.add_message(
-                            self._channels[topic], moment_ns, record.data, moment_ns, record.sequence
+                            self._channel(topic), moment_ns, record.data, moment_ns, record.sequence
                         )
-                        if topic == "/cycle":
+                        if topic == CYCLE:
                             last, self.cycles = self._messages.cycle_of(record.data), self.cycles + 1
         except FileNotFoundError:
             return 0

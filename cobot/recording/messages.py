@@ -7,14 +7,17 @@ found by serialising messages in which one field differs, so `rosbags` alone kno
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from operator import itemgetter
 from typing import Any, cast
 
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from cobot.ipc.layout import Intervention, MotionResult
+from cobot.ipc.layout import GripperObject, Intervention, MotionResult
 from cobot.ipc.records import TIMED
+from cobot.ipc.state_fields import CYCLE as CYCLE_TOPIC
+from cobot.ipc.state_fields import GRIPPER as GRIPPER_TOPIC
 from cobot.ipc.state_fields import STATE_FIELDS
 from cobot.recording.events import Event
 from cobot.types import LoopMode
@@ -22,14 +25,17 @@ from cobot.types import LoopMode
 JOINT_STATE = "sensor_msgs/msg/JointState"
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 CYCLE = "cobot_msgs/msg/Cycle"
+GRIPPER = "cobot_msgs/msg/Gripper"
 EVENT = "cobot_msgs/msg/Event"
 TOPICS = {
     "/joint_states": JOINT_STATE,
     "/commanded": JOINT_STATE,
     "/wrench": WRENCH,
-    "/cycle": CYCLE,
+    CYCLE_TOPIC: CYCLE,
     "/events": EVENT,
+    GRIPPER_TOPIC: GRIPPER,
 }
+"""The types of messages by topic. Only a robot with a gripper has that of the gripper."""
 SECOND_NS = 1_000_000_000
 ROS_POSE = [0, 1, 2, 4, 5, 6, 3]
 """Where the numbers of a ROS pose, x, y, z, then x, y, z, w, are in x, y, z, then w, x, y, z."""
@@ -48,9 +54,15 @@ _OWN = (
     *((13, "uint32", name) for name in _PHASES),
 )
 """Fields of a /cycle message that are not copied from the record: place, type and name."""
-_COPIED = tuple((*field.message, field.name) for field in STATE_FIELDS if field.message)
+_COPIED = tuple(
+    (*field.message, field.name) for field in STATE_FIELDS if field.message and field.topic == CYCLE_TOPIC
+)
 _CYCLE_FIELDS = tuple((name, type_) for _, type_, name in sorted((*_OWN, *_COPIED), key=itemgetter(0)))
 """Name and type of each field of a /cycle message after its header, in their order."""
+GRIPPER_VALUES = tuple(
+    (field.name, field.message[1]) for field in STATE_FIELDS if field.message and field.topic == GRIPPER_TOPIC
+)
+"""Name and type of each field of a /gripper message after its header, in their order."""
 _FORMATS = {
     "bool": "u1",
     "uint8": "u1",
@@ -68,6 +80,11 @@ DEFINITIONS = {
         + _constants("INTERVENTION_", [(kind.name, 1 << kind) for kind in Intervention], "uint32")
         + "std_msgs/Header header\n"
         + "".join(f"{type_} {name}\n" for name, type_ in _CYCLE_FIELDS)
+    ),
+    GRIPPER: (
+        _constants("OBJECT_", [(kind.name, kind) for kind in GripperObject], "uint8")
+        + "std_msgs/Header header\n"
+        + "".join(f"{type_} {name}\n" for name, type_ in GRIPPER_VALUES)
     ),
     EVENT: "std_msgs/Header header\nuint64 cycle\nstring kind\nstring mode\nstring text\n",
 }
@@ -127,8 +144,12 @@ class RecordMessages:
         )
         self._wrench = Template(self._wrench_stamped, {**stamp, "wrench": "(6,)<f8"})
         formats = {**_FORMATS, "float64[]": many}
-        self._cycle = Template(
-            self._cycle_message, {**stamp, **{name: formats[type_] for name, type_ in _CYCLE_FIELDS}}
+        self._cycle, self._gripper = (
+            Template(
+                partial(self._table_message, type_, fields),
+                {**stamp, **{name: formats[kind] for name, kind in fields}},
+            )
+            for type_, fields in ((CYCLE, _CYCLE_FIELDS), (GRIPPER, GRIPPER_VALUES))
         )
 
     def definition(self, type_: str) -> str:
@@ -137,6 +158,8 @@ class RecordMessages:
 
     def of(self, records: np.ndarray, ahead_ns: int) -> dict[str, tuple[bytes, int]]:
         """The messages of records, by topic: all in a row, and the size of one.
+
+        Those of the gripper are there only if each of the records has a gripper.
 
         Args:
             records: of `cobot.ipc.records.record_dtype`.
@@ -168,7 +191,12 @@ class RecordMessages:
         cycle["cycle"], cycle["measured"] = records["number"], records["fresh"]
         cycle["interventions"] = records["interventions"]
         cycle["robot_time_s"] = records["number"] * self._period_s
-        made_of = {"/joint_states": measured, "/commanded": commanded, "/wrench": wrench, "/cycle": cycle}
+        made_of = {"/joint_states": measured, "/commanded": commanded, "/wrench": wrench, CYCLE_TOPIC: cycle}
+        if (records["gripper_object"] != GripperObject.ABSENT).all():
+            gripper = made_of[GRIPPER_TOPIC] = self._gripper.messages(count)
+            gripper["sec"], gripper["nanosec"] = cycle["sec"], cycle["nanosec"]
+            for name, _ in GRIPPER_VALUES:
+                gripper[name] = records[name]
         return {topic: (rows.tobytes(), rows.dtype.itemsize) for topic, rows in made_of.items()}
 
     def event(self, event: Event, ahead_ns: int) -> bytes:
@@ -227,7 +255,10 @@ class RecordMessages:
             orientation=self._made("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", turn, strict=True))),
         )
 
-    def _cycle_message(self, values: Mapping[str, Any]) -> bytes:
+    def _table_message(
+        self, message: str, kinds: Sequence[tuple[str, str]], values: Mapping[str, Any]
+    ) -> bytes:
+        """A message whose fields after the header are those of a table."""
         makers: dict[str, tuple[Callable[[Any], Any], Any]] = {
             "bool": (bool, 0),
             "float64": (float, 0.0),
@@ -236,7 +267,7 @@ class RecordMessages:
             "geometry_msgs/Wrench": (self._wrench_of, np.zeros(6)),
         }
         fields = {}
-        for name, type_ in _CYCLE_FIELDS:
+        for name, type_ in kinds:
             make, zero = makers.get(type_, (int, 0))
             fields[name] = make(values.get(name, zero))
-        return self._serialized(CYCLE, header=self._header(values), **fields)
+        return self._serialized(message, header=self._header(values), **fields)

@@ -14,7 +14,9 @@ from sample_counts import samples
 import rtloop.publisher
 from cobot.config import Settings
 from cobot.errors import LayoutError
-from cobot.ipc.layout import HISTOGRAM_BUCKETS, Command, Intervention, Phase, text
+from cobot.grippers import GripperState, HeldObject
+from cobot.ipc.gripper_record import fill_gripper
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, Command, GripperObject, Intervention, Phase, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.state_fields import STATE_SCALARS
 from cobot.robot.description import RobotDescription
@@ -161,3 +163,48 @@ def test_a_publisher_does_not_start_with_another_layout_than_that_of_the_state(
     monkeypatch.setattr(rtloop.publisher, "STATE_SCALARS", tuple(scalars))
     with pytest.raises(LayoutError, match="scalars"):
         publisher_of(memories[0], robot)
+
+
+def published(rig: Rig) -> np.ndarray:
+    reader = RobotMemory.attach(rig.memory.robot, MemoryRole.READER)
+    try:
+        return np.array(reader.state.read())
+    finally:
+        reader.close()
+
+
+def test_a_reading_of_the_gripper_is_in_the_state_of_the_next_cycle(rig: Rig) -> None:
+    """Also after its service has died while it wrote the next one. Oracle: the values that were given."""
+    rig.step(2)
+    state = published(rig)
+    assert state["gripper_object"] == GripperObject.ABSENT
+    assert np.isnan(
+        [state[name] for name in ("gripper_width", "gripper_commanded_width", "gripper_force")]
+    ).all()
+    fill_gripper(
+        rig.memory.gripper.data,
+        GripperState(0.04, 0.03, moving=True, force=None, object=HeldObject.HELD_INSIDE),
+        5,
+    )
+    rig.memory.gripper.publish()
+    rig.step(1)
+    expected = rig.memory.gripper.data.copy()
+    for sequence in (None, 7):
+        if sequence is not None:
+            rig.memory.gripper._head[0] = sequence  # odd: a write that never ends
+            rig.step(3)
+        state = published(rig)
+        for name in expected.dtype.names:
+            np.testing.assert_array_equal(state[name], expected[name])
+
+
+def test_an_object_that_no_enumeration_has_is_unknown(rig: Rig) -> None:
+    rig.memory.gripper.data["gripper_object"] = 77
+    rig.memory.gripper.publish()
+    rig.step(1)
+    assert published(rig)["gripper_object"] == GripperObject.UNKNOWN
+
+
+def test_the_objects_of_the_state_are_those_of_grippers() -> None:
+    assert [kind.name for kind in GripperObject][2:] == [kind.name for kind in HeldObject]
+    assert [kind.is_held for kind in GripperObject][2:] == [kind.is_held for kind in HeldObject]

@@ -64,7 +64,7 @@ class Cycles:
         """As after kill -9: another process goes on with the numbers."""
         self._writer = CycleRecorder(self.memory)
 
-    def write(self, count: int, mode: LoopMode = LoopMode.HOLD, reason: str = "", **more: int) -> None:
+    def write(self, count: int, mode: LoopMode = LoopMode.HOLD, reason: str = "", **more: float) -> None:
         """So many cycles more; with more of the state's scalars by their names."""
         state = np.zeros((), state_dtype(self.dof))
         for field, value in more.items():

@@ -262,7 +262,7 @@ class GripperService:
             self._released()
 
     def _grasped(self, state: GripperState) -> None:
-        self._holds = True
+        self._holds, self._lost = True, False
         held = self._held.grasp(state)
         self._link.events.publish(
             "gripper", what="grasped", object=held, width=state.width, force=state.force
@@ -286,9 +286,12 @@ class GripperService:
         if not self._seen:
             self._seen = True
             self._adopt(state)
-        if state.object is None:
-            return
-        holds = state.object.is_held
+        if state.object is not None:
+            self._watch_object(state, state.object)
+        self._link.publish_gripper(self._shown(state), round(reading.read_s * 1e9))
+
+    def _watch_object(self, state: GripperState, held: HeldObject) -> None:
+        holds = held.is_held
         if self._holds and not holds:
             if self._running is None:
                 self._lose()

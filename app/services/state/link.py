@@ -19,7 +19,9 @@ from cobot.errors import (
     TornReadError,
     UnavailableError,
 )
+from cobot.grippers import GripperState
 from cobot.ipc.device_record import Device, device_of
+from cobot.ipc.gripper_record import fill_gripper
 from cobot.ipc.io_record import IoReport, report_of
 from cobot.ipc.layout import CELL_PARTS, MotionResult, record_of, text
 from cobot.ipc.shm import MemoryRole, RobotMemory, is_gone
@@ -255,6 +257,11 @@ class RobotLink:
             return report_of(self.memory.io.data)
         except ValueError:
             return None
+
+    def publish_gripper(self, state: GripperState, read_ns: int) -> None:
+        """Have rtloop publish a reading of the gripper with the arm's state, from its next cycle on."""
+        fill_gripper(self.memory.gripper.data, state, read_ns)
+        self.memory.gripper.publish()
 
     def signals(self) -> SignalReport | None:
         """What rtloop reports of the actions and conditions of the motion; None if that cannot be read."""

@@ -11,7 +11,7 @@ from virtual_service import VirtualService
 
 from app.api.state_json import StateAnswer, state_content, state_response
 from app.api.stream_frames import state_frame
-from cobot.ipc.layout import Intervention, text
+from cobot.ipc.layout import GripperObject, Intervention, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.state_fields import STATE_FIELDS, state_dtype
 from cobot.types import LoopMode
@@ -25,6 +25,7 @@ def random_state(seed: int, dof: int = 7) -> np.ndarray:
             state[field.name] = random.normal(size=field.shape(dof))
         elif not field.is_text:
             state[field.name] = random.integers(0, 1000, field.shape(dof))
+    state["gripper_object"] = random.integers(len(GripperObject))
     state["mode"], state["reason"] = random.integers(len(LoopMode)), "señal".encode()
     return state
 
@@ -32,6 +33,8 @@ def random_state(seed: int, dof: int = 7) -> np.ndarray:
 def expected(state: np.ndarray) -> dict[str, Any]:
     """As a reader of shared memory would write it, field by field."""
     content = {name: state[name].tolist() for name in state.dtype.names or ()}
+    content = {name: None if value != value else value for name, value in content.items()}
+    content["gripper_object"] = GripperObject(int(state["gripper_object"])).name
     content["mode"], content["reason"] = LoopMode(int(state["mode"])).name, text(state["reason"])
     for name in ("interventions", "intervened_ns"):
         content[name] = {kind.name.lower(): int(state[name][kind]) for kind in Intervention}

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import json
 import struct
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from asgi_client import Refused, Socket
+from plant_service import THE_CELL, ServiceOfPlant
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from virtual_service import VirtualService, virtual_service
 
@@ -116,6 +118,23 @@ def test_the_state_comes_as_rest_has_it(run: VirtualService) -> None:
         assert cycle.header.frame_id == run.app.state.services.robot.base_frame
         client.subscribe("/wrench", 9)
         assert np.isfinite(client.read("/wrench", 9).wrench.force.x)
+
+
+def test_the_gripper_has_a_topic_which_reports_what_rest_reports(tmp_path: Path) -> None:
+    with ServiceOfPlant(tmp_path, of_robot=THE_CELL).serving() as run:
+        run.go_home()
+        run.post("/robot/gripper/move", {"width": 0.06}).raise_for_status()
+        run.sleep(0.3)
+        with Foxglove(run) as client:
+            assert list(client.channels) == [*TOPICS, "/gripper"]
+            client.subscribe("/gripper", 3)
+            seen = client.read("/gripper", 3)
+        state = run.get("/robot/gripper").json()["state"]
+        names = ("width", "commanded_width", "force", "moving")
+        assert [getattr(seen, f"gripper_{name}") for name in names] == pytest.approx(
+            [state[name] for name in names], abs=1e-4
+        )
+        assert (state["object"], seen.gripper_object) == ("none", seen.OBJECT_NONE)
 
 
 def test_a_motion_is_seen_and_told(run: VirtualService) -> None:

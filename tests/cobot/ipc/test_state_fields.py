@@ -81,8 +81,8 @@ def test_names_are_unique_and_every_field_has_a_meaning() -> None:
         assert field.length in (0, PER_JOINT) or field.length > 0, field.name
 
 
-def test_places_in_the_cycle_message_are_taken_once_and_only_by_recorded_fields() -> None:
-    places = [field.message[0] for field in STATE_FIELDS if field.message]
+def test_places_in_a_message_are_taken_once_and_only_by_recorded_fields() -> None:
+    places = [(field.topic, field.message[0]) for field in STATE_FIELDS if field.message]
     assert len(set(places)) == len(places)
     for field in STATE_FIELDS:
         assert field.message is None or field in RECORDED, field.name

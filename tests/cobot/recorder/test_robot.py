@@ -21,7 +21,7 @@ from recorded_cycles import Cycles, stepped
 from rosbags.highlevel import AnyReader
 
 from cobot.errors import ConflictError, UnavailableError
-from cobot.ipc.layout import MotionResult, text
+from cobot.ipc.layout import GripperObject, MotionResult, text
 from cobot.ipc.recording_memory import RecordingMemory
 from cobot.recorder import files
 from cobot.recorder.robot import RobotRecorder
@@ -94,6 +94,34 @@ def test_two_readers_find_the_numbers_that_the_cycles_had(cycles: Cycles) -> Non
         assert about["reason"] == "request"
         stamps = [message.log_time for _, _, message in reader.iter_messages(topics="/cycle")]
     assert np.diff(stamps).tolist() == [1_000_000] * 799
+
+
+def test_a_robot_with_a_gripper_has_a_topic_for_it_also_after_the_recorder_was_killed(cycles: Cycles) -> None:
+    recorder = cycles.recorder()
+    (run,) = ask(recorder, "start")
+    cycles.write(100)
+    stepped(recorder)
+    held: dict[str, Any] = {"gripper_width": 0.05, "gripper_commanded_width": 0.04, "gripper_force": 40.0}
+    cycles.write(700, gripper_object=GripperObject.HELD_INSIDE, gripper_moving=1, **held)
+    stepped(recorder)
+    recorder = cycles.recorder()
+    stepped(recorder)
+    cycles.write(500, gripper_object=GripperObject.LOST, gripper_width=float("nan"))
+    (name,) = ask(recorder, "stop")
+    assert name.startswith(run)
+    grippers = messages(cycles.folder / name)["/gripper"]
+    assert [each.gripper_object for each in grippers] == [GripperObject.HELD_INSIDE] * 700 + [
+        GripperObject.LOST
+    ] * 500
+    for field, value in held.items():
+        assert getattr(grippers[0], field) == np.float32(value)
+    assert (grippers[0].gripper_moving, grippers[-1].gripper_moving) == (True, False)
+    assert np.isnan(grippers[-1].gripper_width)
+    with (cycles.folder / name).open("rb") as file:
+        counted = Counter(
+            channel.topic for _, channel, _ in make_reader(file, validate_crcs=True).iter_messages()
+        )
+    assert (counted["/gripper"], counted["/cycle"]) == (1200, 1300)
 
 
 @pytest.mark.parametrize(("mode", "reason"), [(LoopMode.FAULT, "fault"), (LoopMode.ESTOP, "estop")])

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from cobot.ipc.layout import GripperObject
 from cobot.ipc.records import TIMED, record_dtype
-from cobot.ipc.state_fields import STATE_FIELDS
-from cobot.recording.messages import _OWN, _PHASES, CYCLE, DEFINITIONS, RecordMessages
+from cobot.ipc.state_fields import CYCLE as CYCLE_TOPIC
+from cobot.ipc.state_fields import GRIPPER_FIELDS, STATE_FIELDS
+from cobot.recording.messages import _OWN, _PHASES, CYCLE, DEFINITIONS, GRIPPER, RecordMessages
 
 FIELDS = (
     "std_msgs/Header header\nuint64 cycle\nfloat64 robot_time_s\nuint8 mode\nuint8 motion_result\n"
@@ -25,7 +27,7 @@ PERIOD_S = 0.001
 
 
 def records(dof: int) -> np.ndarray:
-    """Random ones; what is true or false is 0 or 1."""
+    """Random ones, with a gripper; what is true or false is 0 or 1."""
     random, made = np.random.default_rng(dof), np.zeros(CYCLES, record_dtype(dof))
     for name in made.dtype.names:
         place = made[name]
@@ -33,6 +35,7 @@ def records(dof: int) -> np.ndarray:
             place[...] = random.normal(size=place.shape)
         else:
             place[...] = random.integers(0, 2 if name in ("settled", "fresh") else 100, place.shape)
+    made["gripper_object"] |= 1
     return made
 
 
@@ -54,8 +57,34 @@ def test_a_place_in_the_message_belongs_to_one_field() -> None:
     names = [line.split()[1] for line in DEFINITIONS[CYCLE].splitlines() if "=" not in line]
     assert len(set(names)) == len(names)
     places = [place for place, type_, name in _OWN if name not in _PHASES[1:]]
-    places += [field.message[0] for field in STATE_FIELDS if field.message]
+    places += [field.message[0] for field in STATE_FIELDS if field.message and field.topic == CYCLE_TOPIC]
     assert sorted(places) == list(range(1, len(places) + 1)), "the next one is free"
+
+
+def test_a_reader_finds_the_state_of_the_gripper() -> None:
+    """Oracle: the reader of rosbags, with the definition that is in a file."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(DEFINITIONS[GRIPPER], GRIPPER))
+    written = records(7)
+    written["gripper_moving"] %= 2
+    content, size = RecordMessages([f"joint{number}" for number in range(7)], "base", PERIOD_S).of(
+        written, ahead_ns=5
+    )["/gripper"]
+    names = [line.split()[1] for line in DEFINITIONS[GRIPPER].splitlines() if "=" not in line]
+    assert names == ["header", *(field.name for field in GRIPPER_FIELDS if field.message)]
+    for index, record in enumerate(written):
+        read = store.deserialize_cdr(content[index * size : (index + 1) * size], GRIPPER)
+        assert [getattr(read, name) for name in names[1:]] == [record[name].item() for name in names[1:]]
+        stamp = read.header.stamp
+        assert stamp.sec * 10**9 + stamp.nanosec == record["monotonic_ns"] + 5
+    assert read.OBJECT_HELD_INSIDE == GripperObject.HELD_INSIDE
+
+
+def test_without_a_gripper_there_is_no_message_of_one() -> None:
+    written = records(2)
+    written["gripper_object"][3] = GripperObject.ABSENT
+    topics = RecordMessages(["a", "b"], "base", PERIOD_S).of(written, ahead_ns=0)
+    assert list(topics) == ["/joint_states", "/commanded", "/wrench", "/cycle"]
 
 
 def test_a_reader_finds_the_numbers_of_the_record() -> None:
@@ -74,7 +103,7 @@ def test_a_reader_finds_the_numbers_of_the_record() -> None:
             times = [getattr(read, f"{phase.name.lower()}_ns") for phase in TIMED]
             assert times == record["phases_ns"].tolist()
             for field in STATE_FIELDS:
-                if field.message:
+                if field.message and field.topic == CYCLE_TOPIC:
                     numbers = np.atleast_1d(record[field.name]).tolist()
                     if field.message[1] == "geometry_msgs/Pose":
                         numbers = [*numbers[:3], *numbers[4:], numbers[3]]

@@ -70,6 +70,27 @@ def test_a_grasped_part_is_in_the_scene_until_it_is_released(run: ServiceOfPlant
     assert run.positions()["cube"] == pytest.approx([0.5, -0.3, 0.225], abs=2e-3)
 
 
+def test_the_state_of_the_arm_has_that_of_the_gripper(run: ServiceOfPlant) -> None:
+    """Oracle: what GET /robot/gripper reports."""
+    run.go_home()
+    go(run, z=0.36, planner="ptp")
+    go(run)
+    command(run, "grasp", width=0.05, force=40.0)
+    for held in ("held_inside", "none"):
+        run.sleep(0.3)
+        reported, state = run.get("/robot/gripper").json()["state"], run.get("/robot/state").json()
+        assert (reported["object"], state["gripper_object"]) == (held, held.upper())
+        for name in ("width", "commanded_width", "force"):
+            assert state[f"gripper_{name}"] == pytest.approx(reported[name], abs=1e-3, rel=0.05), name
+        assert state["gripper_moving"] == 0
+        assert 0 <= state["monotonic_ns"] - state["gripper_monotonic_ns"] < 2e8
+        if held != "none":
+            command(run, "release")
+    running = run.begin(run.asking("POST", "/robot/gripper/move", json={"width": 0.0, "speed": 0.02}))
+    run.until(lambda: run.get("/robot/state").json()["gripper_moving"])
+    run.end(running)
+
+
 def test_a_reset_of_the_cell_takes_a_held_part_out_of_the_scene(run: ServiceOfPlant) -> None:
     go(run, z=0.36)
     go(run)
