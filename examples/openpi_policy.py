@@ -12,6 +12,7 @@ import os
 import sys
 
 from cobot import Mode, Robot
+from cobot.client import ServedFingers
 from cobot.errors import CobotError
 from cobot.learning.openpi import PolicyConnection
 from cobot.learning.policy import PolicyRunner, state_observer
@@ -28,7 +29,10 @@ try:
         robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
         with robot.start_joint_impedance_control(30, interpolation="quintic") as control:
             observe = state_observer("swing")
-            runner = PolicyRunner(robot, control, policy, PERIOD_S, observe=observe, every_s=0.2)
+            fingers = ServedFingers.of(robot.gripper)  # None for a robot without a gripper
+            runner = PolicyRunner(
+                robot, control, policy, PERIOD_S, observe=observe, every_s=0.2, fingers=fingers
+            )
             runner.run(chosen.seconds)
             print(f"{len(runner.sent)} chunks, the last one after {runner.latency.last_s:.3f} s")
 except CobotError as exc:

@@ -43,7 +43,8 @@ try:
             for tick in range(1, round(SECONDS * RATE_HZ) + 1):
                 seen = robot.states()
                 action = [home[0] + 0.15 * (1.0 - math.cos(tick / RATE_HZ)), *home[1:]]
-                episode.add(robot.clock_s(), seen.q, seen.dq, action, camera.render(np.array(seen.q)))
+                pictures = camera.render(np.array(seen.q))
+                episode.add(robot.clock_s(), seen.q, seen.dq, action, pictures, seen.gripper)
                 control.set_target_joints(action)
                 time.sleep(max(0.0, begun_s + tick / RATE_HZ - time.monotonic()))
             episode.finish(success=True)

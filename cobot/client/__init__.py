@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cobot.client.controls import CartesianMotionForceControl, JointImpedanceControl, JointTorqueControl
+    from cobot.client.fingers import ServedFingers
     from cobot.client.jobs import JobHandle
     from cobot.client.modes import SWITCHES, CoordType, Mode
     from cobot.client.rest import Client
@@ -27,6 +28,7 @@ _HOMES = {
     "RobotInfo": "states",
     "RobotStates": "states",
     "SWITCHES": "modes",
+    "ServedFingers": "fingers",
 }
 __all__ = [
     "SWITCHES",
@@ -42,6 +44,7 @@ __all__ = [
     "Robot",
     "RobotInfo",
     "RobotStates",
+    "ServedFingers",
 ]
 
 

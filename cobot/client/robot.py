@@ -5,7 +5,6 @@ This module is long because its one class is the vocabulary of its users.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -21,6 +20,7 @@ from cobot.client.controls import (
     JointImpedanceControl,
     JointTorqueControl,
 )
+from cobot.client.gripper import GripperCommands
 from cobot.client.modes import SWITCHES, Mode
 from cobot.client.plans import Plan, Run
 from cobot.client.primitives import primitive
@@ -100,6 +100,7 @@ class Robot(SessionSettings):
         self._control: Control[Any] | None = None
         self._plan = Plan(clock)
         self._closed = False
+        self._commanding: Client | None = None
         super().__init__(info)
         if verbose:
             log.info("connected to %s (%s, %d joints)", serial_number, self._info.model_name, self._info.DoF)
@@ -147,6 +148,8 @@ class Robot(SessionSettings):
         finally:
             self._closed = True
             self._transport.close()
+            if self._commanding is not None:
+                self._commanding.close()
 
     def clear_fault(self, timeout: float = 5) -> bool:
         """Clear an e-stop or a fault whose cause is gone. Returns whether the arm may move then.
@@ -263,6 +266,17 @@ class Robot(SessionSettings):
         commanded: list[float] = self._state()["commanded_position"].tolist()
         return commanded
 
+    @property
+    def gripper(self) -> GripperCommands:
+        """The commands of the gripper, which go through the service.
+
+        Raises:
+            UnavailableError: the robot has no service.
+        """
+        if self._commanding is None:
+            self._commanding = self._client()
+        return self._commanding.gripper
+
     # Plans and primitives
 
     def execute_plan(self, name: str, **options: str | float) -> None:
@@ -362,7 +376,7 @@ class Robot(SessionSettings):
     def _begin(self, run: Run) -> None:
         self._plan.begin(run, self._client, lambda: int(self._state()["motion_id"]))
 
-    def _client(self) -> contextlib.AbstractContextManager[Client]:
+    def _client(self) -> Client:
         if not self._transport.url:
             raise UnavailableError(f"robot {self._transport.robot!r} has no service: web.enabled is false")
         return self._make_client(self._transport.url)

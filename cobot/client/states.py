@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isnan
 
 import numpy as np
 
-from cobot.ipc.layout import text
+from cobot.ipc.layout import GripperObject, text
 from cobot.orientations import inverse, rotated
 from cobot.pose import Pose
 
@@ -40,6 +41,39 @@ class RobotInfo:
 
 
 @dataclass(frozen=True, slots=True)
+class GripperReading:
+    """The gripper as it was read last. A number that it does not know is NaN.
+
+    Attributes:
+        width, commanded_width: between the fingers, m.
+        force: at the fingers, N.
+        moving: a command is under way.
+        object: what it holds.
+    """
+
+    width: float
+    commanded_width: float
+    force: float
+    moving: bool
+    object: GripperObject
+
+    @property
+    def known_width(self) -> float:
+        """The width, m; 0 if the gripper does not know it."""
+        return 0.0 if isnan(self.width) else self.width
+
+    @property
+    def known_force(self) -> float:
+        """The force, N; 0 if the gripper does not know it."""
+        return 0.0 if isnan(self.force) else self.force
+
+    @property
+    def target_width(self) -> float:
+        """The commanded width, m; before the first command the present one."""
+        return self.known_width if isnan(self.commanded_width) else self.commanded_width
+
+
+@dataclass(frozen=True, slots=True)
 class JointState:
     """Joint positions, velocities, torques, external torques: rad, rad/s, N·m; see `RobotStates`."""
 
@@ -48,6 +82,7 @@ class JointState:
     tau: Values
     tau_ext: Values
     tcp_pose: Values
+    gripper: GripperReading | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +114,7 @@ class RobotStates:
         ft_sensor_raw: of the sensor at the flange, in the TCP's frame, the tool's weight and inertia in it;
             zeros without a sensor.
         ext_wrench_in_tcp, ext_wrench_in_world: force and torque at the TCP, N and N·m, estimated.
+        gripper: None without a gripper, or before it has been read.
     """
 
     q: Values
@@ -95,6 +131,7 @@ class RobotStates:
     ft_sensor_raw: Values
     ext_wrench_in_tcp: Values
     ext_wrench_in_world: Values
+    gripper: GripperReading | None = None
 
 
 def robot_info(robot: str, info: np.ndarray) -> RobotInfo:
@@ -120,7 +157,19 @@ def joint_state(state: np.ndarray) -> JointState:
         state["effort"].tolist(),
         state["external_effort"].tolist(),
         state["tcp"].tolist(),
+        gripper_reading(state),
     )
+
+
+def gripper_reading(state: np.ndarray) -> GripperReading | None:
+    """From the record of `cobot.ipc.state_fields.state_dtype`."""
+    found = GripperObject(int(state["gripper_object"]))
+    if found is GripperObject.ABSENT:
+        return None
+    width, commanded, force = (
+        float(state[f"gripper_{name}"]) for name in ("width", "commanded_width", "force")
+    )
+    return GripperReading(width, commanded, force, bool(state["gripper_moving"]), found)
 
 
 def cartesian_state(state: np.ndarray) -> CartesianState:
@@ -155,6 +204,7 @@ def robot_states(state: np.ndarray, flange_in_tcp: Pose) -> RobotStates:
         ft_sensor_raw=tcp.ft_sensor_raw,
         ext_wrench_in_tcp=tcp.ext_wrench_in_tcp,
         ext_wrench_in_world=tcp.ext_wrench_in_world,
+        gripper=joints.gripper,
     )
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 from typing import Protocol
 
+from cobot.cell.surroundings import hand_as_tool
 from cobot.client import Client, JointImpedanceControl, Mode, Robot
+from cobot.client.fingers import ServedFingers
 from cobot.clock import Clock
 from cobot.config import Settings
 from cobot.errors import CobotError, ExecutionError
-from cobot.learning.simulation import Simulation
+from cobot.learning.simulation import Simulation, hand_of
 from cobot.robot.description import RobotDescription
 from cobot.types import Array
 
@@ -23,17 +25,29 @@ class Arm(Protocol):
         robot: client of the arm.
         clock: clock of the arm.
         control: the present streaming session, from `restart` on.
+        width_m: the smallest and the largest width between its fingers, m; None without a gripper.
+        max_force_n: at the fingers, N.
     """
 
     robot: Robot
     clock: Clock
     control: JointImpedanceControl
+    width_m: tuple[float, float] | None
+    max_force_n: float
 
     def restart(self, start: Array) -> None:
         """Bring the arm to rest at `start` and begin a session.
 
         Raises:
             CobotError: the arm does not get there.
+        """
+        ...
+
+    def aim(self, width: float) -> None:
+        """Move the fingers to a width, m, without waiting.
+
+        Raises:
+            CobotError: the gripper does not take it.
         """
         ...
 
@@ -52,6 +66,16 @@ class SimulatedArm:
     def __init__(self, settings: Settings, description: RobotDescription, rate_hz: float) -> None:
         self._settings, self._description, self._rate_hz = settings, description, rate_hz
         self._simulation: Simulation | None = None
+        hand = hand_of(settings)
+        self.width_m = None if hand is None else (0.0, hand.stroke_m)
+        self.max_force_n = 0.0 if hand is None else hand.max_force_n
+        if hand is not None:
+            description.model.carry(hand_as_tool(hand))
+
+    def aim(self, width: float) -> None:
+        assert self._simulation is not None
+        assert self._simulation.fingers is not None
+        self._simulation.fingers.aim(width)
 
     def restart(self, start: Array) -> None:
         self.close()
@@ -81,6 +105,13 @@ class ServedArm:
         self.robot, self.clock = robot, clock
         self._client, self._rate_hz, self._speed = client, rate_hz, speed
         self._closed = False
+        self._fingers = ServedFingers.of(client.gripper)
+        self.width_m = None if self._fingers is None else self._fingers.width_m
+        self.max_force_n = 0.0 if self._fingers is None else self._fingers.max_force_n
+
+    def aim(self, width: float) -> None:
+        assert self._fingers is not None
+        self._fingers.aim(width)
 
     def restart(self, start: Array) -> None:
         self.robot.stop()

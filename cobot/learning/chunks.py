@@ -20,13 +20,14 @@ MAX_SHOWN = 20
 Meaning = Literal["positions", "offsets"]
 
 
-def actions_of(answer: Mapping[str, Any], dof: int) -> Array:
-    """The joints' part of a policy's answer, shape (k, dof); further columns, for example a gripper's, are
-    ignored.
+def actions_of(answer: Mapping[str, Any], dof: int, *, fingers: bool = False) -> Array:
+    """The joints' part of a policy's answer, shape (k, dof), or (k, dof + 1) with fingers; further columns
+    are ignored.
 
     Raises:
         ExecutionError: the actions are missing or invalid; with what the answer contains.
     """
+    columns = dof + fingers
     if ACTIONS not in answer:
         there = ", ".join(sorted(plain_text(key, MAX_NAME) for key in islice(answer, MAX_SHOWN))) or "nothing"
         raise ExecutionError(f"the policy's answer has no {ACTIONS!r}; it has {there}")
@@ -34,15 +35,16 @@ def actions_of(answer: Mapping[str, Any], dof: int) -> Array:
         actions = np.asarray(answer[ACTIONS], float)
     except (TypeError, ValueError) as exc:
         raise ExecutionError(f"the policy's {ACTIONS} are not numbers: {plain_text(exc)}") from exc
-    if actions.ndim != 2 or not len(actions) or actions.shape[1] < dof:
+    if actions.ndim != 2 or not len(actions) or actions.shape[1] < columns:
         raise ExecutionError(
-            f"the policy's {ACTIONS} are of shape {actions.shape}; a chunk for this arm is (k, {dof}), "
+            f"the policy's {ACTIONS} are of shape {actions.shape}; a chunk for this arm is (k, {columns}), "
             "with k at least 1, and may have more columns"
         )
-    actions = actions[:, :dof]
+    actions = actions[:, :columns]
     if not np.isfinite(actions).all():
         row, column = np.argwhere(~np.isfinite(actions))[0]
-        raise ExecutionError(f"the policy's action {row} is not a finite number for joint {column + 1}")
+        whose = f"joint {column + 1}" if column < dof else "the fingers"
+        raise ExecutionError(f"the policy's action {row} is not a finite number for {whose}")
     return actions
 
 
@@ -56,16 +58,18 @@ def timed(
     policy is late but never out of step.
 
     Args:
-        actions: shape (k, dof).
+        actions: shape (k, n): n joints, or the joints and the width between the fingers, m.
         observed_s: time of the observation, on the robot's clock.
-        position: the observed position, rad, to which `offsets` are relative.
+        position: the observed position, rad, to which `offsets` are relative. Widths are never offsets.
 
     Returns:
-        Times, shape (m,), on the robot's clock, and positions, shape (m, dof), m from 0 to CHUNK_POINTS.
+        Times, shape (m,), on the robot's clock, and positions, shape (m, n), m from 0 to CHUNK_POINTS.
     """
     times_s: Array = observed_s + period_s * np.arange(1.0, len(actions) + 1.0)
     ahead = times_s > now_s
-    points = actions + position if meaning == "offsets" else actions
+    points = actions.copy()
+    if meaning == "offsets":
+        points[:, : len(position)] += position
     return times_s[ahead][:CHUNK_POINTS], points[ahead][:CHUNK_POINTS]
 
 

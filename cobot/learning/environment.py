@@ -12,10 +12,13 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from cobot.cell import cell_file
 from cobot.client import Client, Robot
+from cobot.client.states import GripperReading
 from cobot.clock import SYSTEM, Clock
 from cobot.config import load_settings
-from cobot.errors import CollisionError, ExecutionError, InputError, MotionStopped
+from cobot.errors import CollisionError, ExecutionError, InputError, MotionStopped, NotReadyError
+from cobot.ipc.layout import GripperObject
 from cobot.learning.arms import Arm, ServedArm, SimulatedArm
 from cobot.learning.cameras import FRONT, Camera, Renderer
 from cobot.learning.tasks import Reach, Task
@@ -28,6 +31,7 @@ Observation = dict[str, Any]
 MARGIN_RAD = 0.02
 """Targets keep so far from the joints' limits."""
 TRIES = 100
+GRIPPER_NUMBERS = ("gripper_width", "gripper_commanded_width", "gripper_force")
 REACH_M = 3.0
 """No TCP is further from its base along an axis."""
 RELATIVE, ABSOLUTE = "relative", "absolute"
@@ -42,16 +46,20 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
     service's time.
 
     An action is one target for each joint: with `relative` control from −1 to 1, how far on from the last
-    target, in units of `max_velocity_rad_s` times the period; with `absolute` control an angle, rad.
+    target, in units of `max_velocity_rad_s` times the period; with `absolute` control an angle, rad. A robot
+    with a gripper has one number more, the width between its fingers: −1 (closed) to 1 (open), or m.
 
     Observations: position (rad), velocity (rad/s), effort and external_effort (N·m), each shape (dof,),
-    tcp_pose (m, and a quaternion w, x, y, z), what the task adds, and `camera_NAME` for each camera.
+    tcp_pose (m, and a quaternion w, x, y, z), what the task adds, and `camera_NAME` for each camera. With a
+    gripper: gripper_width and gripper_commanded_width (m), gripper_force (N), each shape (1,), and
+    gripper_object, the number of a `cobot.ipc.layout.GripperObject`.
 
     `info`: time_s of the robot, interventions since the last step by kind (docs/streaming.md), and `reason`
     when the session has ended, which truncates the episode.
 
     Args:
         config: settings file of the robot; the shipped one without it.
+        cell: a cell file, or a folder with a cell.yaml, to simulate in place of the settings' `robot.cell`.
         url: of a service that runs.
         control: what an action means.
         rate_hz: of the actions, 1 to 500.
@@ -74,6 +82,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         self,
         *,
         config: Path | str | None = None,
+        cell: Path | str | None = None,
         url: str | None = None,
         control: Literal["relative", "absolute"] = "relative",
         rate_hz: float = 30.0,
@@ -89,7 +98,15 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         _check(control, render_mode, task, cameras)
         if not isinstance(config, Path | str | None):
             raise InputError(f"config must be the path of a settings file, got {config!r}")
+        if not isinstance(cell, Path | str | None) or (cell is not None and url is not None):
+            raise InputError(
+                f"cell must be the path of a cell file, without url, got {cell!r}; a service has the cell of "
+                "its own settings"
+            )
         settings = load_settings(config if config is None else Path(config))
+        if cell is not None:
+            robot = settings.robot.model_copy(update={"cell": cell_file(Path(cell).resolve())})
+            settings = settings.model_copy(update={"robot": robot})
         self.robot: RobotDescription = load_robot(settings)
         self._home = np.array(self.robot.positions[settings.robot.start_position].joints)
         self.render_mode = render_mode
@@ -106,10 +123,13 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         )
         limits = self.robot.limits
         self._low, self._high = limits.min_position + MARGIN_RAD, limits.max_position - MARGIN_RAD
+        widths = self._arm.width_m or ()
         self.action_space = (
-            spaces.Box(-1.0, 1.0, (limits.dof,), np.float64)
+            spaces.Box(-1.0, 1.0, (limits.dof + bool(widths),), np.float64)
             if self._relative
-            else spaces.Box(self._low, self._high, dtype=np.float64)
+            else spaces.Box(
+                np.append(self._low, widths[:1]), np.append(self._high, widths[1:]), dtype=np.float64
+            )
         )
         self.observation_space = self._space()
         self._target = self._home
@@ -144,23 +164,27 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
 
         Raises:
             InputError: another number of joints, or a number that is none.
+            DeviceError: the gripper does not take its command.
             ExecutionError: there is no episode: `reset` first.
         """
         if self._ended:
             raise ExecutionError("the episode has ended, or has not begun: reset the environment first")
-        given = vector(action, len(self._target), name="an action")
-        aim = self._target + self._step_rad * given.clip(-1.0, 1.0) if self._relative else given
+        given = vector(action, self.action_space.shape[0], name="an action")
+        joints, fingers = np.split(given, [len(self._target)])
+        aim = self._target + self._step_rad * joints.clip(-1.0, 1.0) if self._relative else joints
         self._target = aim.clip(self._low, self._high)
         reason = refused = ""
         try:
             refused = self._send_target()
+            if fingers.size:
+                self._arm.aim(self._width(float(fingers[0])))
             self._due_s += self._period_s
             now_s = self._arm.clock.now_s()
             if self._due_s > now_s:
                 self._arm.clock.sleep(self._due_s - now_s)
             else:
                 self._due_s = now_s  # what is late stays late, and is not hurried after
-        except MotionStopped as exc:
+        except (MotionStopped, NotReadyError) as exc:
             reason = str(exc)
         observation = self._observe()
         reward, reached = self._task.judge(observation)
@@ -219,6 +243,8 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
             "tcp_pose": np.array(state.tcp_pose),
             **self._task.observe(),
         }
+        if self._arm.width_m is not None:
+            seen |= _gripper(state.gripper)
         for name, space in self.observation_space.items():
             if name in seen and isinstance(space, spaces.Box):
                 seen[name] = seen[name].clip(space.low, space.high)
@@ -226,6 +252,13 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
             for name, picture in self._renderer.render(seen["position"]).items():
                 seen[f"camera_{name}"] = picture
         return seen
+
+    def _width(self, number: float) -> float:
+        """The width, m, that the last number of an action means."""
+        if not self._relative or self._arm.width_m is None:
+            return number
+        low, high = self._arm.width_m
+        return low + 0.5 * (number + 1.0) * (high - low)
 
     def _send_target(self) -> str:
         """Aims the arm; returns why it does not follow the first target of an episode, "" if it does."""
@@ -255,6 +288,11 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         found: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(low, high, dtype=np.float64) for name, (low, high) in boxes.items()
         }
+        if self._arm.width_m is not None:
+            width_m, force_n = 1.5 * self._arm.width_m[1], 2.0 * self._arm.max_force_n
+            for name, high in zip(GRIPPER_NUMBERS, (width_m, width_m, force_n), strict=True):
+                found[name] = spaces.Box(0.0, high, (1,), np.float64)
+            found["gripper_object"] = spaces.Discrete(len(GripperObject))
         found |= self._task.spaces()
         for camera in self._cameras:
             shape = (camera.height, camera.width, 3)
@@ -290,6 +328,17 @@ def _check(control: str, render_mode: str | None, task: Task | None, cameras: Se
             raise InputError(f"task must be a learning.tasks.Task; {task!r} has no method {method}")
     if not isinstance(cameras, Sequence) or not all(isinstance(each, Camera) for each in cameras):
         raise InputError(f"cameras must be a list of learning.cameras.Camera, got {cameras!r}")
+
+
+def _gripper(reading: GripperReading | None) -> Observation:
+    """What an observation has of a gripper; None: it has not been read yet."""
+    if reading is None:
+        return {**{name: np.zeros(1) for name in GRIPPER_NUMBERS}, "gripper_object": np.int64(0)}
+    numbers = (reading.known_width, reading.target_width, reading.known_force)
+    return {
+        **{name: np.array([number]) for name, number in zip(GRIPPER_NUMBERS, numbers, strict=True)},
+        "gripper_object": np.int64(reading.object),
+    }
 
 
 def _served(url: str, rate_hz: float, speed: float, connect: Connect | None) -> Arm:

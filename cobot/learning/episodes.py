@@ -18,11 +18,15 @@ from typing import Any, Self, cast
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from cobot.client.states import GripperReading
 from cobot.errors import InputError
+from cobot.ipc.layout import GripperObject
+from cobot.ipc.state_fields import GRIPPER as GRIPPER_TOPIC
 from cobot.learning.png import pixels_of_png
 from cobot.recording.bounds import bounded_reader, require_room
+from cobot.recording.messages import DEFINITIONS, GRIPPER, GRIPPER_VALUES
 from cobot.recording.reader import UNREADABLE
 from cobot.recording.store import UNFINISHED
 from cobot.robot.rays import png
@@ -54,7 +58,7 @@ class EpisodeWriter:
             "rate_hz": repr(float(rate_hz)),
             "task": task,
         }
-        self._store = get_typestore(Stores.ROS2_HUMBLE)
+        self._store = _types()
         self._part = path.with_name(path.name + UNFINISHED)
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._file = self._part.open("wb")
@@ -65,7 +69,7 @@ class EpisodeWriter:
                 name: self._writer.register_schema(
                     name, "ros2msg", str(self._store.generate_msgdef(name, ros_version=2)[0]).encode()
                 )
-                for name in (JOINT_STATE, IMAGE)
+                for name in (JOINT_STATE, IMAGE, GRIPPER)
             }
         except OSError:
             self.abandon()
@@ -91,6 +95,7 @@ class EpisodeWriter:
         velocity: Sequence[float] | Array,
         action: Sequence[float] | Array,
         pictures: Mapping[str, np.ndarray] | None = None,
+        gripper: GripperReading | None = None,
     ) -> None:
         """Add one frame.
 
@@ -99,6 +104,7 @@ class EpisodeWriter:
             position, velocity: state of the joints, rad, rad/s.
             action: commanded joint positions, rad.
             pictures: pictures by camera name, uint8, shape (height, width, 3).
+            gripper: of a robot that has one: in each frame, or in none.
         """
         time_ns = round(time_s * 1e9)
         dof = len(self._names)
@@ -113,6 +119,9 @@ class EpisodeWriter:
                 )
             fields = {"format": "png", "data": np.frombuffer(png(picture), np.uint8)}
             self._message(CAMERA_TOPIC + name, IMAGE, time_ns, name, fields)
+        if gripper is not None:
+            seen = {name: getattr(gripper, name.removeprefix("gripper_")) for name, _ in GRIPPER_VALUES}
+            self._message(GRIPPER_TOPIC, GRIPPER, time_ns, "", seen)
         self.frames += 1
 
     def finish(self, *, success: bool | None = None, **about: str) -> Path:
@@ -165,6 +174,7 @@ class Episode:
         times_s: shape (n,).
         position, velocity, action: rad, rad/s, rad, shape (n, dof).
         pictures: by the cameras' names, uint8, shape (n, height, width, 3).
+        gripper: one reading for each frame; empty for a robot without a gripper.
     """
 
     about: dict[str, str]
@@ -175,6 +185,7 @@ class Episode:
     velocity: Array
     action: Array
     pictures: dict[str, np.ndarray]
+    gripper: list[GripperReading]
 
 
 def read_episode(path: Path) -> Episode:
@@ -193,11 +204,24 @@ def read_episode(path: Path) -> Episode:
         raise InputError(f"{path}: is no whole episode of cobot: {exc}") from exc
 
 
-def _read(file: io.BytesIO) -> Episode:
+def _types() -> Any:
+    """The messages of ROS 2, and that of the gripper."""
     store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(DEFINITIONS[GRIPPER], GRIPPER))
+    return store
+
+
+def _reading(message: Any) -> GripperReading:
+    values = {name.removeprefix("gripper_"): getattr(message, name) for name, _ in GRIPPER_VALUES}
+    return GripperReading(**{**values, "object": GripperObject(values["object"])})
+
+
+def _read(file: io.BytesIO) -> Episode:
+    store = _types()
     times_ns: list[int] = []
     rows: dict[str, list[Array]] = {"position": [], "velocity": [], "action": []}
     pictures: dict[str, list[np.ndarray]] = {}
+    gripper: list[GripperReading] = []
     pixels = 0
     reader = bounded_reader(file)
     about = {each.name: each.metadata for each in reader.iter_metadata()}["episode"]
@@ -210,6 +234,8 @@ def _read(file: io.BytesIO) -> Episode:
         elif channel.topic == ACTION_TOPIC:
             action: Any = store.deserialize_cdr(message.data, JOINT_STATE)
             rows["action"].append(action.position)
+        elif channel.topic == GRIPPER_TOPIC:
+            gripper.append(_reading(store.deserialize_cdr(message.data, GRIPPER)))
         elif channel.topic.startswith(CAMERA_TOPIC):
             image: Any = store.deserialize_cdr(message.data, IMAGE)
             name = channel.topic.removeprefix(CAMERA_TOPIC)
@@ -219,7 +245,8 @@ def _read(file: io.BytesIO) -> Episode:
             require_room("the pictures of the file", 2 * pixels)  # they are copied into one array
     if not times_ns:
         raise ValueError("there is no frame in it")
-    if {len(each) for each in (*rows.values(), *pictures.values())} != {len(times_ns)}:
+    lengths = {len(each) for each in (*rows.values(), *pictures.values())}
+    if lengths != {len(times_ns)} or len(gripper) not in (0, len(times_ns)):
         raise ValueError("its topics are of different lengths")
     return Episode(
         about=dict(about),
@@ -230,4 +257,5 @@ def _read(file: io.BytesIO) -> Episode:
         velocity=np.array(rows["velocity"]),
         action=np.array(rows["action"]),
         pictures={name: np.array(each) for name, each in pictures.items()},
+        gripper=gripper,
     )

@@ -10,12 +10,15 @@ and acceleration, within the limits (docs/streaming.md).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass
+from threading import Thread
 from typing import Any, Protocol
 
 import numpy as np
 
 from cobot.client import JointImpedanceControl, JointState, Robot
+from cobot.client.fingers import Fingers
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ExecutionError, InputError, MotionStopped
 from cobot.learning.chunks import Latency, Meaning, actions_of, timed
@@ -24,6 +27,8 @@ from cobot.types import Array
 SPARE_S = 0.02
 """Margin between the arrival of a chunk and the end of the last one, in seconds. It covers the transfer to
 rtloop and a short blend."""
+FINGERS_S = 0.005
+"""Interval at which the width of the fingers is looked up, in seconds."""
 PATIENCE = 5
 """Maximum number of consecutive late answers. After that the run ends, because such a policy is too slow for
 this arm."""
@@ -50,6 +55,7 @@ class Sent:
         latency_s: time from the observation until the chunk was sent.
         dropped: number of first actions that were too late.
         times_s, positions: times and positions that were sent, shape (m,) and (m, dof).
+        widths: between the fingers at these times, m, shape (m,); empty without fingers.
     """
 
     observed_s: float
@@ -57,6 +63,7 @@ class Sent:
     dropped: int
     times_s: Array
     positions: Array
+    widths: Array
 
 
 def state_observer(
@@ -64,13 +71,16 @@ def state_observer(
 ) -> Observer:
     """The usual observation: `observation/state`, `observation/NAME` for each picture, `prompt`.
 
+    The state has the joints, rad, and then the width between the fingers, m, if the robot has a gripper.
+
     Args:
         pictures: renders the scene for given joint angles: `cobot.learning.cameras.Renderer.render`.
     """
 
     def observe(state: JointState) -> dict[str, Any]:
         joints = np.array(state.q)
-        seen: dict[str, Any] = {"observation/state": joints.astype(np.float32), "prompt": prompt}
+        numbers = joints if state.gripper is None else np.append(joints, state.gripper.known_width)
+        seen: dict[str, Any] = {"observation/state": numbers.astype(np.float32), "prompt": prompt}
         for name, picture in (pictures(joints) if pictures else {}).items():
             seen[f"observation/{name}"] = picture
         return seen
@@ -93,6 +103,8 @@ class PolicyRunner:
         observe: makes the observation; by default `state_observer()`.
         meaning: meaning of an action: joint positions in rad, or offsets from the observed positions.
         every_s: interval of requests, even if a chunk is longer; None: request shortly before a chunk ends.
+        fingers: follow the column after the joints, a width in m, at the times of the actions; None: that
+            column is ignored. `ServedFingers.of(robot.gripper)` are those of the robot.
         clock: clock for waiting.
     """
 
@@ -106,6 +118,7 @@ class PolicyRunner:
         observe: Observer | None = None,
         meaning: Meaning = "positions",
         every_s: float | None = None,
+        fingers: Fingers | None = None,
         clock: Clock = SYSTEM,
     ) -> None:
         if not 0.002 <= period_s <= 1.0:
@@ -117,6 +130,7 @@ class PolicyRunner:
         self._robot, self._control, self._policy, self._clock = robot, control, policy, clock
         self._period_s, self._meaning, self._every_s = period_s, meaning, every_s
         self._observe = observe or state_observer()
+        self._fingers = fingers
         self._late = 0
         self.latency = Latency()
         self.sent: list[Sent] = []
@@ -142,8 +156,9 @@ class PolicyRunner:
         observed_s = self._robot.clock_s()
         state = self._control.get_state()
         position = np.array(state.q)
-        answer = self._policy.infer(self._observe(state))
-        actions = actions_of(answer, len(position))
+        dof = len(position)
+        answer = self._infer(self._observe(state))
+        actions = actions_of(answer, dof, fingers=self._fingers is not None)
         now_s = self._robot.clock_s()
         self.latency.add(now_s - observed_s)
         times_s, points = timed(actions, observed_s, self._period_s, now_s, self._meaning, position)
@@ -151,9 +166,37 @@ class PolicyRunner:
             self._too_late(len(actions))
             return now_s
         self._late = 0
-        self._control.set_chunk(times_s.tolist(), points.tolist())
-        self.sent.append(Sent(observed_s, self.latency.last_s, len(actions) - len(times_s), times_s, points))
+        joints, widths = points[:, :dof], points[:, dof:].ravel()
+        self._control.set_chunk(times_s.tolist(), joints.tolist())
+        dropped = len(actions) - len(times_s)
+        self.sent.append(Sent(observed_s, self.latency.last_s, dropped, times_s, joints, widths))
         return self._next_s(observed_s, float(times_s[-1]))
+
+    def _infer(self, observation: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The policy's answer. Fingers follow the last chunk meanwhile, as the arm does."""
+        if self._fingers is None:
+            return self._policy.infer(observation)
+        answer: Future[Mapping[str, Any]] = Future()
+
+        def ask() -> None:
+            try:
+                answer.set_result(self._policy.infer(observation))
+            except BaseException as exc:  # noqa: BLE001 - raised again where the answer is used
+                answer.set_exception(exc)
+
+        Thread(target=ask, name="policy", daemon=True).start()
+        while not answer.done():
+            self._aim_fingers()
+            self._clock.sleep(FINGERS_S)
+        return answer.result()
+
+    def _aim_fingers(self) -> None:
+        """Aim the fingers at the width of the last action whose time has come."""
+        if self._fingers is None or not self.sent:
+            return
+        due = int(np.searchsorted(self.sent[-1].times_s, self._robot.clock_s(), "right")) - 1
+        if due >= 0:
+            self._fingers.aim(float(self.sent[-1].widths[due]))
 
     def _next_s(self, observed_s: float, end_s: float) -> float:
         in_time_s = end_s - self.latency.expected_s - SPARE_S
@@ -171,4 +214,5 @@ class PolicyRunner:
         while (left_s := until_s - self._robot.clock_s()) > 0.0:
             if not self._control.is_running():
                 raise MotionStopped("the session ended during the policy's last chunk")
-            self._clock.sleep(min(max(left_s, 0.001), 0.05))
+            self._aim_fingers()
+            self._clock.sleep(min(max(left_s, 0.001), 0.05 if self._fingers is None else FINGERS_S))

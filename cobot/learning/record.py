@@ -32,7 +32,8 @@ def record(
 ) -> int:
     """Write the arm's states and commands to a file, until the time is over or `ended` returns True.
 
-    The action of a frame is the joint position that the real-time loop commanded at that moment.
+    The action of a frame is the joint position that the real-time loop commanded at that moment. With a
+    gripper it is also the commanded width, which is in the topic of the gripper.
 
     Returns:
         The number of frames.
@@ -54,6 +55,7 @@ def record(
                 break
             state = robot.states()
             pictures = renderer.render(np.array(state.q)) if renderer else {}
-            episode.add(epoch_s + clock.now_s(), state.q, state.dq, robot.commanded_position(), pictures)
+            commanded, now_s = robot.commanded_position(), epoch_s + clock.now_s()
+            episode.add(now_s, state.q, state.dq, commanded, pictures, state.gripper)
             clock.sleep(max(0.0, begun_s + (frame + 1) / rate_hz - clock.now_s()))
         return episode.frames

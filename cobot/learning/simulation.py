@@ -13,13 +13,19 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cobot.cell import Hand, load_cell
 from cobot.client import Robot
+from cobot.client.fingers import FollowedWidth
 from cobot.clock import Ticks
 from cobot.config import Settings
 from cobot.errors import NotSupportedError
+from cobot.grippers import GripperState
+from cobot.grippers.simulated import SimulatedGripper
+from cobot.ipc.gripper_record import fill_gripper
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
 from cobot.types import Array
+from rtloop.backends.cell import CellBackend
 from rtloop.backends.mujoco import MujocoBackend
 from rtloop.clock import FastClock
 from rtloop.loop import ControlLoop
@@ -57,28 +63,77 @@ class StepClock:
         raise NotSupportedError("a simulation that is stepped has no event loop to tick in")
 
 
+class SimulatedFingers:
+    """The hand of a simulated cell, without a service.
+
+    Attributes:
+        width_m: see `cobot.client.fingers.Fingers`.
+    """
+
+    def __init__(self, hand: Hand, backend: CellBackend) -> None:
+        self._driver = SimulatedGripper(hand, CellPort(backend))
+        self.width_m = self._driver.capabilities.width_m
+        self._driver.connect()
+        self._followed = FollowedWidth(self.width_m)
+
+    @classmethod
+    def of(cls, settings: Settings, backend: MujocoBackend) -> SimulatedFingers | None:
+        """Those of the settings' cell; None if it has no hand."""
+        hand = hand_of(settings)
+        return cls(hand, backend) if hand is not None and isinstance(backend, CellBackend) else None
+
+    def aim(self, width: float) -> None:
+        """See `cobot.client.fingers.Fingers`."""
+        self._followed.follow(width, lambda target: self._driver.move(target, None, None))
+
+    def state(self) -> GripperState:
+        return self._driver.state()
+
+
+class CellPort:
+    """The inputs and outputs of a simulated cell, as `cobot.grippers.protocol.IoPort`."""
+
+    def __init__(self, backend: CellBackend) -> None:
+        self._backend = backend
+
+    def read(self, name: str) -> float:
+        return self._backend.read_input(name)
+
+    def set(self, name: str, value: float) -> None:
+        self._backend.set_output(name, value)
+
+
+def hand_of(settings: Settings) -> Hand | None:
+    """The hand of the settings' cell; None without one."""
+    return None if settings.robot.cell is None else load_cell(settings.robot.cell).hand
+
+
 class Simulation:
     """One simulated arm.
 
     Attributes:
         robot: client of the arm, which streams like a client of a running service.
         clock: clock whose time advances by sleeping.
+        fingers: the hand of the settings' cell; None without one.
     """
 
     def __init__(self, settings: Settings, description: RobotDescription, start: Array) -> None:
         """
         Args:
+            description: it carries the hand of the settings' cell, if there is one.
             start: joint positions of the arm at rest, shape (dof,), rad.
         """
         period_s = settings.rt.period_s
         name = f"learning_{os.getpid()}_{next(_numbers)}"
         self._memory = RobotMemory.create(name, description.limits.dof, period_s, CAPACITY)
         try:
-            backend = MujocoBackend(settings, description.limits)
+            simulate = MujocoBackend if settings.robot.cell is None else CellBackend
+            backend = simulate(settings, description.limits)
+            self.fingers = SimulatedFingers.of(settings, backend)
             self._loop = ControlLoop(
                 settings, description.model, self._memory, backend, FastClock(period_s), None
             )
-            self._loop.open(start)
+            self._loop.open(start, description.model.tool)
             describe(self._memory, description, backend)
             heartbeat = self._memory.heartbeat
             heartbeat.data["monotonic_ns"] = (
@@ -109,5 +164,7 @@ class Simulation:
             for _ in range(count):
                 self._loop.step()
         state = self._memory.state
+        if self.fingers is not None:
+            fill_gripper(state.data, self.fingers.state(), self.clock.now_ns())
         state.data["monotonic_ns"] = self.clock.now_ns()  # so that the state is never stale
         state.publish()

@@ -159,7 +159,7 @@ class RecordMessages:
     def of(self, records: np.ndarray, ahead_ns: int) -> dict[str, tuple[bytes, int]]:
         """The messages of records, by topic: all in a row, and the size of one.
 
-        Those of the gripper are there only if each of the records has a gripper.
+        Those of the gripper are there only if one of the records has a gripper.
 
         Args:
             records: of `cobot.ipc.records.record_dtype`.
@@ -191,12 +191,13 @@ class RecordMessages:
         cycle["cycle"], cycle["measured"] = records["number"], records["fresh"]
         cycle["interventions"] = records["interventions"]
         cycle["robot_time_s"] = records["number"] * self._period_s
-        made_of = {"/joint_states": measured, "/commanded": commanded, "/wrench": wrench, CYCLE_TOPIC: cycle}
-        if (records["gripper_object"] != GripperObject.ABSENT).all():
+        made_of = {"/joint_states": measured, "/commanded": commanded, "/wrench": wrench}
+        if (records["gripper_object"] != GripperObject.ABSENT).any():
             gripper = made_of[GRIPPER_TOPIC] = self._gripper.messages(count)
             gripper["sec"], gripper["nanosec"] = cycle["sec"], cycle["nanosec"]
             for name, _ in GRIPPER_VALUES:
                 gripper[name] = records[name]
+        made_of[CYCLE_TOPIC] = cycle  # the last one: where it is, a reader finds the others of its cycle
         return {topic: (rows.tobytes(), rows.dtype.itemsize) for topic, rows in made_of.items()}
 
     def event(self, event: Event, ahead_ns: int) -> bytes:

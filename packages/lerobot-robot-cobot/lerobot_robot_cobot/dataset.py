@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_robot_cobot.columns import OBSERVED, SUFFIX, WIDTH, observed
+
 STATE, ACTION, IMAGES = "observation.state", "action", "observation.images."
 
 
@@ -53,11 +55,10 @@ def to_dataset(files: Sequence[Path], repo_id: str, root: Path, *, videos: bool 
                 use_videos=videos,
             )
         elif here != features or episode.rate_hz != rate_hz:
-            raise ValueError(f"{file}: its joints, cameras or rate differ from those of {files[0]}")
+            raise ValueError(f"{file}: its joints, gripper, cameras or rate differ from those of {files[0]}")
         for index in range(len(episode.times_s)):
             frame: dict[str, Any] = {
-                STATE: episode.position[index].astype(np.float32),
-                ACTION: episode.action[index].astype(np.float32),
+                **_numbers(episode, index),
                 "task": episode.about.get("task") or "no task said",
             }
             for name, pictures in episode.pictures.items():
@@ -68,12 +69,20 @@ def to_dataset(files: Sequence[Path], repo_id: str, root: Path, *, videos: bool 
     return dataset
 
 
+def _numbers(episode: Any, index: int) -> dict[str, Any]:
+    """State and action of a frame: the joints, and then the gripper if the robot has one."""
+    state, action = episode.position[index], episode.action[index]
+    if episode.gripper:
+        seen = episode.gripper[index]
+        state = np.append(state, list(observed(seen).values()))
+        action = np.append(action, seen.target_width)
+    return {STATE: state.astype(np.float32), ACTION: action.astype(np.float32)}
+
+
 def _features(episode: Any, videos: bool) -> dict[str, Any]:
-    joints = {
-        "dtype": "float32",
-        "shape": (len(episode.joint_names),),
-        "names": [f"{name}.pos" for name in episode.joint_names],
-    }
+    joints = [f"{name}{SUFFIX}" for name in episode.joint_names]
+    state = [*joints, *OBSERVED] if episode.gripper else joints
+    action = [*joints, WIDTH] if episode.gripper else joints
     pictures = {
         IMAGES + name: {
             "dtype": "video" if videos else "image",
@@ -82,7 +91,11 @@ def _features(episode: Any, videos: bool) -> dict[str, Any]:
         }
         for name, each in episode.pictures.items()
     }
-    return {STATE: joints, ACTION: dict(joints), **pictures}
+    numbers = {
+        key: {"dtype": "float32", "shape": (len(names),), "names": names}
+        for key, names in ((STATE, state), (ACTION, action))
+    }
+    return {**numbers, **pictures}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,4 +1,5 @@
 """LeRobot's robot: observations are joint angles and pictures, actions are where the joints shall be, rad.
+With a gripper both have its width, m.
 
 What is sent goes through cobot's stream (docs/streaming.md of cobot): no action makes the arm jerk, leave its
 limits or run into what its service knows.
@@ -15,11 +16,10 @@ from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.robots import Robot as LeRobot
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-from cobot.client import JointImpedanceControl, Mode, Robot
+from cobot.client import JointImpedanceControl, Mode, Robot, ServedFingers
 from cobot.errors import CobotError
+from lerobot_robot_cobot.columns import OBSERVED, SUFFIX, WIDTH, observed
 from lerobot_robot_cobot.config_cobot import CobotRobotConfig
-
-SUFFIX = ".pos"
 
 
 class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
@@ -41,15 +41,21 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
         self._connect = connect or (lambda url, token: Robot(url, token=token))
         self._robot: Robot | None = None
         self._control: JointImpedanceControl | None = None
+        self._fingers: ServedFingers | None = None
 
     @cached_property
     def observation_features(self) -> dict[str, Any]:
         pictures = {name: (each.height, each.width, 3) for name, each in self.config.cameras.items()}
-        return {**self.action_features, **pictures}
+        gripper = dict.fromkeys(OBSERVED, float) if self.config.gripper else {}
+        return {**dict.fromkeys(self._joints, float), **gripper, **pictures}
 
     @cached_property
     def action_features(self) -> dict[str, type]:
-        return {f"{joint}{SUFFIX}": float for joint in self.config.joints}
+        return dict.fromkeys([*self._joints, WIDTH] if self.config.gripper else self._joints, float)
+
+    @cached_property
+    def _joints(self) -> list[str]:
+        return [f"{joint}{SUFFIX}" for joint in self.config.joints]
 
     @property
     def is_connected(self) -> bool:
@@ -91,26 +97,38 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
             raise DeviceNotConnectedError(
                 f"robot.joints names {len(self.config.joints)} joints, {self.config.url} has {dof}"
             )
+        if self.config.gripper:
+            self._fingers = ServedFingers.of(robot.gripper)
+            if self._fingers is None:
+                raise DeviceNotConnectedError(
+                    f"robot.gripper is true, but the robot of {self.config.url} has no gripper"
+                )
         robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
         self._control = robot.start_joint_impedance_control(
             self.config.rate_hz, interpolation=self.config.interpolation
         )
 
     def get_observation(self) -> dict[str, Any]:
-        """Joint angles, rad, and a picture of each camera.
+        """Joint angles, rad, the gripper, and a picture of each camera.
 
         Raises:
             DeviceNotConnectedError: it is not connected, or the arm does not answer.
         """
         with self._in_words():
-            position = self._session().get_state().q
-        seen: dict[str, Any] = dict(zip(self.action_features, position, strict=True))
+            state = self._session().get_state()
+        seen: dict[str, Any] = dict(zip(self._joints, state.q, strict=True))
+        if self.config.gripper:
+            if state.gripper is None:
+                raise DeviceNotConnectedError(
+                    f"{self.config.url}: the gripper has not been read yet; GET /robot/gripper tells why"
+                )
+            seen |= observed(state.gripper)
         for name, camera in self.cameras.items():
             seen[name] = camera.async_read()
         return seen
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Aim the joints; what they were aimed at.
+        """Aim the joints and the gripper; what they were aimed at.
 
         Raises:
             ValueError: a joint is missing, or is no number.
@@ -121,12 +139,14 @@ class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
             raise ValueError(f"the action has no {missing[0]!r}; it needs {', '.join(self.action_features)}")
         target = {name: float(action[name]) for name in self.action_features}
         with self._in_words():
-            self._session().set_target_joints(list(target.values()))
+            self._session().set_target_joints([target[name] for name in self._joints])
+            if self._fingers is not None:
+                self._fingers.aim(target[WIDTH])
         return target
 
     def disconnect(self) -> None:
         """The arm comes to rest and is free for others; may be called again."""
-        robot, self._robot, self._control = self._robot, None, None
+        robot, self._robot, self._control, self._fingers = self._robot, None, None, None
         if robot is not None:
             robot.close()
         for camera in self.cameras.values():

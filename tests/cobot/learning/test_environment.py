@@ -5,10 +5,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from learning_peers import need
+from physical_cell import EXAMPLE
+from plant_service import THE_CELL, ServiceOfPlant
 from virtual_service import virtual_service
 
 gymnasium = need("gymnasium")
@@ -17,9 +20,13 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from cobot.client import Robot  # noqa: E402
 from cobot.errors import CollisionError, ConfigError, ExecutionError, InputError  # noqa: E402
+from cobot.ipc.layout import GripperObject  # noqa: E402
 from cobot.learning.cameras import Camera  # noqa: E402
 from cobot.learning.environment import MARGIN_RAD, ArmEnv  # noqa: E402
 from cobot.learning.tasks import Reach  # noqa: E402
+from cobot.robot.description import RobotDescription  # noqa: E402
+from cobot.robot.inverse_kinematics import inverse  # noqa: E402
+from cobot.types import Pose  # noqa: E402
 
 TINY = Camera("tiny", (1.4, -1.2, 1.0), (0.3, 0.0, 0.4), width=8, height=6)
 
@@ -104,6 +111,81 @@ def test_an_episode_begins_where_one_says(arm: ArmEnv) -> None:
     assert seen["position"] == pytest.approx(start, abs=1e-3)
     with pytest.raises(CollisionError, match="options: start is in collision"):
         arm.reset(options={"start": [0.0, 2.0, 0.0, -2.0, 0.0, 0.0, 0.0]})
+
+
+class Lift:
+    """A task that is done when the fingers hold something."""
+
+    def spaces(self) -> dict[str, gymnasium.spaces.Space[Any]]:
+        return {}
+
+    def reset(self, robot: RobotDescription, start: np.ndarray, random: np.random.Generator) -> None: ...
+
+    def observe(self) -> dict[str, np.ndarray]:
+        return {}
+
+    def judge(self, observation: dict[str, Any]) -> tuple[float, bool]:
+        return 0.0, bool(GripperObject(int(observation["gripper_object"])).is_held)
+
+
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")
+@pytest.mark.parametrize("control", ["relative", "absolute"])
+def test_gymnasium_s_checker_finds_nothing_with_a_gripper(control: str) -> None:
+    env = ArmEnv(control=control, cell=EXAMPLE)
+    check_env(env, skip_render_check=True)
+    assert env.action_space.shape == (8,)
+    env.close()
+
+
+def test_fingers_follow_the_last_number_of_an_action_and_hold_a_part() -> None:
+    """Oracle: the cube of the cell, which is 0.05 m wide."""
+    env = ArmEnv(control="absolute", cell=EXAMPLE, task=Lift())
+    model = env.robot.model
+    above, at = (
+        inverse(model, Pose(np.array([0.5, -0.3, z]), np.array([0.0, 0.0, 1.0, 0.0])), env._home)
+        for z in (0.36, 0.225)
+    )
+    seen, _ = env.reset(options={"start": above.tolist()})
+    assert seen["gripper_width"] == pytest.approx([0.08], abs=1e-3)
+    assert seen["gripper_object"] == GripperObject.NONE
+    for share in np.linspace(0.0, 1.0, 45):
+        seen, *_ = env.step(np.append(above + share * (at - above), 0.08))
+    for _ in range(15):
+        seen, _, done, *_ = env.step(np.append(at, 0.08))
+    assert not done
+    assert model.forward(seen["position"]).position[2] == pytest.approx(0.225, abs=2e-3)
+    for _ in range(30):
+        seen, _, done, *_ = env.step(np.append(at, 0.04))
+    assert done
+    assert seen["gripper_width"] == pytest.approx([0.05], abs=1e-3)
+    assert seen["gripper_commanded_width"] == pytest.approx([0.04])
+    assert seen["gripper_force"][0] > 5.0
+    env.close()
+
+
+def test_a_robot_without_a_gripper_has_the_columns_that_it_had(arm: ArmEnv) -> None:
+    seen, _ = arm.reset(seed=1)
+    assert set(seen) == {"position", "velocity", "effort", "external_effort", "tcp_pose", "goal"}
+    assert arm.action_space.shape == (7,)
+
+
+def test_the_gripper_of_a_service_is_moved(tmp_path: Path) -> None:
+    """Oracle: what GET /robot/gripper reports."""
+    with ServiceOfPlant(tmp_path, of_robot=THE_CELL).serving() as service:
+        local = functools.partial(Robot, service.name, clock=service.clock, client=service.client)
+        env = ArmEnv(
+            url=service.url, connect=lambda url: (service.client(url), local(), service.clock), speed=1.0
+        )
+        assert env.action_space.shape == (8,)
+        service.go_home()
+        service.post("/robot/gripper/move", {"width": 0.02}).raise_for_status()
+        env.reset(seed=1)
+        for _ in range(30):
+            seen, *_ = env.step(np.append(np.zeros(7), 0.5))
+        assert seen["gripper_width"] == pytest.approx([0.06], abs=1e-3)
+        reported = service.get("/robot/gripper").json()["state"]
+        assert reported["width"] == pytest.approx(0.06, abs=1e-3)
+        env.close()
 
 
 @pytest.mark.parametrize(

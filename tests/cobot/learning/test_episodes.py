@@ -11,9 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 
+from cobot.client.states import GripperReading
 from cobot.config import Settings
 from cobot.errors import InputError
+from cobot.ipc.layout import GripperObject
 from cobot.learning.__main__ import main
 from cobot.learning.cameras import CAMERAS, FRONT, Camera, Renderer
 from cobot.learning.episodes import EpisodeWriter, read_episode
@@ -52,6 +55,34 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     assert found.velocity[3].tolist() == [1.0, 2.0]
     assert found.pictures["front"].shape == (5, 6, 8, 3)
     assert (found.pictures["front"][4] == PICTURE).all()
+
+
+def test_the_gripper_of_each_frame_is_read_as_it_was_written(tmp_path: Path) -> None:
+    """Oracles: what was written; rosbags, with what the file itself says of the type."""
+    path = tmp_path / "one.mcap"
+    readings = [
+        GripperReading(0.08, float("nan"), 0.0, moving=True, object=GripperObject.NONE),
+        GripperReading(0.05, 0.04, 40.0, moving=False, object=GripperObject.HELD_INSIDE),
+    ]
+    with EpisodeWriter(path, NAMES, 10.0) as episode:
+        for frame, reading in enumerate(readings):
+            episode.add(0.1 * frame, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], gripper=reading)
+    assert [str(each) for each in read_episode(path).gripper] == [str(each) for each in readings]
+    with AnyReader([path]) as reader:
+        connections = [each for each in reader.connections if each.topic == "/gripper"]
+        seen = [reader.deserialize(raw, each.msgtype) for each, _, raw in reader.messages(connections)]
+    assert [each.gripper_width for each in seen] == [0.08, 0.05]
+    assert seen[1].gripper_object == seen[1].OBJECT_HELD_INSIDE
+
+
+def test_a_gripper_in_some_frames_alone_is_no_whole_episode(tmp_path: Path) -> None:
+    path = tmp_path / "one.mcap"
+    reading = GripperReading(0.08, 0.08, 0.0, moving=False, object=GripperObject.NONE)
+    with EpisodeWriter(path, NAMES, 10.0) as episode:
+        for frame in range(2):
+            episode.add(frame, [0, 0], [0, 0], [0, 0], gripper=reading if frame else None)
+    with pytest.raises(InputError, match="its topics are of different lengths"):
+        read_episode(path)
 
 
 def test_an_episode_that_breaks_off_leaves_nothing(tmp_path: Path) -> None:

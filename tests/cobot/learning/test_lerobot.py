@@ -20,10 +20,13 @@ from lerobot_stand_in import (
     RobotConfig,
     plugin_beside_it,
 )
+from plant_service import THE_CELL, ServiceOfPlant
 from virtual_service import virtual_service
 from wheels import build
 
 from cobot.client import Robot
+from cobot.client.states import GripperReading
+from cobot.ipc.layout import GripperObject
 from cobot.learning.episodes import EpisodeWriter
 
 
@@ -72,6 +75,40 @@ def test_it_moves_the_arm_and_sees_it(plugin: ModuleType, tmp_path: Path) -> Non
         service.until(lambda: service.health()["robot"]["settled"])
 
 
+def test_a_gripper_has_columns_after_those_of_the_joints(plugin: ModuleType, tmp_path: Path) -> None:
+    with ServiceOfPlant(tmp_path, of_robot=THE_CELL).serving() as service:
+        service.go_home()
+        local = partial(Robot, service.name, clock=service.clock, client=service.client)
+        robot = plugin.CobotRobot(plugin.CobotRobotConfig(gripper=True), connect=lambda url, token: local())
+        names = [f"joint{number}.pos" for number in range(1, 8)]
+        columns = ["gripper.pos", "gripper.commanded_pos", "gripper.force", "gripper.held"]
+        assert list(robot.action_features) == [*names, "gripper.pos"]
+        assert list(robot.observation_features) == [*names, *columns]
+        robot.connect()
+        seen = robot.get_observation()
+        assert list(seen) == [*names, *columns]
+        assert seen["gripper.pos"] == pytest.approx(0.08, abs=1e-3)
+        action = {name: seen[name] for name in [*names, "gripper.pos"]} | {"gripper.pos": 0.03}
+        for _ in range(30):
+            assert robot.send_action(action) == action
+            service.sleep(1 / 30)
+        seen = robot.get_observation()
+        assert seen["gripper.pos"] == pytest.approx(0.03, abs=1e-3)
+        assert (seen["gripper.commanded_pos"], seen["gripper.held"]) == (pytest.approx(0.03), 0.0)
+        assert service.get("/robot/gripper").json()["state"]["width"] == pytest.approx(0.03, abs=1e-3)
+        with pytest.raises(ValueError, match=r"the action has no 'gripper\.pos'"):
+            robot.send_action(dict.fromkeys(names, 0.0))
+        robot.disconnect()
+
+
+def test_a_gripper_that_the_robot_does_not_have_is_said(plugin: ModuleType, tmp_path: Path) -> None:
+    with virtual_service(tmp_path) as service:
+        local = partial(Robot, service.name, clock=service.clock, client=service.client)
+        robot = plugin.CobotRobot(plugin.CobotRobotConfig(gripper=True), connect=lambda url, token: local())
+        with pytest.raises(DeviceNotConnectedError, match=r"robot\.gripper is true, but .* has no gripper"):
+            robot.connect()
+
+
 def test_what_keeps_it_from_the_arm_is_said(plugin: ModuleType, tmp_path: Path) -> None:
     with virtual_service(tmp_path) as service:
         local = partial(Robot, service.name, clock=service.clock, client=service.client)
@@ -117,6 +154,29 @@ def test_episodes_become_a_dataset(
     assert made.frames[0]["task"] == "wave"
 
 
+def test_the_gripper_of_episodes_is_in_the_state_and_the_action(plugin: ModuleType, tmp_path: Path) -> None:
+    from lerobot_robot_cobot.dataset import to_dataset
+
+    unknown = GripperReading(
+        float("nan"), float("nan"), float("nan"), moving=False, object=GripperObject.UNKNOWN
+    )
+    held = GripperReading(0.05, 0.04, 40.0, moving=False, object=GripperObject.HELD_INSIDE)
+    with EpisodeWriter(tmp_path / "one.mcap", ["joint1"], 10.0) as made:
+        for frame, reading in enumerate((unknown, held)):
+            made.add(frame / 10.0, [1.0], [0.0], [2.0], gripper=reading)
+    made_set = to_dataset([tmp_path / "one.mcap"], "local/cobot", tmp_path / "set")
+    features = made_set.options["features"]
+    columns = ["gripper.pos", "gripper.commanded_pos", "gripper.force", "gripper.held"]
+    assert features["observation.state"]["names"] == ["joint1.pos", *columns]
+    assert features["observation.state"]["shape"] == (5,)
+    assert features["action"]["names"] == ["joint1.pos", "gripper.pos"]
+    states = [frame["observation.state"].tolist() for frame in made_set.frames]
+    assert states == [[1, 0, 0, 0, 0], pytest.approx([1, 0.05, 0.04, 40, 1])]
+    assert [frame["action"].tolist() for frame in made_set.frames] == [[2, 0], pytest.approx([2, 0.04])]
+    with pytest.raises(ValueError, match="its joints, gripper, cameras or rate differ"):
+        to_dataset([tmp_path / "one.mcap", episode(tmp_path / "two.mcap")], "local/cobot", tmp_path / "set")
+
+
 def test_episodes_that_do_not_fit_are_named(
     plugin: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -124,7 +184,7 @@ def test_episodes_that_do_not_fit_are_named(
 
     one, two = episode(tmp_path / "one.mcap"), episode(tmp_path / "two.mcap", rate_hz=20.0)
     assert main([str(tmp_path / "set"), str(one), str(two)]) == 1
-    assert "two.mcap: its joints, cameras or rate differ" in capsys.readouterr().err
+    assert "two.mcap: its joints, gripper, cameras or rate differ" in capsys.readouterr().err
     assert main([str(tmp_path / "set"), str(tmp_path / "three.mcap")]) == 1
     assert "three.mcap: No such file" in capsys.readouterr().err
     with pytest.raises(ValueError, match="there is no episode"):

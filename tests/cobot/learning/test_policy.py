@@ -5,15 +5,18 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from learning_peers import WAIT_S, in_a_loop
 
-from cobot.client import JointImpedanceControl, Mode
+from cobot.client import JointImpedanceControl, JointState, Mode
+from cobot.client.states import GripperReading
 from cobot.config import Settings
 from cobot.errors import ExecutionError, InputError, MotionStopped
+from cobot.ipc.layout import GripperObject
 from cobot.learning.chunks import Latency, actions_of, timed
 from cobot.learning.policy import PATIENCE, PolicyRunner, state_observer
 from cobot.learning.simulation import Simulation
@@ -144,6 +147,75 @@ def test_a_policy_sees_what_it_was_trained_on(
     assert seen["observation/front"] is picture
     assert seen["observation/state"] == pytest.approx(home, abs=1e-3)
     assert seen["observation/state"].dtype == np.float32
+
+
+class Hand:
+    """Fingers that note what they are aimed at, and when.
+
+    Attributes:
+        aims: on the robot's clock, and the width.
+    """
+
+    width_m = (0.0, 0.1)
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+        self.aims: list[tuple[float, float]] = []
+
+    def aim(self, width: float) -> None:
+        self.aims.append((self.simulation.robot.clock_s(), width))
+
+
+@pytest.mark.parametrize("meaning", ["positions", "offsets"])
+def test_fingers_follow_the_column_after_the_joints_at_the_times_of_the_actions(
+    simulation: Simulation, control: JointImpedanceControl, home: np.ndarray, meaning: Any
+) -> None:
+    rows = np.tile(home if meaning == "positions" else np.zeros(7), (LENGTH, 1))
+    widths = 0.001 * np.arange(LENGTH)
+
+    class Grasping:
+        def infer(self, observation: Mapping[str, Any]) -> dict[str, Any]:
+            return {"actions": np.column_stack([rows, widths, np.full(LENGTH, np.nan)])}
+
+    hand = Hand(simulation)
+    runner = PolicyRunner(
+        simulation.robot, control, Grasping(), PERIOD_S, meaning=meaning, fingers=hand, clock=simulation.clock
+    )
+    runner.run(0.3)
+    assert len(runner.sent) == 1
+    assert runner.sent[0].widths.tolist() == widths[runner.sent[0].dropped :].tolist()
+    assert len(hand.aims) > 20
+    for now_s, width in hand.aims:
+        due = int((now_s - runner.sent[0].observed_s) / PERIOD_S + 1e-9) - 1
+        assert width == widths[due]
+    assert simulation.robot.states().q == pytest.approx(home, abs=5e-3)
+
+
+def test_a_policy_without_the_column_of_the_fingers_ends_with_a_sentence(
+    simulation: Simulation, control: JointImpedanceControl, home: np.ndarray
+) -> None:
+    class JointsAlone:
+        def infer(self, observation: Mapping[str, Any]) -> dict[str, Any]:
+            return {"actions": np.tile(home, (LENGTH, 1))}
+
+    runner = PolicyRunner(
+        simulation.robot,
+        control,
+        JointsAlone(),
+        PERIOD_S,
+        fingers=Hand(simulation),
+        clock=simulation.clock,
+    )
+    with pytest.raises(ExecutionError, match=r"of shape \(15, 7\); a chunk for this arm is \(k, 8\)"):
+        runner.run(1.0)
+
+
+def test_the_observed_state_has_the_width_of_a_gripper() -> None:
+    reading = GripperReading(0.04, 0.03, float("nan"), moving=False, object=GripperObject.NONE)
+    state = JointState([0.1, 0.2], [0, 0], [0, 0], [0, 0], [0] * 7, reading)
+    assert state_observer()(state)["observation/state"] == pytest.approx([0.1, 0.2, 0.04])
+    unknown = replace(state, gripper=replace(reading, width=float("nan")))
+    assert state_observer()(unknown)["observation/state"] == pytest.approx([0.1, 0.2, 0.0])
 
 
 def test_a_policy_that_is_always_too_late_ends_with_a_sentence(

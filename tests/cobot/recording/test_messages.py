@@ -82,7 +82,7 @@ def test_a_reader_finds_the_state_of_the_gripper() -> None:
 
 def test_without_a_gripper_there_is_no_message_of_one() -> None:
     written = records(2)
-    written["gripper_object"][3] = GripperObject.ABSENT
+    written["gripper_object"] = GripperObject.ABSENT
     topics = RecordMessages(["a", "b"], "base", PERIOD_S).of(written, ahead_ns=0)
     assert list(topics) == ["/joint_states", "/commanded", "/wrench", "/cycle"]
 

@@ -89,6 +89,7 @@ def test_the_state_of_the_arm_has_that_of_the_gripper(run: ServiceOfPlant) -> No
     running = run.begin(run.asking("POST", "/robot/gripper/move", json={"width": 0.0, "speed": 0.02}))
     run.until(lambda: run.get("/robot/state").json()["gripper_moving"])
     run.end(running)
+    command(run, "release")
 
 
 def test_a_reset_of_the_cell_takes_a_held_part_out_of_the_scene(run: ServiceOfPlant) -> None:
