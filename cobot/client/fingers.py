@@ -15,7 +15,7 @@ CHANGE_M = 0.0005
 """A width that differs by less from the last commanded one is not commanded, m."""
 
 
-class Fingers(Protocol):
+class WidthFollower(Protocol):
     """Fingers that follow a width.
 
     Attributes:
@@ -37,7 +37,7 @@ class FollowedWidth:
     """The width that fingers were commanded to last.
 
     Args:
-        width_m: see `Fingers`.
+        width_m: see `WidthFollower`.
         continuous: whether any width within it is possible, or only its two ends.
     """
 
@@ -86,5 +86,5 @@ class ServedFingers:
             return None
 
     def aim(self, width: float) -> None:
-        """See `Fingers`."""
+        """See `WidthFollower`."""
         self._followed.follow(width, partial(self._gripper.move, wait=False))

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from cobot.client import JointImpedanceControl, JointState, Robot
-from cobot.client.fingers import Fingers
+from cobot.client.fingers import WidthFollower
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ExecutionError, InputError, MotionStopped
 from cobot.learning.chunks import Latency, Meaning, actions_of, timed
@@ -118,7 +118,7 @@ class PolicyRunner:
         observe: Observer | None = None,
         meaning: Meaning = "positions",
         every_s: float | None = None,
-        fingers: Fingers | None = None,
+        fingers: WidthFollower | None = None,
         clock: Clock = SYSTEM,
     ) -> None:
         if not 0.002 <= period_s <= 1.0:

@@ -67,7 +67,7 @@ class SimulatedFingers:
     """The hand of a simulated cell, without a service.
 
     Attributes:
-        width_m: see `cobot.client.fingers.Fingers`.
+        width_m: see `cobot.client.fingers.WidthFollower`.
     """
 
     def __init__(self, hand: Hand, backend: CellBackend) -> None:
@@ -83,7 +83,7 @@ class SimulatedFingers:
         return cls(hand, backend) if hand is not None and isinstance(backend, CellBackend) else None
 
     def aim(self, width: float) -> None:
-        """See `cobot.client.fingers.Fingers`."""
+        """See `cobot.client.fingers.WidthFollower`."""
         self._followed.follow(width, lambda target: self._driver.move(target, None, None))
 
     def state(self) -> GripperState:
