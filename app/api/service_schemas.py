@@ -101,6 +101,7 @@ class RobotAnswer(BaseModel):
     """A robot that is served."""
 
     name: str = Field(description="For /robots/{robot}/...")
+    model: str = Field(description="The name of its model, as the model's file has it.")
     default: bool = Field(description="The endpoints without the name of a robot are about this one.")
     path: str = Field(description="What its own endpoints begin with.")
     base_frame: str = Field(description="The frame of all its poses.")

@@ -18,7 +18,12 @@ from cobot.types import CartesianLimits, JointLimits, NamedPosition, vector
 
 @dataclass(frozen=True, slots=True)
 class RobotDescription:
-    """Everything that planning needs. Not thread safe, because the model has one scratch memory."""
+    """Everything that planning needs. Not thread safe, because the model has one scratch memory.
+
+    Attributes:
+        model_file: the file of the model, beside which the visuals of its links are; None for a model that was
+            made in memory.
+    """
 
     name: str
     base_frame: str
@@ -27,6 +32,7 @@ class RobotDescription:
     limits: JointLimits
     cartesian_limits: CartesianLimits
     positions: dict[str, NamedPosition]
+    model_file: Path | None = None
 
     def rename(self, positions: dict[str, NamedPosition]) -> None:
         """Replace the named positions, for every user of this description."""
@@ -99,4 +105,5 @@ def load_robot(settings: Settings) -> RobotDescription:
         limits=limits,
         cartesian_limits=cartesian,
         positions=positions,
+        model_file=settings.robot.model,
     )

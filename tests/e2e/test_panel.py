@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from panel.files import *  # noqa: F403
 from panel.jogging import *  # noqa: F403
+from panel.looking import *  # noqa: F403
 from panel.moving import *  # noqa: F403
 from panel.page import *  # noqa: F403
 from panel.page import ELSEWHERE, OPERATED, SEEN, Panel
@@ -34,7 +35,7 @@ def test_each_control_was_pressed_or_changed_by_these_tests(
     """Not by a script: see `panel.page.CONTROLS`. What has failed runs again alone: so what was used before,
     by the same tests on the same page, counts too.
     """
-    panel.page.run("document.querySelectorAll('details').forEach((each) => (each.open = true))")
+    panel.page.run("document.querySelectorAll('details.card').forEach((each) => (each.open = true))")
     panel.page.run("lookForControls()")
     cache = getattr(request.config, "cache", None)
     of = digest()

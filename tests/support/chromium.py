@@ -100,8 +100,19 @@ class Page:
         self.ask("Runtime.addBinding", name=name)
         self._told[name] = tell
 
+    def reveal(self, selector: str) -> None:
+        """Open the page or the menu that holds an element, as a person does before using it."""
+        found = f"document.querySelector({json.dumps(selector)})"
+        page = self.run(f"{found}?.closest('[role=tabpanel][hidden]')?.id")
+        if page:
+            self.click(f"[aria-controls={page}]")
+        menu = self.run(f"!{found}?.matches('summary') && {found}?.closest('details.menu:not([open])')?.id")
+        if menu:
+            self.click(f"#{menu} > summary")
+
     def write(self, selector: str, text: str) -> str:
         """In place of what a field has, as a person does: until it loses the focus. What it held then."""
+        self.reveal(selector)
         element = f"document.querySelector({json.dumps(selector)})"
         self.run(f"(e => (e.scrollIntoView({{block: 'center'}}), e.focus(), e.select()))({element})")
         if text:
@@ -113,6 +124,7 @@ class Page:
 
     def set_to(self, selector: str, value: str) -> None:
         """A list, a slider or a field, by the keyboard, as a person does."""
+        self.reveal(selector)
         element = f"document.querySelector({json.dumps(selector)})"
         kind = self.run(f"(e => (e.scrollIntoView({{block: 'center'}}), e.focus(), e.type))({element})")
         if kind == "select-one":
@@ -184,6 +196,7 @@ class Page:
 
     def place(self, selector: str) -> tuple[float, float]:
         """The middle of an element, scrolled to."""
+        self.reveal(selector)
         box = self.run(
             f"(e => (e.scrollIntoView({{block: 'center', behavior: 'instant'}}), "
             f"e.getBoundingClientRect().toJSON()))(document.querySelector({json.dumps(selector)}))"

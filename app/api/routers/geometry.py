@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import secrets
 import zlib
 
@@ -12,6 +13,7 @@ from pydantic import BaseModel, Field
 from app.api.dependencies import Call
 from app.api.route import EndpointRouter
 from app.services.state.geometry import Body, Geometry, Joint, Shape, geometry_of, geometry_version
+from cobot.robot.visuals import visuals_of
 from cobot.access.roles import Role
 from cobot.types import JointLimits, Numbers7
 
@@ -47,6 +49,7 @@ class ShapeShown(PoseIn):
     )
     rgba: list[float] = Field(description="From 0 to 1.")
     mesh: int | None = Field(description="Which of the meshes.")
+    collides: bool = Field(description="False: no collision check uses it, it is only to be looked at.")
 
 
 class BodyShown(PoseIn):
@@ -91,6 +94,64 @@ class GeometryAnswer(BaseModel):
     tcp: TcpShown = Field(description="The tool's tip.")
     joints: list[JointRange] = Field(description="In the robot's order.")
     meshes: list[MeshShown] = Field(description="Of the shapes that are meshes.")
+
+
+class VisualShown(PoseIn):
+    """One `<visual>` of the robot's file, in the frame of its link."""
+
+    link: str = Field(description="The name of the body in /robot/geometry.")
+    shape: str = Field(description="box, sphere, cylinder or mesh.")
+    size: list[float] = Field(
+        description="m: a box's edges; a radius; radius and length; of a mesh its scale along x, y, z."
+    )
+    rgba: list[float] | None = Field(description="From 0 to 1; null: the colours of the mesh.")
+    mesh: int | None = Field(description="Which mesh: GET /robot/visuals/{mesh}, as GLB, in metres.")
+
+
+class VisualsAnswer(BaseModel):
+    """What the links look like; collision checks do not use it."""
+
+    visuals: list[VisualShown] = Field(description="Empty if the robot's file has none.")
+
+
+@router.endpoint("GET /robot/visuals", Role.OBSERVER, timeout_s=1.5, response_model=VisualsAnswer)
+async def visuals(request: Request) -> Response:
+    """What the links of the arm look like, with colours, for a picture.
+
+    It has an `ETag`: with `If-None-Match` the answer is 304.
+    """
+    found = await asyncio.to_thread(visuals_of, Call(request).services.robot.model_file)
+    answer = VisualsAnswer(
+        visuals=[
+            VisualShown(
+                link=each.link,
+                shape=each.shape,
+                size=each.sizes(),
+                position=each.position,
+                quaternion=[*each.quaternion[1:], each.quaternion[0]],
+                rgba=each.color,
+                mesh=found.number(each),
+            )
+            for each in found.visuals
+        ]
+    )
+    return tagged(request, answer.model_dump_json().encode(), "application/json")
+
+
+@router.endpoint("GET /robot/visuals/{mesh}", Role.OBSERVER, timeout_s=5.0, response_class=Response)
+async def visual_mesh(request: Request, mesh: int) -> Response:
+    """A mesh of /robot/visuals as GLB, with an `ETag`."""
+    found = await asyncio.to_thread(visuals_of, Call(request).services.robot.model_file)
+    return tagged(request, await asyncio.to_thread(found.read_mesh, mesh), "model/gltf-binary")
+
+
+def tagged(request: Request, content: bytes, media_type: str) -> Response:
+    """The content with its tag, or 304 if the client has it already."""
+    tag = f'"{hashlib.blake2b(content, digest_size=8).hexdigest()}"'
+    headers = {"ETag": tag, "Cache-Control": "no-cache"}
+    if request.headers.get("if-none-match") == tag:
+        return Response(status_code=304, headers=headers)
+    return Response(content, media_type=media_type, headers=headers)
 
 
 @router.endpoint("GET /robot/geometry", Role.OBSERVER, timeout_s=1.5, response_model=GeometryAnswer)
@@ -163,6 +224,7 @@ def _shape(shape: Shape) -> ShapeShown:
         quaternion=_xyzw(shape.pose),
         rgba=shape.rgba,
         mesh=shape.mesh,
+        collides=shape.collides,
     )
 
 

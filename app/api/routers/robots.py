@@ -31,6 +31,7 @@ async def robots(request: Request) -> list[RobotAnswer]:
     return [
         RobotAnswer(
             name=name,
+            model=services.robot.model.name,
             default=index == 0,
             path=address("", name),
             base_frame=services.robot.base_frame,

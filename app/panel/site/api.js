@@ -69,6 +69,10 @@ export class Api {
     return (await this.ask("GET", this.address(path), undefined, options)).json();
   }
 
+  async bytes(path) {
+    return (await this.ask("GET", this.address(path))).arrayBuffer();
+  }
+
   async post(path, body, options) {
     return (await this.ask("POST", this.address(path), body, options)).json();
   }

@@ -18,11 +18,6 @@ export class Csv {
     element("csv-choose").addEventListener("click", () => element("csv-file").click());
     element("csv-file").addEventListener("change", () => this.open(element("csv-file").files[0]));
     element("csv-send").addEventListener("click", () => this.send());
-    for (const id of Object.values(OPTIONS)) {
-      element(id).addEventListener("click", () => {
-        element(id).setAttribute("aria-pressed", String(element(id).getAttribute("aria-pressed") !== "true"));
-      });
-    }
     this.accept(element("csv-send").closest(".card"));
     inEachLanguage(() => this.write());
   }
@@ -86,7 +81,7 @@ export class Csv {
   async send() {
     const body = new FormData();
     body.append("file", this.file);
-    const chosen = Object.entries(OPTIONS).filter(([, id]) => element(id).getAttribute("aria-pressed") === "true");
+    const chosen = Object.entries(OPTIONS).filter(([, id]) => element(id).checked);
     const query = new URLSearchParams(chosen.map(([name]) => [name, "true"]));
     element("csv-send").disabled = true;
     this.say(() => word("csv_sending"));

@@ -33,7 +33,7 @@ export class Device {
   // In the head of the page, of which a simulation says nothing.
   writeStatus(status) {
     const place = element("device");
-    place.closest("div").hidden = !status;
+    element("device-part").hidden = !status;
     if (!status) return;
     const { connection, quality, operation_mode: mode, drives, safety_stop: stop, text } = status;
     const parts = stop ? [mode, stop] : [mode, connection, quality, drives && word("device_drives_are", { drives })];

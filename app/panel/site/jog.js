@@ -50,7 +50,7 @@ export class Jog {
 
   press(event, button, { held = true } = {}) {
     if (!button || (event.button ?? 0) !== 0) return;
-    const how = element("jog-how").value;
+    const how = document.querySelector("input[name=jog-how]:checked").value;
     this.release();
     if (how !== "hold") {
       this.step(button, ...STEPS[how]);

@@ -1,5 +1,5 @@
-// The control of the arm, for this page alone: taken and given back over the WebSocket, and gone with it. Its
-// token goes with the requests that move the arm.
+// The control of the arm for this page alone. It is taken and released over the WebSocket, and ends with the
+// connection. Requests that move the arm send its token.
 import { inEachLanguage, word } from "./words.js";
 
 const TIMEOUT_S = 600; // after the last motion
@@ -28,7 +28,7 @@ export class Lease {
     else if (frame.type === "error" && frame.about === "release") this.set("");
   }
 
-  // The connection is another one, or none.
+  // The connection is lost, or is a new one.
   lost() {
     this.set("");
   }
@@ -41,5 +41,6 @@ export class Lease {
   write() {
     element("take").textContent = word(this.held ? "give_back" : "take");
     element("take").setAttribute("aria-pressed", String(this.held));
+    element("control").toggleAttribute("data-mine", this.held);
   }
 }

@@ -1,4 +1,4 @@
-// What has happened, the newest first.
+// The log, the newest event first: for people one line per job and what they have to know; or all events.
 import { inEachLanguage, word } from "./words.js";
 
 const MOST = 100;
@@ -8,6 +8,9 @@ const LATCHED = ["ESTOP", "FAULT"];
 const LOST_CONTROL = ["taken over", "disconnected"];
 const QUIET = ["alive", "hello", "state"];
 const IN_WORDS = { mode: { mode: "mode", before: "mode" }, job: { state: "job" } };
+// Steps on the way to something that has a line of its own.
+const DETAILS = ["mode", "motion", "session", "plan", "action", "planning"];
+const OVER = ["finished", "failed", "cancelled", "interrupted"];
 const element = (id) => document.getElementById(id);
 
 // An event in a sentence; of one that has none its fields, by their names in docs/events.md.
@@ -17,6 +20,9 @@ function said(type, data) {
     if (values[field]) values[field] = word(`${of}_${values[field]}`);
   }
   if (type === "speed") values.percent = Math.round(100 * values.fraction);
+  if (Array.isArray(values.objects)) values.objects = values.objects.join(", ") || word("scene_none");
+  if (Array.isArray(values.robots)) values.robots = values.robots.join(", ");
+  if (Array.isArray(values.planners)) values.planners = values.planners.join(", ");
   if (values.duration_s) values.duration_s = values.duration_s.toFixed(1);
   const name = [`said_${type}_${data.what ?? data.state}`, `said_${type}`].find((each) => word(each) !== each);
   if (name) return word(name, values).trim() + (data.held_back ? ` ${word("said_held_back", data)}` : "");
@@ -35,11 +41,20 @@ export function levelOf({ type, data }) {
   return LEVELS[type] ?? "";
 }
 
+// Whether a line is left out for people: a step, a part of another job, or a job that goes on.
+function isDetail(event) {
+  const { type, data } = event;
+  if (levelOf(event)) return false;
+  if (type === "job") return Boolean(data.parent) || !OVER.includes(data.state);
+  if (type === "sequence") return data.what === "waypoint";
+  return DETAILS.includes(type);
+}
+
 export class Log {
   constructor() {
     this.waiting = [];
     this.asked = false;
-    element("log-problems").addEventListener("click", () => this.filter());
+    element("log-filter").addEventListener("change", ({ target }) => (element("log").dataset.shown = target.value));
     inEachLanguage(() => this.translate());
   }
 
@@ -66,7 +81,6 @@ export class Log {
 
   translate() {
     for (const row of element("log").children) row.replaceWith(this.row(row.told));
-    this.mark();
   }
 
   row(event) {
@@ -82,18 +96,8 @@ export class Log {
     made.told = event;
     made.dataset.type = type;
     made.toggleAttribute("data-problem", Boolean(level));
+    made.toggleAttribute("data-detail", isDetail(event));
     made.append(moment, kind, text);
     return made;
-  }
-
-  filter() {
-    element("log").toggleAttribute("data-problems");
-    this.mark();
-  }
-
-  mark() {
-    const only = element("log").hasAttribute("data-problems");
-    element("log-problems").setAttribute("aria-pressed", String(only));
-    element("log-problems").textContent = word("log_problems");
   }
 }

@@ -1,4 +1,4 @@
-// Puts the panel together: which robot is shown, and who is told of its state.
+// Puts the panel together: it chooses the robot, and passes its state and events on to the parts of the page.
 import { Api } from "./api.js";
 import { Approvals } from "./approvals.js";
 import { Banner } from "./banner.js";
@@ -22,14 +22,17 @@ import { Planned } from "./plots.js";
 import { Queue } from "./queue.js";
 import { Readouts } from "./readouts.js";
 import { Recordings } from "./recordings.js";
+import { Setup } from "./setup.js";
 import { Status } from "./status.js";
 import { Stream } from "./stream.js";
-import { Tabs } from "./tabs.js";
+import { Pages, Robots } from "./tabs.js";
+import { Typed } from "./typed.js";
+import { ViewTools } from "./view-tools.js";
 import { Waypoints } from "./waypoints.js";
 import { Way } from "./way.js";
 import { installLanguages, word } from "./words.js";
 
-const GEOMETRY_EVERY_MS = 30_000; // the limits are no event
+const GEOMETRY_EVERY_MS = 30_000; // no event tells of changed limits
 const AGAIN_MS = 1000;
 const DOORS = [401, 403];
 const LOOKED_AT = ["hello", "scene", "tool", "service"];
@@ -38,10 +41,10 @@ const element = (id) => document.getElementById(id);
 class Panel {
   constructor(api) {
     this.api = api;
-    this.view = this.state = this.geometry = this.tag = null;
+    this.view = this.state = this.geometry = this.tag = this.looks = null;
     this.readouts = new Readouts(element("joints"), element("tcp"));
     this.device = new Device(api);
-    this.status = new Status(api, this.device);
+    this.status = new Status(api, this.device, () => this.ownStream);
     this.banner = new Banner(api);
     this.planned = new Planned(() => this.readouts.ranges);
     this.motions = new Motions(api, (plan) => this.preview(plan), () => this.state);
@@ -63,6 +66,10 @@ class Panel {
     this.recordings = new Recordings(api, this.motions, () => this.view);
     this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
     this.live = new Live();
+    this.setup = new Setup(api);
+    this.typed = new Typed(this.motions, () => this);
+    this.viewTools = new ViewTools(() => this.view);
+    this.pages = new Pages(() => this.view?.resize());
     this.log = new Log();
     this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts, () => this);
@@ -77,10 +84,16 @@ class Panel {
     setInterval(() => this.lookAgain(), GEOMETRY_EVERY_MS);
   }
 
+  // The stream that this page sends: "jog", "freedrive", or null.
+  get ownStream() {
+    if (this.jog.held) return "jog";
+    return this.freedrive.on ? "freedrive" : null;
+  }
+
   // As soon as the service answers.
   async begin() {
     try {
-      this.tabs = new Tabs(await this.api.robots(), (robot) => this.choose(robot));
+      this.tabs = new Robots(await this.api.robots(), (robot) => this.choose(robot));
       this.silent(false);
     } catch (error) {
       if (DOORS.includes(error.status)) return; // with a token the page is loaded again
@@ -95,6 +108,8 @@ class Panel {
     this.jog.release();
     this.freedrive.end();
     this.api.robot = robot;
+    this.status.name(robot);
+    this.looks = null;
     this.motions.discard();
     this.waypoints.load(robot.name);
     this.csv.forget();
@@ -102,11 +117,11 @@ class Panel {
     this.tag = this.state = this.geometry = null;
     await this.look();
     if (robot !== this.api.robot) return; // another one was chosen meanwhile
-    this.state = null; // until now the one before has gone on to tell its own
+    this.state = null; // states of the robot before may have come until now
     this.stream.open();
     this.log.clear();
     this.live.clear();
-    this.events.open(); // which tells what else there is to look at
+    this.events.open(); // their first one has all parts look
   }
 
   connected(connected) {
@@ -116,13 +131,13 @@ class Panel {
     else if (!this.tag) this.lookAgain();
   }
 
-  // What is shown is old: nobody tells how the arm is now.
+  // No state has come for a second: what is shown is old.
   silent(silent, why) {
     document.body.toggleAttribute("data-silent", silent);
     this.banner.silent(silent, why);
     if (!silent) return;
     this.jog.release();
-    this.state = null; // nothing is to be done from where the arm was
+    this.state = null; // nothing may be planned from an old position
   }
 
   answered(frame) {
@@ -131,7 +146,7 @@ class Panel {
     this.lease.hear(frame);
   }
 
-  // What stands around the arm, its tool and its limits may change at any time.
+  // The surroundings of the arm, its tool and its limits may change at any time.
   async look() {
     const { robot } = this.api;
     const found = robot && (await this.api.geometry(this.tag).catch(() => null));
@@ -140,8 +155,19 @@ class Panel {
     this.geometry = found.geometry;
     this.readouts.describe(found.geometry.joints);
     this.live.describe(found.geometry.joints);
+    this.setup.describe(found.geometry.joints);
     this.view?.describe(found.geometry);
     if (this.state) this.show(this.state);
+    if (!this.looks) this.dress(robot);
+  }
+
+  // The arm is drawn by its collision shapes until its looks are here.
+  async dress(robot) {
+    if (!this.view) return;
+    this.looks = new Map();
+    const { loadLooks } = await import("./shapes.js");
+    const looks = await loadLooks(this.api).catch(() => new Map());
+    if (robot === this.api.robot) this.view.wear(looks);
   }
 
   async draw() {
@@ -150,6 +176,7 @@ class Panel {
       const { View } = await import("./view.js");
       this.view = new View(element("view"));
       if (this.geometry) this.view.describe(this.geometry);
+      if (this.api.robot && !this.looks) this.dress(this.api.robot);
       this.way.look();
       if (this.state) this.view.show(this.state);
       why.hidden = true;
@@ -160,7 +187,7 @@ class Panel {
   }
 
   hear(event) {
-    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.waypoints, this.recordings, this.log, this.status, this.way];
+    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.waypoints, this.recordings, this.log, this.status, this.setup, this.way];
     for (const each of heard) each.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
   }
@@ -177,6 +204,7 @@ class Panel {
     this.live.show(state);
     this.status.show(state);
     this.banner.show(state);
+    this.viewTools.show(state);
     this.view?.show(state);
   }
 }

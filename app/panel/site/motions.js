@@ -7,6 +7,7 @@ import { inEachLanguage, word } from "./words.js";
 
 const SAMPLES = 100;
 const SAMPLES_OF_MANY = 400;
+const SELF_NEAR_M = 0.01; // twice the margin of the plans
 const MADE = "cobot.plans"; // the plans of this tab, also after it was loaded again
 const element = (id) => document.getElementById(id);
 
@@ -29,10 +30,16 @@ export class Motions {
     element("rehearse").addEventListener("click", () => this.rehearse());
     element("discard").addEventListener("click", () => this.discard());
     element("motion-speed").addEventListener("change", () => this.again?.());
+    element("motion-speed").addEventListener("input", () => this.writeSpeed());
     element("position-teach").addEventListener("click", () => this.teach());
     element("position-forget").addEventListener("click", () => this.forget());
     element("position-name").addEventListener("input", () => this.mark());
     inEachLanguage(() => this.say(this.words));
+    this.writeSpeed();
+  }
+
+  writeSpeed() {
+    element("motion-speed-shown").textContent = `${element("motion-speed").value} %`;
   }
 
   own(id) {
@@ -119,6 +126,15 @@ export class Motions {
     return this.ask(name, () => this.planned("/plan/named", { name, speed: this.speed, samples: SAMPLES }));
   }
 
+  toJoints(name, joints) {
+    return this.ask(name, () => this.planned("/plan/joints", { joints, speed: this.speed, samples: SAMPLES }));
+  }
+
+  // Along a straight line.
+  toPose(name, pose) {
+    return this.ask(name, () => this.planned("/plan/pose", { ...pose, planner: "lin", speed: this.speed, samples: SAMPLES }));
+  }
+
   // Whether the slider can have this speed; then it has.
   choosesSpeed(speed) {
     const slider = element("motion-speed");
@@ -126,6 +142,7 @@ export class Motions {
     slider.value = 100 * speed;
     const chosen = Math.abs(slider.value - 100 * speed) < 1e-6;
     if (!chosen) slider.value = before;
+    this.writeSpeed();
     return chosen;
   }
 
@@ -170,12 +187,14 @@ export class Motions {
 
   described(plan) {
     if (!plan.duration_s) return word("there_already");
-    const near = [plan.closest_environment, plan.closest_self].filter(Boolean);
-    const nearest = near.sort((one, other) => one.distance_m - other.distance_m)[0];
+    const { closest_environment: around, closest_self: own } = plan;
+    const self = own && own.distance_m < SELF_NEAR_M ? own : null; // farther away it says nothing to a person
+    const nearest = [around, self].filter(Boolean).sort((one, other) => one.distance_m - other.distance_m)[0];
     const distance = nearest
       ? word("closest", { mm: Math.round(1000 * nearest.distance_m), between: nearest.between.join(" – ") })
       : word("closest_none");
-    return `${word("takes", { seconds: plan.duration_s.toFixed(1) })} ${distance} ${plan.note}`;
+    const name = this.name ? word("plan_to", { name: this.name }) : "";
+    return [name, word("takes", { seconds: plan.duration_s.toFixed(1) }), distance, plan.note].filter(Boolean).join(" ");
   }
 
   async execute() {

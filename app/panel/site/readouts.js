@@ -1,13 +1,29 @@
-// Joints and TCP as numbers and bars, each with its two jog buttons.
+// Joints and TCP as numbers and bars, each with its two jog buttons. A number can be typed over, see typed.js.
 import { inEachLanguage, word } from "./words.js";
 import { abcOf } from "./kinematics.js";
 
-const AXES = ["X", "Y", "Z", "C, Rx", "B, Ry", "A, Rz"];
+const AXES = ["X", "Y", "Z", "Rx", "Ry", "Rz"];
+const TITLES = ["X", "Y", "Z", "Rx (C)", "Ry (B)", "Rz (A)"]; // with the letters of the requests
 const NEAR = 0.03; // of the range, from a limit
 const UNKNOWN = "?";
-const fixed = (value) => (Number.isFinite(value) ? value.toFixed(1).replace(/^-(0\.0)$/, "$1") : UNKNOWN);
 const number = (value) => value ?? NaN; // what is no number is null in JSON
 const degrees = (rad) => (rad * 180) / Math.PI;
+
+// One decimal. Neither -0.0 nor -180.0 is shown, which would alternate with 0.0 and 180.0 at rest.
+function fixed(value) {
+  return Number.isFinite(value) ? value.toFixed(1).replace(/^-(0\.0|180\.0)$/, "$1") : UNKNOWN;
+}
+
+// What is different in the names of joints: "J1" of "panda_joint1", "shoulder_pan" of "shoulder_pan_joint".
+export function shortNames(names) {
+  const numbered = names.map((name) => /^(.*?)(\d+)$/.exec(name));
+  if (numbered.every((each) => each && each[1] === numbered[0][1])) return numbered.map((each) => `J${each[2]}`);
+  const words = names.map((name) => name.split("_"));
+  const same = (at) => words.length > 1 && words.every((each) => each.length > 1 && each.at(at) === words[0].at(at));
+  while (same(0)) words.forEach((each) => each.shift());
+  while (same(-1)) words.forEach((each) => each.pop());
+  return words.map((each) => each.join("_"));
+}
 
 function button(sign, kind, index) {
   const made = document.createElement("button");
@@ -19,27 +35,37 @@ function button(sign, kind, index) {
   return made;
 }
 
-function row(name, kind, index) {
-  const made = document.createElement("div");
-  const label = document.createElement("span");
-  const meter = document.createElement("div");
-  const fill = document.createElement("i");
-  const value = document.createElement("b");
-  made.className = "row";
-  label.textContent = label.title = name;
-  meter.className = kind === "joint" ? "meter" : "meter plain";
-  meter.append(fill, value);
-  const [less, more] = [button(-1, kind, index), button(1, kind, index)];
-  made.append(label, less, meter, more);
-  inEachLanguage(() => {
-    less.setAttribute("aria-label", word("jog_less", { name }));
-    more.setAttribute("aria-label", word("jog_more", { name }));
-  });
-  return { made, meter, fill, value };
+function field(kind, index) {
+  const made = document.createElement("input");
+  made.type = "text";
+  made.inputMode = "decimal";
+  made.autocomplete = "off";
+  made.dataset.value = kind;
+  made.dataset.index = index;
+  return made;
 }
 
-function write(shown, text) {
-  if (shown.textContent !== text) shown.textContent = text;
+function row(name, title, kind, index) {
+  const [made, label] = ["div", "span"].map((tag) => document.createElement(tag));
+  made.className = "row";
+  label.textContent = name;
+  label.title = title;
+  const [less, value, more] = [button(-1, kind, index), field(kind, index), button(1, kind, index)];
+  const meter = document.createElement("div");
+  meter.className = "meter";
+  meter.append(document.createElement("i"));
+  made.append(label, less, ...(kind === "joint" ? [meter] : []), more, value);
+  inEachLanguage(() => {
+    less.setAttribute("aria-label", word("jog_less", { name: title }));
+    more.setAttribute("aria-label", word("jog_more", { name: title }));
+    value.setAttribute("aria-label", word("value_of", { name: title }));
+  });
+  return { made, meter, value };
+}
+
+// Not while it is typed over.
+function write({ value }, text) {
+  if (value !== document.activeElement && value.value !== text) value.value = text;
 }
 
 export class Readouts {
@@ -47,22 +73,24 @@ export class Readouts {
     this.place = joints;
     this.ranges = [];
     this.rows = [];
-    this.tcp = AXES.map((name, index) => row(name, "tcp", index));
+    this.tcp = AXES.map((name, index) => row(name, TITLES[index], "tcp", index));
     tcp.replaceChildren(...this.tcp.map((each) => each.made));
   }
 
   describe(ranges) {
     if (JSON.stringify(ranges) === JSON.stringify(this.ranges)) return;
     this.ranges = ranges;
-    this.rows = ranges.map((range, index) => row(range.name, "joint", index));
+    const names = shortNames(ranges.map(({ name }) => name));
+    this.rows = ranges.map((range, index) => row(names[index], range.name, "joint", index));
     this.place.replaceChildren(...this.rows.map((each) => each.made));
-    this.rows.forEach((each, index) => {
+    this.rows.forEach(({ meter }, index) => {
       const { name, slides, min_position: low, max_position: high } = ranges[index];
       const scale = slides ? 1000 : 180 / Math.PI;
-      each.meter.setAttribute("role", "meter");
-      each.meter.setAttribute("aria-label", name);
-      each.meter.setAttribute("aria-valuemin", (low * scale).toFixed(1));
-      each.meter.setAttribute("aria-valuemax", (high * scale).toFixed(1));
+      meter.setAttribute("role", "meter");
+      meter.setAttribute("aria-label", name);
+      meter.setAttribute("aria-valuemin", (low * scale).toFixed(1));
+      meter.setAttribute("aria-valuemax", (high * scale).toFixed(1));
+      meter.title = `${(low * scale).toFixed(1)} … ${(high * scale).toFixed(1)} ${slides ? "mm" : "°"}`;
     });
   }
 
@@ -70,16 +98,19 @@ export class Readouts {
     this.rows.forEach((each, index) => {
       const { slides, min_position: low, max_position: high } = this.ranges[index];
       const position = number(state.position[index]);
-      const share = Math.max(0, Math.min(1, (position - low) / (high - low))) || 0;
+      const share = (value) => Math.max(0, Math.min(1, (value - low) / (high - low))) || 0;
       const shown = fixed(slides ? 1000 * position : degrees(position));
-      write(each.value, `${shown} ${slides ? "mm" : "°"}`);
+      write(each, `${shown} ${slides ? "mm" : "°"}`);
       each.meter.setAttribute("aria-valuenow", Number.isFinite(position) ? shown : "");
-      each.fill.style.setProperty("--share", share.toFixed(4));
-      each.meter.toggleAttribute("data-near", Number.isFinite(position) && (share < NEAR || share > 1 - NEAR));
+      const [from, to] = [share(0), share(position)];
+      each.meter.style.setProperty("--zero", from.toFixed(4));
+      each.meter.style.setProperty("--from", Math.min(from, to).toFixed(4));
+      each.meter.style.setProperty("--share", Math.abs(to - from).toFixed(4));
+      each.meter.toggleAttribute("data-near", Number.isFinite(position) && (to < NEAR || to > 1 - NEAR));
     });
     const [x, y, z, w, i, j, k] = state.tcp.map(number);
     const angles = abcOf([i, j, k, w]).reverse();
-    [x, y, z].forEach((value, index) => write(this.tcp[index].value, `${fixed(1000 * value)} mm`));
-    angles.forEach((value, index) => write(this.tcp[3 + index].value, `${fixed(degrees(value))} °`));
+    [x, y, z].forEach((value, index) => write(this.tcp[index], `${fixed(1000 * value)} mm`));
+    angles.forEach((value, index) => write(this.tcp[3 + index], `${fixed(degrees(value))} °`));
   }
 }

@@ -1,5 +1,6 @@
-// Bodies, joints and shapes of GET /robot/geometry as objects of three.js.
+// Bodies, joints and shapes of GET /robot/geometry as objects of three.js, with the looks of GET /robot/visuals.
 import * as THREE from "/three/three.module.min.js";
+import { readGlb } from "./glb.js";
 import { localPose } from "./kinematics.js";
 
 const ROUND = 28; // sides of what is round
@@ -23,12 +24,30 @@ function solid({ shape, size, mesh }, meshes) {
   }
 }
 
-function material([red, green, blue, alpha], ghost) {
+function material([red, green, blue, alpha], ghost, vertexColors = false) {
   if (ghost) {
     return new THREE.MeshLambertMaterial({ color: 0x12a150, transparent: true, opacity: 0.35, depthWrite: false });
   }
   const color = new THREE.Color().setRGB(red, green, blue, THREE.SRGBColorSpace);
-  return new THREE.MeshLambertMaterial({ color, transparent: alpha < 1, opacity: alpha });
+  return new THREE.MeshLambertMaterial({ color, transparent: alpha < 1, opacity: alpha, vertexColors });
+}
+
+// Of GET /robot/visuals, by link: [{geometry, rgba, position, quaternion, scale}]. A mesh that does not come is left out.
+export async function loadLooks(api) {
+  const { visuals } = await api.get("/visuals");
+  const meshes = new Map();
+  const mesh = (number) => {
+    if (!meshes.has(number)) meshes.set(number, api.bytes(`/visuals/${number}`).then(readGlb).catch(() => []));
+    return meshes.get(number);
+  };
+  const looks = new Map();
+  await Promise.all(visuals.map(async ({ link, shape, size, rgba, mesh: number, position, quaternion }) => {
+    const parts = shape === "mesh" ? await mesh(number) : [{ geometry: solid({ shape, size }, []), rgba: [0.8, 0.8, 0.8, 1] }];
+    const scale = shape === "mesh" ? size : [1, 1, 1];
+    const made = parts.map((part) => ({ geometry: part.geometry, rgba: rgba ?? part.rgba, position, quaternion, scale }));
+    if (made.length) looks.set(link, [...(looks.get(link) ?? []), ...made]);
+  }));
+  return looks;
 }
 
 // A part of the cell: GET /cell has the sizes of its shapes as the cell file has them.
@@ -39,26 +58,21 @@ export function drawnPart({ shape, size_m: size }) {
 const COLOURS = { tool: [0.1, 0.55, 0.6, 1], scene: [0.45, 0.5, 0.62, 1] };
 
 export class Drawn {
-  // A ghost is the arm and what moves with it, in one colour.
-  constructor(geometry, ghost = false) {
+  // looks: by link, see loadLooks. A ghost is the arm and what moves with it, in one colour.
+  constructor(geometry, looks, ghost = false) {
     this.bodies = geometry.bodies;
     this.root = new THREE.Group();
     this.groups = geometry.bodies.map(() => new THREE.Group());
+    this.hidden = []; // the collision shapes of bodies that have a look, and their looks
     const moves = [];
     geometry.bodies.forEach((body, index) => {
       const parent = index ? this.groups[body.parent] : this.root;
       parent.add(this.groups[index]);
       moves[index] = index > 0 && (moves[body.parent] || body.joints.length > 0);
       if (ghost && !moves[index]) return;
-      for (const shape of body.shapes) {
-        const made = solid(shape, geometry.meshes);
-        if (!made) continue;
-        const mesh = new THREE.Mesh(made, material(COLOURS[body.part] ?? shape.rgba, ghost));
-        mesh.position.set(...shape.position);
-        mesh.quaternion.set(...shape.quaternion);
-        this.groups[index].add(mesh);
-      }
+      this.add(index, body, geometry, looks.get(body.name) ?? [], ghost);
     });
+    this.showCollision(false);
     this.tcp = new THREE.Group();
     this.tcp.position.set(...geometry.tcp.position);
     this.tcp.quaternion.set(...geometry.tcp.quaternion);
@@ -68,6 +82,33 @@ export class Drawn {
     // The base frame, in which all poses are, is where the page has its origin.
     this.root.updateMatrixWorld(true);
     this.root.applyMatrix4(this.groups[geometry.base].matrixWorld.clone().invert());
+  }
+
+  add(index, body, geometry, looks, ghost) {
+    const looked = looks.length > 0 || body.shapes.some((shape) => !shape.collides);
+    for (const shape of body.shapes) {
+      const made = solid(shape, geometry.meshes);
+      if (!made) continue;
+      const mesh = new THREE.Mesh(made, material(COLOURS[body.part] ?? shape.rgba, ghost));
+      mesh.position.set(...shape.position);
+      mesh.quaternion.set(...shape.quaternion);
+      this.groups[index].add(mesh);
+      if (looked) this.hidden.push([mesh, shape.collides]);
+    }
+    for (const { geometry: shared, rgba, position, quaternion, scale } of looks) {
+      const mesh = new THREE.Mesh(shared, material(shared.attributes.color ? [1, 1, 1, 1] : rgba, ghost, Boolean(shared.attributes.color)));
+      mesh.userData.shared = true;
+      mesh.position.set(...position);
+      mesh.quaternion.set(...quaternion);
+      mesh.scale.set(...scale);
+      this.groups[index].add(mesh);
+      this.hidden.push([mesh, false]);
+    }
+  }
+
+  // The shapes of the collision checks, or what the robot looks like.
+  showCollision(shown) {
+    for (const [mesh, collides] of this.hidden) mesh.visible = collides === shown;
   }
 
   place(joints) {
@@ -86,7 +127,7 @@ export class Drawn {
 
   dispose() {
     this.root.traverse((each) => {
-      each.geometry?.dispose();
+      if (!each.userData.shared) each.geometry?.dispose();
       each.material?.dispose();
     });
     this.root.removeFromParent();

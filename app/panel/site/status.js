@@ -1,10 +1,13 @@
-// Mode, who has the control, speed override, how the cycle is, and whether anybody answers.
+// The head of the panel: the state in one word, the robot, and who has the control. Cycle times and the connection
+// are on the page Diagnose.
 import { oneAtATime } from "./once.js";
 import { inEachLanguage, word } from "./words.js";
 
-const EVERY_MS = 5000; // how the cycle is, is no event
+const EVERY_MS = 5000; // no event tells of the cycle
 const CHANGES = ["hello", "lease", "motion", "session", "sequence", "job", "rtloop", "speed"];
-const LEVELS = { HOLD: "good", ESTOP: "bad", FAULT: "bad", STOPPING: "warn" };
+const LEVELS = { HOLD: "good", TRAJECTORY: "busy", ESTOP: "bad", FAULT: "bad", STOPPING: "warn" };
+const OWN = { jog: "mode_jog", freedrive: "mode_freedrive" };
+const STREAMING = ["JOINT_IMPEDANCE", "CARTESIAN", "JOINT_TORQUE"];
 const element = (id) => document.getElementById(id);
 
 function say(id, text, level = "") {
@@ -14,11 +17,12 @@ function say(id, text, level = "") {
 }
 
 export class Status {
-  constructor(api, device) {
+  // ownStream: what this page streams, "jog", "freedrive", or null.
+  constructor(api, device, ownStream) {
     this.api = api;
     this.device = device;
-    this.mode = null;
-    this.line = null;
+    this.ownStream = ownStream;
+    this.mode = this.line = null;
     this.look = oneAtATime(() => this.ask());
     inEachLanguage(() => {
       if (this.mode) this.write();
@@ -28,16 +32,22 @@ export class Status {
     setInterval(() => this.look(), EVERY_MS);
   }
 
+  // The robot that is shown; null: none yet.
+  name(robot) {
+    say("robot-name", robot?.name ?? "cobot");
+    say("robot-model", robot?.model ?? "");
+    document.title = robot ? `${robot.name} · cobot` : "cobot";
+  }
+
   show(state) {
-    if (state.mode === this.mode) return;
     this.mode = state.mode;
     this.write();
   }
 
   write() {
-    const shown = element("mode");
-    shown.dataset.mode = this.mode;
-    say("mode", word(`mode_${this.mode}`), LEVELS[this.mode] ?? "");
+    const own = STREAMING.includes(this.mode) ? OWN[this.ownStream()] : null;
+    element("mode").dataset.mode = this.mode;
+    say("mode", word(own ?? `mode_${this.mode}`), LEVELS[this.mode] ?? "busy");
   }
 
   connected(connected) {
@@ -59,17 +69,24 @@ export class Status {
         this.api.robots(),
       ]);
       if (robot !== this.api.robot) return;
-      this.device.tell(robots.find(({ name }) => name === robot.name)?.device);
-      const holder = control.holder ? `${control.holder} (${control.address})` : control.what;
-      say("control", control.held ? `${holder ?? ""}${control.what ? `: ${control.what}` : ""}` : word("nobody"));
-      element("control").title = element("control").textContent;
-      say("override", `${Math.round(100 * control.speed_fraction)} %`);
+      const device = robots.find(({ name }) => name === robot.name)?.device;
+      this.device.tell(device);
+      element("simulation").hidden = !device || device.hardware;
+      say("control", this.holder(control));
+      element("control").title = control.holder ? `${control.holder} (${control.address})` : "";
       const { total } = health.cycle_us ?? {};
       const level = health.rtloop?.alive ? "good" : "bad";
       say("cycle", total ? word("cycle_times", { p99: total.p99_us, late: health.rtloop.overruns }) : "?", level);
     } catch (error) {
-      for (const id of ["control", "override", "cycle"]) say(id, "?", "bad");
+      for (const id of ["control", "cycle"]) say(id, "?", "bad");
       element("control").title = error.message;
     }
+  }
+
+  // Free, You, or the name of the other client.
+  holder({ held, holder, what }) {
+    if (!held) return word("nobody");
+    if (this.api.control) return word("you");
+    return holder ?? what ?? "";
   }
 }

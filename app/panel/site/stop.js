@@ -1,17 +1,27 @@
-// One stop, on every page: the button, Space and Escape. It asks for nothing and waits for nothing: it is a script
-// of its own, loaded first and in need of no other one, so that nothing that goes wrong elsewhere takes it away.
+// STOP, on every page: the button, Space and Escape. It asks no question and waits for nothing. It is a script of
+// its own, is loaded first and needs no other script, so that an error elsewhere cannot disable it.
 const WRITING = "input:not([type=range]), textarea, [contenteditable]";
 const UNSURE_MS = 3000; // an arm comes to rest sooner
 const GIVE_UP_MS = 11_000; // the service gives itself 10 s
+const SHOWN_MS = 2000; // the confirmation, on the button
 const button = document.getElementById("stop");
 const why = document.getElementById("stop-why");
 let pressed = 0; // how often
 let confirmed = 0; // the newest press after which the arm is known to be at rest
 let failed = 0; // and the newest one that is told to have failed
+let shown = 0; // the timer of the confirmation
 
 function succeed(press) {
+  if (press > confirmed) confirm();
   confirmed = Math.max(confirmed, press);
   if (confirmed >= failed) why.hidden = true;
+}
+
+// On the button itself, where the person looks.
+function confirm() {
+  clearTimeout(shown);
+  button.dataset.confirmed = "";
+  shown = setTimeout(() => delete button.dataset.confirmed, SHOWN_MS);
 }
 
 function fail(press, reason) {
@@ -47,6 +57,7 @@ async function send(press) {
 
 function stop() {
   pressed += 1;
+  delete button.dataset.confirmed;
   button.dataset.pressed = String(pressed);
   send(pressed);
   document.dispatchEvent(new CustomEvent("cobot-stop", { detail: pressed })); // the rest of the page tells the service its own way

@@ -1,37 +1,25 @@
-// A tab for each robot. Left and right, Home and End go from one to the next, as in every list of tabs.
-const STEPS = { ArrowLeft: -1, ArrowRight: 1 };
+// Lists of tabs: one with the robots, one with the pages of the panel. Left and right, Home and End move the focus.
+import { keep, keptText } from "./store.js";
 
-export class Tabs {
-  // chosen: called with the robot.
-  constructor(robots, chosen) {
-    this.robots = robots;
+const STEPS = { ArrowLeft: -1, ArrowRight: 1 };
+const PAGE = "cobot.page";
+const element = (id) => document.getElementById(id);
+
+class Tabs {
+  // chosen: called with the button that is selected.
+  constructor(list, tabs, chosen) {
+    this.tabs = tabs;
     this.chosen = chosen;
-    const list = document.getElementById("robots");
-    list.hidden = robots.length < 2;
-    this.tabs = robots.map((robot) => {
-      const tab = document.createElement("button");
-      tab.type = "button";
-      tab.textContent = robot.name;
-      tab.dataset.robot = robot.name;
-      tab.setAttribute("role", "tab");
-      tab.addEventListener("click", () => this.choose(robot));
-      return tab;
-    });
-    list.replaceChildren(...this.tabs);
+    for (const tab of tabs) tab.addEventListener("click", () => this.select(tab));
     list.onkeydown = (event) => this.press(event);
   }
 
-  begin() {
-    return this.choose(this.robots.find((robot) => robot.default) ?? this.robots[0]);
-  }
-
-  choose(robot) {
+  select(selected) {
     for (const tab of this.tabs) {
-      const selected = tab.dataset.robot === robot.name;
-      tab.setAttribute("aria-selected", String(selected));
-      tab.tabIndex = selected ? 0 : -1;
+      tab.setAttribute("aria-selected", String(tab === selected));
+      tab.tabIndex = tab === selected ? 0 : -1;
     }
-    return this.chosen(robot);
+    return this.chosen(selected);
   }
 
   press(event) {
@@ -42,6 +30,44 @@ export class Tabs {
     if (now < 0 || next === undefined) return;
     event.preventDefault();
     this.tabs[next].focus();
-    this.choose(this.robots[next]);
+    this.select(this.tabs[next]);
+  }
+}
+
+export class Robots extends Tabs {
+  // chosen: called with the robot.
+  constructor(robots, chosen) {
+    const list = element("robots");
+    const tabs = robots.map((robot) => {
+      const tab = document.createElement("button");
+      tab.type = "button";
+      tab.textContent = tab.dataset.robot = robot.name;
+      tab.setAttribute("role", "tab");
+      return tab;
+    });
+    list.hidden = robots.length < 2;
+    list.replaceChildren(...tabs);
+    super(list, tabs, (tab) => chosen(robots[tabs.indexOf(tab)]));
+    this.first = tabs[Math.max(0, robots.findIndex((robot) => robot.default))];
+  }
+
+  begin() {
+    return this.select(this.first);
+  }
+}
+
+// Move, Program, Run, Diagnose, Setup. The browser keeps which one was open.
+export class Pages extends Tabs {
+  // changed: called after another page is shown.
+  constructor(changed) {
+    const list = element("pages");
+    super(list, [...list.children], (tab) => {
+      for (const each of this.tabs) element(each.getAttribute("aria-controls")).hidden = each !== tab;
+      document.body.dataset.page = tab.dataset.page;
+      keep("localStorage", PAGE, tab.dataset.page);
+      changed();
+    });
+    const kept = keptText("localStorage", PAGE);
+    this.select(this.tabs.find((tab) => tab.dataset.page === kept) ?? this.tabs[0]);
   }
 }

@@ -4,9 +4,14 @@ import * as THREE from "/three/three.module.min.js";
 import { Drawn, drawnPart } from "./shapes.js";
 
 const [PLANNED, RUNNING] = [0x12a150, 0xc2410c];
+const TRACED = 0x7c3aed;
+const MAX_TRACED = 2000; // points, 80 s of motion
 const UP = new THREE.Vector3(0, 0, 1);
-const FROM = new THREE.Vector3(1.55, -1.5, 0.65); // the camera, seen from the middle of an arm of this size:
-const SIZE = 1.3; // m, diagonal of the box around it
+// Where the camera is, from the middle of an arm whose box has this diagonal, m.
+const VIEWS = { iso: [1.55, -1.5, 0.65], front: [2.25, 0, 0.1], top: [0.001, 0, 2.3] };
+const SIZE = 1.3;
+const GIZMO_PX = 84;
+const SHADOW_M = 0.45; // radius of the soft shadow under the arm
 
 export class View {
   constructor(place) {
@@ -16,19 +21,27 @@ export class View {
     this.camera = new THREE.PerspectiveCamera(40, 1, 0.05, 50);
     this.camera.up.copy(UP);
     this.scene = new THREE.Scene();
-    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8890a0, 2.2));
-    const sun = new THREE.DirectionalLight(0xffffff, 1.8);
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8890a0, 2.0));
+    const sun = new THREE.DirectionalLight(0xffffff, 2.2);
     sun.position.set(2, -3, 4);
-    this.scene.add(sun, this.grid());
+    this.scene.add(sun, this.grid(), shadow());
+    this.gizmo = new THREE.Scene();
+    this.gizmo.add(new THREE.AxesHelper(1));
+    this.gizmoCamera = new THREE.OrthographicCamera(-1.3, 1.3, 1.3, -1.3, 0, 10);
+    this.gizmoCamera.up.copy(UP);
     place.prepend(this.renderer.domElement);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.target.set(0, 0, 0.5);
-    this.camera.position.copy(this.controls.target).add(FROM);
+    this.camera.position.copy(this.controls.target).add(new THREE.Vector3(...VIEWS.iso));
     this.controls.addEventListener("change", () => this.draw());
     this.controls.update();
     this.framed = false;
     this.arm = this.ghost = this.path = this.way = this.plan = this.still = this.joints = null;
     this.parts = new Map(); // of a simulated cell, by name and shape
+    this.looks = new Map(); // what the links look like, by name
+    this.collision = false; // the shapes of the collision checks are shown in place of the looks
+    this.trace = null; // the points that the TCP has passed, while they are shown
+    this.traceLine = null;
     this.frames = 0;
     this.asked = false;
     new ResizeObserver(() => this.resize()).observe(place);
@@ -57,7 +70,8 @@ export class View {
     this.preview(null);
     this.arm?.dispose();
     this.geometry = geometry;
-    this.arm = new Drawn(geometry);
+    this.arm = new Drawn(geometry, this.looks);
+    this.arm.showCollision(this.collision);
     this.scene.add(this.arm.root);
     if (this.joints?.length === geometry.joints.length) this.arm.place(this.joints);
     if (plan) this.preview(plan);
@@ -70,19 +84,50 @@ export class View {
     if (this.joints?.every((value, index) => Math.abs(value - state.position[index]) < 1e-5)) return;
     this.joints = state.position;
     this.arm.place(state.position);
-    if (!this.framed) this.frame();
+    if (!this.framed) this.look("iso");
+    if (this.trace) this.followTcp();
     this.draw();
   }
 
-  // The camera as far from the arm as its size wants it; once, as people move the camera then.
-  frame() {
-    const box = new THREE.Box3().setFromObject(this.arm.root);
+  wear(looks) {
+    this.looks = looks;
+    if (this.geometry) this.describe(this.geometry);
+  }
+
+  showCollision(shown) {
+    this.collision = shown;
+    this.arm?.showCollision(shown);
+    this.draw();
+  }
+
+  // Begins a trace of the TCP, or removes it.
+  showTrace(shown) {
+    this.trace = shown ? [] : null;
+    this.followTcp();
+    this.draw();
+  }
+
+  followTcp() {
+    this.traceLine?.removeFromParent();
+    this.traceLine?.geometry.dispose();
+    this.traceLine = null;
+    if (!this.trace) return;
+    this.trace = [...this.trace.slice(1 - MAX_TRACED), this.arm.tcpPosition()];
+    this.traceLine = this.line(this.trace, TRACED);
+  }
+
+  // From this side, as far away as the size of the arm needs; "fit": from where the camera is.
+  look(view) {
+    if (!this.arm) return;
+    const box = new THREE.Box3().setFromObject(this.arm.groups[1] ?? this.arm.root);
     if (box.isEmpty()) return;
     this.framed = true;
+    const from = VIEWS[view] ? new THREE.Vector3(...VIEWS[view]) : this.camera.position.clone().sub(this.controls.target);
+    from.setLength(new THREE.Vector3(...VIEWS.iso).length() * box.getSize(new THREE.Vector3()).length() / SIZE);
     box.getCenter(this.controls.target);
-    const distance = box.getSize(new THREE.Vector3()).length() / SIZE;
-    this.camera.position.copy(FROM).multiplyScalar(distance).add(this.controls.target);
+    this.camera.position.copy(this.controls.target).add(from);
     this.controls.update();
+    this.draw();
   }
 
   line(points, color) {
@@ -133,7 +178,7 @@ export class View {
     this.still = null;
     if (plan?.duration_s && this.geometry) {
       this.plan = plan;
-      this.ghost = new Drawn(this.geometry, true);
+      this.ghost = new Drawn(this.geometry, this.looks, true);
       this.path = this.line(plan.path.map((point) => point.position), PLANNED);
       this.scene.add(this.ghost.root);
     }
@@ -162,8 +207,39 @@ export class View {
       this.asked = false;
       if (this.plan) this.haunt();
       this.renderer.render(this.scene, this.camera);
+      this.drawGizmo();
       this.frames += 1;
       if (this.plan && this.still === null) this.draw();
     });
   }
+
+  // The axes of the base frame in the corner: x red, y green, z blue.
+  drawGizmo() {
+    const { renderer, camera, controls, gizmoCamera } = this;
+    gizmoCamera.position.copy(camera.position).sub(controls.target).setLength(5);
+    gizmoCamera.lookAt(0, 0, 0);
+    const { clientWidth: width, clientHeight: height } = this.place;
+    renderer.autoClear = false;
+    renderer.setViewport(4, 4, GIZMO_PX, GIZMO_PX);
+    renderer.clearDepth();
+    renderer.render(this.gizmo, gizmoCamera);
+    renderer.setViewport(0, 0, width, height);
+    renderer.autoClear = true;
+  }
+}
+
+// A soft shadow on the ground: cheap, unlike one that follows the shape.
+function shadow() {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = 64;
+  const pen = canvas.getContext("2d");
+  const fade = pen.createRadialGradient(32, 32, 4, 32, 32, 32);
+  fade.addColorStop(0, "rgba(20, 25, 35, 0.45)");
+  fade.addColorStop(1, "rgba(20, 25, 35, 0)");
+  pen.fillStyle = fade;
+  pen.fillRect(0, 0, 64, 64);
+  const map = new THREE.CanvasTexture(canvas);
+  const made = new THREE.Mesh(new THREE.CircleGeometry(SHADOW_M, 32), new THREE.MeshBasicMaterial({ map, transparent: true, depthWrite: false }));
+  made.position.z = 0.001;
+  return made;
 }

@@ -1,8 +1,8 @@
-// A list of places that are taught, gone through with round corners, run as a sequence and kept as its file.
-// What is in the list is kept in this browser. A sequence that has more than the list can say is shown and run
-// as it is.
+// A list of taught waypoints, which is run as a sequence with round corners and can be saved as its file. This
+// browser keeps the list. A sequence file with more than the list can express is shown and run as it is.
 import { abcOf, tcpOf } from "./kinematics.js";
 import { DEFAULT, PLANNERS } from "./planners.js";
+import { fileRow, pointRow } from "./point-rows.js";
 import { partsOf } from "./sequence.js";
 import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
@@ -22,9 +22,10 @@ function whole(point) {
 }
 
 // The request to the service. A planner that follows a path ends at a pose, every other one at joints.
-function motion({ way, joints, pose }, speed) {
+function motion({ way, joints, pose, label }, speed) {
+  const named = label ? { label } : {};
   const goal = PLANNERS[way].pose ? Object.fromEntries(POSE.map((name, index) => [name, pose[index]])) : { joints };
-  return { ...goal, planner: way, speed };
+  return { ...named, ...goal, planner: way, speed };
 }
 
 export class Waypoints {
@@ -56,22 +57,42 @@ export class Waypoints {
     this.write();
   }
 
-  teach() {
+  // Where the arm is, as joints and as a pose; null, and said, if that is not known.
+  here() {
     const { state, geometry } = this.now();
     // In a hand the arm is where it is held, and not where its springs would have it.
     const joints = this.freedrive.on ? state?.position : state?.commanded_position;
     if (!geometry || !numbers(joints, geometry.joints.length)) {
       this.say(() => word("silence"));
-      return;
+      return null;
     }
+    const { position, quaternion } = tcpOf(geometry, joints);
+    return { joints: [...joints], pose: [...position, ...abcOf(quaternion)] };
+  }
+
+  teach() {
+    const here = this.here();
+    if (!here) return;
     if (this.list.length >= MOST) {
       this.say(() => word("points_max"));
       return;
     }
-    const { position, quaternion } = tcpOf(geometry, joints);
     this.file = null;
-    this.list.push({ way: DEFAULT, radius: 0, joints: [...joints], pose: [...position, ...abcOf(quaternion)] });
+    this.list.push({ way: DEFAULT, radius: 0, label: "", ...here });
     this.changed();
+  }
+
+  // The place is where the arm is now; the way to it stays.
+  teachAgain(index) {
+    Object.assign(this.list[index], this.here() ?? {});
+  }
+
+  // Plans a motion to the waypoint alone, and shows it.
+  go(index) {
+    const { joints, pose, label } = this.list[index];
+    const name = label || word("point_of", { number: index + 1 });
+    if (joints) return this.motions.toJoints(name, joints);
+    return this.motions.toPose(name, Object.fromEntries(POSE.map((axis, each) => [axis, pose[each]])));
   }
 
   changed() {
@@ -88,7 +109,7 @@ export class Waypoints {
   // Who works by the keyboard stays where the row has gone to that was there.
   focus(index, place) {
     const row = element("points").children[Math.min(index, element("points").children.length - 1)];
-    const control = row?.children[place];
+    const control = row?.querySelectorAll("button")[place];
     const found = control?.disabled ? row.querySelector("button:enabled") : control;
     (found ?? element("teach")).focus();
   }
@@ -201,90 +222,25 @@ export class Waypoints {
   }
 
   // null for what cannot be shown here without losing some of it.
-  opened({ joints, planner = DEFAULT, radius = 0, speed, ...pose }) {
-    if (!Number.isFinite(radius) || !PLANNERS[planner]) return null;
+  opened({ joints, planner = DEFAULT, radius = 0, speed, label = "", ...pose }) {
+    if (!Number.isFinite(radius) || !PLANNERS[planner] || typeof label !== "string") return null;
     const radiusMm = Math.round(1000 * radius);
     if (joints) {
       const known = numbers(joints, 1) && !PLANNERS[planner].pose && !Object.keys(pose).length;
-      return known ? { way: planner, radius: radiusMm, joints, pose: null } : null;
+      return known ? { way: planner, radius: radiusMm, label, joints, pose: null } : null;
     }
     const values = POSE.map((name) => pose[name] ?? 0);
     const known = Object.keys(pose).every((name) => POSE.includes(name));
-    return PLANNERS[planner].pose && known && numbers(values, 6) ? { way: planner, radius: radiusMm, joints: null, pose: values } : null;
+    return PLANNERS[planner].pose && known && numbers(values, 6) ? { way: planner, radius: radiusMm, label, joints: null, pose: values } : null;
   }
 
   write() {
-    const rows = this.file ? [this.fileRow(this.file)] : this.list.map((point, index) => this.row(point, index));
+    const rows = this.file ? [fileRow(this)] : this.list.map((point, index) => pointRow(this, point, index));
     element("points").replaceChildren(...rows);
     for (const id of ["points-save", "points-run", "points-step"]) element(id).disabled = !rows.length;
     element("points-show").disabled = !rows.length || Boolean(this.file?.content.steps);
-    element("points-why").textContent = this.words();
-  }
-
-  fileRow({ name, content }) {
-    const made = document.createElement("li");
-    const label = document.createElement("span");
-    const count = (content.steps ?? content.waypoints).length;
-    label.textContent = word(content.steps ? "steps_of_file" : "points_of_file", { name, count });
-    made.dataset.file = name;
-    made.append(label, this.button("✕", "points_close", 0, true, () => (this.file = null)));
-    return made;
-  }
-
-  row(point, index) {
-    const made = document.createElement("li");
-    const label = document.createElement("span");
-    label.textContent = index + 1;
-    made.append(label, this.way(point, index), this.radius(point, index));
-    made.append(
-      this.button("↑", "point_up", index, index > 0, () => this.swap(index, index - 1)),
-      this.button("↓", "point_down", index, index < this.list.length - 1, () => this.swap(index, index + 1)),
-      this.button("✕", "point_remove", index, true, () => void this.list.splice(index, 1)),
-    );
-    return made;
-  }
-
-  way(point, index) {
-    const select = document.createElement("select");
-    const there = Object.keys(PLANNERS).filter((way) => (PLANNERS[way].pose ? point.pose : point.joints));
-    select.append(...there.map((way) => new Option(word(`way_${way}`, {}, `${PLANNERS[way].summary} (${way})`), way)));
-    select.value = point.way;
-    return this.changing(select, "point_way", index, () => (point.way = select.value));
-  }
-
-  radius(point, index) {
-    const input = document.createElement("input");
-    Object.assign(input, { type: "number", min: 0, max: 1000, step: 1, value: point.radius });
-    input.disabled = index === this.list.length - 1;
-    return this.changing(input, "point_radius", index, () => {
-      point.radius = Math.max(0, Math.min(1000, Number(input.value)));
-      input.value = point.radius;
-    });
-  }
-
-  changing(control, name, index, change) {
-    control.title = word(name, { number: index + 1 });
-    control.setAttribute("aria-label", control.title);
-    control.addEventListener("change", () => {
-      change();
-      this.edited();
-    });
-    return control;
-  }
-
-  button(sign, name, index, enabled, act) {
-    const made = document.createElement("button");
-    made.type = "button";
-    made.textContent = sign;
-    made.disabled = !enabled;
-    made.setAttribute("aria-label", word(name, { number: index + 1 }));
-    made.addEventListener("click", () => {
-      const place = [...made.parentElement.children].indexOf(made);
-      const there = act() ?? index;
-      this.changed();
-      this.focus(there, place);
-    });
-    return made;
+    element("run-what").textContent = this.file?.name ?? (rows.length ? word("run_list", { count: rows.length }) : word("run_none"));
+    this.say(this.words);
   }
 
   swap(one, other) {
@@ -294,6 +250,6 @@ export class Waypoints {
 
   say(words) {
     this.words = words;
-    element("points-why").textContent = words();
+    for (const id of ["points-why", "run-why"]) element(id).textContent = words();
   }
 }

@@ -56,6 +56,7 @@ class Shape:
         pose: in the body's frame.
         rgba: from 0 to 1.
         mesh: index among the meshes.
+        collides: the collision checks use it; otherwise it is only to be looked at.
     """
 
     kind: str
@@ -63,6 +64,7 @@ class Shape:
     pose: Numbers7
     rgba: list[float]
     mesh: int | None
+    collides: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +161,7 @@ def _shape(mj: mujoco.MjModel, geom: int) -> Shape:
         pose=_pose(mj.geom_pos[geom], mj.geom_quat[geom]),
         rgba=rgba.astype(float).round(4).tolist(),
         mesh=int(mj.geom_dataid[geom]) if kind == "mesh" else None,
+        collides=bool(mj.geom_contype[geom] or mj.geom_conaffinity[geom]),
     )
 
 

@@ -17,9 +17,10 @@ from cobot.errors import ConfigError
 from cobot.launch.robot_file.meshes import find_mesh, safe_stem
 from cobot.launch.robot_file.urdf_checks import SHAPES, ZERO, check_shape
 from cobot.launch.robot_file.worker import Worker, absolute
+from cobot.robot.visuals import MANIFEST
 from cobot.xml_file import numbers
 
-MANIFEST, SUBFOLDER = "visuals.yaml", "visuals"
+SUBFOLDER = "visuals"
 TIMEOUT_S = 30.0
 """For one mesh; without it the link has no such look."""
 

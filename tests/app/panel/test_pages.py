@@ -22,7 +22,7 @@ from cobot.robot.device import FLAGS, MEASURED_NAMES
 REPOSITORY = Path(__file__).parents[3]
 SCRIPTS = sorted(pages.SITE.glob("*.js"))
 LANGUAGES = ("en", "de", "zh")
-MADE = ("gripper_", "mode_", "way_", "able_", "measured_", "event_", "said_")
+MADE = ("gripper_", "shape_", "mode_", "way_", "able_", "measured_", "event_", "said_")
 """So begin names of words that are put together."""
 
 

@@ -69,7 +69,7 @@ def test_a_csv_file_is_looked_at_before_it_is_sent(panel: Panel) -> None:
     panel.page.click("#csv-send")
     until(lambda: panel.rests() and abs(panel.run.joints()[0] - 0.4) < 5e-3)
     panel.page.click("#csv-start")
-    assert panel.page.run("document.querySelector('#csv-start').ariaPressed") == "false"
+    assert not panel.page.run("document.querySelector('#csv-start').checked")
 
     drop(panel, "#csv-why", "other.csv", "a,b\n1,2\n")
     panel.until("document.querySelector('#csv-why').innerText.startsWith('other.csv is no trajectory')")

@@ -101,7 +101,7 @@ def step(panel: Panel, selector: str) -> None:
 
 def test_steps_move_by_just_that_and_do_not_add_up_what_is_measured_beside_it(panel: Panel) -> None:
     """Oracle: the sum of the steps; for the TCP the end of what the service plans to these joints."""
-    set_to(panel, "#jog-how", "middle")
+    panel.page.click("#jog-how label:nth-child(3)")
     try:
         for count in (1, 2):
             step(panel, button("joint", 0, 1))
@@ -115,7 +115,8 @@ def test_steps_move_by_just_that_and_do_not_add_up_what_is_measured_beside_it(pa
         lower = tcp_at(panel, commanded(panel))
         np.testing.assert_allclose(np.subtract(lower, after), [0.0, 0.0, -0.01], atol=1e-4)
     finally:
-        set_to(panel, "#jog-how", "hold")
+        for nth in (2, 4, 1):
+            panel.page.click(f"#jog-how label:nth-child({nth})")
         set_to(panel, "#jog-frame", "base")
 
 
@@ -161,7 +162,7 @@ def test_a_finger_holds_a_button_too_and_no_step_is_taken_by_holding_nothing(pan
     panel.until("!cobotPanel.jog.held")
     where = panel.stays()
     panel.page.run(f"document.querySelector({json.dumps(plus)}).click()")  # as a screen reader does
-    assert "choose steps" in panel.text("#jog-why")
+    assert "choose a step size" in panel.text("#jog-why")
     assert is_at(panel, where)
 
 

@@ -39,7 +39,7 @@ def test_a_motion_is_shown_before_it_is_run(panel: Panel) -> None:
     panel.until("!cobotPanel.view.ghost && document.querySelector('#execute').disabled")
     planned(panel, "work")
     panel.page.click("#rehearse")
-    panel.until("document.querySelector('#plan').innerText.startsWith('Dry run: arrives after ')")
+    panel.until("document.querySelector('#plan').innerText.startsWith('Simulation OK: ')")
     np.testing.assert_allclose(panel.run.joints(), HOME, atol=5e-3)
     if PICTURES:
         panel.page.picture(Path(PICTURES) / "panel.png")
@@ -63,7 +63,7 @@ def test_the_moving_picture_of_the_documents(panel: Panel) -> None:
             SYSTEM.sleep(0.3)
 
     set_to(panel, "#motion-speed", "5")
-    panel.until("document.querySelector('#control').innerText === 'free'")
+    panel.until("document.querySelector('#control').innerText === 'Free'")
     shoot(3)
     planned(panel, "work")
     shoot(12)
@@ -89,6 +89,7 @@ def speed(panel: Panel) -> float:
 def test_motions_are_slowed_paused_and_followed(panel: Panel) -> None:
     """The arm and the jobs as REST tells of them."""
     try:
+        panel.page.reveal("#override-set")
         panel.page.run("document.querySelector('#override-set').focus()")
         panel.page.key("PageDown", "PageDown")
         until(lambda: speed(panel) == 0.9)
@@ -235,7 +236,7 @@ def test_a_place_is_taught_gone_to_and_forgotten(panel: Panel) -> None:
 def test_who_has_taken_the_control_moves_the_arm_alone(panel: Panel) -> None:
     home = {"name": "home", "speed": 1.0}
     panel.page.click("#take")
-    panel.until("document.querySelector('#take').innerText === 'Give back'")
+    panel.until("document.querySelector('#take').innerText === 'Release'")
     refused = httpx.post(f"{panel.run.url}/robot/move/named", json=home, timeout=WAIT_S)
     assert refused.status_code == 409
     plus = button("joint", 0, 1)
@@ -246,6 +247,6 @@ def test_who_has_taken_the_control_moves_the_arm_alone(panel: Panel) -> None:
     panel.page.click("#execute")
     panel.until("document.querySelector('#plan').innerText === 'The arm has arrived.'")
     panel.page.click("#take")
-    panel.until("document.querySelector('#take').innerText === 'Take'")
+    panel.until("document.querySelector('#take').innerText === 'Take control'")
     answer = httpx.post(f"{panel.run.url}/robot/move/named", json=home, timeout=WAIT_S)
     assert answer.json()["success"], answer.text

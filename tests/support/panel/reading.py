@@ -12,6 +12,7 @@ from cobot_run import WAIT_S
 
 from panel.page import (
     HOME,
+    PICTURES,
     SIZE,
     Panel,
     drop,
@@ -102,7 +103,7 @@ def test_axe_finds_nothing_in_any_view(panel: Panel, axe: str, scheme: str) -> N
         body = {"joints": [0.4, *HOME[1:]], "speed": 0.5}
         plan = httpx.post(f"{panel.run.url}/robot/plan/joints", json=body, timeout=WAIT_S).json()["plan_id"]
         panel.until(f"document.querySelector('[data-plan=\"{plan}\"]')")
-        panel.page.run("document.querySelectorAll('details').forEach((each) => (each.open = true))")
+        panel.page.run("document.querySelectorAll('details.card').forEach((each) => (each.open = true))")
         panel.until("document.querySelector('#io-Output button')")
         look("with all cards open and full")
         panel.page.run(
@@ -129,7 +130,7 @@ def test_everything_has_a_name_and_can_be_read(panel: Panel, scheme: str) -> Non
     features = [{"name": "prefers-color-scheme", "value": scheme}]
     panel.page.ask("Emulation.setEmulatedMedia", features=features)
     panel.page.run("document.querySelector('#banner').hidden = false")
-    panel.page.run("document.querySelectorAll('details').forEach((each) => (each.open = true))")
+    panel.page.run("document.querySelectorAll('details.card').forEach((each) => (each.open = true))")
     panel.until("document.querySelector('#io-Output button')")
     try:
         assert panel.page.run(NAMELESS) == []
@@ -138,7 +139,7 @@ def test_everything_has_a_name_and_can_be_read(panel: Panel, scheme: str) -> Non
         assert panel.page.run(f"[...document.querySelectorAll('button')].{small}.length") == 0
     finally:
         panel.page.run("document.querySelector('#banner').hidden = true")
-        panel.page.run("document.querySelectorAll('details').forEach((each) => (each.open = false))")
+        panel.page.run("document.querySelectorAll('details.card').forEach((each) => (each.open = false))")
         panel.page.ask("Emulation.setEmulatedMedia", features=[])
         size(panel, *SIZE)
 
@@ -151,29 +152,52 @@ CUT = """
 }).map((each) => each.outerHTML)
 """
 COVERED = """
-(([view, tools]) => view.height < 200
-    || (view.bottom > tools.top + 1 && view.right > tools.left && view.top < tools.top))
-(["#view canvas", "#tools"].map((each) => document.querySelector(each).getBoundingClientRect()))
+(([view, dock]) => view.height < 150
+    || (view.bottom > dock.top + 1 && view.right > dock.left && view.top < dock.top))
+(["#view canvas", "#dock"].map((each) => document.querySelector(each).getBoundingClientRect()))
 """
+PAGES = ("move", "program", "run", "diagnose", "setup")
+SCROLLS = "(e => e.scrollHeight > e.clientHeight + 1)(document.querySelector('#side'))"
 
 
-@pytest.mark.parametrize(("width", "height"), [SIZE, (1024, 768), (768, 1024)])
+@pytest.mark.parametrize(("width", "height"), [SIZE, (1024, 768), (768, 1024), (390, 844)])
 def test_nothing_is_cut_off_or_covered_in_the_longest_words(panel: Panel, width: int, height: int) -> None:
-    """On a screen, and on a tablet both ways; with waypoints, whose rows are the widest."""
+    """On a screen, on a tablet both ways and on a phone; with waypoints, whose rows are the widest."""
     set_to(panel, "#language", "de")
     panel.page.click("#teach")
     size(panel, width, height, mobile=width < SIZE[0])
     try:
-        panel.page.run("document.querySelectorAll('details').forEach((each) => (each.open = true))")
-        panel.until("document.querySelector('#io-Output button')")
-        panel.until(f"!({COVERED})")
-        assert panel.page.run(CUT) == []
-        assert panel.page.run("document.documentElement.scrollWidth <= innerWidth")
-        assert panel.page.run("(e => e.scrollWidth <= e.clientWidth)(document.querySelector('#side'))")
+        panel.page.run("document.querySelectorAll('details.card').forEach((each) => (each.open = true))")
+        for name in PAGES:
+            panel.page.click(f"#tab-{name}")
+            if name == "diagnose":
+                panel.until("document.querySelector('#io-Output button')")
+            if width > 960 or name != "setup":
+                panel.until(f"!({COVERED})")
+            assert panel.page.run(CUT) == [], name
+            assert panel.page.run("document.documentElement.scrollWidth <= innerWidth"), name
+            assert panel.page.run("(e => e.scrollWidth <= e.clientWidth)(document.querySelector('#side'))"), name
     finally:
         size(panel, *SIZE)
         panel.page.run("localStorage.clear()")
         panel.load()
+
+
+def test_no_page_scrolls_on_a_screen(panel: Panel) -> None:
+    """At 1280 x 800, as each page opens."""
+    for name in PAGES:
+        panel.page.click(f"#tab-{name}")
+        assert panel.page.run("document.querySelectorAll('[role=tabpanel]:not([hidden])').length") == 1
+        assert not panel.page.run(SCROLLS), name
+        if PICTURES:
+            panel.page.picture(Path(PICTURES) / f"panel-{name}.png")
+    panel.page.run("document.querySelector('#tab-setup').focus()")
+    panel.page.key("Home", "Home")
+    assert panel.page.run("document.body.dataset.page") == "move"
+    panel.page.key("ArrowRight", "ArrowRight")
+    panel.load()
+    assert panel.page.run("document.body.dataset.page") == "program", "the browser keeps it"
+    panel.page.click("#tab-move")
 
 
 def test_a_long_joint_name_is_cut_and_covers_no_button(panel: Panel) -> None:

@@ -27,10 +27,10 @@ def test_it_shows_the_arm_where_it_is_and_asks_nobody_else(panel: Panel) -> None
         )
     )
     panel.until("document.querySelector('#mode').dataset.mode === 'HOLD'")
-    panel.until("document.querySelector('#control').innerText === 'free'")
+    panel.until("document.querySelector('#control').innerText === 'Free'")
     panel.until("document.querySelector('#cycle').innerText.includes('µs')")
-    assert panel.text("#joints .row:nth-child(4) b") == "-90.0 °"
-    assert panel.text("#tcp .row:nth-child(1) b").startswith("40")
+    assert panel.page.run("document.querySelector('#joints .row:nth-child(4) input').value") == "-90.0 °"
+    assert panel.page.run("document.querySelector('#tcp .row:nth-child(1) input').value").startswith("40")
     sources = panel.page.run("performance.getEntriesByType('resource').map((entry) => entry.name)")
     assert len(sources) > 10
     assert all(source.startswith(panel.run.url) for source in sources), sources
@@ -40,7 +40,7 @@ def test_it_shows_the_arm_where_it_is_and_asks_nobody_else(panel: Panel) -> None
 
 def test_a_simulation_says_nothing_of_itself(panel: Panel) -> None:
     panel.until("cobotPanel.device.told")
-    assert panel.page.run("document.querySelector('#device').closest('div').hidden")
+    assert panel.page.run("document.querySelector('#device-part').hidden")
     assert panel.page.run("document.querySelector('#contact').hidden")
 
 
@@ -116,7 +116,7 @@ def fails_in_words(panel: Panel) -> None:
     try:
         panel.until("document.querySelector('#banner-title').innerText === 'Fault'")
         assert panel.text("#banner-reason") == "reading from the robot failed: drive 3 is too hot"
-        causes = {"de": "Der Roboter sagt nicht", "zh": "无法读取", "en": "The robot does not tell"}
+        causes = {"de": "Der Roboter meldet", "zh": "无法读取", "en": "The robot does not report"}
         for language, cause in causes.items():
             set_to(panel, "#language", language)
             assert panel.text("#banner-cause").startswith(cause)
@@ -140,7 +140,7 @@ def test_it_speaks_german_and_chinese(panel: Panel) -> None:
         set_to(panel, "#language", language)
 
     try:
-        for language, joints, mode in (("de", "Gelenke", "bereit"), ("zh", "关节", "就绪")):
+        for language, joints, mode in (("de", "Gelenke", "Bereit"), ("zh", "关节", "就绪")):
             choose(language)
             assert panel.text("#joints-title") == joints
             assert panel.text("#mode") == mode
@@ -157,10 +157,10 @@ def test_a_robot_that_says_nothing_is_told_and_its_values_are_old(panel: Panel) 
     process.suspend()
     try:
         panel.until("document.body.matches('[data-silent]') && !document.querySelector('#banner').hidden")
-        assert panel.text("#banner-title") == "Nobody tells how the arm is"
+        assert panel.text("#banner-title") == "No data from the robot"
         assert panel.page.run("cobotPanel.stream.ready")
         assert panel.page.run("document.querySelector('#reset').hidden")
-        assert panel.page.run("getComputedStyle(document.querySelector('#joints b')).fontStyle") == "italic"
+        assert panel.page.run("getComputedStyle(document.querySelector('#joints input')).fontStyle") == "italic"
     finally:
         process.resume()
     panel.until("!document.body.matches('[data-silent]')")
@@ -186,7 +186,7 @@ def test_a_page_whose_service_does_not_answer_yet_stops_and_comes_to_life(panel:
     finally:
         panel.page.block()
     panel.until("cobotPanel.view?.arm && cobotPanel.view.joints && document.querySelector('#banner').hidden")
-    panel.until("document.querySelector('#mode').innerText === 'ready'")
+    panel.until("document.querySelector('#mode').innerText === 'Ready'")
     assert panel.page.run("cobotPanel.waypoints.list.length + cobotPanel.motions.made.length") == 0
     panel.page.run("localStorage.clear(), sessionStorage.clear()")
     forget(panel, "Failed to load")

@@ -59,7 +59,7 @@ def test_after_an_estop_a_banner_says_why_and_the_way_out(panel: Panel) -> None:
     assert "Emergency stop" in panel.text("#banner")
     reason = panel.run.health()["robot"]["reason"]  # type: ignore[index]
     assert reason in panel.text("#banner-reason")
-    assert panel.text("#banner-cause") == "Somebody, or a program, has asked for an emergency stop."
+    assert panel.text("#banner-cause") == "A person or a program requested an emergency stop."
     assert "Reset" in panel.text("#banner-way")
     panel.page.click("#reset")
     panel.until("document.querySelector('#banner').hidden")

@@ -79,7 +79,7 @@ def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) ->
         panel.until(near)
         panel.page.click("#teach")
     panel.until("document.querySelectorAll('#points li').length === 3")
-    set_to(panel, "#points li:nth-child(1) input", "20")
+    set_to(panel, "#points li:nth-child(1) input[type=number]", "20")
     set_to(panel, "#points li:nth-child(2) select", "lin")
     focused = (
         "document.activeElement === document.querySelector('#points li:nth-child({}) button:nth-of-type({})')"
@@ -118,7 +118,7 @@ def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) ->
     panel.until("document.querySelector('#points li').innerText.startsWith('steps.json: 2 steps')")
     assert panel.page.run("document.querySelector('#points-show').disabled")
     panel.page.click("#points-run")
-    panel.until("document.querySelector('#points-why').innerText === 'Has come to its end.'")
+    panel.until("document.querySelector('#points-why').innerText === 'The program has ended.'")
     panel.page.click("#points li button")
     panel.until("document.querySelectorAll('#points li').length === 3")
     panel.page.run("localStorage.clear()")
@@ -150,7 +150,7 @@ def test_waypoints_are_run_step_by_step_paused_and_ended(panel: Panel) -> None:
     panel.until("document.querySelectorAll('#points li[data-next]').length === 1")
     panel.until("document.querySelector('#pause').innerText === 'Resume'")
     panel.page.click("#pause")
-    panel.until("document.querySelector('#points-why').innerText === 'Has come to its end.'")
+    panel.until("document.querySelector('#points-why').innerText === 'The program has ended.'")
     assert is_at(panel, places[2])
     assert panel.page.run("document.querySelectorAll('#points li[data-next]').length") == 0
 
@@ -192,7 +192,7 @@ def test_a_sequence_that_the_list_cannot_edit_is_shown_with_its_curves_and_run_a
     assert panel.page.run("document.querySelectorAll('#planned-plots .beyond').length") == 0
     assert "%" in panel.text("#planned-plots b")
     panel.page.click("#points-run")
-    panel.until("document.querySelector('#points-why').innerText === 'Has come to its end.'")
+    panel.until("document.querySelector('#points-why').innerText === 'The program has ended.'")
     assert is_at(panel, end)
     panel.until("document.querySelector('#planned').hidden")
     panel.page.click("#points button")

@@ -135,10 +135,15 @@ def test_what_has_happened_is_listed_and_nothing_is_missed(panel: Panel) -> None
             assert named.json()["detail"] in said
     finally:
         set_to(panel, "#language", "en")
-    panel.page.click("#log-problems")
     shown = "[...document.querySelectorAll('#log li')].filter((each) => each.checkVisibility())"
-    assert panel.page.run(f"{shown}.length > 0 && {shown}.every((each) => 'problem' in each.dataset)")
-    panel.page.click("#log-problems")
+    for nth, kept in (
+        (2, "'problem' in each.dataset"),
+        (3, "true"),
+        (1, "!('detail' in each.dataset)"),
+    ):
+        panel.page.click(f"#log-filter label:nth-child({nth})")
+        expected = f"[...document.querySelectorAll('#log li')].filter((each) => {kept}).length"
+        assert panel.page.run(f"{shown}.length > 0 && {shown}.length === {expected}")
 
 
 def test_the_last_seconds_of_each_joint_are_drawn(panel: Panel) -> None:

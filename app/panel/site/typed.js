@@ -1,0 +1,54 @@
+// A number of a joint or of the TCP, typed over: Enter plans the motion and shows it, a second Enter runs it.
+import { abcOf, tcpOf } from "./kinematics.js";
+import { word } from "./words.js";
+
+const POSE = ["x", "y", "z", "c", "b", "a"]; // in the order of the rows
+const MM = 1000;
+const RAD = Math.PI / 180;
+
+export class Typed {
+  // now: {state, geometry}, of which one may be missing.
+  constructor(motions, now) {
+    this.motions = motions;
+    this.now = now;
+    this.planned = ""; // what the newest plan of a typed value is of
+    document.addEventListener("focusin", ({ target }) => target.dataset.value && target.select());
+    document.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter" || !event.target.dataset?.value) return;
+      event.preventDefault();
+      if (!event.repeat) this.enter(event.target);
+    });
+  }
+
+  async enter(field) {
+    const { value: kind, index } = field.dataset;
+    const typed = Number.parseFloat(field.value.replace(",", ".").replace("−", "-"));
+    const asked = [kind, index, typed].join();
+    if (asked === this.planned && this.motions.plan) {
+      field.blur();
+      await this.motions.execute();
+      return;
+    }
+    const { state, geometry } = this.now();
+    if (!state || !geometry || !Number.isFinite(typed)) {
+      this.motions.say(() => word(state && geometry ? "typed_no_number" : "silence", { text: field.value }));
+      return;
+    }
+    this.planned = asked;
+    const name = `${field.closest(".row").firstElementChild.title} ${field.value}`;
+    if (kind === "joint") await this.motions.toJoints(name, this.joints(state, geometry, Number(index), typed));
+    else await this.motions.toPose(name, this.pose(state, geometry, Number(index), typed));
+  }
+
+  joints(state, geometry, index, typed) {
+    const joints = [...state.commanded_position];
+    joints[index] = geometry.joints[index].slides ? typed / MM : typed * RAD;
+    return joints;
+  }
+
+  pose(state, geometry, index, typed) {
+    const { position, quaternion } = tcpOf(geometry, state.commanded_position);
+    const [[x, y, z], [a, b, c]] = [position, abcOf(quaternion)];
+    return { x, y, z, a, b, c, [POSE[index]]: index < 3 ? typed / MM : typed * RAD };
+  }
+}

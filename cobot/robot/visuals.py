@@ -1,0 +1,114 @@
+"""What the links of a robot look like: the manifest beside its model, and the meshes that it names.
+
+`cobot new-robot` writes the manifest `visuals.yaml`. A model that shares its folder with others has a manifest of
+its own, which is named after it: `iiwa14.visuals.yaml` for `iiwa14.xml`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from cobot.errors import ConfigError, NotFoundError
+from cobot.yaml_file import read_mapping
+
+MANIFEST = "visuals.yaml"
+MAX_MESH_BYTES = 50_000_000
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class Visual(BaseModel):
+    """One entry of the manifest.
+
+    Attributes:
+        link: the body that carries it.
+        position: in the link's frame, m.
+        quaternion: w, x, y, z.
+        color: red, green, blue and opacity; None: the mesh's own.
+        scale: of a mesh, along x, y, z.
+        file: of a mesh, relative to the manifest.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=False)
+
+    link: str
+    shape: Literal["box", "sphere", "cylinder", "mesh"]
+    position: Annotated[list[Finite], Field(min_length=3, max_length=3)]
+    quaternion: Annotated[list[Finite], Field(min_length=4, max_length=4)]
+    color: Annotated[list[Share], Field(min_length=4, max_length=4)] | None = None
+    size: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None = None
+    radius: Annotated[list[Finite], Field(min_length=1, max_length=1)] | None = None
+    length: Annotated[list[Finite], Field(min_length=1, max_length=1)] | None = None
+    scale: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None = None
+    file: str | None = None
+
+    def sizes(self) -> list[float]:
+        """The edges of a box; the radius; the radius and the length; of a mesh its scale."""
+        if self.shape == "mesh":
+            return self.scale or [1.0, 1.0, 1.0]
+        return [*(self.size or []), *(self.radius or []), *(self.length or [])]
+
+
+@dataclass(frozen=True, slots=True)
+class Visuals:
+    """All entries of a manifest, and the files of their meshes by the names that the entries have."""
+
+    visuals: list[Visual]
+    meshes: dict[str, Path]
+
+    def number(self, visual: Visual) -> int | None:
+        """The number of the visual's mesh, for `read_mesh`."""
+        return None if visual.file is None else list(self.meshes).index(visual.file)
+
+    def read_mesh(self, number: int) -> bytes:
+        """The content of a mesh, as GLB.
+
+        Raises:
+            NotFoundError: there is no such mesh, or its file cannot be read or is larger than `MAX_MESH_BYTES`.
+        """
+        if not 0 <= number < len(self.meshes):
+            raise NotFoundError(f"there is no mesh {number}; the robot has {len(self.meshes)}, from 0 on")
+        file = list(self.meshes.values())[number]
+        try:
+            if (size := file.stat().st_size) > MAX_MESH_BYTES:
+                raise NotFoundError(
+                    f"mesh {number}: {file.name} has {size} bytes, at most {MAX_MESH_BYTES} are shown: "
+                    "reduce it and convert the robot again with `cobot new-robot`"
+                )
+            return file.read_bytes()
+        except OSError as exc:
+            raise NotFoundError(f"mesh {number}: {file.name} cannot be read: {exc.strerror}") from exc
+
+
+def visuals_of(model_file: Path | None) -> Visuals:
+    """Read the manifest of a model; without one there are no visuals.
+
+    Raises:
+        ConfigError: the manifest is invalid, or names a mesh outside its folder.
+    """
+    if model_file is None:
+        return Visuals([], {})
+    own = model_file.with_name(f"{model_file.stem}.{MANIFEST}")
+    manifest = own if own.is_file() else model_file.with_name(MANIFEST)
+    if not manifest.is_file():
+        return Visuals([], {})
+    try:
+        entries = TypeAdapter(list[Visual]).validate_python(read_mapping(manifest).get("visuals"))
+    except ValidationError as exc:
+        first = exc.errors()[0]
+        where = ".".join(str(each) for each in ("visuals", *first["loc"]))
+        raise ConfigError(f"{manifest}: {where}: {first['msg']}, got {first['input']!r}"[:500]) from exc
+    files = {each.file: _inside(manifest, each.file) for each in entries if each.file is not None}
+    return Visuals(entries, files)
+
+
+def _inside(manifest: Path, name: str) -> Path:
+    folder = manifest.parent.resolve()
+    file = (folder / name).resolve()
+    if not file.is_relative_to(folder):
+        raise ConfigError(f"{manifest}: the mesh {name!r} is outside the folder of the manifest")
+    return file

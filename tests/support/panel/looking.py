@@ -1,0 +1,146 @@
+"""The head of the panel, the picture of the arm, and values that are typed."""
+
+from __future__ import annotations
+
+import httpx
+import numpy as np
+from cobot_run import WAIT_S, until
+
+from panel.page import HOME, Panel, commanded, is_at, set_to, slowly, tcp_at
+
+VISIBLE = "cobotPanel.view.arm.hidden.filter(([mesh]) => mesh.visible)"
+FIELD = "document.querySelector({!r})"
+
+
+def test_the_head_says_what_the_robot_is_and_does(panel: Panel) -> None:
+    """Oracle: GET /robots and GET /robot/control."""
+    robot = httpx.get(f"{panel.run.url}/robots", timeout=WAIT_S).json()[0]
+    panel.until("!document.querySelector('#simulation').hidden")
+    assert panel.text("#robot-name") == robot["name"]
+    assert panel.text("#robot-model") == robot["model"] == "iiwa14"
+    assert panel.text("#mode") == "Ready"
+    panel.page.click("#take")
+    panel.until("document.querySelector('#control').innerText === 'You'")
+    panel.page.click("#take")
+    panel.until("document.querySelector('#control').innerText === 'Free'")
+    slowly(panel)
+    panel.until("document.querySelector('#mode').innerText === 'Moving'")
+    panel.until("parseFloat(document.querySelector('#tcp-speed').innerText.replace('TCP ', '')) > 0")
+    panel.page.click("#stop")
+    panel.until("document.querySelector('#stop').dataset.confirmed !== undefined")
+    assert panel.page.run("getComputedStyle(document.querySelector('#stopped')).display") == "block"
+    until(panel.rests)
+    panel.until("document.querySelector('#stop').dataset.confirmed === undefined")
+    panel.until("document.querySelector('#tcp-speed').innerText === 'TCP 0 mm/s'")
+
+
+def test_the_arm_is_drawn_as_it_looks_and_on_request_as_the_checks_see_it(panel: Panel) -> None:
+    """Oracle: the number of links with a mesh in GET /robot/visuals."""
+    looks = httpx.get(f"{panel.run.url}/robot/visuals", timeout=WAIT_S).json()["visuals"]
+    panel.until(f"cobotPanel.view.looks.size === {len({each['link'] for each in looks})}")
+    assert panel.page.run(f"{VISIBLE}.every(([mesh, collides]) => !collides && mesh.userData.shared)")
+    panel.page.click("#view-collision")
+    assert panel.page.run(f"{VISIBLE}.length > 0 && {VISIBLE}.every(([mesh, collides]) => collides)")
+    panel.page.click("#view-collision")
+    assert panel.page.run(f"{VISIBLE}.every(([mesh, collides]) => !collides)")
+
+
+def test_the_camera_goes_to_the_views_and_the_tcp_leaves_a_trace(panel: Panel) -> None:
+    place = "cobotPanel.view.camera.position.clone().sub(cobotPanel.view.controls.target).normalize().toArray()"
+    for view, axis, towards in (("front", 0, 0.9), ("top", 2, 0.9), ("iso", 0, 0.5), ("fit", 0, 0.5)):
+        panel.page.click(f"#view-{view}")
+        assert panel.page.run(place)[axis] > towards, view
+    panel.page.click("#view-trace")
+    body = {"joints": [0.2, *HOME[1:]], "speed": 1.0}
+    assert httpx.post(f"{panel.run.url}/robot/move/joints", json=body, timeout=WAIT_S).json()["success"]
+    near = f"Math.abs(cobotPanel.state.position[0] - {body['joints'][0]}) < 2e-3"
+    panel.until(f"{near} && cobotPanel.view.trace.length > 2")
+    end = panel.page.run("cobotPanel.view.trace.at(-1)")
+    np.testing.assert_allclose(end, tcp_at(panel, body["joints"]), atol=5e-3)
+    panel.page.click("#view-trace")
+    assert panel.page.run("cobotPanel.view.trace === null && cobotPanel.view.traceLine === null")
+
+
+def test_a_typed_value_is_planned_and_a_second_enter_runs_it(panel: Panel) -> None:
+    """Oracle: where the arm is commanded to, and where the service has the TCP."""
+
+    def type_and_plan(selector: str, text: str) -> None:
+        panel.page.click(selector)
+        panel.page.ask("Input.insertText", text=text)
+        panel.page.key("Enter", "Enter", "\r")
+        panel.until("!document.querySelector('#execute').disabled")
+
+    def run() -> None:
+        panel.page.key("Enter", "Enter", "\r")
+        panel.until("document.querySelector('#plan').innerText === 'The arm has arrived.'")
+
+    set_to(panel, "#motion-speed", "100")
+    first = "#joints .row:nth-child(1) input"
+    type_and_plan(first, "11,5")
+    assert is_at(panel, HOME), "a plan moves nothing"
+    assert panel.text("#plan").startswith("To joint1 11,5.")
+    run()
+    np.testing.assert_allclose(commanded(panel), [np.radians(11.5), *HOME[1:]], atol=1e-6)
+    before = tcp_at(panel, commanded(panel))
+    type_and_plan("#tcp .row:nth-child(3) input", f"{1000 * before[2] - 20:.3f}")
+    run()
+    np.testing.assert_allclose(np.subtract(tcp_at(panel, commanded(panel)), before), [0, 0, -0.02], atol=1e-5)
+    panel.page.click(first)
+    panel.page.ask("Input.insertText", text="far")
+    panel.page.key("Enter", "Enter", "\r")
+    panel.until("document.querySelector('#plan').innerText.includes('is not a number')")
+    panel.page.run(f"{FIELD.format(first)}.blur()")
+    panel.until(f"{FIELD.format(first)}.value === '11.5 °'")
+
+
+def test_joint_names_are_shortened_to_what_is_different(panel: Panel) -> None:
+    given = {
+        "J1 J2 J7": ["panda_joint1", "panda_joint2", "panda_joint7"],
+        "shoulder_pan elbow wrist_1": ["shoulder_pan_joint", "elbow_joint", "wrist_1_joint"],
+        "rail turn": ["rail", "turn"],
+        "alone": ["alone"],
+    }
+    for short, names in given.items():
+        found = panel.page.run(f"import('/panel/readouts.js').then((all) => all.shortNames({names}))")
+        assert " ".join(found) == short
+
+
+def test_a_waypoint_is_named_gone_to_and_taught_again(panel: Panel) -> None:
+    row = "#points li:nth-child(1)"
+    panel.page.click("#teach")
+    panel.until(f"document.querySelector({row!r})")
+    set_to(panel, f"{row} input[type=text]", "Über Kiste 1")
+    assert "mm" in panel.text(f"{row} small")
+    place = [0.2, *HOME[1:]]
+    body = {"joints": place, "speed": 1.0}
+    assert httpx.post(f"{panel.run.url}/robot/move/joints", json=body, timeout=WAIT_S).json()["success"]
+    panel.until("Math.abs(cobotPanel.state.commanded_position[0] - 0.2) < 1e-4")
+    panel.page.click(f"{row} button:nth-of-type(5)")
+    panel.until("document.querySelector('#plan').innerText.startsWith('To Über Kiste 1.')")
+    np.testing.assert_allclose(panel.page.run("cobotPanel.view.plan.path.at(-1).joints"), HOME, atol=1e-4)
+    panel.page.click("#discard")
+    panel.page.click(f"{row} button:nth-of-type(4)")
+    np.testing.assert_allclose(panel.page.run("cobotPanel.waypoints.list[0].joints"), place, atol=1e-4)
+    sequence = panel.page.run("cobotPanel.waypoints.sequence()")
+    assert [each["label"] for each in sequence["waypoints"]] == ["Über Kiste 1"]
+    panel.page.run("localStorage.clear()")
+    panel.load()
+
+
+def test_setup_shows_the_tool_the_limits_and_the_surroundings(panel: Panel) -> None:
+    """Oracle: what REST was told."""
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        box = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 0.0, "y": -0.9, "z": 0.1}
+        try:
+            http.post("/scene", json={"objects": {"crate": box}}).raise_for_status()
+            http.post("/robot/tool", json={"name": "pen", "mass": 0.25, "tcp": {"z": 0.1}}).raise_for_status()
+            panel.until("document.querySelector('#scene-all').innerText.includes('crate (box)')")
+            panel.until("document.querySelector('#tool-all').textContent.includes('pen')")
+            assert "0.25 kg" in panel.text("#tool-all")
+            assert "0.0, 0.0, 100.0 mm" in panel.text("#tool-all")
+            rows = panel.page.run("[...document.querySelectorAll('#limits tr')].map((each) => each.innerText)")
+            assert len(rows) == 8
+            assert "85 °/s" in rows[1]
+        finally:
+            http.post("/scene", json={"clear": True}).raise_for_status()
+            http.post("/robot/tool", json={"clear": True}).raise_for_status()
