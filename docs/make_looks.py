@@ -92,7 +92,7 @@ def cut(whole: Distance, away: Distance, blend: float = 0.008) -> Distance:
 
 
 def surface(solid: Solid) -> trimesh.Trimesh:
-    """The surface of a solid in triangles: a vertex in each cell of a grid that it passes through, moved onto it.
+    """The surface of a solid in triangles: each cell of a grid that it crosses has a vertex, moved onto it.
 
     The method is known as surface nets.
     """
@@ -216,7 +216,7 @@ def iiwa14() -> dict[str, list[Solid]]:
 
 
 def fr3() -> dict[str, list[Solid]]:
-    """The collision capsules of each link, joined with fillets, and a dark cover on each axis across the arm."""
+    """The collision capsules of each link, joined with fillets, with dark covers on their joints."""
     model = mujoco.MjModel.from_xml_path(str(CONFIG / "fr3.xml"))
     made: dict[str, list[Solid]] = {}
     for body in range(1, model.nbody):

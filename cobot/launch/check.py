@@ -26,6 +26,7 @@ from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.holding import check_holds, examine, take_up
 from cobot.robot.limits import check_positions
+from cobot.robot.visuals import has_visuals, visuals_of
 from cobot.types import PlannerName, Scaling, vector
 
 
@@ -78,6 +79,8 @@ def _check_robot(report: _Report, settings: Settings, config: Path | None) -> No
     report.item("core", lambda: _core(settings.rt.cpu))
     report.item("robot", load)
     for robot in robots:
+        if has_visuals(robot.model_file):
+            report.item("visuals", partial(_visuals, robot))
         report.item("efforts", partial(_efforts, robot, settings))
         if cell_of(settings) is not None:
             report.item("cell", partial(check_cell, robot, settings))
@@ -166,6 +169,13 @@ def _backend(settings: Settings, config: Path | None) -> str:
         said = (done.stdout + done.stderr).strip().splitlines()
         raise ConfigError(said[-1] if said else f"rtloop ends with status {done.returncode}")
     return done.stdout.strip().splitlines()[-1]
+
+
+def _visuals(robot: RobotDescription) -> str:
+    """How many visuals the robot has; whether all their meshes can be read."""
+    found = visuals_of(robot.model_file)
+    size = sum(len(found.read_mesh(number)) for number in range(len(found.meshes)))
+    return f"{len(found.visuals)}, with {len(found.meshes)} meshes of {size / 1e6:.1f} MB"
 
 
 def _efforts(robot: RobotDescription, settings: Settings) -> str:

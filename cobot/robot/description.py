@@ -21,8 +21,8 @@ class RobotDescription:
     """Everything that planning needs. Not thread safe, because the model has one scratch memory.
 
     Attributes:
-        model_file: the file of the model, beside which the visuals of its links are; None for a model that was
-            made in memory.
+        model_file: the file of the model, whose folder has the visuals of the links; None if it was made in
+            memory.
     """
 
     name: str

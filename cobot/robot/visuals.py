@@ -1,7 +1,7 @@
-"""What the links of a robot look like: the manifest beside its model, and the meshes that it names.
+"""What the links of a robot look like: the manifest next to its model, and the meshes that it names.
 
-`cobot new-robot` writes the manifest `visuals.yaml`. A model that shares its folder with others has a manifest of
-its own, which is named after it: `iiwa14.visuals.yaml` for `iiwa14.xml`.
+`cobot new-robot` writes the manifest `visuals.yaml`. A model that shares its folder with others has its own
+manifest, which is named after it: `iiwa14.visuals.yaml` for `iiwa14.xml`.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Visual(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Visuals:
+class RobotVisuals:
     """All entries of a manifest, and the files of their meshes by the names that the entries have."""
 
     visuals: list[Visual]
@@ -68,7 +68,7 @@ class Visuals:
         """The content of a mesh, as GLB.
 
         Raises:
-            NotFoundError: there is no such mesh, or its file cannot be read or is larger than `MAX_MESH_BYTES`.
+            NotFoundError: there is no such mesh, or its file cannot be read or exceeds `MAX_MESH_BYTES`.
         """
         if not 0 <= number < len(self.meshes):
             raise NotFoundError(f"there is no mesh {number}; the robot has {len(self.meshes)}, from 0 on")
@@ -84,18 +84,20 @@ class Visuals:
             raise NotFoundError(f"mesh {number}: {file.name} cannot be read: {exc.strerror}") from exc
 
 
-def visuals_of(model_file: Path | None) -> Visuals:
+def has_visuals(model_file: Path | None) -> bool:
+    """Whether a manifest is next to the model."""
+    return _manifest(model_file) is not None
+
+
+def visuals_of(model_file: Path | None) -> RobotVisuals:
     """Read the manifest of a model; without one there are no visuals.
 
     Raises:
         ConfigError: the manifest is invalid, or names a mesh outside its folder.
     """
-    if model_file is None:
-        return Visuals([], {})
-    own = model_file.with_name(f"{model_file.stem}.{MANIFEST}")
-    manifest = own if own.is_file() else model_file.with_name(MANIFEST)
-    if not manifest.is_file():
-        return Visuals([], {})
+    manifest = _manifest(model_file)
+    if manifest is None:
+        return RobotVisuals([], {})
     try:
         entries = TypeAdapter(list[Visual]).validate_python(read_mapping(manifest).get("visuals"))
     except ValidationError as exc:
@@ -103,7 +105,14 @@ def visuals_of(model_file: Path | None) -> Visuals:
         where = ".".join(str(each) for each in ("visuals", *first["loc"]))
         raise ConfigError(f"{manifest}: {where}: {first['msg']}, got {first['input']!r}"[:500]) from exc
     files = {each.file: _inside(manifest, each.file) for each in entries if each.file is not None}
-    return Visuals(entries, files)
+    return RobotVisuals(entries, files)
+
+
+def _manifest(model_file: Path | None) -> Path | None:
+    if model_file is None:
+        return None
+    candidates = model_file.with_name(f"{model_file.stem}.{MANIFEST}"), model_file.with_name(MANIFEST)
+    return next((file for file in candidates if file.is_file()), None)
 
 
 def _inside(manifest: Path, name: str) -> Path:

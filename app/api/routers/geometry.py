@@ -13,8 +13,8 @@ from pydantic import BaseModel, Field
 from app.api.dependencies import Call
 from app.api.route import EndpointRouter
 from app.services.state.geometry import Body, Geometry, Joint, Shape, geometry_of, geometry_version
-from cobot.robot.visuals import visuals_of
 from cobot.access.roles import Role
+from cobot.robot.visuals import visuals_of
 from cobot.types import JointLimits, Numbers7
 
 PROCESS = secrets.token_hex(4)

@@ -177,6 +177,17 @@ def test_each_type_of_event_has_a_word() -> None:
     }
 
 
+def test_each_type_of_event_has_a_sentence() -> None:
+    """Oracle: docs/events.md, which has what each type says in `what`."""
+    words = json.loads((pages.SITE / "words.json").read_text(encoding="utf-8"))["en"]
+    manual = (REPOSITORY / "docs" / "events.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"(?m)^\| `(\w+)` \| (.*) \|$", manual))
+    for kind in TYPES:
+        told = re.sub(r"\([^)]*\)", "", rows[kind].partition("`what`:")[2]).partition(";")[0]
+        for what in re.findall(r"`([\w ]+)`", told) or [""]:
+            assert {f"said_{kind}_{what}", f"said_{kind}"} & set(words), (kind, what)
+
+
 def test_the_stop_needs_no_other_script() -> None:
     script = (pages.SITE / "stop.js").read_text(encoding="utf-8")
     assert "import" not in script

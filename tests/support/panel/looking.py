@@ -46,7 +46,9 @@ def test_the_arm_is_drawn_as_it_looks_and_on_request_as_the_checks_see_it(panel:
 
 
 def test_the_camera_goes_to_the_views_and_the_tcp_leaves_a_trace(panel: Panel) -> None:
-    place = "cobotPanel.view.camera.position.clone().sub(cobotPanel.view.controls.target).normalize().toArray()"
+    place = (
+        "cobotPanel.view.camera.position.clone().sub(cobotPanel.view.controls.target).normalize().toArray()"
+    )
     for view, axis, towards in (("front", 0, 0.9), ("top", 2, 0.9), ("iso", 0, 0.5), ("fit", 0, 0.5)):
         panel.page.click(f"#view-{view}")
         assert panel.page.run(place)[axis] > towards, view
@@ -138,7 +140,9 @@ def test_setup_shows_the_tool_the_limits_and_the_surroundings(panel: Panel) -> N
             panel.until("document.querySelector('#tool-all').textContent.includes('pen')")
             assert "0.25 kg" in panel.text("#tool-all")
             assert "0.0, 0.0, 100.0 mm" in panel.text("#tool-all")
-            rows = panel.page.run("[...document.querySelectorAll('#limits tr')].map((each) => each.innerText)")
+            rows = panel.page.run(
+                "[...document.querySelectorAll('#limits tr')].map((each) => each.innerText)"
+            )
             assert len(rows) == 8
             assert "85 °/s" in rows[1]
         finally:

@@ -176,7 +176,9 @@ def test_nothing_is_cut_off_or_covered_in_the_longest_words(panel: Panel, width:
                 panel.until(f"!({COVERED})")
             assert panel.page.run(CUT) == [], name
             assert panel.page.run("document.documentElement.scrollWidth <= innerWidth"), name
-            assert panel.page.run("(e => e.scrollWidth <= e.clientWidth)(document.querySelector('#side'))"), name
+            assert panel.page.run("(e => e.scrollWidth <= e.clientWidth)(document.querySelector('#side'))"), (
+                name
+            )
     finally:
         size(panel, *SIZE)
         panel.page.run("localStorage.clear()")

@@ -160,7 +160,9 @@ def test_a_robot_that_says_nothing_is_told_and_its_values_are_old(panel: Panel) 
         assert panel.text("#banner-title") == "No data from the robot"
         assert panel.page.run("cobotPanel.stream.ready")
         assert panel.page.run("document.querySelector('#reset').hidden")
-        assert panel.page.run("getComputedStyle(document.querySelector('#joints input')).fontStyle") == "italic"
+        assert (
+            panel.page.run("getComputedStyle(document.querySelector('#joints input')).fontStyle") == "italic"
+        )
     finally:
         process.resume()
     panel.until("!document.body.matches('[data-silent]')")

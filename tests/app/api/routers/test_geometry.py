@@ -18,6 +18,7 @@ from app.services.state.geometry import geometry_of
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
+from cobot.shipped import FOLDER
 from cobot.types import Array, JointLimits
 
 ODD = """<mujoco><default><geom contype="1" conaffinity="1"/></default>
@@ -146,3 +147,20 @@ def test_an_odd_arm_is_drawn_as_mujoco_has_it(tmp_path: Path) -> None:
     edges = np.linalg.norm(vertices[:, None] - vertices[None], axis=2)
     assert edges.max() == pytest.approx(np.hypot(0.2, 0.3), abs=1e-5), "the longest edge of the wedge"
     assert sorted(set(mesh["triangles"])) == list(range(len(vertices)))
+
+
+def test_visuals_and_their_meshes_have_tags(service: VirtualService) -> None:
+    """Oracle of the meshes: the files that ship with cobot."""
+    found = service.get("/robot/visuals")
+    looks = found.json()["visuals"]
+    assert [each["link"] for each in looks] == ["base_link", *(f"link{number}" for number in range(1, 8))]
+    again = {"headers": {"If-None-Match": found.headers["ETag"]}}
+    assert service.ask("GET", "/robot/visuals", **again).status_code == 304
+    for look in looks:
+        mesh = service.get(f"/robot/visuals/{look['mesh']}")
+        assert mesh.headers["content-type"] == "model/gltf-binary"
+        file = FOLDER / "config" / "visuals" / "iiwa14" / f"{look['link']}.glb"
+        assert mesh.content == file.read_bytes()
+    missing = service.get(f"/robot/visuals/{len(looks)}")
+    assert missing.status_code == 404
+    assert "there is no mesh 8; the robot has 8" in missing.json()["detail"]
