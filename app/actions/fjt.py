@@ -104,7 +104,7 @@ class FollowJointTrajectory:
         if not settings.enabled:
             raise ConflictError(f"{self.name} is switched off; see ros.enable_fjt_action, or fjt_control")
         if self._newest is None:
-            self._ownership.require_free(None)
+            await self._ownership.await_free(None)
         await self._link.ready_state(READY_S)
         try:
             wanted = await asyncio.to_thread(read_goal, goal, self._limits, self._wall_s())
@@ -153,7 +153,7 @@ class FollowJointTrajectory:
         planned = settings.mode is ServoMode.NONE
         job = self._ownership.new_job(JobKind.GOAL, f"{len(goal.points)} points") if planned else None
         caller = Caller(self.name, None, stops, math.inf, asyncio.Event(), job)
-        with self._ownership.claim(caller) as claim:
+        with await self._ownership.claim_motion(caller) as claim:
             run.own(claim)
             state = await self._motion.ready()
             trajectory = await self._plan(claim, goal, state, streamed=settings.mode != ServoMode.NONE)

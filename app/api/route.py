@@ -77,7 +77,7 @@ class _CobotRequest(Request):
             # up, nor cost the service its heartbeat while a motion depends on it.
             call = Call(self)
             async with self.app.state.large_body:
-                call.services.ownership.require_free(call.token)
+                await call.services.ownership.await_free(call.token)
                 return await asyncio.to_thread(without_collection, _validated, body, model)
         except CobotError as exc:
             raise HTTPException(status_of(exc)) from exc  # FastAPI lets no other class through

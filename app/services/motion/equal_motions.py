@@ -70,10 +70,10 @@ class EqualMotions:
             if self._robots[name].link.stops != target.stops:
                 raise MotionStopped(f"{name} was stopped after its part of the motion was asked for")
         with contextlib.ExitStack() as stack:
-            claims = {
-                name: stack.enter_context(self._robots[name].ownership.claim(self._caller(name)))
-                for name in targets
-            }
+            claims: dict[str, Claim] = {}
+            for name in targets:
+                owned = await self._robots[name].ownership.claim_motion(self._caller(name))
+                claims[name] = stack.enter_context(owned)
             ways = await self._ways(targets, claims)
             moving = {name: claims[name] for name in ways}
             starts = [self._robots[name].motion.start(claims[name], way) for name, way in ways.items()]

@@ -168,8 +168,7 @@ class MoveService:
     ) -> Outcome:
         begun_s = self._clock.now_s()
         planned_s, note, begun = begun_s, "", _Begun()
-        await self._ownership.before_motion()
-        with self._ownership.claim(caller) as claim, contextlib.ExitStack() as watch:
+        with await self._ownership.claim_motion(caller) as claim, contextlib.ExitStack() as watch:
             watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
             try:
@@ -210,8 +209,7 @@ class MoveService:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
         begun_s, begun = self._clock.now_s(), _Begun(signals)
-        await self._ownership.before_motion()
-        with self._ownership.claim(caller) as claim, contextlib.ExitStack() as watch:
+        with await self._ownership.claim_motion(caller) as claim, contextlib.ExitStack() as watch:
             watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
             try:

@@ -144,7 +144,7 @@ class MotionQueue:
             with contextlib.ExitStack() as stack:
                 job = self._ownership.new_job(JobKind.QUEUE, request.name)
                 caller = Caller(NAME, token, stops, math.inf, asyncio.Event(), job)
-                claim = stack.enter_context(self._ownership.claim(caller))
+                claim = stack.enter_context(await self._ownership.claim_motion(caller))
                 self._line.put_first([], (await self._motion.ready()).commanded_position)
                 number = await self._accept(claim, request)
                 # From here the claim belongs to the task that executes the moves.

@@ -100,7 +100,7 @@ class TrajectoryService:
             ConflictError, UnavailableError: see `MotionService`.
         """
         with contextlib.ExitStack() as stack:
-            claim = stack.enter_context(self._ownership.claim(caller))
+            claim = stack.enter_context(await self._ownership.claim_motion(caller))
             try:
                 with watching(claim, caller):
                     sent = await self._hand_over(claim, read, options, caller.timeout_s)

@@ -35,7 +35,7 @@ class Ownership:
         lease: the control lease; while a client holds it, no other may request motions.
         jobs: the records of all motions.
         on_sequence_end: called with the token of each sequence that has ended.
-        before_motion: waits for what has to be done before a planned motion claims the arm.
+        before_motion: waits for what has to be done before a motion claims the arm.
     """
 
     def __init__(self, link: RobotLink, jobs: JobBook | None = None) -> None:
@@ -212,6 +212,16 @@ class Ownership:
             timeout_s=lease.timeout_s,
             **more,
         )
+
+    async def await_free(self, token: str | None) -> None:
+        """See that a motion with this token may begin, after `before_motion`; see `require_free`."""
+        await self.before_motion()
+        self.require_free(token)
+
+    async def claim_motion(self, caller: Caller) -> contextlib.AbstractContextManager[Claim]:
+        """Own the motion once `before_motion` has had a grasped object attached; see `claim`."""
+        await self.before_motion()
+        return self.claim(caller)
 
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:

@@ -165,7 +165,7 @@ class ForceMotionService:
                 f"motion.planner: {goal.planner} does not follow a path; with force there are lin, circ and "
                 "polyline"
             )
-        self._ownership.require_free(caller.token)
+        await self._ownership.await_free(caller.token)
         start = (await self._link.ready_state(ANSWER_S)).commanded_position
         path = await self._planning.plan(self._goals.request(goal, start), caller.timeout_s)
         if path is None:

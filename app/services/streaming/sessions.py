@@ -229,7 +229,7 @@ class StreamService:
             )  # its client knows from rtloop that it has: a moment later, so do we
         caller = caller or Caller(name, None, self._ownership.stops, math.inf, asyncio.Event())
         with contextlib.ExitStack() as stack:
-            claim = stack.enter_context(self._ownership.claim(caller))
+            claim = stack.enter_context(await self._ownership.claim_motion(caller))
             await self._motion.ready()
             number = self._writer.begin(request, claim.stops if stops is None else stops)
             stack.callback(self._writer.release)

@@ -103,7 +103,10 @@ def test_a_reset_of_the_cell_takes_a_held_part_out_of_the_scene(run: ServiceOfPl
     assert run.get("/robot/gripper").json()["held"] is None
 
 
-def test_what_is_released_on_the_way_is_out_of_the_scene_before_the_arm_moves_on(run: ServiceOfPlant) -> None:
+@pytest.mark.parametrize("path", ["move/pose?wait=false", "move/pose?queue=true", "force/press?wait=false"])
+def test_what_is_released_on_the_way_is_out_of_the_scene_before_the_arm_moves_on(
+    run: ServiceOfPlant, path: str
+) -> None:
     go(run, z=0.36)
     go(run)
     command(run, "grasp", width=0.05, force=40.0)
@@ -112,8 +115,13 @@ def test_what_is_released_on_the_way_is_out_of_the_scene_before_the_arm_moves_on
     command(run, "release")
     assert scene(run)["cube"]["attached"]  # what the arm carries changes only while it rests
     assert run.end(up).json()["success"]
-    body = {**CUBE, **DOWN, "z": 0.36, "planner": "lin", "speed": 0.1}
-    assert run.post("/robot/move/pose?wait=false", body).status_code == 202
-    run.until(lambda: run.get("/robot/state").json()["mode"] == "TRAJECTORY")
+    body: dict[str, Any] = {**CUBE, **DOWN, "z": 0.36, "planner": "lin", "speed": 0.1}
+    if "press" in path:
+        body = {"force": 5.0, "direction": {"x": 0.0, "y": 0.0, "z": 1.0}, "frame": "base"}
+    answer = run.post(f"/robot/{path}", body)
+    assert answer.is_success, answer.text
+    run.until(lambda: run.get("/robot/state").json()["mode"] != "HOLD")
     assert "cube" not in scene(run)
     run.post("/stop").raise_for_status()
+    run.until(lambda: run.get("/robot/state").json()["mode"] == "HOLD")
+    run.post("/cell/reset").raise_for_status()
