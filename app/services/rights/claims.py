@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from app.services.clients import Client
 from app.services.rights.job import Job
 from app.services.rights.lease import Lease
-from app.services.rights.speed_override import MAX_PAUSE_S, SpeedOverride
+from app.services.rights.speed_override import SpeedOverride
 from cobot.clock import Clock
 from cobot.errors import ExecutionError, MotionStopped, MotionTimeout
 from cobot.trajectory import Trajectory
@@ -162,7 +162,7 @@ def watching(claim: Claim, caller: Caller) -> Iterator[None]:
     begun_s = claim.clock.now_s()
 
     def left_s() -> float:
-        longer_s = min(override.paused_s - paused_s, MAX_PAUSE_S) + override.slowed_s - slowed_s
+        longer_s = override.excused_s(paused_s) + override.slowed_s - slowed_s
         return begun_s + caller.timeout_s + longer_s - claim.clock.now_s()
 
     async def watch() -> None:

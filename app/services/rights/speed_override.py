@@ -65,6 +65,14 @@ class SpeedOverride:
         """How long all pauses were together, the present one included."""
         return self._paused_s + (self._lasts_s if self.paused else 0.0)
 
+    def excused_s(self, paused_s: float) -> float:
+        """By how much pauses prolong the time of a motion; at most by MAX_PAUSE_S.
+
+        Args:
+            paused_s: `paused_s` when the motion began.
+        """
+        return min(self.paused_s - paused_s, MAX_PAUSE_S)
+
     @property
     def slowed_s(self) -> float:
         """How much longer motions have taken in all because the fraction was below 1; without pauses."""

@@ -79,7 +79,8 @@ class ForceRun:
         self._in_tool = push.start.rotation.T @ push.axis
         self._turns = isinstance(body, FollowMotion) and body.frame == "tool"
         self._stops = link.stops
-        self._active_s = 0.0
+        self._begun_s = link.clock.now_s()
+        self._paused_s = ownership.speed_override.paused_s
         self._before_s = link.clock.now_s()
         self._number = 0
         self._missing_n = 0.0  # in contact, over time
@@ -103,7 +104,9 @@ class ForceRun:
 
     async def _let_go(self, session: Session) -> None:
         last = self._sample(0.0)
-        await self._run(session, let_go(self.push, last, self._aim, self.body.retract), np.inf)
+        # A pause on the way back is bounded as well.
+        most_s = self._active_s() + self.body.max_time_s
+        await self._run(session, let_go(self.push, last, self._aim, self.body.retract), most_s)
 
     async def _run(self, session: Session, stage: Stage, most_s: float) -> None:
         aim = next(stage)
@@ -115,17 +118,21 @@ class ForceRun:
             self._require_going(session)
             override = self._ownership.speed_override
             sample = self._sample(0.0 if override.paused else override.fraction * step_s)
-            if override.paused:
-                continue
-            self._active_s += step_s
-            self._account(aim, sample)
-            if self._active_s > most_s:
+            if self._active_s() > most_s:
                 stage.close()
                 raise NotMet("max_time", f"its end was not reached within {most_s:g} s")
+            if override.paused:
+                continue
+            self._account(aim, sample)
             try:
                 aim = stage.send(sample)
             except StopIteration:
                 return
+
+    def _active_s(self) -> float:
+        """How long it has gone on, without the pauses that prolong its time."""
+        excused_s = self._ownership.speed_override.excused_s(self._paused_s)
+        return self._link.clock.now_s() - self._begun_s - excused_s
 
     def _account(self, aim: Aim, sample: Sample) -> None:
         """Integrate the error of the force while it is held."""

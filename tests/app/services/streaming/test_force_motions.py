@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from virtual_service import VirtualService, virtual_service
 
+from app.services.rights import speed_override
 from cobot.types import Array
 
 PAGE = Path(__file__).parents[4] / "docs" / "force.md"
@@ -238,6 +239,24 @@ def test_a_job_is_paused_resumed_and_cancelled(service: VirtualService, table: T
     assert service.post("/robot/move/named", {"name": "home", "speed": 1.0}).json()["success"], (
         "nothing is left"
     )
+
+
+def test_a_pause_is_bounded_as_those_of_moves(
+    service: VirtualService, table: Table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(speed_override, "MAX_PAUSE_S", 5.0)
+    body = {**DOWN, "force": 8.0, "duration_s": 60.0, "max_time_s": 10.0, "retract": 0.01}
+    accepted = service.post("/robot/force/press?wait=false", body)
+    service.until(lambda: table.forces[-1] > 5.0)
+    job = accepted.headers["location"]
+    assert service.post(f"{job}/pause").json()["state"] == "paused"
+    service.sleep(5.0)
+    assert service.get(job).json()["state"] == "paused"
+    service.sleep(21.0)  # its own time, and as much for the way back, which is paused too
+    record = service.get(job).json()
+    assert record["state"] == "failed", record
+    assert record["error"]["code"] == "motion_timeout"
+    assert "within 10 s" in record["error"]["detail"]
 
 
 @pytest.mark.parametrize("end", ["/stop", "job"])
