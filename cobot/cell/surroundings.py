@@ -12,6 +12,9 @@ from cobot.robot.scene import SceneFile, SceneObject
 from cobot.robot.tool import BARE, Tool, ToolFile
 from cobot.types import Numbers7, Pose
 
+CLEAR_M, MIN_EDGE_M = 0.025, 0.002
+"""The fingers of the planners end so far before the TCP, m, because streams keep 20 mm away from everything
+and the TCP has to reach what lies on a table. Shapes shorter than the second length are left out."""
 FINGER_SHARE = 0.1
 """Share of the hand's mass in each finger."""
 
@@ -54,9 +57,13 @@ def fixtures_in_scene(cell: Cell) -> dict[str, SceneObject]:
 
 
 def hand_as_tool(hand: Hand) -> Tool:
-    """The first tool of the robot, which it carries while its hand is empty: mass and TCP."""
+    """The first tool of the robot, which it carries while its hand is empty: mass, TCP, and its shapes.
+
+    The fingers are open, and end `CLEAR_M` before the TCP.
+    """
     palm, fingers = (1.0 - 2.0 * FINGER_SHARE) * hand.mass_kg, 2.0 * FINGER_SHARE * hand.mass_kg
-    height = hand.palm_m[2]
+    height, beside = hand.palm_m[2], 0.5 * (hand.stroke_m + hand.finger_m[0])
+    length = hand.finger_m[2] - hand.tcp_from_tip_m - CLEAR_M
     centre = (palm * 0.5 * height + fingers * (height + 0.5 * hand.finger_m[2])) / hand.mass_kg
     return Tool(
         version=1,
@@ -64,7 +71,21 @@ def hand_as_tool(hand: Hand) -> Tool:
         mass=hand.mass_kg,
         centre=(0.0, 0.0, centre),
         tcp=(0.0, 0.0, hand.tcp_m, 1.0, 0.0, 0.0, 0.0),
+        shapes={
+            HAND: _box(hand.palm_m, 0.0, 0.5 * height),
+            **{
+                f"{HAND}.finger{number}": _box(
+                    (*hand.finger_m[:2], length), side * beside, height + 0.5 * length
+                )
+                for number, side in ((1, 1.0), (2, -1.0))
+                if length > MIN_EDGE_M
+            },
+        },
     )
+
+
+def _box(edges: tuple[float, float, float], x: float, z: float) -> SceneObject:
+    return SceneObject(shape="box", size=edges, pose=(x, 0.0, z, 1.0, 0.0, 0.0, 0.0))
 
 
 def pose_of(solid: CellSolid | Belt) -> Pose:

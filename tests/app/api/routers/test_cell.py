@@ -106,3 +106,20 @@ def test_a_robot_without_a_cell_answers_404_and_says_what_to_do(
             answer = bare.ask(method, path)
             assert answer.status_code == 404
             assert "start it with cobot run --cell FILE, or set robot.cell" in answer.text
+
+
+def test_motions_keep_the_hand_away_from_the_fixtures(run: ServiceOfPlant) -> None:
+    """Oracle: the table's top is at 0.2 m; the fingers' shapes end 0.025 m above the TCP."""
+    drawn = {each["name"]: each["part"] for each in run.get("/robot/geometry").json()["bodies"]}
+    assert {name for name, part in drawn.items() if part == "tool"} == {
+        "hand",
+        "hand.finger1",
+        "hand.finger2",
+    }
+    down = {"x": 0.5, "y": -0.1, "a": 0.0, "b": 3.14159, "c": 0.0}
+    run.go_home()
+    assert "plan_id" in run.post("/robot/plan/pose", down | {"z": 0.2}).json()
+    refused = run.post("/robot/plan/pose", down | {"z": 0.17}).json()
+    assert refused["code"] == "collision", refused
+    assert "hand.finger" in refused["detail"]
+    assert "table" in refused["detail"]
