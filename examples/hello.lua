@@ -7,4 +7,4 @@ local joint4 = ros.ros_publisher_factory("/demo/joint4", "std_msgs/msg/Float64")
 
 joint4:write(get_joint_positions()[4]) -- rad
 local came, name = names:read_timeout(2000) -- ms
-textmsg("hello", came and name or "nobody")
+textmsg("hello", came and name or "no answer")

@@ -22,7 +22,7 @@ def draw(robot: Client) -> None:
     robot.move_pose(**poses[-1], speed=0.5)
     # All sides without a stop, the corners rounded by 20 mm, the tool at 0.15 m/s where the joints can.
     robot.move_pose(**poses[-1], planner="polyline", through=poses[:-1], radius=0.02, speed_m_s=0.15)
-    # A full circle about an axis that points upwards, 50 mm beside the tool.
+    # A full circle about an axis that points upwards, 50 mm from the tool.
     axis = {"x": 0, "y": 0, "z": 1}
     robot.move_arc(centre={"x": 0.45, "y": -0.1, "z": HEIGHT}, axis=axis, angle=6.2831853, speed_m_s=0.15)
     # Two turns of a helix about the same axis, 60 mm up.

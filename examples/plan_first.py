@@ -16,7 +16,7 @@ with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
     plan = robot.plan("named", name="work", speed=0.5, planner="auto")
     print(f"{plan['duration_s']:.2f} s; {plan['note']}")
     for quantity, use in plan["utilisation"].items():
-        print(f"{quantity}: at the most {max(use['share']):.0%} of the limit")
+        print(f"{quantity}: at most {max(use['share']):.0%} of the limit")
     print("nearest to itself:", plan["closest_self"])
     print("nearest to its surroundings:", plan["closest_environment"])
     robot.execute(plan["plan_id"])

@@ -19,7 +19,7 @@ SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
 
 
 def policy(home: list[float], time_s: float) -> list[float]:
-    """Where the joints shall be next, rad: put yours here, and give it `control.get_state()`."""
+    """The next joint positions, rad. Put your policy here, and give it `control.get_state()`."""
     swing = 0.15 * (1.0 - math.cos(time_s))
     return [home[0] + swing, *home[1:5], home[5] + swing, home[6]]
 

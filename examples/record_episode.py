@@ -1,10 +1,11 @@
-"""A program shows a motion, and it is recorded with the pictures of a camera in the scene: an episode, to be
-learnt from. Start `make run` in another terminal, then:
+"""Record an episode for learning: a program demonstrates a motion, with pictures of a camera in the scene.
+
+Start `make run` in another terminal, then:
 
     .venv/bin/python examples/record_episode.py
 
-or with a number of seconds. From another computer, with COBOT_ROBOT=http://HOST:8007. Of an arm that somebody
-else moves, a hand or a policy, `python -m cobot.learning record` makes the same file.
+or with a number of seconds. From another computer, with COBOT_ROBOT=http://HOST:8007. To record an arm
+that a person or a policy moves, use `python -m cobot.learning record`; it makes the same file.
 """
 
 from __future__ import annotations

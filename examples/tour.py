@@ -25,7 +25,7 @@ def read(path: str) -> dict:
 
 
 def move(path: str, body: dict) -> None:
-    """A motion answers 200 even when it could not be done: its `success` says so."""
+    """A motion answers 200 even when it could not be done: check `success` too."""
     response = http.post(path, json=body, timeout=T_MOVE)
     response.raise_for_status()
     answer = response.json()

@@ -25,7 +25,7 @@ import javax.inject.Inject;
  * JOINT_POSITION, and those of the new names of LBR and of the motions. See docs/kuka-fri.md.
  *
  * Whatever ends the motion (a safety stop, a late client, a jump), the program opens the next session and holds
- * the arm again, where it is then; cobot goes on when somebody resets it. It ends by the smartPAD.
+ * the arm again, where it is then; cobot goes on after a reset. It ends by the smartPAD.
  */
 public class CobotFri extends RoboticsAPIApplication {
     /** Address of the computer with cobot, on the network of the controller's port for FRI. */
@@ -85,7 +85,7 @@ public class CobotFri extends RoboticsAPIApplication {
         configuration.setSendPeriodMilliSec(SEND_PERIOD_MS);
         configuration.setReceiveMultiplier(1);
         configuration.setPortOnRemote(PORT);
-        // Inputs and outputs that cobot shall see by name, before the session is opened, ten at the most:
+        // Inputs and outputs that cobot sees by name; at most ten, set before the session is opened:
         // configuration.registerIO(flange.getInput("UserButton"));
         // configuration.registerIO(flange.getOutput("LEDBlue"));
         return configuration;

@@ -105,7 +105,7 @@ def test_the_streaming_plot_is_drawn(shared: Run, clone: Path) -> None:
 def test_a_plan_is_looked_at_before_it_is_run(shared: Run, clone: Path) -> None:
     (command,) = commands("plan_first.py")
     said = output(clone, command, shared)
-    assert "velocity: at the most" in said
+    assert "velocity: at most" in said
     assert "nearest to its surroundings" in said
 
 

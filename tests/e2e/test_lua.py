@@ -77,7 +77,7 @@ def test_a_program_talks_to_another_client(shared: Run, tmp_path: Path) -> None:
 
 
 def test_without_an_answer_it_goes_on(shared: Run, tmp_path: Path) -> None:
-    assert said(cobot_lua(shared, EXAMPLES / "hello.lua", tmp_path)) == ["hello nobody", "done"]
+    assert said(cobot_lua(shared, EXAMPLES / "hello.lua", tmp_path)) == ["hello no answer", "done"]
 
 
 def test_messages_that_are_no_atoms_are_cdr(shared: Run, tmp_path: Path) -> None:
