@@ -30,7 +30,7 @@ def stage(folder: Path) -> None:
     for source in sorted(
         [
             *ROOT.glob("*.md"),
-            *(ROOT / "docs").glob("*.md"),
+            *(ROOT / "docs").rglob("*.md"),
             *(ROOT / "docs").glob("*.png"),
             *(ROOT / "docs").glob("*.gif"),
         ]
@@ -49,7 +49,7 @@ def stage(folder: Path) -> None:
 
 
 def staged(source: Path) -> str:
-    """Where a file of the repository is on the site."""
+    """Where a file of the repository is on the site, whose pages are all in one folder."""
     path = source.relative_to(ROOT)
     if path.name == "README.md":  # a site's first page, which is docs/index.md
         return "about.md"

@@ -26,7 +26,7 @@ from cobot.ipc.layout import Intervention
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = sorted([*ROOT.glob("*.md"), *DOCS.glob("*.md"), *(ROOT / "tests").rglob("*.md")])
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *(ROOT / "tests").rglob("*.md")])
 FENCE = re.compile(r"^(```|~~~).*?^\1[^\S\n]*$", re.M | re.S)
 
 
@@ -82,7 +82,7 @@ def test_each_page_can_be_reached_from_the_readme() -> None:
             if target.suffix == ".md" and target not in found:
                 found.add(target)
                 open_pages.append(target)
-    assert [page.name for page in DOCS.glob("*.md") if page not in found] == []
+    assert [page.name for page in DOCS.rglob("*.md") if page not in found] == []
 
 
 def endpoints_of_the_table() -> set[str]:
