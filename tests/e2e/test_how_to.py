@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cell_run import IN_TRAY, RunOfCell
 from cobot_run import ROOT, WAIT_S, answering
-from test_pick_and_place import IN_TRAY, RunOfCell
 
 PAGES = sorted((ROOT / "docs" / "how-to").glob("*.md"))
 URL = "http://localhost:8007"
