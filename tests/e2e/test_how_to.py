@@ -65,6 +65,8 @@ def outputs(page: Path, run: RunOfCell, folder: Path, capsys: pytest.CaptureFixt
             if "/robot/move" in line or "/robot/gripper/" in line:
                 assert json.loads(ended.stdout)["success"], f"{line}\n{ended.stdout}"
             printed.append(ended.stdout)
+    if "robot" in names:
+        names["robot"].close()
     return "\n".join(printed)
 
 
