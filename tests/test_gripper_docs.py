@@ -14,11 +14,12 @@ from cobot.grippers import GripperOptions
 from cobot.grippers.digital import DigitalOptions
 from cobot.grippers.registry import gripper_names
 from cobot.grippers.robotiq.driver import RobotiqOptions
+from cobot.grippers.ros import RosOptions
 from cobot.grippers.vacuum import VacuumOptions
 
 DOCS = Path(__file__).parents[1] / "docs"
 GRIPPERS = (DOCS / "grippers.md").read_text(encoding="utf-8")
-OPTIONS = {"robotiq": RobotiqOptions, "digital": DigitalOptions, "vacuum": VacuumOptions}
+OPTIONS = {"robotiq": RobotiqOptions, "digital": DigitalOptions, "vacuum": VacuumOptions, "ros": RosOptions}
 COMMON = GripperOptions.model_fields
 
 

@@ -7,6 +7,7 @@ digital     outputs that open and close, inputs that tell when
 vacuum      a suction cup at outputs, with a sensor
 point_rigs  simulated devices of these and of `simulated`, for the contract
 simulated   the hand of a simulated cell
+ros/        a gripper that has a ROS 2 driver
 robotiq/    2F-85, 2F-140 and Hand-E over Modbus RTU, and a simulated one
 
 docs/your-gripper.md is the guide to a driver of your own.

@@ -20,6 +20,7 @@ REGISTRY = Registry(
         "simulated": "cobot.grippers.simulated:SimulatedGripper",
         "vacuum": "cobot.grippers.vacuum:VacuumGripper",
         "franka": "cobot.grippers.franka:FrankaHand",
+        "ros": "cobot.grippers.ros:RosGripper",
         "robotiq": "cobot.grippers.robotiq:RobotiqGripper",
     },
 )

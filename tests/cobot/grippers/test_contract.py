@@ -20,6 +20,7 @@ NOT_TESTED = {
     "franka": ["fault"],
     "simulated": ["fault"],
     "digital": ["stop", "fault"],
+    "ros": ["fault"],
     "vacuum": ["move", "preempt", "stop", "fault"],
 }
 """What the devices of these drivers do not have: faults of their own, fingers that stop on their way, or any
@@ -42,6 +43,18 @@ TOY = "cobot.grippers.contract.toy:ToyGripper"
         (
             "digital",
             {"close_output": "shut", "open_output": "open", "closed_input": "c", "inverted_inputs": True},
+        ),
+        ("ros", {"action": "/hand/cmd", "joint": "jaw", "open_position": 0.04, "open_width": 0.08}),
+        (
+            "ros",
+            {
+                "action": "/hand/cmd",
+                "action_type": "ParallelGripperCommand",
+                "joint": "knuckle",
+                "open_position": 0.0,
+                "closed_position": 0.8,
+                "open_width": 0.085,
+            },
         ),
         ("vacuum", {"output": "ejector", "sensor": "vacuum"}),
         (

@@ -1,0 +1,125 @@
+"""`python -m cobot.dds.action_client SETTINGS`: a client of one action and one joint, for a gripper's driver.
+
+A process of its own, so that the traffic of a network never delays the service. It ends with its standard
+input. SETTINGS is a JSON object with `domain_id`, `interfaces`, `localhost_only`, `peers`, `action`, `type`,
+`joint_states` and `joint`. A line of its input is a goal, `{"number": 1, "goal": {...}}`, or `{"cancel": 1}`.
+Each line of its output is a JSON object with `what`:
+
+    ready       the server of the action is there, or not; five times a second
+    joint       position, effort of the joint
+    answer      of a goal: its number, accepted
+    feedback    values
+    result      of a goal: its number, status and values; number 0 is that of a goal from before this process
+    error       text
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from typing import Any
+
+from cobot.dds.caller import ActionCaller
+from cobot.dds.names import ENCLAVE, NodeName
+from cobot.dds.node import Message, Node
+from cobot.dds.rtps import Participant
+from cobot.errors import CobotError
+from cobot.ros.codec import without_nan
+from cobot.ros.messages import Messages
+from cobot.ros.robot_messages import JOINT_STATES
+
+NAME = NodeName("cobot_gripper")
+READY_S = 0.2
+
+
+class ActionClient:
+    """See the module."""
+
+    def __init__(self, settings: dict[str, Any], node: Node) -> None:
+        self._joint = settings["joint"]
+        self._number = 0
+        self._ids: dict[int, Message] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._action = ActionCaller(
+            node,
+            settings["action"],
+            settings["type"],
+            lambda values: self._tell("feedback", number=self._number, values=values),
+            lambda answer: self._tell("result", number=0, status=answer["status"], values=answer["result"]),
+        )
+        node.subscription(settings["joint_states"], JOINT_STATES, self._take_joints, reliable=False)
+
+    async def serve(self) -> None:
+        """Do what the lines of standard input ask for, until it ends."""
+        reader = asyncio.StreamReader()
+        loop = asyncio.get_running_loop()
+        await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+        telling = asyncio.create_task(self._tell_ready())
+        try:
+            while line := await reader.readline():
+                content = json.loads(line)
+                work = self._cancel(content["cancel"]) if "cancel" in content else self._run(**content)
+                task = asyncio.create_task(work)
+                self._tasks.add(task)
+                task.add_done_callback(self._tasks.discard)
+        finally:
+            telling.cancel()
+
+    async def _run(self, number: int, goal: Message) -> None:
+        self._number = number
+        try:
+            goal_id = await self._action.send(goal)
+            self._tell("answer", number=number, accepted=goal_id is not None)
+            if goal_id is not None:
+                self._ids = {number: goal_id}
+                answer = await self._action.result(goal_id)
+                self._tell("result", number=number, status=answer["status"], values=answer["result"])
+        except CobotError as exc:
+            self._tell("error", number=number, text=str(exc))
+
+    async def _cancel(self, number: int) -> None:
+        if (goal_id := self._ids.get(number)) is not None:
+            await self._action.cancel(goal_id)
+
+    async def _tell_ready(self) -> None:
+        while True:
+            self._tell("ready", ready=self._action.is_ready)
+            await asyncio.sleep(READY_S)
+
+    def _take_joints(self, message: Message) -> None:
+        if self._joint in message["name"]:
+            place = message["name"].index(self._joint)
+            values = {
+                name: message[name][place] if len(message[name]) > place else None
+                for name in ("position", "effort")
+            }
+            self._tell("joint", **values)
+
+    def _tell(self, what: str, **values: Any) -> None:
+        print(json.dumps(without_nan({"what": what, **values})), flush=True)
+
+
+async def _serve(settings: dict[str, Any]) -> None:
+    participant = Participant(
+        settings["domain_id"],
+        settings["interfaces"] or None,
+        localhost_only=settings["localhost_only"],
+        peers=settings["peers"],
+        name=NAME.full,
+        user_data=ENCLAVE,
+    )
+    node = Node(participant, NAME, Messages(), None, asyncio.get_running_loop())
+    try:
+        await ActionClient(settings, node).serve()
+    finally:
+        node.close()
+        participant.close()
+
+
+if __name__ == "__main__":
+    try:
+        asyncio.run(_serve(json.loads(sys.argv[1])))
+    except CobotError as exc:
+        print(json.dumps({"what": "error", "number": 0, "text": str(exc)}), flush=True)
+        sys.exit(1)

@@ -1,0 +1,144 @@
+"""Clients of services and actions of other ROS 2 nodes."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import uuid
+from collections.abc import Callable
+
+from cobot.dds.inbox import Inbox
+from cobot.dds.names import reply_name, request_name, type_name
+from cobot.dds.node import LATCHED_QOS, SERVICE_QOS, Message, Node, Subscription
+from cobot.dds.rtps import Sample, SampleIdentity
+from cobot.errors import CobotError
+
+ENDED = (4, 5, 6)
+"""The values of action_msgs/msg/GoalStatus for goals that have ended."""
+
+
+class ServiceCaller:
+    """Calls a service of another node.
+
+    Raises:
+        InputError: the type is unknown.
+    """
+
+    def __init__(self, node: Node, name: str, type_: str) -> None:
+        self._node, self._type = node, type_
+        self._waiting: dict[int, asyncio.Future[Message]] = {}
+        self._inbox = Inbox(name, node.loop, self._take)
+        participant = node.participant
+        self._reader = participant.create_reader(
+            reply_name(name), type_name(f"{type_}_Response"), SERVICE_QOS, self._inbox.put
+        )
+        self._writer = participant.create_writer(
+            request_name(name), type_name(f"{type_}_Request"), SERVICE_QOS
+        )
+        node.graph.add(self._reader.guid, self._writer.guid)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether a server is there."""
+        return bool(self._writer.matched) and bool(self._reader.matched)
+
+    async def call(self, request: Message) -> Message:
+        """Call it and wait for the answer, however long it takes.
+
+        Raises:
+            InputError: the request does not fit the type, or the answer cannot be read.
+        """
+        content = self._node.messages.to_cdr(f"{self._type}_Request", request)
+        number = self._writer.write(content, related=SampleIdentity(self._reader.guid, 0))
+        answer: asyncio.Future[Message] = self._node.loop.create_future()
+        self._waiting[number] = answer
+        try:
+            return await answer
+        finally:
+            del self._waiting[number]
+
+    def _take(self, sample: Sample) -> None:
+        """Take an answer; those to other clients come here too."""
+        asked = sample.related
+        if asked is None or asked.writer not in (self._reader.guid, self._writer.guid):
+            return
+        answer = self._waiting.get(asked.sequence)
+        if answer is None or answer.done():
+            return
+        try:
+            answer.set_result(self._node.messages.from_cdr(f"{self._type}_Response", sample.payload))
+        except CobotError as exc:
+            answer.set_exception(exc)
+
+
+class ActionCaller:
+    """Sends goals to an action of another node.
+
+    Args:
+        on_feedback: called with each feedback of the newest goal.
+        on_last: called with the result of the goal that had ended last when this client came.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        name: str,
+        type_: str,
+        on_feedback: Callable[[Message], None],
+        on_last: Callable[[Message], None],
+    ) -> None:
+        below = f"{name}/_action"
+        self._send = ServiceCaller(node, f"{below}/send_goal", f"{type_}_SendGoal")
+        self._result = ServiceCaller(node, f"{below}/get_result", f"{type_}_GetResult")
+        self._cancel = ServiceCaller(node, f"{below}/cancel_goal", "action_msgs/srv/CancelGoal")
+        self._on_feedback, self._on_last = on_feedback, on_last
+        self._goal: Message | None = None
+        self._asked: asyncio.Task[None] | None = None
+        self._loop = node.loop
+        self._ends = [
+            node.subscription(f"{below}/feedback", f"{type_}_FeedbackMessage", self._take_feedback),
+            Subscription(
+                node, f"{below}/status", "action_msgs/msg/GoalStatusArray", self._take_status, LATCHED_QOS
+            ),
+        ]
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether a server is there."""
+        return all(each.is_ready for each in (self._send, self._result, self._cancel))
+
+    async def send(self, goal: Message) -> Message | None:
+        """Send a goal; its id if it is accepted, else None."""
+        goal_id = {"uuid": base64.b64encode(uuid.uuid4().bytes).decode()}
+        self._goal = goal_id
+        answer = await self._send.call({"goal_id": goal_id, "goal": goal})
+        return goal_id if answer["accepted"] else None
+
+    async def result(self, goal_id: Message) -> Message:
+        """The status and the result of a goal, when it has ended."""
+        return await self._result.call({"goal_id": goal_id})
+
+    async def cancel(self, goal_id: Message) -> None:
+        """Cancel a goal; it ends when the server ends it."""
+        await self._cancel.call({"goal_info": {"goal_id": goal_id}})
+
+    def _take_feedback(self, message: Message) -> None:
+        if message["goal_id"] == self._goal:
+            self._on_feedback(message["feedback"])
+
+    def _take_status(self, message: Message) -> None:
+        ended = [each for each in message["status_list"] if each["status"] in ENDED]
+        if self._goal is not None or self._asked is not None or len(ended) != len(message["status_list"]):
+            return
+        if ended:
+            newest = max(ended, key=lambda each: _moment(each["goal_info"]["stamp"]))
+            self._asked = self._loop.create_task(self._ask_last(newest["goal_info"]["goal_id"]))
+
+    async def _ask_last(self, goal_id: Message) -> None:
+        answer = await self.result(goal_id)
+        if self._goal is None and answer["status"] in ENDED:
+            self._on_last(answer)
+
+
+def _moment(stamp: Message) -> tuple[int, int]:
+    return stamp["sec"], stamp["nanosec"]
