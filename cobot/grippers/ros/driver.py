@@ -21,7 +21,7 @@ from cobot.grippers.protocol import (
     Now,
     PowerLoss,
 )
-from cobot.grippers.ros.link import ActionLink, ProcessLink
+from cobot.grippers.ros.link import ActionLink, ActionProcess
 from cobot.grippers.ros.rig import RosRig
 from cobot.motions.fields import Finite
 
@@ -77,7 +77,7 @@ class RosOptions(GripperOptions):
 
 
 def link_settings(options: RosOptions, ros: RosSection) -> dict[str, Any]:
-    """What the process of `ProcessLink` is started with."""
+    """What the process of `ActionProcess` is started with."""
     network = ros.model_dump(mode="json", include={"domain_id", "interfaces", "localhost_only", "peers"})
     action = {"action": options.action, "type": f"control_msgs/action/{options.action_type}"}
     return {**network, **action, "joint_states": options.joint_states, "joint": options.joint}
@@ -109,7 +109,7 @@ class RosGripper:
 
         options = gripper_options(settings)
         assert isinstance(options, RosOptions)
-        return cls(options, port, ProcessLink(link_settings(options, settings.ros)))
+        return cls(options, port, ActionProcess(link_settings(options, settings.ros)))
 
     @staticmethod
     def contract_rig(options: RosOptions) -> RosRig:

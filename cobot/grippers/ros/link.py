@@ -100,7 +100,7 @@ class ActionLink(Protocol):
         ...
 
 
-class ProcessLink:
+class ActionProcess:
     """An `ActionLink` over the process. Settings: see `cobot.dds.action_client`."""
 
     def __init__(self, settings: dict[str, Any], clock: Now = SYSTEM) -> None:

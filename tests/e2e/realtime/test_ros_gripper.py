@@ -24,7 +24,7 @@ from cobot.grippers.contract.suite import NoPoints
 from cobot.grippers.protocol import Grasp
 from cobot.grippers.ros import RosGripper, RosOptions
 from cobot.grippers.ros.driver import link_settings
-from cobot.grippers.ros.link import ProcessLink
+from cobot.grippers.ros.link import ActionProcess
 
 pytestmark = pytest.mark.timeout(600)
 DOUBLE = Path(__file__).parents[2] / "cobot" / "dds" / "jazzy_driver.py"
@@ -59,7 +59,7 @@ class Double:
         given = {"action": "/hand/cmd", "action_type": self.kind, "joint": "jaw", "open_position": 0.08}
         made = RosOptions.model_validate({**given, "open_width": 0.08, **options})
         ros = load_settings().ros.model_copy(update={"domain_id": self.domain, "localhost_only": True})
-        gripper = RosGripper(made, NoPoints(), ProcessLink(link_settings(made, ros)))
+        gripper = RosGripper(made, NoPoints(), ActionProcess(link_settings(made, ros)))
         until(lambda: connects(gripper))
         return gripper
 
