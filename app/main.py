@@ -119,12 +119,14 @@ def _application(lifetime: Lifetime) -> FastAPI:
     """One with nothing in it but how long it lives."""
     app: FastAPI = FastAPIOffline(
         title="cobot",
+        summary="The REST API of cobot, a service that moves robot arms.",
         version=version("cobot"),
         description=DESCRIPTION,
         lifespan=lifetime.of,
         docs_url=None,
         openapi_tags=documentation.TAGS,
         servers=documentation.SERVERS,
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
     )
     return app
 

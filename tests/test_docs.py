@@ -179,7 +179,10 @@ def test_each_block_of_code_can_be_read() -> None:
 
 
 def test_each_address_that_people_are_told_to_ask_is_one() -> None:
-    known = {name.split(" ")[1] for name in ENDPOINTS} | {"/mcp/mcp", "/docs", "/docs/samples/{name}", "/"}
+    known = {name.split(" ")[1] for name in ENDPOINTS} | {
+        *("/mcp/mcp", "/docs", "/docs/samples/{name}", "/openapi"),
+        "/",
+    }
     known |= {re.sub("^/robot(?=/)", "", path) for path in known}
     known = {re.escape(path).replace(r"\{Class\}", "[A-Z]\\w+") for path in known}
     patterns = [re.compile(re.sub(r"\\{\w+\\}", "[^/]+", path) + "$") for path in known]

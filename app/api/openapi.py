@@ -7,6 +7,7 @@ from itertools import zip_longest
 from typing import Any
 
 from app.api.errors import responses
+from app.api.generators import suit_generators
 from app.api.links import link
 from app.api.strict import describe_strict
 from cobot.access.roles import Role
@@ -55,6 +56,7 @@ def with_limits(
                 if "409" in endpoint["responses"] and not path.endswith(("/reset", "/reload")):
                     _add(CONTROL, endpoint)
                 endpoint["summary"] = f"{summary} Of any robot." if path.startswith(BY_NAME) else summary
+        suit_generators(schema)
         describe_strict(schema)
         link(schema)
         return schema
@@ -145,9 +147,7 @@ def with_tokens(
 
     def described() -> dict[str, Any]:
         schema = openapi()
-        bearer = {"type": "http", "scheme": "bearer", "description": "of `cobot token create`"}
         components = schema.setdefault("components", {})
-        components["securitySchemes"] = {"token": bearer}
         components.setdefault("responses", {}).update(error_components(401, 403))
         for path, operations in schema["paths"].items():
             for method, endpoint in operations.items():

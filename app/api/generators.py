@@ -1,0 +1,87 @@
+"""What generators of clients need of an OpenAPI document beyond what FastAPI writes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+BEARER = {"type": "http", "scheme": "bearer", "description": "of `cobot token create`"}
+MODELS = "#/components/schemas/"
+FORM = "Body_"
+"""How the names begin that FastAPI gives to the forms of endpoints."""
+
+
+def suit_generators(schema: dict[str, Any]) -> None:
+    """Name the forms, make fields of requests optional that have a default, and declare the token.
+
+    A generator for TypeScript takes a field with a default for one that is always there. That is true of
+    answers, but would make it required in requests. So in requests the description has the default.
+    """
+    schema.setdefault("components", {})["securitySchemes"] = {"token": BEARER}
+    schema.setdefault("security", [{}, {"token": []}])
+    _name_forms(schema)
+    models = schema["components"].get("schemas", {})
+    for name in _of_requests(schema):
+        for field in models[name].get("properties", {}).values():
+            _describe_default(field)
+
+
+def _describe_default(field: dict[str, Any]) -> None:
+    if "default" not in field:
+        return
+    value = field.pop("default")
+    if value is not None:
+        text = f"Default: {json.dumps(value, ensure_ascii=False)}."
+        field["description"] = f"{field.get('description', '')} {text}".strip()
+
+
+def _of_requests(schema: dict[str, Any]) -> set[str]:
+    """The models that bodies of requests have, directly or within others."""
+    models = schema["components"].get("schemas", {})
+    bodies = [
+        endpoint["requestBody"]
+        for operations in schema["paths"].values()
+        for endpoint in operations.values()
+        if "requestBody" in endpoint
+    ]
+    found: set[str] = set()
+    waiting = list(_references(bodies))
+    while waiting:
+        name = waiting.pop().removeprefix(MODELS)
+        if name not in found and name in models:
+            found.add(name)
+            waiting += _references(models[name])
+    return found
+
+
+def _references(part: Any) -> Iterator[str]:
+    if isinstance(part, dict):
+        if isinstance(part.get("$ref"), str):
+            yield part["$ref"]
+        for value in part.values():
+            yield from _references(value)
+    elif isinstance(part, list):
+        for value in part:
+            yield from _references(value)
+
+
+def _name_forms(schema: dict[str, Any]) -> None:
+    """Name a form after the operation that takes it: SendCsvForm."""
+    models = schema["components"].get("schemas", {})
+    for path, operations in schema["paths"].items():
+        for endpoint in operations.values():
+            content = endpoint.get("requestBody", {}).get("content", {}).get("multipart/form-data")
+            old = content["schema"].get("$ref", "").removeprefix(MODELS) if content else ""
+            if not old.startswith(FORM):
+                continue
+            # A robot by its name has a copy of the endpoint, with the same form.
+            operation = (
+                endpoint["operationId"].removesuffix("_of")
+                if path.startswith("/robots/")
+                else (endpoint["operationId"])
+            )
+            new = "".join(word.capitalize() for word in operation.split("_")) + "Form"
+            if old in models:
+                models[new] = models.pop(old) | {"title": new}
+            content["schema"]["$ref"] = MODELS + new
