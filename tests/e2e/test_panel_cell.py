@@ -10,6 +10,7 @@ from typing import Any
 
 import httpx
 import pytest
+from cell_run import EXAMPLE, IN_TRAY, RunOfCell
 from chromium import CHROMIUM, Page, browsing
 from cobot_run import ROOT, WAIT_S, Run, answering, until
 
@@ -46,3 +47,25 @@ def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> Non
         page.click("#gripper-stop")
         page.click("#gripper-home")
         until(lambda: page.run("document.querySelector('#gripper-why').innerText") == "")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_the_panel_alone_has_the_cube_picked_counted_and_placed(tmp_path: Path) -> None:
+    """As docs/how-to/pick-and-place.md has it: a file is chosen and started in the card of Lua programs."""
+    with (
+        answering(RunOfCell(tmp_path)) as run,
+        browsing(tmp_path, "--enable-unsafe-swiftshader") as tools,
+    ):
+        run.until(lambda: run.ask("GET", "/robot/gripper")["connected"])
+        page = Page(tools)
+        page.visit(f"{run.url}/")
+        until(lambda: page.run("!document.querySelector('#gripper').hidden"))
+        page.run("document.querySelector('#lua').open = true")
+        page.choose("#lua-choose", EXAMPLE / "pick_and_place.lua")
+        until(lambda: "gripper.grasp" in page.run("document.querySelector('#lua-text').value"))
+        page.click("#lua-run")
+        until(lambda: run.cube()[2] > 0.3)
+        page.picture(tmp_path / "carried.png")
+        until(lambda: "the cube is in the tray" in page.run("document.querySelector('#lua-log').innerText"))
+        assert run.cube() == IN_TRAY
+        assert run.count() == 1
