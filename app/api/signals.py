@@ -10,6 +10,7 @@ from app.robot_services import Services
 from cobot.errors import CobotError, InputError, NotSupportedError
 from cobot.motions.bodies import AnyMotion
 from cobot.motions.checks import SHORTEST_AXIS
+from cobot.motions.conditions import InputTest, StepCondition
 from cobot.motions.fields import Direction
 from cobot.motions.signal_bodies import (
     PLACE_UNITS,
@@ -60,6 +61,15 @@ def signals_of(body: AnyMotion, scaling: Scaling, services: Services) -> PathSig
     )
 
 
+def input_condition(services: Services, field: str, body: StepCondition) -> Condition:
+    """A condition on an input.
+
+    Raises:
+        InputError, NotSupportedError, UnavailableError: see `signals_of`.
+    """
+    return _Reader(services).on_input(field, body.input, body)
+
+
 class _Reader:
     """Reads them for one robot."""
 
@@ -94,13 +104,18 @@ class _Reader:
     def input(self, field: str, body: InputCondition | UntilCondition | None) -> Condition | None:
         if body is None or body.input is None:
             return None
-        points, name = self.points(field), body.input
+        return self.on_input(field, body.input, body)
+
+    def on_input(self, field: str, name: str, body: InputTest) -> Condition:
+        """The condition on the input of this name."""
+        points = self.points(field)
         point = next((each for each in points if each.name == name), None)
         if point is None or point.is_output:
             known = ", ".join(each.name for each in points if not each.is_output) or "none"
             raise InputError(f"{field}.input: there is no input {shown(name)}; valid are: {known}")
-        low, high = self._bounds(field, body, point)
-        return Condition(Quantity.INPUT, low, high, name, edge=body.edge is not None)
+        edge = getattr(body, "edge", None)
+        low, high = self._bounds(field, body, edge, point)
+        return Condition(Quantity.INPUT, low, high, name, edge=edge is not None)
 
     def until(self, body: UntilCondition, scaling: Scaling) -> Until:
         condition = self.input("until", body) or self._force(body)
@@ -134,13 +149,12 @@ class _Reader:
                 "and until with stop path"
             )
 
-    def _bounds(
-        self, field: str, body: InputCondition | UntilCondition, point: IoPoint
-    ) -> tuple[float, float]:
+    def _bounds(self, field: str, body: InputTest, edge: str | None, point: IoPoint) -> tuple[float, float]:
         if point.kind is IoKind.BOOLEAN:
             if body.above is not None or body.below is not None:
-                raise InputError(f"{field}: {point.name} is boolean; give is or edge")
-            wanted = body.is_ if body.edge is None else body.edge == "rising"
+                valid = " or ".join(test for test in body.TESTS if test not in ("above", "below"))
+                raise InputError(f"{field}: {point.name} is boolean; give {valid}")
+            wanted = body.is_ if edge is None else edge == "rising"
             return TRUE if wanted else FALSE
         if body.above is None and body.below is None:
             raise InputError(f"{field}: {point.name} is {point.kind}; give above or below")

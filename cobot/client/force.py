@@ -34,7 +34,8 @@ class ForceMoves(Moves):
         """Approach until contact, then look for a hole or an edge with a force, N.
 
         Args:
-            how: `pattern`, `radius`, `pitch`, `angle`, `search_speed`, `drop`, `target`, `tolerance`, and the
+            how: `pattern`, `radius`, `pitch`, `angle`, `search_speed`, `drop`, `target`, `tolerance`,
+                `until`, and the
                 fields of all motions with force.
         """
         return self._force("search", wait, force=force, **how)

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import MovePose, PathPoint
+from cobot.motions.conditions import StepCondition
 from cobot.motions.fields import Direction, Finite, example
 
 Pattern = Literal["spiral", "raster", "tilt"]
@@ -114,6 +115,9 @@ class SearchMotion(ForceMotion):
         description="It is found too when the TCP is within `tolerance` of this point of the base frame.",
     )
     tolerance: Finite = Field(0.001, ge=1e-4, le=0.1, description="Distance to `target`, m.")
+    until: StepCondition | None = Field(
+        None, description="It is found too when this input has this value, from the contact on."
+    )
 
 
 class InsertMotion(SearchMotion):

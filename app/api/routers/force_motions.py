@@ -13,6 +13,7 @@ from app.api.explain_schemas import Explain, explain_of
 from app.api.goals import goal_of
 from app.api.job_schemas import ACCEPTED, Wait, accepted
 from app.api.route import EndpointRouter
+from app.api.signals import input_condition
 from app.services.rights.job import JobKind
 from app.services.streaming.force_run import ForceOutcome
 from cobot import audit
@@ -132,7 +133,10 @@ async def _run(body: AnyForceMotion, request: Request, gone: Gone, wait: bool) -
         gone, JobKind.FORCE, body.model_dump_json(exclude_unset=True, by_alias=True), wait=wait
     )
     goal = goal_of(body.motion, services) if isinstance(body, FollowMotion) else None
-    work = services.force_motions.run(body, goal, caller)
+    until = None
+    if isinstance(body, SearchMotion) and body.until is not None:
+        until = input_condition(services, "until", body.until)
+    work = services.force_motions.run(body, goal, caller, until)
     if caller.waits:
         return _answer(await work)
     assert caller.job is not None

@@ -44,6 +44,7 @@ from cobot.ipc.layout import Interpolation, Stream
 from cobot.ipc.session_rules import decimation, force_gain, nominal_session
 from cobot.motions.force_bodies import AnyForceMotion, FollowMotion, InsertMotion, PressMotion, SearchMotion
 from cobot.motions.requests import MotionRequest
+from cobot.motions.signals import Condition
 from cobot.pose import Pose
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -77,11 +78,18 @@ class ForceMotionService:
         self._goals = goals
         self._planning = planning
 
-    async def run(self, body: AnyForceMotion, goal: MotionRequest | None, caller: Caller) -> ForceOutcome:
+    async def run(
+        self,
+        body: AnyForceMotion,
+        goal: MotionRequest | None,
+        caller: Caller,
+        until: Condition | None = None,
+    ) -> ForceOutcome:
         """Do it, and return when the arm rests.
 
         Args:
             goal: of the path of a `FollowMotion`, else None.
+            until: the input that ends a search; None for none.
 
         Raises:
             InputError: a direction without length, or a path that has no planner of paths.
@@ -106,9 +114,11 @@ class ForceMotionService:
         work = ForceRun(self._link, self._ownership, push, body, caller)
         request = self._request(body, direction, axis, work.free_n)
         session = await self._streams.open(request, caller.name, ANSWER_S, caller=caller)
-        return await self._carry_out(session, work, path)
+        return await self._carry_out(session, work, path, until)
 
-    async def _carry_out(self, session: Session, work: ForceRun, path: Trajectory | None) -> ForceOutcome:
+    async def _carry_out(
+        self, session: Session, work: ForceRun, path: Trajectory | None, until: Condition | None
+    ) -> ForceOutcome:
         job, override = work.caller.job, self._ownership.speed_override
         begun_s = self._link.clock.now_s()
         error: CobotError | None = None
@@ -116,7 +126,7 @@ class ForceMotionService:
         try:
             if job is not None:
                 job.started()
-            await work.drive(session, self._stages(work, path))
+            await work.drive(session, self._stages(work, path, until))
         except NotMet as exc:
             work.outcome.stopped_by = exc.by
             if work.body.if_not_met == "error":
@@ -135,7 +145,7 @@ class ForceMotionService:
             outcome.force_n = float(np.mean(outcome.held))
         return outcome
 
-    def _stages(self, work: ForceRun, path: Trajectory | None) -> Stage:
+    def _stages(self, work: ForceRun, path: Trajectory | None, until: Condition | None) -> Stage:
         """All stages of a motion as one."""
         body, push, outcome = work.body, work.push, work.outcome
         felt = outcome.held.append
@@ -150,11 +160,26 @@ class ForceMotionService:
             last = yield from follow(push, touched, along, path.duration_s, body.max_deviation, felt)
             outcome.stopped_by = "path_end"
         elif isinstance(body, SearchMotion):
-            last = yield from search(push, touched, body, outcome_word(outcome))
+            last = yield from search(push, touched, body, self._input_holds(until), outcome_word(outcome))
             if isinstance(body, InsertMotion):
                 last = yield from insert(push, touched, last, body)
                 outcome.stopped_by = "depth"
         return last
+
+    def _input_holds(self, until: Condition | None) -> Callable[[], bool]:
+        """Tells whether the device reports the input of a condition as that asks for."""
+
+        def holds() -> bool:
+            if until is None:
+                return False
+            report = self._link.io()
+            points = () if report is None else report.points
+            value = next((each.value for each in points if each.name == until.name), None)
+            if value is None:
+                raise UnavailableError(f"until: the device does not report the input {until.name} any more")
+            return until.low < value < until.high
+
+        return holds
 
     def _poses(self, path: Trajectory) -> Callable[[float], Pose]:
         return lambda path_s: self._robot.model.forward(path.sample([path_s])[0])

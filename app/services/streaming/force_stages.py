@@ -191,10 +191,17 @@ def pattern_of(body: SearchMotion) -> Search:
     return (spiral if body.pattern == "spiral" else raster)(body.radius, body.pitch)
 
 
-def search(push: Push, touched: Sample, body: SearchMotion, found: Callable[[str], None]) -> Stage:
-    """Go along a pattern in contact until the TCP drops or is at the target.
+def search(
+    push: Push,
+    touched: Sample,
+    body: SearchMotion,
+    input_holds: Callable[[], bool],
+    found: Callable[[str], None],
+) -> Stage:
+    """Go along a pattern in contact until the TCP drops, is at the target, or `input_holds`.
 
     Args:
+        input_holds: tells whether the condition on the input holds.
         found: told of the word for what has ended the search.
     """
     pattern, way_m, speed_m_s = pattern_of(body), 0.0, 0.0
@@ -210,6 +217,9 @@ def search(push: Push, touched: Sample, body: SearchMotion, found: Callable[[str
             return sample
         if target is not None and np.linalg.norm(sample.pose.position - target) <= body.tolerance:
             found("target")
+            return sample
+        if input_holds():
+            found("input")
             return sample
         _require_near(push, sample)
         speed_m_s = min(speed_m_s + body.search_speed * sample.step_s / GETTING_UP_S, body.search_speed)

@@ -16,6 +16,7 @@ import httpx
 import numpy as np
 import pytest
 from virtual_service import VirtualService, virtual_service
+from wired_arm import WiredService
 
 from app.services.rights import speed_override
 from cobot.types import Array
@@ -159,6 +160,40 @@ def test_a_search_finds_a_hole(service: VirtualService, table: Table, pattern: s
     assert (found["success"], found["stopped_by"]) == (True, "drop"), found
     place = np.array([found["pose"]["x"], found["pose"]["y"]])
     assert np.linalg.norm(place - hole) < 0.0012
+
+
+def test_a_search_ends_at_an_input(tmp_path: Path) -> None:
+    with WiredService(tmp_path).serving() as service:
+        assert isinstance(service, WiredService)
+        service.rig.__dict__["simulation"] = service.arm
+        service.go_home()
+        assert service.post("/robot/move/pose", START).json()["success"]
+        table = Table(service)
+        table.surface = lambda x, y: START["z"] - HEIGHT_M
+        service.cycles[service.name].watch = table.push
+        body = {**DOWN, "force": 8.0, "radius": 0.02, "until": {"input": "part", "is": True}}
+        job = service.post("/robot/force/search?wait=false", body).json()["id"]
+        service.until(lambda: table.forces and table.forces[-1] > 5.0)
+        service.sleep(2.0)
+        assert service.get(f"/jobs/{job}").json()["state"] == "running"
+        service.arm.inputs["part"] = 1.0
+        record = service.until(lambda: (found := service.get(f"/jobs/{job}").json())["ended_at"] and found)
+        assert record["state"] == "finished", record
+        for until, words in (
+            ({"input": "nothing", "is": True}, "until.input: there is no input 'nothing'; valid are: part"),
+            ({"input": "part", "above": 1.0}, "until: part is boolean; give is"),
+            ({"input": "distance", "is": True}, "until: distance is analog; give above or below"),
+        ):
+            answer = service.post("/robot/force/search", {**body, "until": until})
+            assert answer.status_code == 422
+            assert words in answer.text
+
+
+def test_an_input_of_a_device_without_inputs_is_rejected(service: VirtualService, table: Table) -> None:
+    body = {**DOWN, "force": 8.0, "until": {"input": "part", "is": True}}
+    answer = service.post("/robot/force/search", body)
+    assert answer.status_code == 501
+    assert "until: the backend" in answer.json()["detail"]
 
 
 def test_a_search_without_a_hole_comes_to_its_end(service: VirtualService, table: Table) -> None:
