@@ -13,15 +13,24 @@ cdef class PoseLimiter:
     cdef double[6] own  # velocity of the requests
     cdef int differing  # cycles in which it may still be another than the twist
 
+    cdef bint[2] aligned  # whether a pursuit goes on in its axes; linear, angular
+    cdef double[2][9] axes  # three in each part, one a row
+    cdef double[2][3] shares  # of each axis in the limits of acceleration and jerk
+    cdef double[2][3] expected  # velocity of the request
+    cdef double[2][3] strayed  # of the request from where that would have led it, since the axes were chosen
+    cdef double[2] scale  # of the way that was left then
+
     cdef void c_begin(self, const double* pose, const double* twist) noexcept nogil
     cdef void c_step(self, const double* pose) noexcept nogil
     cdef void _follow(self, const double* step, const double* own, const double* own_rate) noexcept nogil
+    cdef void _align(self, int part, const double* step, const double* own, const double* moving) noexcept nogil
     cdef bint _pursue(self, const double* step, const double* own, const double* own_rate) noexcept nogil
     cdef bint _pursue_part(
         self, int part, const double* step, const double* own, const double* own_rate,
         double* move, double* speed, double* rate,
     ) noexcept nogil
-    cdef void _share(self, int part, const double* axes, double* shares, double* velocities) noexcept nogil
+    cdef void _share(self, int part, const double* gap) noexcept nogil
+    cdef void _share_velocity(self, int part, const double* own, double* velocities) noexcept nogil
     cdef bint _pursue_axis(
         self, const double* axis, double share, double max_velocity, int part,
         const double* step, const double* own, const double* own_rate, double* ahead,

@@ -16,6 +16,8 @@ cdef double MIN_SHARE = 0.25  # An axis across the motion has this share of a li
 cdef double LEAD_S = 0.2  # What is missing counts this much of a velocity when the direction is chosen.
 cdef double SHARE = 0.9  # While it catches up it uses this share of the limits.
 cdef double ALONG = 0.9  # What is pursued may use this share of that.
+# The axes turn when the request has strayed this share of the way that was left from where it was expected.
+cdef double TURN = 0.25
 cdef double REST = 1e-9
 cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: the direction of less is rounding.
 
@@ -59,6 +61,7 @@ cdef class PoseLimiter:
         memset(self.c_acceleration, 0, 6 * sizeof(double))
         self.differing = 0
         self.limited = False
+        self.aligned[0] = self.aligned[1] = False
 
     cdef void c_step(self, const double* pose) noexcept nogil:
         """One period on, towards this pose."""
@@ -68,6 +71,7 @@ cdef class PoseLimiter:
         cdef double change[6]
         cdef double own[6]
         cdef double own_rate[6]
+        cdef double gap
         cdef double period_s = self.period_s
         cdef int i
         _way(self.c_pose, pose, step)
@@ -82,7 +86,11 @@ cdef class PoseLimiter:
             for i in range(6):
                 own[i] /= period_s
                 own_rate[i] = (own[i] - self.own[i]) / period_s
+                # A TCP that goes over to the request takes over its rates in the next cycles.
+                gap = (velocity[i] - own[i]) / period_s
                 change[i] = fmax(fabs(change[i]), fabs(rate[i] - own_rate[i]) / period_s)
+                change[i] = fmax(change[i], fabs(rate[i] - own_rate[i] + gap) / period_s)
+                change[i] = fmax(change[i], fabs(gap) / period_s)
         memcpy(self.last, pose, 7 * sizeof(double))
         memcpy(self.own, own, sizeof(own))
         self.limited = not (
@@ -94,6 +102,7 @@ cdef class PoseLimiter:
             self.differing = 3
             self._follow(step, own, own_rate)
             return
+        self.aligned[0] = self.aligned[1] = False
         memcpy(self.c_pose, pose, 7 * sizeof(double))
         memcpy(self.c_twist, velocity, sizeof(velocity))
         memcpy(self.c_acceleration, rate, sizeof(rate))
@@ -113,12 +122,34 @@ cdef class PoseLimiter:
             if _norm(own + 3 * i) > self.bounds[0][i] or _norm(own_rate + 3 * i) > self.bounds[1][i]:
                 memset(&moving[3 * i], 0, 3 * sizeof(double))
                 memset(&moving_rate[3 * i], 0, 3 * sizeof(double))
+            self._align(i, step, own, moving)
         if self._pursue(step, moving, moving_rate) or self._pursue(step, rest, rest):
             return
         memset(self.c_acceleration, 0, 6 * sizeof(double))
         for i in range(6):
             rest[i] = self.period_s * self.c_speed[i]
         self._move(rest)
+
+    cdef void _align(self, int part, const double* step, const double* own, const double* moving) noexcept nogil:
+        """Choose the axes of a part when its pursuit begins, and again when the request has strayed.
+
+        They do not turn with the way that is left: the TCP would circle a request that it passes beside.
+        """
+        cdef double direction[3]
+        cdef double gap[3]
+        cdef int first = 3 * part, i
+        for i in range(3):
+            self.strayed[part][i] += self.period_s * (own[first + i] - self.expected[part][i])
+        if self.aligned[part] and _norm(self.strayed[part]) <= TURN * self.scale[part]:
+            return
+        for i in range(3):
+            direction[i] = moving[first + i] + step[first + i] / LEAD_S
+            gap[i] = self.c_speed[first + i] - moving[first + i]
+            self.expected[part][i], self.strayed[part][i] = moving[first + i], 0.0
+        self.scale[part] = fmax(_norm(step + first), LEAD_S * _norm(gap))
+        _look_along(direction, gap, self.axes[part])
+        self._share(part, gap)
+        self.aligned[part] = True
 
     cdef bint _pursue(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
         """Bring the difference to a request that moves like this to zero; whether there is a way."""
@@ -139,19 +170,14 @@ cdef class PoseLimiter:
         double* move, double* speed, double* rate,
     ) noexcept nogil:
         """The linear or the angular part, along and across the direction of motion: each axis for itself."""
-        cdef double axes[9]
-        cdef double shares[3]
-        cdef double direction[3]
+        cdef const double* axes = self.axes[part]
         cdef double ahead[9]
         cdef double velocities[3]
         cdef int first = 3 * part, i
-        for i in range(3):
-            direction[i] = own[first + i] + step[first + i] / LEAD_S
-        _look_along(direction, self.c_speed + first, axes)
-        self._share(part, axes, shares, velocities)
+        self._share_velocity(part, own + first, velocities)
         for i in range(3):
             if not self._pursue_axis(
-                &axes[3 * i], shares[i], velocities[i], part,
+                &axes[3 * i], self.shares[part][i], velocities[i], part,
                 step + first, own + first, own_rate + first, &ahead[3 * i],
             ):
                 return False
@@ -161,31 +187,50 @@ cdef class PoseLimiter:
             rate[first + i] = axes[i] * ahead[2] + axes[3 + i] * ahead[5] + axes[6 + i] * ahead[8]
         return True
 
-    cdef void _share(self, int part, const double* axes, double* shares, double* velocities) noexcept nogil:
-        """Each axis's part of the limits of acceleration and jerk, of norm 1, and its velocity limit.
+    cdef void _share(self, int part, const double* gap) noexcept nogil:
+        """Each axis's part of the limits of acceleration and jerk, of norm 1, for the whole pursuit.
 
-        What moves across the direction needs its part to be brought to rest, and the speed that it still
-        gains before, as its acceleration has to be taken back first, is missing along the direction.
+        Across the direction it is enough to bring what moves to rest in the frame of the request.
         """
-        cdef double most_velocity = SHARE * self.bounds[0][part]
-        cdef double velocity[3]
-        cdef double rate[3]
-        cdef double norm, peak, left = most_velocity * most_velocity
+        cdef double* shares = self.shares[part]
+        cdef double norm
         cdef int i
-        for i in range(3):
-            velocity[i] = _dot(axes + 3 * i, self.c_speed + 3 * part)
-            rate[i] = _dot(axes + 3 * i, self.c_acceleration + 3 * part)
-            shares[i] = fmax(fabs(velocity[i]) / self.bounds[0][part], fabs(rate[i]) / self.bounds[1][part])
-            shares[i] = fmin(fmax(shares[i], MIN_SHARE), 1.0) if i > 0 else 1.0
+        shares[0] = 1.0
+        for i in range(1, 3):
+            shares[i] = fmax(
+                fabs(_dot(&self.axes[part][3 * i], gap)) / self.bounds[0][part],
+                fabs(_dot(&self.axes[part][3 * i], self.c_acceleration + 3 * part)) / self.bounds[1][part],
+            )
+            shares[i] = fmin(fmax(shares[i], MIN_SHARE), 1.0)
         norm = _norm(shares)
         for i in range(3):
             shares[i] /= norm
-            velocities[i] = most_velocity * shares[i]
-            if i > 0:
-                peak = 0.5 * rate[i] * fabs(rate[i]) / (SHARE * shares[i] * self.bounds[2][part])
-                peak = fmax(fabs(velocity[i]), fabs(velocity[i] + peak))
-                left -= peak * peak
-        velocities[0] = fmax(sqrt(fmax(left, 0.0)), MIN_SHARE * most_velocity)
+
+    cdef void _share_velocity(self, int part, const double* own, double* velocities) noexcept nogil:
+        """Each axis's velocity limit.
+
+        All have what the request moves with. The speed that an axis across the direction still gains,
+        as its acceleration has to be taken back first, is missing along the direction.
+        """
+        cdef const double* shares = self.shares[part]
+        cdef const double* axis
+        cdef double most_velocity = SHARE * self.bounds[0][part]
+        cdef double most = most_velocity * most_velocity, rest = most, left = most
+        cdef double moving[3]
+        cdef double velocity, rate, peak
+        cdef int i
+        for i in range(3):
+            moving[i] = fabs(_dot(&self.axes[part][3 * i], own)) / ALONG
+            rest -= moving[i] * moving[i]
+        rest = fmax(rest, MIN_SHARE * MIN_SHARE * most)
+        for i in range(1, 3):
+            axis = &self.axes[part][3 * i]
+            velocities[i] = sqrt(moving[i] * moving[i] + rest * shares[i] * shares[i])
+            velocity, rate = _dot(axis, self.c_speed + 3 * part), _dot(axis, self.c_acceleration + 3 * part)
+            peak = 0.5 * rate * fabs(rate) / (SHARE * shares[i] * self.bounds[2][part])
+            peak = fmax(fabs(velocity), fabs(velocity + peak))
+            left -= peak * peak
+        velocities[0] = fmax(sqrt(fmax(left, 0.0)), fmax(moving[0], MIN_SHARE * most_velocity))
 
     cdef bint _pursue_axis(
         self, const double* axis, double share, double max_velocity, int part,

@@ -6,6 +6,8 @@ zero Ruckig itself makes profiles that are off by its tolerances, and here there
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from laws.quaternions import cross
 
@@ -14,9 +16,20 @@ from cobot.types import Array, CartesianLimits
 from rtloop.generators import otg
 
 TOLERANCE, REST = 1e-3, 1e-9
-MIN_SHARE, LEAD_S = 0.25, 0.2
+MIN_SHARE, LEAD_S, TURN = 0.25, 0.2, 0.25
 SHARE, ALONG = 0.9, 0.9
 MIN_ACROSS = 1e-3
+
+
+@dataclass
+class _Course:
+    """Axes of a pursuit, one a row, with their shares of the limits, and what they were chosen for."""
+
+    axes: Array
+    shares: Array
+    expected: Array
+    scale: float
+    strayed: Array = field(default_factory=lambda: np.zeros(3))
 
 
 class PoseLimiter:
@@ -37,12 +50,14 @@ class PoseLimiter:
         self._last = self.pose.copy()
         self._own = np.zeros(6)
         self._differing = 0
+        self._courses: list[_Course | None] = [None, None]
 
     def begin(self, pose: Array, twist: Array) -> None:
         self.pose[:] = self._last[:] = pose
         self.twist[:] = self._own[:] = self.speed[:] = twist
         self.acceleration[:] = 0.0
         self._differing = 0
+        self._courses = [None, None]
         self.limited = False
 
     def step(self, pose: Array) -> None:
@@ -55,7 +70,9 @@ class PoseLimiter:
             self._differing -= 1
             own = _way(self._last, pose) / self._period_s
             own_rate = (own - self._own) / self._period_s
-            change = np.maximum(np.abs(change), np.abs(rate - own_rate) / self._period_s)
+            gap = (velocity - own) / self._period_s
+            changes = [change, *np.array([rate - own_rate, rate - own_rate + gap, gap]) / self._period_s]
+            change = np.abs(changes).max(axis=0)
         self._last, self._own = pose.copy(), own
         norms = _norms(np.array([velocity, rate, change]))
         self.limited = not bool((norms <= (1.0 + TOLERANCE) * self._most + REST).all())
@@ -63,39 +80,57 @@ class PoseLimiter:
             self._differing = 3
             jumped = np.repeat((_norms(np.array([own, own_rate])) > self._most[:2]).any(axis=0), 3)
             moving = np.where(jumped, 0.0, own), np.where(jumped, 0.0, own_rate)
+            self._align(step, own, moving[0])
             if not self._pursue(step, *moving) and not self._pursue(step, np.zeros(6), np.zeros(6)):
                 self.acceleration[:] = 0.0
                 self._move(self._period_s * self.speed)
         else:
+            self._courses = [None, None]
             self.pose, self.twist, self.acceleration = pose.copy(), velocity, rate
             self.speed = velocity + 0.5 * self._period_s * rate
+
+    def _align(self, step: Array, own: Array, moving: Array) -> None:
+        for part in (0, 1):
+            rows = slice(3 * part, 3 * part + 3)
+            course = self._courses[part]
+            if course is not None:
+                course.strayed += self._period_s * (own[rows] - course.expected)
+                if np.linalg.norm(course.strayed) <= TURN * course.scale:
+                    continue
+            gap = self.speed[rows] - moving[rows]
+            axes = _axes(moving[rows] + step[rows] / LEAD_S, gap)
+            rates = np.array([gap, self.acceleration[rows]]) @ axes.T
+            shares = np.clip(np.abs(rates / self._most[:2, part, None]).max(axis=0), MIN_SHARE, 1.0)
+            shares[0] = 1.0
+            scale = max(np.linalg.norm(step[rows]), LEAD_S * np.linalg.norm(gap))
+            self._courses[part] = _Course(axes, shares / np.linalg.norm(shares), moving[rows].copy(), float(scale))
 
     def _pursue(self, step: Array, own: Array, own_rate: Array) -> bool:
         ahead = np.zeros((3, 6))
         for part in (0, 1):
             rows = slice(3 * part, 3 * part + 3)
-            motion = np.array([step[rows], own[rows], own_rate[rows]])
-            here = np.array([self.speed[rows], self.acceleration[rows]])
-            axes = _axes(motion[1] + motion[0] / LEAD_S, here[0])
-            bounds = self._bounds(part, here @ axes.T)
-            found = self._planned(motion @ axes.T, here @ axes.T, *bounds)
+            course = self._courses[part]
+            assert course is not None
+            motion = np.array([step[rows], own[rows], own_rate[rows]]) @ course.axes.T
+            here = np.array([self.speed[rows], self.acceleration[rows]]) @ course.axes.T
+            found = self._planned(motion, here, *self._bounds(part, here, motion[1], course.shares))
             if found is None:
                 return False
-            ahead[:, rows] = found @ axes
+            ahead[:, rows] = found @ course.axes
         self.speed, self.acceleration = ahead[1], ahead[2]
         self._move(ahead[0])
         return True
 
-    def _bounds(self, part: int, here: Array) -> Array:
+    def _bounds(self, part: int, here: Array, own: Array, shares: Array) -> Array:
         """Velocity, acceleration and jerk for each axis."""
         velocity, acceleration, jerk = SHARE * self._most[:, part]
-        shares = np.clip((np.abs(here) * SHARE / [[velocity], [acceleration]]).max(axis=0), MIN_SHARE, 1.0)
-        shares[0] = 1.0
-        shares /= np.linalg.norm(shares)
+        moving = np.square(own / ALONG)
+        rest = max(velocity**2 - moving.sum(), (MIN_SHARE * velocity) ** 2)
+        velocities = np.sqrt(moving + rest * shares**2)
         peaks = here[0] + 0.5 * here[1] * np.abs(here[1]) / (jerk * shares)
         peaks = np.maximum(np.abs(peaks), np.abs(here[0]))[1:]
-        velocities = velocity * shares
-        velocities[0] = max(np.sqrt(max(velocity**2 - np.sum(peaks**2), 0.0)), MIN_SHARE * velocity)
+        left = np.sqrt(max(velocity**2 - np.sum(peaks**2), 0.0))
+        velocities[0] = max(left, np.sqrt(moving[0]), MIN_SHARE * velocity)
         return np.array([velocities, acceleration * shares, jerk * shares])
 
     def _planned(
