@@ -19,7 +19,7 @@ cdef enum ChunkRefusal:
 cdef class ChunkInterpolator:
     cdef readonly object reference  # (3, n): position, velocity, acceleration.
     cdef double* ref
-    cdef readonly long long late, starved
+    cdef readonly long long late, starved, entered
     cdef int n
     cdef double period_s
     cdef double[3][MAX_DOF] bounds
@@ -45,6 +45,8 @@ cdef class ChunkInterpolator:
         self, const double* times_s, const double* points, int count, double now_s
     ) noexcept nogil
     cdef void c_advance(self, double now_s) noexcept nogil
+    cdef const double* c_waypoint(self, int ahead) noexcept nogil
+    cdef double c_step_s(self) noexcept nogil
     cdef int _flaw(self, const double* times_s, const double* points, int count) noexcept nogil
     cdef int _index(self, double time_s) noexcept nogil
     cdef void _connect(self, double now_s, int first) noexcept nogil

@@ -94,6 +94,7 @@ cdef class ChunkInterpolator:
         if not self.braking:
             while self.piece < self.pieces and now_s > self.knots_s[self.piece + 1] + 1e-9:
                 self.piece += 1
+                self.entered += 1
             if self.piece < self.pieces:
                 begin_s = self.knots_s[self.piece]
                 quintic_at(
@@ -108,6 +109,17 @@ cdef class ChunkInterpolator:
             self._start_brake()
         if self.brake.c_advance(self.ref):
             self.count = 0  # no waypoint says any longer how the arm came here
+
+    cdef const double* c_waypoint(self, int ahead) noexcept nogil:
+        """The waypoint at the end of the present piece, or so many further on, (n,); NULL after the last."""
+        cdef int piece = self.piece + ahead
+        if self.braking or piece >= self.pieces:
+            return NULL
+        return self.ends + 3 * self.n * (self.count - self.pieces + piece)
+
+    cdef double c_step_s(self) noexcept nogil:
+        """How long the present piece lasts."""
+        return self.knots_s[self.piece + 1] - self.knots_s[self.piece]
 
     cdef int _flaw(self, const double* times_s, const double* points, int count) noexcept nogil:
         cdef int i
@@ -151,6 +163,7 @@ cdef class ChunkInterpolator:
             self.pieces += 1
             self.knots_s[self.pieces] = self.times_s[i + 1]
         self.piece, self.braking = 0, False
+        self.entered += 1
 
     cdef int _first_in_reach(self, double now_s, int first) noexcept nogil:
         """The first waypoint to which a quintic keeps the limits, or that to which one exceeds them least."""

@@ -1,5 +1,8 @@
 """What other compiled modules call: the TCP's own limits. See pose_limiter.pyx."""
 
+from rtloop.generators.otg cimport Profile
+from rtloop.generators.target_range cimport PoseRange
+
 cdef class PoseLimiter:
     cdef readonly object pose, twist, acceleration, speed
     cdef readonly bint limited
@@ -13,6 +16,9 @@ cdef class PoseLimiter:
     cdef double[6] own  # velocity of the requests
     cdef int differing  # cycles in which it may still be another than the twist
 
+    cdef PoseRange targets
+    cdef bint ranged
+    cdef bint[2] square  # whether the axes are those of the base, and equal
     cdef bint[2] aligned  # whether a pursuit goes on in its axes; linear, angular
     cdef double[2][9] axes  # three in each part, one a row
     cdef double[2][3] shares  # of each axis in the limits of acceleration and jerk
@@ -20,16 +26,19 @@ cdef class PoseLimiter:
     cdef double[2][3] strayed  # of the request from where that would have led it, since the axes were chosen
     cdef double[2] scale  # of the way that was left then
 
+    cdef void c_stay_within(self, PoseRange targets) noexcept
     cdef void c_begin(self, const double* pose, const double* twist) noexcept nogil
     cdef void c_step(self, const double* pose) noexcept nogil
     cdef void _follow(self, const double* step, const double* own, const double* own_rate) noexcept nogil
-    cdef void _align(self, int part, const double* step, const double* own, const double* moving) noexcept nogil
+    cdef void _align(
+        self, int part, const double* step, const double* own, const double* moving, const double* moving_rate
+    ) noexcept nogil
     cdef bint _pursue(self, const double* step, const double* own, const double* own_rate) noexcept nogil
     cdef bint _pursue_part(
         self, int part, const double* step, const double* own, const double* own_rate,
         double* move, double* speed, double* rate,
     ) noexcept nogil
-    cdef void _share(self, int part, const double* gap) noexcept nogil
+    cdef void _share(self, int part, const double* gap, const double* moving_rate) noexcept nogil
     cdef void _share_velocity(self, int part, const double* own, double* velocities) noexcept nogil
     cdef bint _pursue_axis(
         self, const double* axis, double share, double max_velocity, int part,
@@ -37,3 +46,16 @@ cdef class PoseLimiter:
     ) noexcept nogil
     cdef void _move(self, const double* move) noexcept nogil
     cdef bint _within(self, const double* row, int order, double factor, double more) noexcept nogil
+    cdef bint _overruns(self, const double* pose, const double* velocity, const double* rate) noexcept nogil
+    cdef double _stop_way(self, int part, double share, double speed, double rate) noexcept nogil
+    cdef bint _brake(
+        self, int part, double share, double speed, double rate, double time_s, double* there, Profile* stop
+    ) noexcept nogil
+    cdef void _stay_within(self, int part, double* move, double* speed, double* rate) noexcept nogil
+    cdef double _load(
+        self, int part, const double* ahead, const double* low, const double* high, double* needs
+    ) noexcept nogil
+    cdef void _find_brake(self, int part, const double* weights, double* ahead) noexcept nogil
+    cdef void _from_axes(
+        self, int part, const double* ahead, double* move, double* speed, double* rate
+    ) noexcept nogil

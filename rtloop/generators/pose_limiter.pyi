@@ -3,6 +3,7 @@
 import numpy.typing as npt
 
 from cobot.types import Array, CartesianLimits
+from rtloop.generators.target_range import PoseRange
 
 class PoseLimiter:
     """Follows a pose within the limits. Real-time safe. See pose_limiter.pyx.
@@ -22,6 +23,9 @@ class PoseLimiter:
     limited: bool
 
     def __init__(self, period_s: float, limits: CartesianLimits) -> None: ...
+    def stay_within(self, targets: PoseRange | None) -> None:
+        """Stop within the range of the targets from now on; None permits every pose."""
+
     def begin(self, pose: Array, twist: npt.ArrayLike = 0.0) -> None:
         """Start here, with this motion."""
 

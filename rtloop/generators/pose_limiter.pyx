@@ -1,6 +1,6 @@
 """The TCP's own limits: of velocity, acceleration and jerk, linear and angular, by norm."""
 
-from libc.math cimport fabs, fmax, fmin, sqrt
+from libc.math cimport fabs, fmax, fmin, log, sqrt
 from libc.string cimport memcpy, memset
 
 import numpy as np
@@ -9,16 +9,25 @@ from cobot.arrays cimport doubles
 from cobot.robot.quaternion cimport cross3, quat_between, quat_exp, quat_normalised, quat_product
 from rtloop.generators.interpolation cimport clipped, plain
 from rtloop.generators.moving_frame cimport Motion, to_rest_in_frame
-from rtloop.generators.otg cimport OTG_OK, Problem, otg_step
+from rtloop.generators.otg cimport OTG_OK, Problem, Profile, otg_step, otg_velocity, profile_at
+from rtloop.generators.target_range cimport PoseRange
 
 cdef double TOLERANCE = 1e-3  # Relative, of what passes as it is: differences of positions are rounded.
 cdef double MIN_SHARE = 0.25  # An axis across the motion has this share of a limit.
+cdef double MIN_SPREAD = 0.35  # And each of the base's axes this share, before they are norm 1.
 cdef double LEAD_S = 0.2  # What is missing counts this much of a velocity when the direction is chosen.
 cdef double SHARE = 0.9  # While it catches up it uses this share of the limits.
 cdef double ALONG = 0.9  # What is pursued may use this share of that.
 # The axes turn when the request has strayed this share of the way that was left from where it was expected.
 cdef double TURN = 0.25
+cdef double TURNING = 2.0  # An axis across the motion can do so much of the request's acceleration.
 cdef double REST = 1e-9
+cdef double BOUND = 1e-7  # m or rad: a stop this far beyond a bound is one at the bound.
+cdef double NO_WAY = 1e-12
+cdef int HALVINGS = 8
+cdef double FULL = 1e3  # The need of an axis that has no room.
+cdef double MIN_NEED = 0.1  # Of the largest need: an axis brakes at least so much with the others.
+cdef double[9] BASE = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
 cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: the direction of less is rounding.
 
 
@@ -29,6 +38,11 @@ cdef class PoseLimiter:
     with it, so that it is caught up with, and one that stands still is not overshot. The axes of the pursuit
     lie along and across the direction of motion, each with its part of the limits, so that the norms hold,
     and each is planned for itself: from rest to rest the way is a straight line and a turn about one axis.
+    They keep their directions and parts while the request goes on as it did: if they turned with the way that
+    is left, the TCP would circle a request that it passes beside.
+
+    With a range of targets the TCP also keeps room to stop within it. A request that moves is then pursued
+    along the axes of the base, in which the range is stated.
 
     Before, the axes were those of the base frame, and Ruckig made them arrive together. Where a request
     jumped while the TCP moved, their velocities added up to 1.2 times the limit; and what Ruckig makes of an
@@ -48,6 +62,11 @@ cdef class PoseLimiter:
             [limits.max_linear_acceleration, limits.max_angular_acceleration],
             [limits.max_linear_jerk, limits.max_angular_jerk],
         ]
+
+    cdef void c_stay_within(self, PoseRange targets) noexcept:
+        """Leave the range of the targets no more than this permits, from now on."""
+        self.targets = targets
+        self.ranged = targets is not None
 
     cdef void c_begin(self, const double* pose, const double* twist) noexcept nogil:
         """Start here, with this motion; NULL is none."""
@@ -97,6 +116,7 @@ cdef class PoseLimiter:
             self._within(velocity, 0, 1.0 + TOLERANCE, REST)
             and self._within(rate, 1, 1.0 + TOLERANCE, REST)
             and self._within(change, 2, 1.0 + TOLERANCE, REST)
+            and not (self.ranged and self._overruns(pose, velocity, rate))
         )
         if self.limited:
             self.differing = 3
@@ -122,7 +142,7 @@ cdef class PoseLimiter:
             if _norm(own + 3 * i) > self.bounds[0][i] or _norm(own_rate + 3 * i) > self.bounds[1][i]:
                 memset(&moving[3 * i], 0, 3 * sizeof(double))
                 memset(&moving_rate[3 * i], 0, 3 * sizeof(double))
-            self._align(i, step, own, moving)
+            self._align(i, step, own, moving, moving_rate)
         if self._pursue(step, moving, moving_rate) or self._pursue(step, rest, rest):
             return
         memset(self.c_acceleration, 0, 6 * sizeof(double))
@@ -130,7 +150,9 @@ cdef class PoseLimiter:
             rest[i] = self.period_s * self.c_speed[i]
         self._move(rest)
 
-    cdef void _align(self, int part, const double* step, const double* own, const double* moving) noexcept nogil:
+    cdef void _align(
+        self, int part, const double* step, const double* own, const double* moving, const double* moving_rate
+    ) noexcept nogil:
         """Choose the axes of a part when its pursuit begins, and again when the request has strayed.
 
         They do not turn with the way that is left: the TCP would circle a request that it passes beside.
@@ -147,9 +169,15 @@ cdef class PoseLimiter:
             gap[i] = self.c_speed[first + i] - moving[first + i]
             self.expected[part][i], self.strayed[part][i] = moving[first + i], 0.0
         self.scale[part] = fmax(_norm(step + first), LEAD_S * _norm(gap))
-        _look_along(direction, gap, self.axes[part])
-        self._share(part, gap)
         self.aligned[part] = True
+        self.square[part] = False
+        _look_along(direction, gap, self.axes[part])
+        self._share(part, gap, moving_rate + first)
+        # The range of the targets has the base's axes.
+        if self.ranged and _norm(moving + first) > REST:
+            self.square[part] = True
+            memcpy(self.axes[part], BASE, sizeof(BASE))
+            _spread(self.c_speed + first, moving_rate + first, self.shares[part])
 
     cdef bint _pursue(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
         """Bring the difference to a request that moves like this to zero; whether there is a way."""
@@ -160,6 +188,8 @@ cdef class PoseLimiter:
         for part in range(2):
             if not self._pursue_part(part, step, own, own_rate, move, speed, rate):
                 return False
+            if self.ranged:
+                self._stay_within(part, move + 3 * part, speed + 3 * part, rate + 3 * part)
         memcpy(self.c_speed, speed, sizeof(speed))
         memcpy(self.c_acceleration, rate, sizeof(rate))
         self._move(move)
@@ -181,26 +211,25 @@ cdef class PoseLimiter:
                 step + first, own + first, own_rate + first, &ahead[3 * i],
             ):
                 return False
-        for i in range(3):
-            move[first + i] = axes[i] * ahead[0] + axes[3 + i] * ahead[3] + axes[6 + i] * ahead[6]
-            speed[first + i] = axes[i] * ahead[1] + axes[3 + i] * ahead[4] + axes[6 + i] * ahead[7]
-            rate[first + i] = axes[i] * ahead[2] + axes[3 + i] * ahead[5] + axes[6 + i] * ahead[8]
+        self._from_axes(part, ahead, move + first, speed + first, rate + first)
         return True
 
-    cdef void _share(self, int part, const double* gap) noexcept nogil:
+    cdef void _share(self, int part, const double* gap, const double* moving_rate) noexcept nogil:
         """Each axis's part of the limits of acceleration and jerk, of norm 1, for the whole pursuit.
 
-        Across the direction it is enough to bring what moves to rest in the frame of the request.
+        Across the direction it is enough to bring what moves to rest, also in the frame of the request, and to
+        turn with the request.
         """
         cdef double* shares = self.shares[part]
-        cdef double norm
+        cdef const double* axis
+        cdef double velocity, rate, norm
         cdef int i
         shares[0] = 1.0
         for i in range(1, 3):
-            shares[i] = fmax(
-                fabs(_dot(&self.axes[part][3 * i], gap)) / self.bounds[0][part],
-                fabs(_dot(&self.axes[part][3 * i], self.c_acceleration + 3 * part)) / self.bounds[1][part],
-            )
+            axis = &self.axes[part][3 * i]
+            velocity = fmax(fabs(_dot(axis, gap)), fabs(_dot(axis, self.c_speed + 3 * part)))
+            rate = fmax(fabs(_dot(axis, self.c_acceleration + 3 * part)), TURNING * fabs(_dot(axis, moving_rate)))
+            shares[i] = fmax(velocity / self.bounds[0][part], rate / self.bounds[1][part])
             shares[i] = fmin(fmax(shares[i], MIN_SHARE), 1.0)
         norm = _norm(shares)
         for i in range(3):
@@ -223,13 +252,15 @@ cdef class PoseLimiter:
             moving[i] = fabs(_dot(&self.axes[part][3 * i], own)) / ALONG
             rest -= moving[i] * moving[i]
         rest = fmax(rest, MIN_SHARE * MIN_SHARE * most)
-        for i in range(1, 3):
+        for i in range(3):
             axis = &self.axes[part][3 * i]
             velocities[i] = sqrt(moving[i] * moving[i] + rest * shares[i] * shares[i])
             velocity, rate = _dot(axis, self.c_speed + 3 * part), _dot(axis, self.c_acceleration + 3 * part)
             peak = 0.5 * rate * fabs(rate) / (SHARE * shares[i] * self.bounds[2][part])
             peak = fmax(fabs(velocity), fabs(velocity + peak))
-            left -= peak * peak
+            left -= peak * peak if i > 0 else 0.0
+        if self.square[part]:
+            return
         velocities[0] = fmax(sqrt(fmax(left, 0.0)), fmax(moving[0], MIN_SHARE * most_velocity))
 
     cdef bint _pursue_axis(
@@ -258,6 +289,136 @@ cdef class PoseLimiter:
         ahead[2] += frame.acceleration
         return True
 
+    cdef bint _overruns(self, const double* pose, const double* velocity, const double* rate) noexcept nogil:
+        """Whether a TCP that goes over to this pose could stop only beyond the range of the targets."""
+        cdef double low[6]
+        cdef double high[6]
+        cdef double ahead[9]
+        cdef double needs[3]
+        cdef int part, i
+        self.targets.c_room(pose, low, high)
+        for part in range(2):
+            for i in range(3):
+                ahead[i], ahead[6 + i] = 0.0, rate[3 * part + i]
+                ahead[3 + i] = velocity[3 * part + i] + 0.5 * self.period_s * ahead[6 + i]
+            if self._load(part, ahead, low + 3 * part, high + 3 * part, needs) > 1.0:
+                return True
+        return False
+
+    cdef double _stop_way(self, int part, double share, double speed, double rate) noexcept nogil:
+        """How far an axis with this part of the limits goes until it rests."""
+        cdef double there[3]
+        cdef Profile stop
+        if not self._brake(part, share, speed, rate, 0.0, there, &stop):
+            return 0.0
+        return stop.end_position
+
+    cdef bint _brake(
+        self, int part, double share, double speed, double rate, double time_s, double* there, Profile* stop
+    ) noexcept nogil:
+        """An axis on its way to rest, as fast as its part of the limits permits, after this time; whether
+        there is a way."""
+        cdef Problem problem
+        problem.position = problem.target_position = problem.target_velocity = 0.0
+        problem.velocity, problem.acceleration = speed, rate
+        problem.min_velocity = problem.max_velocity = 0.0  # not used
+        problem.max_acceleration = share * self.bounds[1][part]
+        problem.min_acceleration = -problem.max_acceleration
+        problem.max_jerk = share * self.bounds[2][part]
+        if (speed == 0.0 and rate == 0.0) or otg_velocity(&problem, stop) != OTG_OK:
+            return False
+        profile_at(stop, time_s, there)
+        return True
+
+    cdef double _load(
+        self, int part, const double* ahead, const double* low, const double* high, double* needs
+    ) noexcept nogil:
+        """The share of the limits that it takes to stop within the bounds after a step, (3, 3): up to 1 the
+        TCP can. Of each axis of the base, the share it needs for itself.
+
+        What a way to rest grows by with half of the limits tells with which power it grows.
+        """
+        cdef double way, half, room, total = 0.0
+        cdef int i
+        for i in range(3):
+            needs[i] = 0.0
+            way = self._stop_way(part, SHARE, ahead[3 + i], ahead[6 + i])
+            if fabs(way) <= NO_WAY:
+                continue
+            room = (high[i] - ahead[i] if way > 0.0 else ahead[i] - low[i]) + BOUND
+            needs[i] = FULL
+            if room > fabs(way) / FULL:
+                half = self._stop_way(part, 0.5 * SHARE, ahead[3 + i], ahead[6 + i]) / way
+                needs[i] = (fabs(way) / room) ** (log(2.0) / log(fmin(fmax(half, sqrt(2.0)), 2.0)))
+                needs[i] = fmin(needs[i], FULL)
+            total += needs[i] * needs[i]
+        return sqrt(total)
+
+    cdef void _stay_within(self, int part, double* move, double* speed, double* rate) noexcept nogil:
+        """Take as much of a step as leaves the TCP a stop within the range of the targets; the rest of it
+        brakes, most where there is least room."""
+        cdef double low[6]
+        cdef double high[6]
+        cdef double wanted[9]
+        cdef double stop[9]
+        cdef double mixed[9]
+        cdef double needs[3]
+        cdef double weights[3]
+        cdef double share = 1.0, least = 0.0, most = 1.0
+        cdef double most_speed = fmax(_norm(self.c_speed + 3 * part), REST)
+        cdef int i, _half
+        self.targets.c_room(self.c_pose, low, high)
+        memcpy(wanted, move, 3 * sizeof(double))
+        memcpy(wanted + 3, speed, 3 * sizeof(double))
+        memcpy(wanted + 6, rate, 3 * sizeof(double))
+        if self._load(part, wanted, low + 3 * part, high + 3 * part, needs) <= 1.0:
+            return
+        for i in range(3):  # What is too late anyway takes nothing from what is not.
+            weights[i] = fmin(fmax(needs[i], MIN_NEED), 1.0)
+            if needs[i] > 1.0:
+                weights[i] = fmax(fmin(1.0, fabs(self.c_speed[3 * part + i]) / most_speed), MIN_NEED)
+        self._find_brake(part, weights, stop)
+        for _half in range(HALVINGS):  # `least` of the braking does not do, `most` does, or nothing does.
+            for i in range(9):
+                mixed[i] = wanted[i] + share * weights[i % 3] * (stop[i] - wanted[i])
+            if self._load(part, mixed, low + 3 * part, high + 3 * part, needs) <= 1.0:
+                most = share
+            elif share == 1.0:
+                weights[0] = weights[1] = weights[2] = 1.0
+                break
+            else:
+                least = share
+            share = 0.5 * (least + most)
+        for i in range(3):
+            move[i] = wanted[i] + most * weights[i] * (stop[i] - wanted[i])
+            speed[i] = wanted[3 + i] + most * weights[i] * (stop[3 + i] - wanted[3 + i])
+            rate[i] = wanted[6 + i] + most * weights[i] * (stop[6 + i] - wanted[6 + i])
+
+    cdef void _find_brake(self, int part, const double* weights, double* ahead) noexcept nogil:
+        """One period of coming to rest, (3, 3), each axis of the base with its share of the limits."""
+        cdef double there[3]
+        cdef double norm = _norm(weights)
+        cdef Profile stop
+        cdef int i, row
+        for i in range(3):
+            if not self._brake(
+                part, weights[i] / norm, self.c_speed[3 * part + i], self.c_acceleration[3 * part + i],
+                self.period_s, there, &stop,
+            ):
+                there[0] = there[1] = there[2] = 0.0
+            for row in range(3):
+                ahead[3 * row + i] = there[row]
+
+    cdef void _from_axes(
+        self, int part, const double* ahead, double* move, double* speed, double* rate
+    ) noexcept nogil:
+        cdef const double* axes = self.axes[part]
+        cdef int i
+        for i in range(3):
+            move[i] = axes[i] * ahead[0] + axes[3 + i] * ahead[3] + axes[6 + i] * ahead[6]
+            speed[i] = axes[i] * ahead[1] + axes[3 + i] * ahead[4] + axes[6 + i] * ahead[7]
+            rate[i] = axes[i] * ahead[2] + axes[3 + i] * ahead[5] + axes[6 + i] * ahead[8]
+
     cdef void _move(self, const double* move) noexcept nogil:
         cdef double turn[4]
         cdef double turned[4]
@@ -276,6 +437,9 @@ cdef class PoseLimiter:
             _norm(row) <= factor * self.bounds[order][0] + more
             and _norm(row + 3) <= factor * self.bounds[order][1] + more
         )
+
+    def stay_within(self, PoseRange targets):
+        self.c_stay_within(targets)
 
     def begin(self, pose, twist=0.0):
         here, motion = plain(pose, (7,)), plain(twist, (6,))
@@ -326,3 +490,18 @@ cdef inline void _look_along(const double* direction, const double* velocity, do
     for i in range(3):
         axes[3 + i] /= norm
     cross3(axes, axes + 3, axes + 6)
+
+
+cdef inline void _spread(const double* speed, const double* rate, double* shares) noexcept nogil:
+    """Each of the base's axes gets the part of the limits, of norm 1, that it has in the motion."""
+    cdef double most_speed = _norm(speed), most_rate = _norm(rate), norm
+    cdef int i
+    for i in range(3):
+        shares[i] = MIN_SPREAD
+        if most_speed > REST:
+            shares[i] = fmax(shares[i], fabs(speed[i]) / most_speed)
+        if most_rate > REST:
+            shares[i] = fmax(shares[i], fabs(rate[i]) / most_rate)
+    norm = _norm(shares)
+    for i in range(3):
+        shares[i] /= norm

@@ -3,7 +3,7 @@ from cobot.arrays cimport MAX_DOF
 
 cdef class TargetRange:
     cdef readonly int n
-    cdef double period_s, still_after_s, since_s
+    cdef double period_s, still_after_s, since_s, share
     cdef double newest[MAX_DOF]
     cdef double still_s[MAX_DOF]
     cdef double rise[MAX_DOF]  # Way of the recent targets since their last low; older steps count less.
@@ -15,7 +15,22 @@ cdef class TargetRange:
 
     cdef void c_begin(self, const double* position) noexcept nogil
     cdef void c_open(self) noexcept nogil
+    cdef void c_open_at(self, const double* target) noexcept nogil
     cdef void c_expect(self, double command_s) noexcept nogil
     cdef void c_update(self, const double* target) noexcept nogil
+    cdef void c_include(self, const double* target) noexcept nogil
+    cdef bint c_stands(self, int i, double target) noexcept nogil
     cdef void c_advance(self) noexcept nogil
     cdef void _forget(self, int i) noexcept nogil
+
+
+cdef class PoseRange:
+    cdef readonly TargetRange chart  # x, y, z, and the sum of the targets' turns
+    cdef double newest[7]
+
+    cdef void c_begin(self, const double* pose) noexcept nogil
+    cdef void c_open(self) noexcept nogil
+    cdef void c_update(self, const double* pose, bint states_motion) noexcept nogil
+    cdef void c_advance(self) noexcept nogil
+    cdef bint c_stands(self, const double* pose) noexcept nogil
+    cdef void c_room(self, const double* pose, double* low, double* high) noexcept nogil

@@ -1,18 +1,21 @@
 """How far a stream's reference may go beyond its targets. See target_range.pyi."""
 
-from libc.math cimport INFINITY, exp, fmax, fmin
+from libc.math cimport INFINITY, exp, fabs, fmax, fmin
+from libc.string cimport memcpy, memset
 
 import numpy as np
 
 from cobot.arrays cimport checked_dof, doubles
+from cobot.robot.quaternion cimport quat_between
 from rtloop.generators.interpolation cimport plain
 
 SHARE = 0.5
+POSE_SHARE = 1.5
 FADING_S = 2.0
 STILL_S = 0.1
 STILL_PERIODS = 2.5
 
-cdef double ALLOWED = SHARE
+cdef double ROUNDING = 1e-9  # rad: a turn by less is none.
 cdef double STILL_AFTER_S = STILL_S, STILL_AFTER_PERIODS = STILL_PERIODS
 # The longer the memory, the faster a steady stream may be until it is followed with a lag: 2 rad/s at
 # 3 rad/s² need 0.73 rad to stop.
@@ -29,8 +32,8 @@ cdef inline void add_step(double step, double fade, double* way, double* longest
 
 
 cdef class TargetRange:
-    def __init__(self, int n, double period_s, double command_s):
-        self.n, self.period_s = checked_dof(n), period_s
+    def __init__(self, int n, double period_s, double command_s, double share=SHARE):
+        self.n, self.period_s, self.share = checked_dof(n), period_s, share
         self.c_expect(command_s)
         self.c_open()
 
@@ -56,6 +59,20 @@ cdef class TargetRange:
             self._forget(i)
             self.still_s[i] = -INFINITY
 
+    cdef void c_open_at(self, const double* target) noexcept nogil:
+        """No bounds, unless this target stands still."""
+        cdef double still_s
+        cdef int i
+        self.since_s = 0.0
+        for i in range(self.n):
+            still_s = self.still_s[i] if target[i] == self.newest[i] else 0.0
+            self.newest[i] = target[i]
+            if still_s >= self.still_after_s:
+                continue
+            self.c_low[i], self.c_high[i] = -INFINITY, INFINITY
+            self._forget(i)
+            self.still_s[i] = still_s
+
     cdef void _forget(self, int i) noexcept nogil:
         """The targets so far were those of another motion."""
         self.still_s[i] = self.rise[i] = self.fall[i] = self.longest_rise[i] = self.longest_fall[i] = 0.0
@@ -70,14 +87,24 @@ cdef class TargetRange:
             add_step(step, fade, &self.rise[i], &self.longest_rise[i])
             add_step(-step, fade, &self.fall[i], &self.longest_fall[i])
             if step > 0.0:
-                self.c_high[i] = target[i] + ALLOWED * fmax(self.rise[i] - self.longest_rise[i], 0.0)
+                self.c_high[i] = target[i] + self.share * fmax(self.rise[i] - self.longest_rise[i], 0.0)
                 self.c_low[i] = fmin(self.c_low[i], target[i])
             elif step < 0.0:
-                self.c_low[i] = target[i] - ALLOWED * fmax(self.fall[i] - self.longest_fall[i], 0.0)
+                self.c_low[i] = target[i] - self.share * fmax(self.fall[i] - self.longest_fall[i], 0.0)
                 self.c_high[i] = fmax(self.c_high[i], target[i])
             else:
                 continue
             self.still_s[i] = 0.0
+
+    cdef void c_include(self, const double* target) noexcept nogil:
+        """A target that is known ahead: the reference may go as far as that."""
+        cdef int i
+        for i in range(self.n):
+            self.c_low[i], self.c_high[i] = fmin(self.c_low[i], target[i]), fmax(self.c_high[i], target[i])
+
+    cdef bint c_stands(self, int i, double target) noexcept nogil:
+        """Whether this is the newest target of a coordinate, and stands still."""
+        return target == self.newest[i] and self.still_s[i] >= self.still_after_s
 
     cdef void c_advance(self) noexcept nogil:
         cdef int i
@@ -104,6 +131,14 @@ cdef class TargetRange:
     def open(self):
         self.c_open()
 
+    def extend(self, target):
+        there = plain(target, (self.n,))
+        self.c_include(doubles(there, self.n))
+
+    def open_at(self, target):
+        there = plain(target, (self.n,))
+        self.c_open_at(doubles(there, self.n))
+
     def expect(self, double command_s):
         self.c_expect(command_s)
 
@@ -113,3 +148,75 @@ cdef class TargetRange:
 
     def advance(self):
         self.c_advance()
+
+
+cdef class PoseRange:
+    def __init__(self, double period_s, double command_s, double share=POSE_SHARE):
+        self.chart = TargetRange(6, period_s, command_s, share)
+        self.newest[3] = 1.0
+
+    cdef void c_begin(self, const double* pose) noexcept nogil:
+        """A new stream begins here."""
+        cdef double there[6]
+        memcpy(self.newest, pose, 7 * sizeof(double))
+        memcpy(there, pose, 3 * sizeof(double))
+        memset(there + 3, 0, 3 * sizeof(double))
+        self.chart.c_begin(there)
+
+    cdef void c_open(self) noexcept nogil:
+        """No bounds until the next `begin`."""
+        self.chart.c_open()
+
+    cdef void c_update(self, const double* pose, bint states_motion) noexcept nogil:
+        cdef double there[6]
+        cdef int i
+        quat_between(self.newest + 3, pose + 3, there + 3)
+        for i in range(3):
+            there[i] = pose[i]
+            there[3 + i] = self.chart.newest[3 + i] + (there[3 + i] if fabs(there[3 + i]) > ROUNDING else 0.0)
+        memcpy(self.newest, pose, 7 * sizeof(double))
+        if states_motion:
+            self.chart.c_open_at(there)
+        else:
+            self.chart.c_update(there)
+
+    cdef void c_advance(self) noexcept nogil:
+        self.chart.c_advance()
+
+    cdef bint c_stands(self, const double* pose) noexcept nogil:
+        """Whether this is the newest pose, and stands still."""
+        cdef int i
+        for i in range(7):
+            if pose[i] != self.newest[i]:
+                return False
+        for i in range(6):
+            if not self.chart.c_stands(i, self.chart.newest[i]):
+                return False
+        return True
+
+    cdef void c_room(self, const double* pose, double* low, double* high) noexcept nogil:
+        """How far it is from a pose down and up to the bounds, (6,) each: m, and rad about the base's axes."""
+        cdef double off[6]
+        cdef int i
+        for i in range(3):
+            off[i] = pose[i] - self.newest[i]
+        quat_between(self.newest + 3, pose + 3, off + 3)
+        for i in range(6):
+            low[i] = self.chart.c_low[i] - self.chart.newest[i] - off[i]
+            high[i] = self.chart.c_high[i] - self.chart.newest[i] - off[i]
+
+    def begin(self, pose):
+        here = plain(pose, (7,))
+        self.c_begin(doubles(here, 7))
+
+    def update(self, pose, bint states_motion=False):
+        there = plain(pose, (7,))
+        self.c_update(doubles(there, 7), states_motion)
+
+    def advance(self):
+        self.c_advance()
+
+    def room(self, pose):
+        here, low, high = plain(pose, (7,)), np.empty(6), np.empty(6)
+        self.c_room(doubles(here, 7), doubles(low, 6), doubles(high, 6))
+        return low, high

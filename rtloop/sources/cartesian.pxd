@@ -2,6 +2,7 @@ from cobot.arrays cimport MAX_DOF
 from cobot.robot.chain cimport Chain
 from rtloop.generators.pose_interpolation cimport MinJerkMove, PoseInterpolator
 from rtloop.generators.pose_limiter cimport PoseLimiter
+from rtloop.generators.target_range cimport PoseRange
 from rtloop.sources.source cimport Source
 
 cdef enum:
@@ -28,6 +29,8 @@ cdef class CartesianSource(Source):
     cdef Chain chain
     cdef PoseInterpolator interpolator
     cdef PoseLimiter limiter
+    cdef PoseRange poses
+    cdef bint looks_ahead
     cdef MinJerkMove move
     cdef ForceControl force
     cdef double period_s, command_s

@@ -24,9 +24,11 @@ from rtloop.sources.target_checks cimport (
 
 import numpy as np
 
+from cobot.ipc.layout import Interpolation
 from cobot.ipc.session_rules import FORCE_RATE_RAD_S
 from rtloop.generators.pose_interpolation import MinJerkMove, PoseInterpolator
 from rtloop.generators.pose_limiter import PoseLimiter
+from rtloop.generators.target_range import PoseRange
 from rtloop.sources.target_checks import ANGULAR_VELOCITY, LINEAR_VELOCITY
 
 # The inverse is damped by so much, m²: near a singularity the joints' velocity limits take over.
@@ -52,6 +54,15 @@ cdef inline double filtered(double* first, double* second, double value, double 
     first[0] += share * (value - first[0])
     second[0] += share * (first[0] - second[0])
     return second[0]
+
+
+cdef inline bint c_moves(const double* twist) noexcept nogil:
+    """Whether a stated twist is not rest."""
+    cdef int axis
+    for axis in range(TASK):
+        if twist[axis] != 0.0:
+            return True
+    return False
 
 
 cdef inline double norm3(const double* v) noexcept nogil:
@@ -92,6 +103,10 @@ cdef class CartesianSource(Source):
             within.max_angular_jerk,
         )
         self.limiter = PoseLimiter(period_s, within)
+        self.poses = PoseRange(period_s, command_s)
+        self.looks_ahead = kind is not Interpolation.NONE  # else each pose is one to rest at
+        if self.looks_ahead:
+            self.limiter.c_stay_within(self.poses)
         nowhere = np.array([0.0, 0, 0, 1, 0, 0, 0])
         self.move = MinJerkMove(nowhere, nowhere, 1.0, period_s)
         self.move_running = False
@@ -165,10 +180,12 @@ cdef class CartesianSource(Source):
                 twist[axis] += self.jacobian[axis * self.dof + joint] * command[self.dof + joint]
         self.interpolator.c_begin(self.last, twist, NULL)
         self.limiter.c_begin(self.last, twist)
+        self.poses.c_begin(self.last)
         self.move_running = False
 
     cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil:
         cdef double fastest[2]
+        cdef bint states_motion
         if not self.c_is_pose(setpoint.pose, setpoint.wrench, setpoint.twist):
             return NOT_FINITE
         memcpy(self.force.wrench, setpoint.wrench, sizeof(self.force.wrench))
@@ -176,9 +193,12 @@ cdef class CartesianSource(Source):
         if c_pose_jump(setpoint.pose, self.last, interval_s, fastest[0], fastest[1]) != POSE_PASSES:
             return JUMP
         memcpy(self.last, setpoint.pose, sizeof(self.last))
-        self.interpolator.c_aim(
-            setpoint.pose, setpoint.twist if setpoint.feed_forward[0] else NULL, self.command_s
+        # A pose that stands still has no twist, whatever is stated.
+        states_motion = (
+            setpoint.feed_forward[0] and c_moves(setpoint.twist) and not self.poses.c_stands(setpoint.pose)
         )
+        self.poses.c_update(setpoint.pose, states_motion)
+        self.interpolator.c_aim(setpoint.pose, setpoint.twist if states_motion else NULL, self.command_s)
         return FINE
 
     cdef bint c_is_pose(self, const double* pose, const double* wrench, const double* twist) noexcept nogil:
@@ -224,11 +244,13 @@ cdef class CartesianSource(Source):
             memcpy(self.goal, pose, sizeof(self.goal))
             self.move.c_begin(self.limiter.c_pose, pose, max(duration_s, self.c_shortest_move_s(pose)))
             self.move_running = True
+            self.poses.c_open()
         return FINE
 
     cdef void c_cancel_move(self) noexcept nogil:
         """`cancel_move`."""
         self.move_running = False
+        self.poses.c_begin(self.last)
 
     cdef double c_shortest_move_s(self, const double* pose) noexcept nogil:
         """In which the limits hold: the largest velocity of a minimum-jerk motion of length l in time t is
@@ -260,6 +282,7 @@ cdef class CartesianSource(Source):
     cdef const double* c_next_pose(self, const double* external_effort, const double* wrench) noexcept nogil:
         """Where the TCP should be in this cycle."""
         if not self.move_running:
+            self.poses.c_advance()
             self.interpolator.c_advance()
             self.limiter.c_step(self.interpolator.c_pose)
             return self.limiter.c_pose
@@ -269,6 +292,7 @@ cdef class CartesianSource(Source):
             self.move_running = False
             memcpy(self.last, self.goal, sizeof(self.last))
             self.interpolator.c_begin(self.limiter.c_pose, NULL, NULL)
+            self.poses.c_begin(self.goal)
         return self.limiter.c_pose
 
     cdef void c_follow(self, const double* command) noexcept nogil:

@@ -5,6 +5,7 @@ from libc.string cimport memcpy
 
 from cobot.arrays cimport MAX_DOF
 from cobot.ipc.seqlock cimport Block
+from rtloop.generators.interpolation cimport clipped
 from rtloop.sources.source cimport (
     FINE,
     JUMP,
@@ -21,6 +22,7 @@ from rtloop.sources.target_checks cimport SLACK_S, c_is_finite, c_joint_jump
 from cobot.ipc.layout import CHUNK_POINTS, Interpolation
 from rtloop.generators.chunks import ChunkInterpolator
 from rtloop.generators.factory import make_interpolator
+from rtloop.generators.online_trajectory import OnlineTrajectory
 from rtloop.generators.target_range import TargetRange
 
 cdef enum:
@@ -46,6 +48,7 @@ cdef class JointSource(Source):
         rates = limits.max_velocity, limits.max_acceleration, limits.max_jerk
         self.interpolator = make_interpolator(kind, limits.dof, period_s, *rates)
         self.chunks = ChunkInterpolator(limits.dof, period_s, *rates)
+        self.end = OnlineTrajectory(limits.dof, period_s, *rates)
         self.targets = TargetRange(limits.dof, period_s, command_s)
         self.chunked = False
         self.looks_ahead = kind is not Interpolation.NONE  # else each target is one to rest at
@@ -79,15 +82,19 @@ cdef class JointSource(Source):
     cdef void c_begin(self, const double* command) noexcept nogil:
         self.chunked = False
         self.interpolator.c_begin(command)
-        self.states_motion = False
+        self.states_motion = self.settles = False
         if self.looks_ahead:
             self.targets.c_begin(command)
+        else:
+            self.targets.c_open()
         memcpy(self.last, command, self.dof * sizeof(double))
         self.c_copy_reference()
 
     cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil:
         cdef const double* target = setpoint.joints
         cdef const double* velocity = setpoint.joint_velocity if setpoint.feed_forward[0] else NULL
+        cdef double stated[MAX_DOF]
+        cdef bint moves = False
         cdef int joint
         if not c_is_finite(target, self.dof) or (
             velocity != NULL and not c_is_finite(velocity, self.dof)
@@ -98,7 +105,13 @@ cdef class JointSource(Source):
             return JUMP
         if self.chunked:
             self.c_begin(self.ref)
-        self.c_bound(target, velocity)
+        if velocity != NULL and self.looks_ahead:  # What stands still has none, whatever is stated.
+            for joint in range(self.dof):
+                stated[joint] = 0.0 if self.targets.c_stands(joint, target[joint]) else velocity[joint]
+                moves = moves or stated[joint] != 0.0
+            velocity = stated
+        if self.looks_ahead:
+            self.c_bound(target, moves)
         for joint in range(self.dof):
             self.heading[joint] = target[joint] - self.ref[joint]
             self.last[joint] = target[joint]
@@ -106,16 +119,10 @@ cdef class JointSource(Source):
         self.c_copy_reference()
         return FINE
 
-    cdef void c_bound(self, const double* target, const double* velocity) noexcept nogil:
+    cdef void c_bound(self, const double* target, bint moves) noexcept nogil:
         """A sender that states how its target moves answers for what is beyond it."""
-        cdef bint moves = False
-        cdef int joint
-        if not self.looks_ahead:
-            return
-        for joint in range(self.dof):
-            moves = moves or (velocity != NULL and velocity[joint] != 0.0)
         if moves:
-            self.targets.c_open()
+            self.targets.c_open_at(target)
         else:
             if self.states_motion:
                 self.targets.c_begin(self.last)
@@ -139,10 +146,12 @@ cdef class JointSource(Source):
             return JUMP
         if not self.chunked:
             self.chunks.c_begin(self.ref)
+            if not self.looks_ahead or self.states_motion:
+                self.targets.c_begin(self.ref)
         if self.chunks.c_take(chunk.times_s, points, count, self.time_s) != 0:
             return LATE
         self.chunked = True
-        self.targets.c_open()  # A chunk's spline is known ahead.
+        self.settles = self.states_motion = False
         self.c_copy_reference()
         for joint in range(dof):
             self.last[joint] = points[(count - 1) * dof + joint]
@@ -166,10 +175,43 @@ cdef class JointSource(Source):
             at_s = times_s[index]
         return False
 
+    cdef void c_settle(self) noexcept nogil:
+        """From the last reference towards rest on the last waypoint. A wild chunk may have led far beyond the limits."""
+        cdef double state[3 * MAX_DOF]
+        cdef int joint, dof = self.dof
+        memcpy(state, self.ref, 3 * dof * sizeof(double))
+        for joint in range(dof):
+            state[dof + joint] = clipped(state[dof + joint], self.end.max_velocity[joint])
+            state[2 * dof + joint] = clipped(state[2 * dof + joint], self.end.max_acceleration[joint])
+        self.end.c_settle(state, self.last)
+        self.settles = True
+
+    cdef void c_bound_chunk(self) noexcept nogil:
+        """The range of the waypoints: all that are ahead are known, and the next one is the target."""
+        cdef const double* waypoint = self.chunks.c_waypoint(0)
+        cdef int ahead = 0
+        if waypoint != NULL and self.chunks.entered != self.entered:
+            self.entered = self.chunks.entered
+            self.targets.c_update(waypoint)
+            self.targets.c_expect(self.chunks.c_step_s())
+        while waypoint != NULL:
+            self.targets.c_include(waypoint)
+            ahead += 1
+            waypoint = self.chunks.c_waypoint(ahead)
+
     cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
+        cdef long long starved
         if self.chunked:
             self.time_s += self.period_s
+            self.targets.c_advance()
+            starved = self.chunks.starved
             self.chunks.c_advance(self.time_s)
+            if self.chunks.starved != starved:
+                self.c_settle()
+            if self.settles:
+                self.end.c_advance()
+                memcpy(self.chunks.ref, self.end.ref, 3 * self.dof * sizeof(double))
+            self.c_bound_chunk()
         else:
             if self.looks_ahead:
                 self.targets.c_advance()

@@ -14,6 +14,8 @@ cdef class ThroughPoints(ServoSource):
     cdef int first, count
     cdef double ends[PIECES]  # σ at the end of each.
     cdef double spans[PIECES]
+    cdef double places[PIECES][MAX_DOF]  # The point at the end of each.
+    cdef bint enters  # Whether the arm has come to another piece.
     cdef double highest_rates[PIECES]  # The highest rate on each.
     cdef double speeds[PIECES][2]  # The highest joint speeds on each, by the limits of acceleration and jerk.
     cdef object coefficient_rows  # (PIECES, 6, dof)
@@ -24,6 +26,7 @@ cdef class ThroughPoints(ServoSource):
     cdef bint hungry  # Points have come since the last underrun.
     cdef double distance, rate, slope  # σ, and its derivatives by time.
 
+    cdef void c_bound(self) noexcept nogil
     cdef void c_rest(self) noexcept nogil
     cdef void c_move_on(self, double end) noexcept nogil
     cdef double c_max_rate(self, double slope, double bend) noexcept nogil

@@ -24,6 +24,8 @@ from rtloop.sources.source cimport FINE, NOT_FINITE
 
 import numpy as np
 
+from rtloop.generators.target_range import TargetRange
+
 # The curve, and the changes of its rate, may each take this share of acceleration and jerk.
 cdef double CURVE_SHARE = 0.5
 cdef double RATE_SHARE = 0.5
@@ -37,6 +39,8 @@ cdef double PATIENCE = 2.0
 cdef double GRACE_S = 0.01
 # A piece is looked at in so many places, its ends included.
 cdef int PLACES = 7
+# So many pieces ahead belong to the range of the points.
+cdef int AHEAD = 32
 
 
 cdef class ThroughPoints(ServoSource):
@@ -53,8 +57,9 @@ cdef class ThroughPoints(ServoSource):
         memset(self.knot, 0, sizeof(self.knot))
         memset(self.pending, 0, sizeof(self.pending))
         self.pending_span = self.pending_time_s = self.pending_age_s = 0.0
-        self.hungry = False
+        self.hungry = self.enters = False
         self.distance = self.rate = self.slope = 0.0
+        self.targets = TargetRange(self.dof, period_s, period_s)
 
     cdef long long c_buffered(self) noexcept nogil:
         return self.count - self.first + (self.pending_span > 0.0)
@@ -68,8 +73,9 @@ cdef class ThroughPoints(ServoSource):
         memcpy(self.last, command, self.dof * sizeof(double))
         self.first = self.count = 0
         self.pending_span = 0.0
-        self.hungry = False
+        self.hungry = self.enters = False
         self.distance = self.rate = self.slope = 0.0
+        self.targets.c_begin(command)
 
     cdef int c_fetch(self, PointQueue queue) noexcept nogil:
         cdef ServoPoint point
@@ -92,12 +98,15 @@ cdef class ThroughPoints(ServoSource):
         cdef double values[3 * MAX_DOF]
         cdef double span, ahead
         cdef int joint, dof = self.dof
+        self.targets.c_advance()
         if self.first == self.count:
             self.c_rest()
             return
         self.c_move_on(self.ends[self.count - 1])
         while self.first < self.count - 1 and self.distance > self.ends[self.first]:
             self.first += 1
+            self.enters = True
+        self.c_bound()
         span = self.spans[self.first]
         ahead = min(max(span - self.ends[self.first] + self.distance, 0.0), span)
         quintic_at(self.coefficients + self.first * ORDER * dof, dof, ahead, span, values)
@@ -112,6 +121,18 @@ cdef class ThroughPoints(ServoSource):
 
     cdef void c_heading(self, double* step) noexcept nogil:
         memset(step, 0, self.dof * sizeof(double))
+
+    cdef void c_bound(self) noexcept nogil:
+        """The range of the points: those ahead are known, and the next one is the target."""
+        cdef int piece
+        if self.enters:
+            self.enters = False
+            self.targets.c_update(self.places[self.first])
+            self.targets.c_expect(self.spans[self.first])
+        for piece in range(self.first, min(self.count, self.first + AHEAD)):
+            self.targets.c_include(self.places[piece])
+        if self.pending_span > 0.0:
+            self.targets.c_include(self.pending)
 
     cdef void c_rest(self) noexcept nogil:
         """At the end of the curve."""
@@ -185,6 +206,7 @@ cdef class ThroughPoints(ServoSource):
         if self.first == self.count:  # Nothing moves: any direction will do.
             self.first = self.count = 0
             self.distance = 0.0
+            self.enters = True
             for joint in range(dof):
                 self.knot[dof + joint] = (self.pending[joint] - self.knot[joint]) / span
                 self.knot[2 * dof + joint] = 0.0
@@ -197,6 +219,7 @@ cdef class ThroughPoints(ServoSource):
         self.c_measure(number, span)
         begin = self.ends[number - 1] if number else 0.0
         self.spans[number] = span
+        memcpy(self.places[number], self.pending, dof * sizeof(double))
         self.ends[number] = begin + span
         self.count = number + 1
         self.pending_span = 0.0
@@ -245,6 +268,7 @@ cdef class ThroughPoints(ServoSource):
         cdef double origin = self.ends[first] - self.spans[first]
         memmove(self.ends, self.ends + first, kept * sizeof(double))
         memmove(self.spans, self.spans + first, kept * sizeof(double))
+        memmove(self.places, self.places + first, kept * sizeof(self.places[0]))
         memmove(self.highest_rates, self.highest_rates + first, kept * sizeof(double))
         memmove(self.speeds, self.speeds + first, kept * sizeof(self.speeds[0]))
         memmove(self.coefficients, self.coefficients + first * row, kept * row * sizeof(double))

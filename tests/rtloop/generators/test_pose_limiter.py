@@ -151,8 +151,8 @@ def test_a_pose_beside_the_way_is_reached_and_not_circled(speed: float, angle: f
     The axes of the pursuit once turned with the way that was left. The TCP circled the pose in 15 of the 24
     cases in which it stands still, and in all but one where it drifts.
 
-    Oracle: the time in which a TCP with these limits brakes and then goes all the way back, from rest to rest,
-    and half as much again.
+    Oracle: the time in which a TCP with these limits brakes and then goes all the way back, from rest to
+    rest, and half as much again.
     """
     followed, passing = Followed(), speed * np.array([0.8, 0.48, 0.36])
     followed.limiter.begin(HERE, [*passing, 0.0, 0.0, 0.0])
@@ -161,10 +161,10 @@ def test_a_pose_beside_the_way_is_reached_and_not_circled(speed: float, angle: f
     stop_s = speed / acceleration + ramp_s
     way = 0.1 + drift + 0.5 * speed * stop_s
     cycles = round(1500 * (stop_s + 2.0 * np.sqrt(way / acceleration) + ramp_s))
-    beside = 0.1 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    x, y = 0.1 * np.cos(angle), 0.1 * np.sin(angle)
     ways, goal = [], HERE
     for cycle in range(cycles):
-        goal = pose(tuple(beside + [drift * cycle * PERIOD_S, 0.0, 0.0]))
+        goal = pose((x + drift * cycle * PERIOD_S, y, 0.0))
         followed.request(goal)
         ways.append(np.linalg.norm(followed.limiter.pose[:3] - goal[:3]))
     np.testing.assert_array_equal(followed.limiter.pose, goal)

@@ -16,7 +16,7 @@ from cobot.types import Array, CartesianLimits
 from rtloop.generators import otg
 
 TOLERANCE, REST = 1e-3, 1e-9
-MIN_SHARE, LEAD_S, TURN = 0.25, 0.2, 0.25
+MIN_SHARE, LEAD_S, TURN, TURNING = 0.25, 0.2, 0.25, 2.0
 SHARE, ALONG = 0.9, 0.9
 MIN_ACROSS = 1e-3
 
@@ -80,7 +80,7 @@ class PoseLimiter:
             self._differing = 3
             jumped = np.repeat((_norms(np.array([own, own_rate])) > self._most[:2]).any(axis=0), 3)
             moving = np.where(jumped, 0.0, own), np.where(jumped, 0.0, own_rate)
-            self._align(step, own, moving[0])
+            self._align(step, own, *moving)
             if not self._pursue(step, *moving) and not self._pursue(step, np.zeros(6), np.zeros(6)):
                 self.acceleration[:] = 0.0
                 self._move(self._period_s * self.speed)
@@ -89,7 +89,7 @@ class PoseLimiter:
             self.pose, self.twist, self.acceleration = pose.copy(), velocity, rate
             self.speed = velocity + 0.5 * self._period_s * rate
 
-    def _align(self, step: Array, own: Array, moving: Array) -> None:
+    def _align(self, step: Array, own: Array, moving: Array, moving_rate: Array) -> None:
         for part in (0, 1):
             rows = slice(3 * part, 3 * part + 3)
             course = self._courses[part]
@@ -99,11 +99,15 @@ class PoseLimiter:
                     continue
             gap = self.speed[rows] - moving[rows]
             axes = _axes(moving[rows] + step[rows] / LEAD_S, gap)
-            rates = np.array([gap, self.acceleration[rows]]) @ axes.T
-            shares = np.clip(np.abs(rates / self._most[:2, part, None]).max(axis=0), MIN_SHARE, 1.0)
+            turning = TURNING * moving_rate[rows]
+            rates = np.array([gap, self.speed[rows], self.acceleration[rows], turning]) @ axes.T
+            shares = np.abs(rates / self._most[[0, 0, 1, 1], part][:, None]).max(axis=0)
+            shares = np.clip(shares, MIN_SHARE, 1.0)
             shares[0] = 1.0
             scale = max(np.linalg.norm(step[rows]), LEAD_S * np.linalg.norm(gap))
-            self._courses[part] = _Course(axes, shares / np.linalg.norm(shares), moving[rows].copy(), float(scale))
+            self._courses[part] = _Course(
+                axes, shares / np.linalg.norm(shares), moving[rows].copy(), float(scale)
+            )
 
     def _pursue(self, step: Array, own: Array, own_rate: Array) -> bool:
         ahead = np.zeros((3, 6))
