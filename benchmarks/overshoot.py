@@ -22,9 +22,9 @@ Make = Callable[[int, np.random.Generator], Array]
 Follow = Callable[[Rig, int, Array, Array], Array]
 
 RATES_HZ = (10, 100, 1000)
-JITTERS = (0.0, 0.5, 1.0)
+JITTERS = (0.0, 1.0)
 """Delays of the targets, each up to this share of a period."""
-AFTER_S = 2.0
+AFTER_S = 1.5
 """Time in which the arm settles on the last target."""
 POSE_SCALE = 0.5
 """Poses move half as far and fast, in m, as joints do in rad."""

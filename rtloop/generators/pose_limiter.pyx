@@ -217,8 +217,8 @@ cdef class PoseLimiter:
     cdef void _share(self, int part, const double* gap, const double* moving_rate) noexcept nogil:
         """Each axis's part of the limits of acceleration and jerk, of norm 1, for the whole pursuit.
 
-        Across the direction it is enough to bring what moves to rest, also in the frame of the request, and to
-        turn with the request.
+        Across the direction it is enough to bring what moves to rest, also in the frame of the request, and
+        to turn with the request.
         """
         cdef double* shares = self.shares[part]
         cdef const double* axis
@@ -228,7 +228,8 @@ cdef class PoseLimiter:
         for i in range(1, 3):
             axis = &self.axes[part][3 * i]
             velocity = fmax(fabs(_dot(axis, gap)), fabs(_dot(axis, self.c_speed + 3 * part)))
-            rate = fmax(fabs(_dot(axis, self.c_acceleration + 3 * part)), TURNING * fabs(_dot(axis, moving_rate)))
+            rate = TURNING * fabs(_dot(axis, moving_rate))
+            rate = fmax(rate, fabs(_dot(axis, self.c_acceleration + 3 * part)))
             shares[i] = fmax(velocity / self.bounds[0][part], rate / self.bounds[1][part])
             shares[i] = fmin(fmax(shares[i], MIN_SHARE), 1.0)
         norm = _norm(shares)

@@ -195,7 +195,7 @@ cdef class PoseRange:
         return True
 
     cdef void c_room(self, const double* pose, double* low, double* high) noexcept nogil:
-        """How far it is from a pose down and up to the bounds, (6,) each: m, and rad about the base's axes."""
+        """How far it is from a pose down and up to the bounds, (6,) each: m, rad about the base's axes."""
         cdef double off[6]
         cdef int i
         for i in range(3):

@@ -176,7 +176,10 @@ cdef class JointSource(Source):
         return False
 
     cdef void c_settle(self) noexcept nogil:
-        """From the last reference towards rest on the last waypoint. A wild chunk may have led far beyond the limits."""
+        """From the last reference towards rest on the last waypoint.
+
+        A wild chunk may have led far beyond the limits.
+        """
         cdef double state[3 * MAX_DOF]
         cdef int joint, dof = self.dof
         memcpy(state, self.ref, 3 * dof * sizeof(double))
