@@ -185,7 +185,7 @@ cdef class CartesianSource(Source):
 
     cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil:
         cdef double fastest[2]
-        cdef bint states_motion
+        cdef bint states_twist
         if not self.c_is_pose(setpoint.pose, setpoint.wrench, setpoint.twist):
             return NOT_FINITE
         memcpy(self.force.wrench, setpoint.wrench, sizeof(self.force.wrench))
@@ -194,11 +194,9 @@ cdef class CartesianSource(Source):
             return JUMP
         memcpy(self.last, setpoint.pose, sizeof(self.last))
         # A pose that stands still has no twist, whatever is stated.
-        states_motion = (
-            setpoint.feed_forward[0] and c_moves(setpoint.twist) and not self.poses.c_stands(setpoint.pose)
-        )
-        self.poses.c_update(setpoint.pose, states_motion)
-        self.interpolator.c_aim(setpoint.pose, setpoint.twist if states_motion else NULL, self.command_s)
+        states_twist = setpoint.feed_forward[0] and not self.poses.c_stands(setpoint.pose)
+        self.poses.c_update(setpoint.pose, states_twist and c_moves(setpoint.twist))
+        self.interpolator.c_aim(setpoint.pose, setpoint.twist if states_twist else NULL, self.command_s)
         return FINE
 
     cdef bint c_is_pose(self, const double* pose, const double* wrench, const double* twist) noexcept nogil:

@@ -37,6 +37,7 @@ class CartesianSource:
         self,
         interpolator: Any,
         limiter: Any,
+        targets: Any,
         model: RobotModel,
         limits: JointLimits,
         within: CartesianLimits,
@@ -44,7 +45,7 @@ class CartesianSource:
         command_s: float,
         request: np.ndarray,
     ) -> None:
-        self._interpolator, self._limiter = interpolator, limiter
+        self._interpolator, self._limiter, self._targets = interpolator, limiter, targets
         self._model, self._limits, self._within = model, limits, within
         self._period_s, self._command_s = period_s, command_s
         self._move: MinJerkMove | None = None
@@ -82,6 +83,7 @@ class CartesianSource:
             twist += column * velocity
         self._interpolator.begin(self._last, twist)
         self._limiter.begin(self._last, twist)
+        self._targets.begin(self._last)
         self._move = None
 
     def take(self, setpoint: np.ndarray, interval_s: float) -> Intervention | None:
@@ -91,8 +93,12 @@ class CartesianSource:
         self._wrench = wrench
         if pose_jumps(pose, self._last, interval_s, *self._fastest(interval_s)):
             return Intervention.JUMP
+        chart = self._targets.chart
+        stands = np.array_equal(pose, self._last) and np.array_equal(chart.low, chart.high)
+        states_twist = bool(setpoint["feed_forward"]) and not stands
         self._last = pose
-        self._interpolator.aim(pose, twist if setpoint["feed_forward"] else None, self._command_s)
+        self._targets.update(pose, states_twist and bool(twist.any()))
+        self._interpolator.aim(pose, twist if states_twist else None, self._command_s)
         return None
 
     def press(self, wrench: Array) -> None:
@@ -106,10 +112,12 @@ class CartesianSource:
             self._goal = pose.copy()
             duration_s = max(duration_s, self._shortest_move_s(pose))
             self._move = MinJerkMove(self._limiter.pose, pose, duration_s, self._period_s)
+            self._targets.chart.open()
         return None
 
     def cancel_move(self) -> None:
         self._move = None
+        self._targets.begin(self._last)
 
     def advance(self, external_effort: Array, wrench: Array) -> None:
         if np.abs(self.reference[0] - self._commanded).max() > LEAD_RAD:
@@ -145,12 +153,15 @@ class CartesianSource:
     def _next_pose(self, external_effort: Array, wrench: Array) -> Array:
         move = self._move
         followed = self._interpolator if move is None else move
+        if move is None:
+            self._targets.advance()
         followed.advance()
         self._limiter.step(followed.pose)
         if move is not None and move.done and not self._limiter.limited:
             self._move = None
             self._last = self._goal.copy()
             self._interpolator.begin(self._limiter.pose)
+            self._targets.begin(self._goal)
         pose: Array = self._limiter.pose
         return pose
 
@@ -206,7 +217,7 @@ class ForceServo(CartesianSource):
     """Follows the pose of a servo mode's reference, and in the null space its posture."""
 
     def __init__(self, points: Any, *rest: Any) -> None:
-        super().__init__(_Nothing(), _Nothing(), *rest)
+        super().__init__(_Nothing(), _Nothing(), _Nothing(), *rest)
         self.points = points
 
     def begin(self, command: Array) -> None:
