@@ -17,7 +17,7 @@ from cobot.config import RosSection, WebSection
 from cobot.errors import ConfigError
 
 LOOK_AGAIN_S = 0.5
-"""Longest delay until a created or revoked token takes effect, in seconds."""
+"""Longest delay until a revoked token takes effect, in seconds. A created one is valid at once."""
 ROS_TOKEN_VARIABLE = "COBOT_ROS_TOKEN"
 """Environment variable with the token of the DDS process. The service and the DDS process both have it."""
 RIGHTS_OF_ROS = {"observe": Role.OBSERVER, "move": Role.OPERATOR, "all": Role.ADMIN}
@@ -100,10 +100,19 @@ class Authenticator:
     def find(self, token: str) -> Holder | None:
         """The holder of a token; None for an invalid or expired one.
 
-        The time taken does not depend on the token: each stored hash is compared, in constant time.
+        The time taken does not depend on stored tokens: each hash is compared, in constant time. Only an
+        unknown token has the file looked at again, because it may be a new one.
         """
         self._refresh()
         digest = sha256(token.encode("utf-8", "surrogatepass")).digest()
+        found = self._holder(digest)
+        if found is None and self._signature() != self._seen:
+            self._look_again_s = self._clock.now_s()
+            self._refresh()
+            found = self._holder(digest)
+        return found
+
+    def _holder(self, digest: bytes) -> Holder | None:
         found: Holder | None = None
         ends_ns = 0
         for known, holder, expires_ns in (*self._kept, *self._given.values()):

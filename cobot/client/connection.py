@@ -10,7 +10,7 @@ from typing import Any, Self
 import httpx
 
 from cobot.addresses import DEFAULT_URL, PREFER, STRICT_STATUS, address, check_url, path_at
-from cobot.client.tls import Verify, tls_context, token_from_environment
+from cobot.client.tls import Verify, advice, tls_context, token_from_environment
 from cobot.errors import BY_CODE, CobotError, ExecutionError, InputError, UnavailableError
 
 MOTION_TIMEOUT_S = 90.0
@@ -124,7 +124,7 @@ class Connection:
         try:
             response = self._http.request(method, url, **request)
         except httpx.HTTPError as exc:
-            raise UnavailableError(f"{method} {url}: {str(exc) or type(exc).__name__}") from exc
+            raise UnavailableError(f"{method} {url}: {str(exc) or type(exc).__name__}{advice(exc)}") from exc
         except (TypeError, ValueError) as exc:  # JSON has no NaN, no infinity and no Python objects
             raise InputError(f"{method} {path}: {exc}") from exc
         return self._decoded(method, url, response)

@@ -80,6 +80,14 @@ class SharedSocket(ssl.SSLSocket):
                     raise TimeoutError(f"no answer for {self._timeout_s:g} s")
 
 
+def advice(error: Exception) -> str:
+    """What to do about a certificate that is not trusted, to be added to the error; "" for other errors."""
+    if "CERTIFICATE_VERIFY_FAILED" not in str(error):
+        return ""
+    how = f"{CERTIFICATE_VARIABLE}=FILE or verify=FILE"
+    return f"; to trust the service's own certificate, give its file: {how}"
+
+
 def token_from_environment() -> str | None:
     """The access token in `COBOT_TOKEN`."""
     return os.environ.get(TOKEN_VARIABLE) or None

@@ -128,6 +128,13 @@ def test_a_token_is_known_and_a_revoked_one_no_more_within_a_second(
     assert tokens.find(token) is None
 
 
+def test_a_new_token_is_valid_at_once(file: TokenFile, clock: VirtualClock) -> None:
+    tokens = Authenticator(file, clock)
+    for name in ("alice", "bob"):
+        token = file.create(name, Role.OPERATOR)
+        assert tokens.find(token) == Holder(name, Role.OPERATOR)
+
+
 def test_a_token_expires(file: TokenFile, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch) -> None:
     token = file.create("alice", Role.OPERATOR, timedelta(hours=1))
     tokens = Authenticator(file, clock)

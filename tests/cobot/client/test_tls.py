@@ -6,6 +6,7 @@ it, as the other side.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import random
 import socket
@@ -20,7 +21,9 @@ import pytest
 from certificates import certificate
 from cobot_run import WAIT_S
 
+from cobot.client import Client
 from cobot.client.tls import tls_context
+from cobot.errors import UnavailableError
 
 BYTES = 8 << 20
 
@@ -142,3 +145,28 @@ def test_a_context_of_the_callers_own_keeps_its_own_class_of_sockets() -> None:
     assert context.sslsocket_class is tls_context(True).sslsocket_class
     context.sslsocket_class = Own
     assert tls_context(context).sslsocket_class is Own
+
+
+def test_a_certificate_that_is_not_trusted_is_named_with_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: OpenSSL's refusal of a certificate that the client does not know."""
+    monkeypatch.delenv("COBOT_CERTIFICATE", raising=False)
+    certificate(tmp_path, "service")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(tmp_path / "service.pem", tmp_path / "service.key")
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def refuse() -> None:
+            plain, _ = listener.accept()
+            with plain, contextlib.suppress(OSError):
+                context.wrap_socket(plain, server_side=True).close()
+
+        server = threading.Thread(target=refuse)
+        server.start()
+        url = f"https://127.0.0.1:{listener.getsockname()[1]}"
+        remedy = "certificate.*COBOT_CERTIFICATE=FILE or verify=FILE"
+        with Client(url) as robot, pytest.raises(UnavailableError, match=remedy):
+            robot.health()
+        server.join(WAIT_S)
+        assert not server.is_alive()
