@@ -78,7 +78,7 @@ class Hand(Session):
 
     def cancel(self) -> None:
         handle, told = self.begin(self.joints, fingers(position=[0.0], velocity=[0.01]))
-        self.until(lambda: told, "feedback")
+        self.until(lambda: told and told[-1].state.position[0] < 0.034, "a finger that moves")
         self.result(handle.cancel_goal_async(), "an answer to the cancel")
         status, result = self.end(handle)
         self.report["cancelled"] = {"status": status, "position": list(result.state.position)}
