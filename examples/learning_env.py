@@ -1,4 +1,4 @@
-"""An arm as a Gymnasium environment: an episode of a policy that feels its way. Nothing has to run in parallel:
+"""An arm as a Gymnasium environment: an episode of a policy that feels its way. Nothing has to run for it:
 
     .venv/bin/python examples/learning_env.py
 
