@@ -3,7 +3,7 @@ import { inEachLanguage, word } from "./words.js";
 import { abcOf } from "./kinematics.js";
 
 const AXES = ["X", "Y", "Z", "Rx", "Ry", "Rz"];
-const TITLES = ["X", "Y", "Z", "Rx (C)", "Ry (B)", "Rz (A)"]; // with the letters of the requests
+const TITLES = ["X, mm", "Y, mm", "Z, mm", "Rx (C), °", "Ry (B), °", "Rz (A), °"]; // with the letters of the requests
 const NEAR = 0.03; // of the range, from a limit
 const UNKNOWN = "?";
 const number = (value) => value ?? NaN; // what is no number is null in JSON
@@ -110,7 +110,7 @@ export class Readouts {
     });
     const [x, y, z, w, i, j, k] = state.tcp.map(number);
     const angles = abcOf([i, j, k, w]).reverse();
-    [x, y, z].forEach((value, index) => write(this.tcp[index], `${fixed(1000 * value)} mm`));
-    angles.forEach((value, index) => write(this.tcp[3 + index], `${fixed(degrees(value))} °`));
+    [x, y, z].forEach((value, index) => write(this.tcp[index], fixed(1000 * value)));
+    angles.forEach((value, index) => write(this.tcp[3 + index], fixed(degrees(value))));
   }
 }
