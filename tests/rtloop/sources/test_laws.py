@@ -366,8 +366,7 @@ def test_poses_of_random_clients(robot: RobotDescription, force: bool) -> None:
             one.advance(external, wrench)
             other.advance(external, wrench)
             assert other.move_running == one.move_running
-            # How much a TCP brakes within the range of its targets is found by halving.
-            close(other.reference, one.reference, RATES * 10.0, 1e4 * PROFILED)
+            close(other.reference, one.reference, RATES * 10.0)
             one.reference[0] = other.reference[
                 0
             ]  # along the force axes and in the null space, rounding adds up
