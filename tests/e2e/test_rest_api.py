@@ -43,8 +43,6 @@ MANUAL = {
     ("get", "/robot/motion"),
     ("get", "/robot/plans"),
     ("post", "/robot/approve"),
-    ("post", "/robot/plans/{plan}/execute"),
-    ("post", "/robot/plans/{plan}/approve"),
     ("post", "/trajectory/send"),
     ("post", "/trajectory/send_csv"),
     ("get", "/trajectory/logs"),
