@@ -17,10 +17,10 @@ def start() -> int:
     from app.memory import share_arenas
 
     share_arenas()
-    from app.arguments import parsed
+    from app.arguments import read_arguments
     from app.services.motion.planning_blanks import planning_blanks
 
-    arguments = parsed()
+    arguments = read_arguments()
     ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # what is started here gets none of it
     blanks = planning_blanks(arguments.config)
     from app.server import main

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 
-def parsed() -> argparse.Namespace:
+def read_arguments() -> argparse.Namespace:
     """What `cobot run` has given."""
     parser = argparse.ArgumentParser(prog="python -m app", description="The web service.")
     parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")

@@ -144,7 +144,7 @@ class Reloading:
             for each in new.each.values():
                 load_robot(each).check_named_positions(each.robot.srdf)
                 cell_of(each)
-            settings = self._merged(new)
+            settings = self._merge(new)
             if self._running is not None:
                 settings = load_settings(self._running.prepare(settings))
             robots = {name: load_robot(each) for name, each in settings.each.items()}
@@ -158,9 +158,9 @@ class Reloading:
             for name in self._settings.each.keys() & new.each.keys()
             if cell_of(self._settings.each[name]) != cell_of(new.each[name])
         ]
-        return self._compared(settings, robots, needs_restart)
+        return self._compare(settings, robots, needs_restart)
 
-    def _compared(
+    def _compare(
         self, settings: Settings, robots: dict[str, RobotDescription], needs_restart: list[str]
     ) -> _Read:
         """With what is in force."""
@@ -182,7 +182,7 @@ class Reloading:
                 taken_over.append(f"web.{key}: {before} → {after}")
         return _Read(settings, robots, new_limits, Reloaded(taken_over, needs_restart))
 
-    def _merged(self, new: Settings) -> Settings:
+    def _merge(self, new: Settings) -> Settings:
         """What is in force, with that of the new settings which needs no restart."""
         web = {key: getattr(new.web, key) for key in LIVE_WEB}
         merged = []

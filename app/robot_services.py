@@ -182,7 +182,7 @@ def _services(
     link.heartbeat.on_outside_stop = stopping.follow
     simulated = settings.robot.backend.type == "mujoco"
     equipment = Equipment(link, stopping, ownership.speed_override, simulated=simulated)
-    ownership.on_sequence_end = equipment.program_ended
+    ownership.on_sequence_end = equipment.close_left_open
     tool_and_limits = RobotSettings(robot)
     force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
     servo = ServoService(robot, link, streams, force)

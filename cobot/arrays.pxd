@@ -1,5 +1,5 @@
 cdef enum:
-    # Joints of a robot, at the most: what runs in a cycle keeps them in arrays of this fixed size.
+    # Maximum number of joints of a robot. Code that runs in a cycle keeps them in arrays of this fixed size.
     MAX_DOF = 16
 
 cdef double* doubles(object array, Py_ssize_t size) except NULL

@@ -1,6 +1,6 @@
 """Addresses of arrays, for compiled code that works on them without Python's objects.
 
-An address is taken once, and the buffer is released again at once: whoever takes it keeps the array
+An address is taken once, and the buffer is released again at once: the caller keeps the array
 alive as an attribute for as long, and never resizes it.
 """
 
@@ -59,7 +59,7 @@ cdef int checked_dof(Py_ssize_t dof) except -1:
         InputError: more than compiled code has room for.
     """
     if dof > MAX_DOF:
-        raise InputError(f"{dof} joints, at the most {MAX_DOF}")
+        raise InputError(f"{dof} joints, allowed are up to {MAX_DOF}")
     return <int>dof
 
 

@@ -60,7 +60,7 @@ class CobotError(Exception):
         super().__init__(*arguments)
         self.findings = tuple(findings)
 
-    def said(self, message: str) -> Self:
+    def with_message(self, message: str) -> Self:
         """A copy of the error with another message."""
         error = type(self)(message, findings=self.findings)
         error.explanation = self.explanation

@@ -31,11 +31,11 @@ class Ticker:
             seconds, nanoseconds, seconds, nanoseconds
         )  # the interval, then the first
         _LIBC.timerfd_settime(self._fd, 0, period, None)
-        self._loop.add_reader(self._fd, self._due)
+        self._loop.add_reader(self._fd, self._tick)
 
     def close(self) -> None:
         self._loop.remove_reader(self._fd)
         os.close(self._fd)
 
-    def _due(self) -> None:
+    def _tick(self) -> None:
         self._on_tick(struct.unpack("=Q", os.read(self._fd, 8))[0])

@@ -7,7 +7,7 @@ from posix.time cimport CLOCK_MONOTONIC, TIMER_ABSTIME, clock_nanosleep, nanosle
 
 # After a pause a device's beats may come at once until so much of it is made up for.
 cdef long long CATCH_UP_NS = 100_000_000
-# They may scatter in time by so much beside that.
+# Additional scatter of the times that is allowed.
 cdef long long SCATTER_NS = 50_000_000
 # A device's clock and the computer's may differ by one part in so many.
 cdef int DRIFT = 100
@@ -64,7 +64,7 @@ cdef class RealtimeClock(Clock):
 
 
 cdef class FastClock(Clock):
-    """Robot time without waiting while the arm moves on a path; else, at rest and while somebody streams, in
+    """Robot time without waiting while the arm moves on a path; otherwise, at rest and while a client streams, in
     step with the real clock.
     """
 

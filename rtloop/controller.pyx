@@ -106,7 +106,7 @@ cdef class Controller(ModeMachine):
             self.fast_stop("fast stop requested")
         if asked & ESTOP:
             self.estop("e-stop requested")
-        if self.streaming.box.c_estop_requested():
+        if self.streaming.box.c_take_estop():
             self.estop("e-stop requested by the streaming client")
         if asked & STOP:
             self.stop("stop requested")
@@ -241,7 +241,7 @@ cdef class Controller(ModeMachine):
         """Read the scene again once the arm is at rest. A new session waits for it."""
         if self.c_streams() or self.streaming.session:
             return Rejected(
-                f"somebody streams (mode {self.mode.name}): the scene changes before or after that"
+                f"a client streams (mode {self.mode.name}): change the scene before or after that"
             )
         self.tool_and_scene.hear_of(int(command["scene"]))
         return ACCEPTED

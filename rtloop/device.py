@@ -91,7 +91,7 @@ class DeviceWatch:
         self._acknowledged, self.unacknowledged = True, ""
         self._publish()
 
-    def switched(self, *, off: bool) -> None:
+    def set_drives(self, *, off: bool) -> None:
         """Register that the drives are off now, or on."""
         self.drives_off = off
         self._publish()

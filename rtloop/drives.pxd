@@ -4,7 +4,7 @@ from rtloop.backends.compiled cimport Measured
 cdef enum Power:
     ON = 0  # The robot is commanded.
     COMING_OFF = 1  # After a stop of category 1: the robot is commanded until the arm rests.
-    OFF = 2  # The robot is told nothing until a reset.
+    OFF = 2  # The robot gets no commands until a reset.
 
 
 cdef enum Reset:
@@ -26,4 +26,4 @@ cdef class Drives:
     cdef bint c_off(self) noexcept nogil
     cdef bint c_resetting(self) noexcept nogil
     cdef bint c_loose(self) noexcept nogil
-    cdef bint c_due(self, bint settled) noexcept nogil
+    cdef bint c_count_down(self, bint settled) noexcept nogil

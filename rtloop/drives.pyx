@@ -47,7 +47,7 @@ cdef class Drives:
             self._backend.disable()
         except BackendError as exc:
             return Rejected(f"the drives could not be switched off: {exc}")
-        self._switched(OFF)
+        self._set_power(OFF)
         return ACCEPTED
 
     def begin_reset(self, number, stops, Measured measured):
@@ -96,7 +96,7 @@ cdef class Drives:
 
     def _take_over(self, Measured measured):
         found = Measured(self._dof)
-        self._switched(ON)
+        self._set_power(ON)
         try:
             self._backend.read(found)
         except BackendError as exc:
@@ -106,9 +106,9 @@ cdef class Drives:
         np.copyto(measured.values, found.values)
         return ACCEPTED
 
-    def _switched(self, Power power):
+    def _set_power(self, Power power):
         self._power = power
-        self._device.switched(off=power == OFF)
+        self._device.set_drives(off=power == OFF)
 
     cdef bint c_off(self) noexcept nogil:
         return self._power == OFF
@@ -121,7 +121,7 @@ cdef class Drives:
         """Whether the arm may be anywhere, so that its commanded position must follow it."""
         return self._power == OFF or self._reset != NO_RESET
 
-    cdef bint c_due(self, bint settled) noexcept nogil:
+    cdef bint c_count_down(self, bint settled) noexcept nogil:
         """Whether the drives are switched off in this cycle of a stop of category 1: the arm is at rest, or
         has not settled in time. Call it once per cycle.
         """

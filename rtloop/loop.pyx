@@ -232,7 +232,7 @@ cdef class ControlLoop:
         statistics.c_count(READ, read_ns - begun_ns)
         statistics.c_count(UPDATE, updated_ns - read_ns)
         statistics.c_count(WRITE, written_ns - updated_ns)
-        statistics.c_cycle_done()
+        statistics.c_end_cycle()
         statistics.c_count(TOTAL, monotonic_ns() - begun_ns)
 
     cdef bint c_read(self) except *:
@@ -267,7 +267,7 @@ cdef class ControlLoop:
         return self.controller.drives.c_loose()
 
     def _miss_beat(self):
-        """Nobody takes what is commanded: it waits, for a while, so that it goes on without a jump."""
+        """Keep the command for a while when the robot takes none, so that the motion goes on without a jump."""
         self._unwritten += 1
         if self._beatless == self._overruns_to_stop:
             self.controller.fault(f"the robot has given no beat for {self._beatless * self._period_s:.3f} s")
@@ -302,7 +302,7 @@ cdef class ControlLoop:
         return False
 
     cdef void c_write(self) except *:
-        """Command the robot. One whose drives are off is told nothing, unless its packets want an answer."""
+        """Command the robot. While its drives are off it gets a command only if its packets need an answer."""
         if self.controller.drives.c_off() and not self._is_paced:
             return
         try:

@@ -10,7 +10,7 @@ from rtloop.streaming.session cimport Session
 
 
 cdef enum Guide:
-    # What says where the arm shall be in the next cycle. But for NOTHING, tool and scene stay as they are,
+    # The source of the next cycle's command. Except for NOTHING, tool and scene stay as they are,
     # and nothing begins. A stop of category 1 waits with the drives while the command moves the arm.
     NOTHING = 0  # It stays where it is commanded to be.
     PATH = 1  # The command moves; another trajectory may take the path's place.

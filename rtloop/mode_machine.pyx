@@ -103,7 +103,7 @@ cdef class ModeMachine:
         self.safety.reset(position)
         if self._guide != COAST:
             self.c_let(NOTHING)
-        self.settling.c_held()
+        self.settling.c_hold()
 
     def let_go(self, position):
         """Handle a robot that has not taken commands for some time, so that its drives have stopped by
@@ -189,7 +189,7 @@ cdef class ModeMachine:
     cdef bint c_switches_off(self) noexcept nogil:
         """Whether the drives are switched off in this cycle. Call it once per cycle."""
         cdef bint moved = self._guide != NOTHING and self._guide != COAST
-        return not moved and self.drives.c_due(self.settling.settled)
+        return not moved and self.drives.c_count_down(self.settling.settled)
 
     cdef bint c_streams(self) noexcept nogil:
         """Whether the mode is one of those in which a client streams."""
@@ -382,7 +382,7 @@ cdef class ModeMachine:
                 return False
         elif self._guide == PATH or not (self._mode == TRAJECTORY or self._mode == STOPPING):
             return False
-        return self.settling.c_ended()
+        return self.settling.c_check_end()
 
     def _rest(self, Measured measured, fresh):
         """Finish a motion or stream that has ended: the arm is at rest, or does not come to rest.

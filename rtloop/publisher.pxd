@@ -54,4 +54,4 @@ cdef class Statistics:
     cdef uint64_t* _published_cycles
 
     cdef void c_count(self, int phase, long long duration_ns) noexcept nogil
-    cdef void c_cycle_done(self) noexcept nogil
+    cdef void c_end_cycle(self) noexcept nogil

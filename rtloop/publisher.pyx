@@ -134,13 +134,13 @@ cdef class Statistics:
         """One more sample of a phase."""
         self.c_count(phase, duration_ns)
 
-    def cycle_done(self):
+    def end_cycle(self):
         """Publish twice a second: the block is large, and its copy counts as compute time.
 
         So is what robot and device this is, although it stays the same: what a wild writer has spoilt is
         mended. They are published in different cycles, for the sake of the longest one.
         """
-        self.c_cycle_done()
+        self.c_end_cycle()
 
     cdef void c_count(self, int phase, long long duration_ns) noexcept nogil:
         cdef long long microseconds = duration_ns // 1000
@@ -151,7 +151,7 @@ cdef class Statistics:
         if microseconds > self._max_us[phase]:
             self._max_us[phase] = <double>microseconds
 
-    cdef void c_cycle_done(self) noexcept nogil:
+    cdef void c_end_cycle(self) noexcept nogil:
         self._cycles += 1
         if self._cycles % _statistics_cycles == 0:
             self._published_cycles[0] = self._cycles

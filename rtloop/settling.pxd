@@ -14,7 +14,7 @@ cdef class SettlingMonitor:
     cdef long long _still_cycles, _unsettled_cycles, _settle_cycles, settle_limit_cycles
 
     cdef void c_begin(self) noexcept nogil
-    cdef void c_held(self) noexcept nogil
+    cdef void c_hold(self) noexcept nogil
     cdef bint c_tracks(self, const double* position, double allowed) noexcept nogil
     cdef void c_settle(self, const double* velocity, bint may_be_still, bint anywhere) noexcept nogil
-    cdef bint c_ended(self) noexcept nogil
+    cdef bint c_check_end(self) noexcept nogil

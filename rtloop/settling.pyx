@@ -78,7 +78,7 @@ cdef class SettlingMonitor:
         self._still_cycles = self._unsettled_cycles = 0
         self.settled = False
 
-    cdef void c_held(self) noexcept nogil:
+    cdef void c_hold(self) noexcept nogil:
         """The arm is commanded to be where it is."""
         self.misread = False
         self._norm = 0.0
@@ -115,7 +115,7 @@ cdef class SettlingMonitor:
         self._still_cycles = self._still_cycles + 1 if still else 0
         self.settled = self._still_cycles >= self._settle_cycles
 
-    cdef bint c_ended(self) noexcept nogil:
+    cdef bint c_check_end(self) noexcept nogil:
         """Whether what has moved the arm is over: it has settled, or has had its time to."""
         self._unsettled_cycles += 1
         return self.settled or self._unsettled_cycles >= self.settle_limit_cycles

@@ -10,16 +10,30 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from functions import Function, functions_of
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("cobot", "rtloop", "app")
+PACKAGES = ("cobot", "rtloop", "app", "packages")
 IRREGULAR = {
-    *("begun", "built", "chosen", "done", "drawn", "driven", "found", "given", "gone", "held"),
-    *("kept", "known", "led", "left", "lost", "made", "met", "said", "seen", "sent", "shown"),
-    *("spoken", "taken", "taught", "thrown", "told", "understood", "worn", "written"),
+    *("begun", "bound", "broken", "bought", "built", "caught", "chosen", "done", "drawn", "driven"),
+    *("fallen", "felt", "forgotten", "found", "frozen", "given", "gone", "heard", "held", "hidden"),
+    *("kept", "known", "led", "left", "lost", "made", "meant", "met", "said", "seen", "sent", "shown"),
+    *("shot", "sold", "spent", "spoken", "struck", "stuck", "swept", "taken", "taught", "thrown"),
+    *("told", "torn", "understood", "won", "worn", "wound", "written"),
 }
-ADJECTIVES = frozenset({"named", "closed", "occurred", "unexpected"})
-"""`move_named` is an endpoint's name, `wait_closed` is asyncio's, `is_collision_occurred` the vendor's."""
+STATES = {"alive", "due", "few", "free", "idle", "ready"}
+"""Adjectives that have named functions which act."""
+VERBS = {
+    *("answer", "call", "check", "count", "differentiate", "find", "make", "move", "plan", "publish"),
+    *("read", "refuse", "remove", "report", "require", "run", "solve", "stop", "take", "tell"),
+    *("are", "end", "has", "is", "on"),
+}
+"""First words of names that say what is done, whatever the last one is: `require_ready`, `is_gone`."""
+REVIEWED = {
+    *("connection_made", "connection_lost", "data_received", "wait_closed", "write_paused"),
+    *("move_named", "plan_named", "ready"),
+}
+"""Names that others have given: methods of asyncio and uvicorn, and endpoints."""
 
 
 IDIOMS = re.compile(
@@ -33,37 +47,80 @@ FRAGMENT = re.compile(r"(So (long|many|far|much|often|near)|Of|The same|Likewise
 
 
 def is_participle(word: str) -> bool:
-    return word not in ADJECTIVES and (
-        word in IRREGULAR or (word.endswith("ed") and not word.endswith("eed"))
-    )
+    return word in IRREGULAR | STATES or (word.endswith("ed") and not word.endswith(("eed", "embed")))
 
 
-def awaited_functions(source: str) -> Iterator[str]:
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.AsyncFunctionDef):
-            yield node.name
+def is_misnamed(function: Function) -> bool:
+    """Whether a function acts and is named by a participle or an adjective: an event or a flag."""
+    words = function.name.strip("_").removeprefix("c_").split("_")
+    if not function.acts or function.name in REVIEWED or words[0] in VERBS:
+        return False
+    return is_participle(words[-1])
 
 
-def test_a_participle_is_recognised() -> None:
-    source = "async def _started(): ...\nasync def begin(): ...\nasync def feed(): ..."
-    found = list(awaited_functions(source))
-    assert [is_participle(name.split("_")[-1]) for name in found] == [True, False, False]
+PYTHON = """
+async def _started(): ...
+def told(self) -> None: ...
+@contextmanager
+def watched(self): yield
+def accepted(self, off):
+    self.slop = off
+    return off
+def rotated(q): return q
+def require_ready(self) -> None: ...
+"""
+CYTHON = """
+cdef class Kept(Base):
+    cdef void c_held(self) noexcept nogil:
+        self.misread = False
+
+    cdef bint c_lost(self) noexcept nogil:
+        return self.misread
+
+    def switched(self, power):
+        self._power = power
+cdef inline double filtered(double* first, double value) noexcept nogil:
+    first[0] += value
+    return first[0]
+cdef double clamped(double value) noexcept nogil:
+    return min(value, 1.0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "expected"),
+    [
+        ("a.py", PYTHON, ["_started", "told", "watched", "accepted"]),
+        ("a.pyx", CYTHON, ["c_held", "switched", "filtered"]),
+    ],
+)
+def test_a_misnamed_function_is_found(name: str, source: str, expected: list[str], tmp_path: Path) -> None:
+    module = tmp_path / name
+    module.write_text(source, encoding="utf-8")
+    assert [each.name for each in functions_of(module) if is_misnamed(each)] == expected
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_what_is_awaited_is_a_verb(package: str) -> None:
-    """An async function does something: `acknowledge`, not `acknowledged`."""
+def test_functions_that_act_are_verbs(package: str) -> None:
+    """`acknowledge`, not `acknowledged`: also in compiled modules."""
     wrong = [
-        f"{path.relative_to(ROOT)}: {name}"
-        for path in sorted((ROOT / package).rglob("*.py"))
-        for name in awaited_functions(path.read_text(encoding="utf-8"))
-        if is_participle(name.split("_")[-1])
+        f"{path.relative_to(ROOT)}: {each.name}"
+        for path in sources_of(package)
+        for each in functions_of(path)
+        if is_misnamed(each)
     ]
     assert wrong == []
 
 
+def sources_of(package: str, *kinds: str) -> list[Path]:
+    return sorted(path for kind in kinds or ("py", "pyx") for path in (ROOT / package).rglob(f"*.{kind}"))
+
+
 def sentences_of(path: Path) -> Iterator[str]:
-    """All comments and strings of a module."""
+    """All comments and strings of a module. A line of Cython is one sentence: it has no other tokenizer."""
+    if path.suffix in (".pyx", ".pxd"):
+        yield from path.read_text(encoding="utf-8").splitlines()
+        return
     with path.open("rb") as file:
         for token in tokenize.tokenize(file.readline):
             if token.type in (tokenize.COMMENT, tokenize.STRING):
@@ -86,6 +143,8 @@ def findings(path: Path) -> Iterator[str]:
     for sentence in sentences_of(path):
         for found in IDIOMS.finditer(sentence):
             yield f"{path.relative_to(ROOT)}: {found[0]!r}"
+    if path.suffix in (".pyx", ".pxd"):
+        return
     for caption in captions_of(path.read_text(encoding="utf-8")):
         if FRAGMENT.match(caption):
             yield f"{path.relative_to(ROOT)}: the caption {caption[:40]!r}"
@@ -98,11 +157,14 @@ def test_an_idiom_and_a_fragment_are_found(tmp_path: Path, monkeypatch: pytest.M
         'A = 1\n"""So long it waits."""\n# somebody waits\nB = "plain words"\n', encoding="utf-8"
     )
     assert list(findings(module)) == ["module.py: 'somebody'", "module.py: the caption 'So long it waits.'"]
+    compiled = tmp_path / "module.pyx"
+    compiled.write_text("cdef int count  # at the most ten\n", encoding="utf-8")
+    assert list(findings(compiled)) == ["module.pyx: 'at the most'"]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_sentences_are_plain_english(package: str) -> None:
-    paths = sorted((ROOT / package).rglob("*.py"))
+    paths = sources_of(package, "py", "pyx", "pxd", "pyi")
     assert [each for path in paths for each in findings(path)] == []
 
 

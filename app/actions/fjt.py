@@ -155,7 +155,7 @@ class FollowJointTrajectory:
         caller = Caller(self.name, None, stops, math.inf, asyncio.Event(), job)
         with await self._ownership.claim_motion(caller) as claim:
             run.own(claim)
-            state = await self._motion.ready()
+            state = await self._motion.require_ready()
             trajectory = await self._plan(claim, goal, state, streamed=settings.mode != ServoMode.NONE)
             if goal.start_s is not None:
                 await claim.run_interruptibly(run.sleep(goal.start_s - self._wall_s()))

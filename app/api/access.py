@@ -139,7 +139,7 @@ class Access:
         if token is not None:
             scope[STILL_VALID] = lambda: self._tokens.find(token) == holder
         if not websocket and plain_path(scope).startswith(PAGES):
-            send = _unframed(send)
+            send = _forbid_frames(send)
         return self._app(scope, receive, send)
 
     async def _while_valid(
@@ -216,7 +216,7 @@ def _cut_off(scope: Scope) -> str | None:
     return next((value for name, value in pairs if name == "token"), None)
 
 
-def _unframed(send: Send) -> Send:
+def _forbid_frames(send: Send) -> Send:
     async def send_with_session(message: Message) -> None:
         if message["type"] == "http.response.start":
             message = {**message, "headers": [*message.get("headers", ()), *UNFRAMED]}

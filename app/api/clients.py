@@ -39,7 +39,7 @@ class Clients:
             await self._app(scope, receive, send)
         finally:
             for services in scope["app"].state.robots.values():
-                services.control.disconnected(client)
+                services.control.drop_client(client)
 
 
 def client_of(scope: Scope) -> Client:

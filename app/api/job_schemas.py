@@ -140,7 +140,7 @@ def job_answer(record: JobRecord) -> JobAnswer:
     return JobAnswer.model_validate(asdict(record) | words | {"error": error})
 
 
-def accepted(call: Call, record: JobRecord) -> JSONResponse:
+def answer_accepted(call: Call, record: JobRecord) -> JSONResponse:
     """The answer 202 to a request that does not wait."""
     audit.add_details(job=record.id)
     version = call.request.scope.get("root_path", "")

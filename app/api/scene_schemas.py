@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cobot.loose_lists import RequestModel
-from cobot.motions.fields import Angle, Finite, Within, few
+from cobot.motions.fields import Angle, Finite, Within, limit_entries
 from cobot.robot.scene import SceneObject
 from cobot.units import require_way
 
@@ -173,13 +173,13 @@ class ChangeScene(RequestModel):
         fail_fast=True,
         description="Objects that the hand lets go: they stand where they are now.",
     )
-    frames: Annotated[dict[Name, Place | None], few(1000)] = Field(
+    frames: Annotated[dict[Name, Place | None], limit_entries(1000)] = Field(
         {}, max_length=1000, description="Places by name, for `frame_id`; null forgets one."
     )
-    objects: Annotated[dict[Name, PutObject | None], few(1000)] = Field(
+    objects: Annotated[dict[Name, PutObject | None], limit_entries(1000)] = Field(
         {}, max_length=1000, description="Solids by name, added or replaced; null removes one."
     )
-    attach: Annotated[dict[Name, Annotated[list[str], Field(max_length=100)]], few(1000)] = Field(
+    attach: Annotated[dict[Name, Annotated[list[str], Field(max_length=100)]], limit_entries(1000)] = Field(
         {},
         max_length=1000,
         description="Objects that the hand holds from now on, each with what it may touch meanwhile.",

@@ -98,7 +98,7 @@ class _Reader:
         except InputError as exc:
             raise InputError(f"{field}.gripper.{exc}") from exc
         except NotSupportedError as exc:
-            raise exc.said(f"{field}.gripper: {exc}") from exc
+            raise exc.with_message(f"{field}.gripper: {exc}") from exc
         return Action(field, place, gripper=command)
 
     def input(self, field: str, body: InputCondition | UntilCondition | None) -> Condition | None:

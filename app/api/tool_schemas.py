@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.scene_schemas import Name, ObjectAnswer, PutObject
 from cobot.loose_lists import RequestModel
-from cobot.motions.fields import Angle, Finite, Within, few
+from cobot.motions.fields import Angle, Finite, Within, limit_entries
 from cobot.units import MAX_TIP_M, require_way
 
 TipCoordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, MAX_TIP_M)]
@@ -82,7 +82,7 @@ class ChangeTool(RequestModel):
         description="About the centre, along the flange's axes: xx, xy, xz, yy, yz, zz, kg·m².",
     )
     tcp: ToolTip | None = Field(None, description="In the flange's frame; null: that of the model's file.")
-    shapes: Annotated[dict[Name, ToolShape], few(50)] | None = Field(
+    shapes: Annotated[dict[Name, ToolShape], limit_entries(50)] | None = Field(
         None, max_length=50, description="Solids for the collision checks, by name, instead of those before."
     )
     gravity: list[Finite] | None = Field(

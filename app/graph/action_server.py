@@ -153,7 +153,7 @@ class ActionServer:
             if goal.asker is asker and goal.running:
                 self.cancel(goal.id)
 
-    def accepted(self, goal: Goal) -> None:
+    def accept(self, goal: Goal) -> None:
         """It is worked on."""
         if goal.accepted.done():
             return

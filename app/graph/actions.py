@@ -82,7 +82,7 @@ class GoalHandle:
 
     def accept(self) -> None:
         """The goal will be worked on, and is from now on. May be called again, which does nothing."""
-        self._server.accepted(self._goal)
+        self._server.accept(self._goal)
 
     def explain(self, error: CobotError) -> None:
         """Tell why the goal fails, for types whose result has no room for it."""

@@ -60,7 +60,7 @@ class Graph(Topics):
         self._loop = asyncio.get_running_loop()
         self._changing: asyncio.TimerHandle | None = None
         self._graph = self.advertise(GRAPH_TOPIC, "std_msgs/msg/String", owner=self, local=True, alone=True)
-        self._graph.on_demand = lambda _: self.changed()
+        self._graph.on_demand = lambda _: self.note_change()
 
     def add_service(
         self,
@@ -90,13 +90,13 @@ class Graph(Topics):
         if name in self.services:
             raise ConflictError(f"there is a service {name} already")
         made = self.services[name] = Service(name, type_, function, owner, local, role)
-        self.changed()
+        self.note_change()
         return made
 
     def remove_service(self, service: Service) -> None:
         if self.services.get(service.name) is service:
             del self.services[service.name]
-            self.changed()
+            self.note_change()
 
     def service(self, name: str) -> Service:
         """A service by its name.
@@ -134,7 +134,7 @@ class Graph(Topics):
         if action.name in self.actions:
             raise ConflictError(f"there is an action {action.name} already")
         server = self.actions[action.name] = ActionServer(self, action, owner)
-        self.changed()
+        self.note_change()
         return server
 
     async def remove_action(self, server: ActionServer) -> None:
@@ -142,7 +142,7 @@ class Graph(Topics):
         if self.actions.get(server.action.name) is server:
             del self.actions[server.action.name]
             await server.close()
-            self.changed()
+            self.note_change()
 
     async def send_goal(
         self,
@@ -207,7 +207,7 @@ class Graph(Topics):
             "definitions": definitions,
         }
 
-    def changed(self) -> None:
+    def note_change(self) -> None:
         """The graph has changed: its watchers are notified soon."""
         if self._changing is None:
             self._changing = self._loop.call_later(GRAPH_DELAY_S, self._publish_graph)

@@ -82,7 +82,7 @@ class Topics:
             entry.report_type(known)
         if on_demand is not None:
             on_demand(publisher.subscribers)
-        self.changed()
+        self.note_change()
         return publisher
 
     def subscribe(
@@ -115,7 +115,7 @@ class Topics:
             if publisher.last is not None and subscription.takes(publisher.type):
                 subscription.deliver(publisher.last)
         entry.report_demand()
-        self.changed()
+        self.note_change()
         return subscription
 
     def drop(self, topic: Topic, end: Publisher | Subscription) -> None:
@@ -130,7 +130,7 @@ class Topics:
             del self._topics[topic.name]
         elif isinstance(end, Subscription):
             topic.report_demand()
-        self.changed()
+        self.note_change()
 
     def topics(self) -> dict[str, str]:
         """The type of each topic; without an advertiser, the first one in use."""
@@ -151,7 +151,7 @@ class Topics:
         entry = self._topics.get(absolute(topic))
         return (0, 0) if entry is None else (len(entry.publishers), len(entry.subscriptions))
 
-    def changed(self) -> None:
+    def note_change(self) -> None:
         """Called when there is another topic, publisher or subscription, or one less."""
 
     def graph_of_topics(self) -> list[dict[str, Any]]:

@@ -141,13 +141,13 @@ class Acceptor:
         task = self._loop.create_task(self._connect(connection, visit))
         self._greeting.add(task)
 
-        def greeted(done: asyncio.Task[None]) -> None:
+        def end_greeting(done: asyncio.Task[None]) -> None:
             self._greeting.discard(done)
             if done.cancelled():  # perhaps before it began
                 self._crowd.leave(visit)
                 connection.close()
 
-        task.add_done_callback(greeted)
+        task.add_done_callback(end_greeting)
 
     async def _connect(self, connection: socket.socket, visit: Visit) -> None:
         """Have the protocol take over, once TLS, if any, is agreed upon."""

@@ -29,7 +29,7 @@ class Departures:
         self._under_way: dict[Key, set[asyncio.Event]] = {}
 
     @contextmanager
-    def watched(self, scope: Scope, message: object, body: bytes, receive: Receive) -> Iterator[Receive]:
+    def watch(self, scope: Scope, message: object, body: bytes, receive: Receive) -> Iterator[Receive]:
         """While a request waits and is served: what it receives after its body. Its scope has the event that
         ends what it has begun.
 

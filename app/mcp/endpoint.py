@@ -51,7 +51,7 @@ class McpEndpoint:
         if body is None:  # the library would take it for a mistake of its own, and log where
             return
         message = _decoded(body)
-        with self._departures.watched(scope, message, body, receive) as received:
+        with self._departures.watch(scope, message, body, receive) as received:
             await _stop(scope, message)
             async with self._turn:
                 if self._manager is None:

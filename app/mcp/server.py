@@ -107,13 +107,13 @@ class AgentServer(MCPServer[Any]):
         return answer
 
     async def read_resource(self, uri: Any, context: Any = None) -> Any:
-        with _audited("MCP read", uri=str(uri)):
+        with _audit("MCP read", uri=str(uri)):
             return await super().read_resource(uri, context)
 
     async def get_prompt(
         self, name: str, arguments: dict[str, Any] | None = None, context: Any = None
     ) -> Any:
-        with _audited("MCP prompt", prompt=name, arguments=str(arguments or {})):
+        with _audit("MCP prompt", prompt=name, arguments=str(arguments or {})):
             try:
                 return await super().get_prompt(name, arguments, context)
             except ValueError as exc:  # the library would take it for a mistake of its own, and log where
@@ -147,7 +147,7 @@ def refusal(error: CobotError, text: str = "") -> CallToolResult:
 
 
 @contextmanager
-def _audited(what: str, **details: object) -> Iterator[None]:
+def _audit(what: str, **details: object) -> Iterator[None]:
     outcome = "no answer"
     try:
         yield

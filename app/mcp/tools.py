@@ -66,13 +66,13 @@ class _Rest:
 
     async def get(self, path: str, **params: Any) -> Any:
         await asyncio.sleep(0)  # the event loop is everybody's
-        return decided(await self._own.ask("GET", path, **params))
+        return read_decision(await self._own.ask("GET", path, **params))
 
     async def post(self, path: str, body: dict[str, Any] | None = None) -> Any:
-        return decided(await self._own.ask("POST", path, body))
+        return read_decision(await self._own.ask("POST", path, body))
 
 
-def decided(answer: tuple[int, Any]) -> Any:
+def read_decision(answer: tuple[int, Any]) -> Any:
     """The document of an answer; raises ToolError: it is no success, with the reason in words."""
     status, content = answer
     if status == HTTPStatus.OK:
@@ -255,7 +255,7 @@ async def stop(ctx: Ctx, robot: Robot = "") -> Any:
     """Bring the arm to rest at once, no matter which client moves it. Always permitted."""
     rest = _Rest(ctx, robot)
     done = rest.scope.get(STOPPED)  # when the request came in
-    return await rest.post("/stop") if done is None else decided(done)
+    return await rest.post("/stop") if done is None else read_decision(done)
 
 
 async def list_plans(ctx: Ctx, robot: Robot = "") -> Any:

@@ -90,7 +90,7 @@ class Connection:
             value = getattr(asked, name)
             if name == "args":
                 value = self._arguments(value, type_)
-            return asked.model_copy(update={name: self._graph.messages.examined(type_, value)})
+            return asked.model_copy(update={name: self._graph.messages.examine(type_, value)})
         except (CobotError, RuntimeError):
             return content  # a mistake, which `take` will find as well; or the graph has changed meanwhile
 
@@ -197,7 +197,7 @@ class Connection:
                 log.info("%s says %s: %s", self._name, shown(asked.level), shown(asked.msg))
             case op.Gateway():
                 self._graph.gateways.add(self)
-                self._graph.changed()
+                self._graph.note_change()
 
     def _publish(self, asked: op.Publish, size: int) -> None:
         key = self._key(asked.topic, asked.type)

@@ -87,7 +87,7 @@ class Feed:
         now_s = self._loop.time()
         if now_s < self._due_s:
             if self._timer is None:
-                self._timer = self._loop.call_at(self._due_s, self._due)
+                self._timer = self._loop.call_at(self._due_s, self._wake_up)
             return None
         # On the grid of the rate, unless nothing came for a while.
         behind = now_s - self._due_s >= self._period_s
@@ -103,7 +103,7 @@ class Feed:
         """The type of its messages; None: any type that is published."""
         return self._subscription.type
 
-    def _due(self) -> None:
+    def _wake_up(self) -> None:
         self._timer = None
         self._wake.set()
 

@@ -60,7 +60,7 @@ class JobService:
         """
         task = asyncio.create_task(work)
         self._tasks.add(task)
-        task.add_done_callback(self._done)
+        task.add_done_callback(self._forget_task)
         accepted = asyncio.create_task(job.accepted.wait())
         try:
             await asyncio.wait({task, accepted}, return_when=asyncio.FIRST_COMPLETED)
@@ -96,7 +96,7 @@ class JobService:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(job.ended.wait(), timeout_s)
             return job.record()
-        return self._found(number)
+        return self._find(number)
 
     async def cancel(self, number: str, timeout_s: float) -> JobRecord:
         """End this job and no other, for whichever client; the arm comes to rest on its path.
@@ -207,16 +207,16 @@ class JobService:
     def _going(self, number: str) -> Job:
         job = self.book.live(number)
         if job is None:
-            raise ConflictError(f"job {number} has ended already: {self._found(number).state}")
+            raise ConflictError(f"job {number} has ended already: {self._find(number).state}")
         return job
 
-    def _found(self, number: str) -> JobRecord:
+    def _find(self, number: str) -> JobRecord:
         record = self.book.find(number)
         if record is None:
             raise unknown(number)
         return record
 
-    def _done(self, task: asyncio.Task[Any]) -> None:
+    def _forget_task(self, task: asyncio.Task[Any]) -> None:
         self._tasks.discard(task)
         error = None if task.cancelled() else task.exception()
         if error is not None and not isinstance(error, CobotError):

@@ -81,7 +81,7 @@ class Connection:
         """Close the connections."""
         self._http.close()
 
-    def _arrived(self, path: str, body: Json) -> Json:
+    def _post_motion(self, path: str, body: Json) -> Json:
         """Send a motion and wait for its end. One that does not arrive is answered like any other error."""
         strict = {PREFER: STRICT_STATUS}
         answer = self._json("POST", path, json=body, timeout=self._motion_timeout_s, headers=strict)
@@ -109,7 +109,7 @@ class Connection:
         """
         url, part = self._url(path), file.with_name(f"{file.name}.part")
         try:
-            with self._streamed(path) as response, part.open("wb") as out:
+            with self._stream(path) as response, part.open("wb") as out:
                 for piece in response.iter_bytes():
                     out.write(piece)
             part.replace(file)
@@ -130,7 +130,7 @@ class Connection:
         return self._decoded(method, url, response)
 
     @contextlib.contextmanager
-    def _streamed(self, path: str, **request: Any) -> Iterator[httpx.Response]:
+    def _stream(self, path: str, **request: Any) -> Iterator[httpx.Response]:
         """An answer that is read while it arrives. Raises like `_request`; later reads may raise httpx's
         errors."""
         url = self._url(path)

@@ -119,6 +119,6 @@ class EventConnection(Connection):
         timeout = httpx.Timeout(self._http.timeout.connect, read=SILENT_S)
 
         def stream(headers: Mapping[str, str]) -> Any:
-            return self._streamed("/events", params=params, headers=headers, timeout=timeout)
+            return self._stream("/events", params=params, headers=headers, timeout=timeout)
 
         return EventReader(stream, patience_s).events()

@@ -106,6 +106,6 @@ class Jobs(Connection):
     def _motion(self, path: str, body: Json, wait: bool) -> Json | JobHandle:
         """The answer on arrival, or the handle of a job."""
         if wait:
-            return self._arrived(path, body)
+            return self._post_motion(path, body)
         job = self._json("POST", path, params={"wait": False}, json=body, timeout=self._motion_timeout_s)
         return JobHandle(self, str(job["id"]))

@@ -83,7 +83,7 @@ class SharedMemoryTransport:
             raise InputError(refusal)
         self._writer.setpoint(setpoint)
         if self._first is not None:
-            self._first.sent(setpoint)
+            self._first.note(setpoint)
 
     def send_chunk(self, chunk: np.ndarray) -> None:
         self._writer.chunk(chunk)

@@ -94,14 +94,14 @@ def _move(client: Client, chosen: argparse.Namespace) -> int:
         where, move = {"joints": _numbers(goal)}, client.move_joints
     if chosen.queue:
         job = client.queue(where | how, blend_radius=chosen.blend_radius).read()
-        _done(chosen, job, f"job {job['id']} is {job['state']}")
+        _print_answer(chosen, job, f"job {job['id']} is {job['state']}")
         return EXIT_OK
     if chosen.blend_radius:
         raise InputError("--blend-radius: is for moves in the queue; use it with --queue")
     with Bar(not chosen.json).showing("moving") as bar:
         answer = during(client, partial(move, **where, **how), bar)
     ended = f"ended by its condition ({answer['stopped_by']})" if answer["stopped_by"] else "arrived"
-    _done(chosen, answer, f"{ended} after {answer['duration_s']:.2f} s")
+    _print_answer(chosen, answer, f"{ended} after {answer['duration_s']:.2f} s")
     return EXIT_OK
 
 
@@ -132,7 +132,7 @@ def _send(client: Client, chosen: argparse.Namespace) -> int:
     with Bar(not chosen.json).showing(path.name) as bar:
         answer = during(client, send, bar)
     begun = f"motion {answer['motion_id']} has begun and takes {answer['duration_s']:.2f} s"
-    _done(chosen, answer, begun if chosen.no_wait else f"motion {answer['motion_id']} has arrived")
+    _print_answer(chosen, answer, begun if chosen.no_wait else f"motion {answer['motion_id']} has arrived")
     return EXIT_OK
 
 
@@ -180,19 +180,19 @@ def _sequence(client: Client, chosen: argparse.Namespace) -> int:
     if status["returncode"] != 0:
         lines = "; ".join(client.sequence_logs(3))
         raise ExecutionError(f"{path.name} ended with return code {status['returncode']}: {lines}")
-    _done(chosen, status, f"{path.name} is done")
+    _print_answer(chosen, status, f"{path.name} is done")
     return EXIT_OK
 
 
 def _stop(client: Client, chosen: argparse.Namespace) -> int:
     answer = client.stop(category=chosen.category)
-    _done(chosen, answer, str(answer["message"]))
+    _print_answer(chosen, answer, str(answer["message"]))
     return EXIT_OK if answer["success"] else EXIT_FAILED
 
 
 def _acknowledge(client: Client, chosen: argparse.Namespace) -> int:
     answer = client.acknowledge(payload_checked=chosen.payload_checked)
-    _done(chosen, answer, f"{answer['found']}\n{answer['message']}".strip())
+    _print_answer(chosen, answer, f"{answer['found']}\n{answer['message']}".strip())
     return EXIT_OK
 
 
@@ -228,7 +228,7 @@ def _watch(client: Client, chosen: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def _done(chosen: argparse.Namespace, answer: Json, sentence: str) -> None:
+def _print_answer(chosen: argparse.Namespace, answer: Json, sentence: str) -> None:
     if chosen.json:
         print_json(answer)
     else:

@@ -25,7 +25,7 @@ class FirstTarget:
         self._position = state["commanded_position"].copy()
         self._known = False
 
-    def sent(self, setpoint: np.ndarray) -> None:
+    def note(self, setpoint: np.ndarray) -> None:
         """A target is on its way, a record of `cobot.ipc.layout.setpoint_dtype`; the first one counts."""
         if self._target is None and setpoint["number"]:
             self._target = setpoint.copy()

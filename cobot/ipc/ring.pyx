@@ -3,7 +3,7 @@
 The record of number n stands at place n modulo the capacity. Its first word is its number and its last one
 the checksum of all before it, so a reader copies a place and looks at the copy alone: another number is a
 record that is not there yet or not any more, a wrong checksum one that is being written. The writer neither
-waits nor allocates, and knows nothing of its readers; whoever comes too late finds newer numbers.
+waits nor allocates, and knows nothing of its readers; a reader that comes too late finds newer numbers.
 
 The number that was written last stands before the places. It is a hint: what it leads to is looked at.
 """

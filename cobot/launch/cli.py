@@ -92,7 +92,7 @@ def _run(chosen: argparse.Namespace) -> int:
             print(write_moveit_config(settings, chosen.folder))
             return EXIT_OK
         require_limits()
-        from cobot.launch.forked import forked
+        from cobot.launch.forked import fork_processes
         from cobot.launch.supervisor import Supervisor
 
         settings = _with_cell(settings, chosen.cell)
@@ -100,7 +100,7 @@ def _run(chosen: argparse.Namespace) -> int:
         processes = len(given.each) + 1 + given.web.enabled + given.ros.enabled
         if chosen.is_program:
             os.umask(0o077)  # only the user may read what this process and its children write
-        blanks = forked(processes) if chosen.is_program else []
+        blanks = fork_processes(processes) if chosen.is_program else []
         try:
             return Supervisor(given, chosen.config, settings, blanks).run()
         finally:

@@ -40,7 +40,9 @@ UDEV_FILE = "/etc/udev/rules.d/90-cobot.rules"
 LIMITS_FILE = "/etc/security/limits.d/90-cobot.conf"
 
 
-class Verdict(StrEnum):
+class Severity(StrEnum):
+    """How much a finding of the doctor matters."""
+
     OK = "ok"
     WARNING = "warning"  # it works, but less well
     PROBLEM = "problem"  # it does not work
@@ -51,7 +53,7 @@ class Diagnosis:
     """One line of the report. `remedy` is the command to type."""
 
     item: str
-    verdict: Verdict
+    verdict: Severity
     found: str
     remedy: str = ""
 
@@ -102,14 +104,14 @@ def doctor(
             print(f"{finding.verdict:<8} {finding.item}: {finding.found}", file=out)
             if finding.remedy:
                 print(f"         type: {finding.remedy}", file=out)
-    return all(finding.verdict is not Verdict.PROBLEM for finding in findings)
+    return all(finding.verdict is not Severity.PROBLEM for finding in findings)
 
 
 def _findings(config: Path | None, machine: Machine) -> Iterator[Diagnosis]:
     try:
         settings = load_settings(config)
     except CobotError as exc:
-        yield Diagnosis("settings", Verdict.PROBLEM, str(exc), f"{_cobot()} check{_option(config)}")
+        yield Diagnosis("settings", Severity.PROBLEM, str(exc), f"{_cobot()} check{_option(config)}")
         settings = load_settings()
         config = None
     else:
@@ -134,9 +136,9 @@ def configuration(settings: Settings, config: Path | None) -> Iterator[Diagnosis
     wrong = [item for item in items if not item.good]
     for item in wrong:
         where = config or "a settings file of yours"
-        yield Diagnosis(item.item, Verdict.PROBLEM, item.found, f'"${{EDITOR:-vi}}" {where}')
+        yield Diagnosis(item.item, Severity.PROBLEM, item.found, f'"${{EDITOR:-vi}}" {where}')
     if not wrong:
-        yield Diagnosis("configuration", Verdict.OK, f"{len(items)} items are good, see `cobot check`")
+        yield Diagnosis("configuration", Severity.OK, f"{len(items)} items are good, see `cobot check`")
 
 
 def kernel(machine: Machine) -> Diagnosis:
@@ -144,11 +146,11 @@ def kernel(machine: Machine) -> Diagnosis:
     version = machine.read("/proc/sys/kernel/version")
     found = f"Linux {machine.read('/proc/sys/kernel/osrelease')} {version}"
     if "PREEMPT_RT" in version or machine.read("/sys/kernel/realtime") == "1":
-        return Diagnosis("kernel", Verdict.OK, found)
+        return Diagnosis("kernel", Severity.OK, found)
     kind = "amd64" if os.uname().machine == "x86_64" else "arm64"
     return Diagnosis(
         "kernel",
-        Verdict.WARNING,
+        Severity.WARNING,
         f"{found}: not PREEMPT_RT, so some cycles begin late when the computer is busy",
         f"sudo apt-get install linux-image-rt-{kind} && sudo reboot",
     )
@@ -158,13 +160,13 @@ def governor(machine: Machine) -> Diagnosis:
     """Whether the cores slow down when they have little to do, as in the cycle."""
     found = machine.each("/sys/devices/system/cpu", "cpu[0-9]*/cpufreq/scaling_governor")
     if not found:
-        return Diagnosis("governor", Verdict.OK, "Linux does not choose the cores' frequency here")
+        return Diagnosis("governor", Severity.OK, "Linux does not choose the cores' frequency here")
     slow = sorted({each for each in found if each != "performance"})
     if not slow:
-        return Diagnosis("governor", Verdict.OK, f"performance on all {len(found)} cores")
+        return Diagnosis("governor", Severity.OK, f"performance on all {len(found)} cores")
     return Diagnosis(
         "governor",
-        Verdict.WARNING,
+        Severity.WARNING,
         f"{', '.join(slow)} on {sum(each in slow for each in found)} of {len(found)} cores: slow to wake up",
         "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
     )
@@ -175,22 +177,22 @@ def clock_source(machine: Machine) -> Diagnosis:
     folder = "/sys/devices/system/clocksource/clocksource0"
     clock = machine.read(f"{folder}/current_clocksource")
     if not clock or clock in PRECISE_CLOCKS:
-        return Diagnosis("clock", Verdict.OK, clock or "Linux does not say which")
+        return Diagnosis("clock", Severity.OK, clock or "Linux does not say which")
     available = machine.read(f"{folder}/available_clocksource").split()
     better = next((each for each in PRECISE_CLOCKS if each in available), None)
     remedy = f"echo {better} | sudo tee {folder}/current_clocksource"
     if better is None:
         remedy = _kernel_option("tsc=reliable")
-    return Diagnosis("clock", Verdict.WARNING, f"{clock}: reading the time takes microseconds", remedy)
+    return Diagnosis("clock", Severity.WARNING, f"{clock}: reading the time takes microseconds", remedy)
 
 
 def cores(count: int) -> Diagnosis:
     """Whether planning and the service leave one core to the cycle."""
     found = f"{count} for this process"
     if count >= WELL_CORES:
-        return Diagnosis("cores", Verdict.OK, found)
+        return Diagnosis("cores", Severity.OK, found)
     remedy = f"taskset --cpu-list 0-{(os.cpu_count() or 2) - 1} {_cobot()} run"
-    return Diagnosis("cores", Verdict.WARNING, f"{found}: the cycle shares it with planning", remedy)
+    return Diagnosis("cores", Severity.WARNING, f"{found}: the cycle shares it with planning", remedy)
 
 
 def isolation(machine: Machine, robot: str, cpu: int | None, last: int) -> Diagnosis:
@@ -199,14 +201,14 @@ def isolation(machine: Machine, robot: str, cpu: int | None, last: int) -> Diagn
     isolated = _numbers(machine.read("/sys/devices/system/cpu/isolated"))
     shown = f"isolated cores: {', '.join(map(str, sorted(isolated))) or 'none'}"
     if cpu is not None and cpu in isolated:
-        return Diagnosis(item, Verdict.OK, f"rt.cpu is {cpu}; {shown}")
+        return Diagnosis(item, Severity.OK, f"rt.cpu is {cpu}; {shown}")
     core = cpu if cpu is not None else min(isolated, default=last)
     said = "null: the cycle runs on any core" if cpu is None else f"{cpu}, which other processes use too"
     own = f"rt: {{cpu: {core}}} in the settings, and: " if cpu is None else ""
     remedy = f"{own}{_kernel_option(f'isolcpus={core} nohz_full={core} rcu_nocbs={core}')}"
     if cpu is None and isolated:
         remedy = f"rt: {{cpu: {core}}} in the settings"
-    return Diagnosis(item, Verdict.WARNING, f"rt.cpu is {said}; {shown}", remedy)
+    return Diagnosis(item, Severity.WARNING, f"rt.cpu is {said}; {shown}", remedy)
 
 
 def permissions(machine: Machine, robot: str, config: Path | None) -> Iterator[Diagnosis]:
@@ -219,7 +221,7 @@ def permissions(machine: Machine, robot: str, config: Path | None) -> Iterator[D
     except ValueError:
         said = (done.stdout + done.stderr).strip().splitlines() or [f"status {done.returncode}"]
         yield Diagnosis(
-            f"permissions {robot}", Verdict.PROBLEM, f"rtloop does not start: {said[-1]}", _check(config)
+            f"permissions {robot}", Severity.PROBLEM, f"rtloop does not start: {said[-1]}", _check(config)
         )
         return
     refused = dict(part.partition(": ")[::2] for part in granted["refused"].split("; ") if part)
@@ -230,9 +232,9 @@ def permissions(machine: Machine, robot: str, config: Path | None) -> Iterator[D
     ):
         why = next((text for name, text in refused.items() if name.startswith(asked)), None)
         if why is None:
-            yield Diagnosis(f"{item} {robot}", Verdict.OK, "granted")
+            yield Diagnosis(f"{item} {robot}", Severity.OK, "granted")
         else:
-            yield Diagnosis(f"{item} {robot}", Verdict.WARNING, f"refused: {why}", remedy)
+            yield Diagnosis(f"{item} {robot}", Severity.WARNING, f"refused: {why}", remedy)
 
 
 def _awake_remedy(machine: Machine) -> str:
@@ -271,7 +273,7 @@ def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Diagnos
     usage = shutil.disk_usage(folder)
     found = f"{folder}: {_mb(usage.free)} of {_mb(usage.total)} free, {_mb(need)} needed"
     if usage.free >= need:
-        return Diagnosis("shared memory", Verdict.OK, found)
+        return Diagnosis("shared memory", Severity.OK, found)
     size = f"{-(-(usage.used + 2 * need) // 1_000_000)}M"
     remedy = (
         f"docker run --shm-size={size} ..."
@@ -279,7 +281,7 @@ def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Diagnos
         else f"sudo mount -o remount,size={size} {folder}"
     )
     found += "; or a smaller rt.trajectory_capacity or recording.ring_s"
-    return Diagnosis("shared memory", Verdict.PROBLEM, found, remedy)
+    return Diagnosis("shared memory", Severity.PROBLEM, found, remedy)
 
 
 def log_disk(folder: Path) -> Diagnosis:
@@ -288,8 +290,8 @@ def log_disk(folder: Path) -> Diagnosis:
     free = shutil.disk_usage(there).free
     found = f"{folder}: {_mb(free)} free"
     if free >= ENOUGH_LOG_BYTES:
-        return Diagnosis("log disk", Verdict.OK, found)
-    verdict = Verdict.WARNING if free >= FEW_LOG_BYTES else Verdict.PROBLEM
+        return Diagnosis("log disk", Severity.OK, found)
+    verdict = Severity.WARNING if free >= FEW_LOG_BYTES else Severity.PROBLEM
     return Diagnosis(
         "log disk", verdict, found, f"sudo du -xh --max-depth=2 {shlex.quote(str(there))} | sort -h"
     )
@@ -307,7 +309,7 @@ def port(settings: Settings, machine: Machine) -> Diagnosis:
     except (OSError, ValueError) as exc:  # ValueError: not a valid host name
         pid = listening(machine, number)
         if pid is not None and pid == user_of(settings.robot.name, MemoryRole.SUPERVISOR):
-            return Diagnosis("port", Verdict.OK, f"{found}: cobot itself listens, pid {pid}")
+            return Diagnosis("port", Severity.OK, f"{found}: cobot itself listens, pid {pid}")
         reason = getattr(exc, "strerror", None) or str(exc)
         whose = f", by pid {pid}: {_command(machine, pid)}" if pid else ""
         remedy = (
@@ -315,8 +317,8 @@ def port(settings: Settings, machine: Machine) -> Diagnosis:
             if pid
             else f"{_cobot()} run --port 0    # or another web.port"
         )
-        return Diagnosis("port", Verdict.PROBLEM, f"{found}: {reason}{whose}", remedy)
-    return Diagnosis("port", Verdict.OK, f"{found} is free")
+        return Diagnosis("port", Severity.PROBLEM, f"{found}: {reason}{whose}", remedy)
+    return Diagnosis("port", Severity.OK, f"{found} is free")
 
 
 def listening(machine: Machine, number: int) -> int | None:
@@ -339,12 +341,13 @@ def listening(machine: Machine, number: int) -> int | None:
 def compiler(checkout: Path) -> Diagnosis:
     """Whether a compiler is present. It is needed only to build cobot; setup.py has the rule."""
     if not (checkout / "setup.py").is_file():
-        return Diagnosis("compiler", Verdict.OK, "not needed: cobot is installed")
+        return Diagnosis("compiler", Severity.OK, "not needed: cobot is installed")
     command = [sys.executable, "setup.py", "preflight"]
     done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=False)
     if done.returncode == 0:
-        return Diagnosis("compiler", Verdict.OK, "there is one, for the checkout")
-    return Diagnosis("compiler", Verdict.PROBLEM, done.stderr.strip(), "sudo apt-get install gcc python3-dev")
+        return Diagnosis("compiler", Severity.OK, "there is one, for the checkout")
+    remedy = "sudo apt-get install gcc python3-dev"
+    return Diagnosis("compiler", Severity.PROBLEM, done.stderr.strip(), remedy)
 
 
 def _command(machine: Machine, pid: int) -> str:

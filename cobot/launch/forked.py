@@ -103,7 +103,7 @@ class Forked:
             self.wait()
 
 
-def forked(count: int) -> list[Forked]:
+def fork_processes(count: int) -> list[Forked]:
     """Fork processes that wait for a command. They never return from here.
 
     Only for a process without threads of its own.
@@ -133,7 +133,7 @@ def _serve(channel: socket.socket) -> NoReturn:
     task = json.loads(message)
     os.environ.update(task["environment"])
     _take_descriptors(channel.detach(), received, [1, *task["descriptors"]])
-    _be_called(task["command"])
+    _set_title(task["command"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
     module, *arguments = task["command"][len(RUN_MODULE) :]
     if _first_path:  # not in a forked process that forks again
@@ -167,7 +167,7 @@ def _take_descriptors(channel: int, received: list[int], numbers: list[int]) -> 
                 os.close(int(each))
 
 
-def _be_called(command: Sequence[str]) -> None:
+def _set_title(command: Sequence[str]) -> None:
     """Let `ps` show the command. It is written over the arguments and the environment that the kernel has put
     side by side; the C library uses copies of them from now on."""
     for name, value in os.environ.items():

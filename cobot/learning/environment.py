@@ -149,7 +149,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
             InputError: another option, or no such angles; LimitError for one where no target may be.
             CollisionError: the arm cannot stand at `start`.
         """
-        wanted = self._wanted(options)
+        wanted = self._read_start(options)
         super().reset(seed=seed)
         start = self._free_start() if wanted is None else wanted
         self._task.reset(self.robot, start, self.np_random)
@@ -205,7 +205,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         self._ended = True
         self._arm.close()
 
-    def _wanted(self, options: dict[str, Any] | None) -> Array | None:
+    def _read_start(self, options: dict[str, Any] | None) -> Array | None:
         """Where the options say that an episode begins; None: nowhere."""
         if not isinstance(options, Mapping | None):
             raise InputError(f"options must be a dictionary, got {options!r}")

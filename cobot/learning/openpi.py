@@ -112,7 +112,7 @@ class PolicyConnection:
         self._headers = {"Authorization": f"Api-Key {api_key}"} if api_key else None
         self._connection: ClientConnection | None = None
         self.metadata: dict[str, Any] = {}
-        with self._or_closed():
+        with self._close_on_error():
             self._connect()
 
     def __enter__(self) -> Self:
@@ -133,7 +133,7 @@ class PolicyConnection:
             UnavailableError: the server has gone or does not answer in time.
         """
         content = pack(observation)
-        with self._or_closed():
+        with self._close_on_error():
             connection = self._connect()
             try:
                 connection.send(content)
@@ -152,7 +152,7 @@ class PolicyConnection:
                 connection.close()
 
     @contextlib.contextmanager
-    def _or_closed(self) -> Iterator[None]:
+    def _close_on_error(self) -> Iterator[None]:
         """Close the connection if an exchange is incomplete, even after Ctrl-C: its rest belongs to no later
         one."""
         try:

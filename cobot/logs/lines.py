@@ -50,7 +50,7 @@ def bind(**ids: object) -> None:
 
 
 @contextmanager
-def bound(**ids: object) -> Iterator[None]:
+def add_ids(**ids: object) -> Iterator[None]:
     """Add ids to the log lines of this task until the context ends."""
     before = log_context.get()
     bind(**ids)

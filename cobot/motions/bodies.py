@@ -33,7 +33,7 @@ from cobot.motions.fields import (
     SynchronizationName,
     Within,
     example,
-    few,
+    limit_entries,
 )
 from cobot.motions.planners import users_of
 from cobot.motions.signal_bodies import SignalFields
@@ -71,9 +71,9 @@ class MotionConstraints(RequestModel):
 
     orientation: KeptOrientation | None = Field(None, description="Of the tool.")
     box: KeptBox | None = Field(None, description="For the TCP.")
-    joints: Annotated[dict[str, Annotated[list[Finite], Field(min_length=2, max_length=2)]], few(64)] = Field(
-        {}, max_length=64, description="Smallest and largest angle of joints, by name, rad."
-    )
+    joints: Annotated[
+        dict[str, Annotated[list[Finite], Field(min_length=2, max_length=2)]], limit_entries(64)
+    ] = Field({}, max_length=64, description="Smallest and largest angle of joints, by name, rad.")
 
 
 KeptTo = Annotated[

@@ -71,7 +71,7 @@ def _lower(value: Any) -> Any:
     return value.lower() if isinstance(value, str) else value
 
 
-def few(most: int) -> BeforeValidator:
+def limit_entries(most: int) -> BeforeValidator:
     """Limit the entries of a dictionary. More of them are rejected before each one is validated."""
 
     def check(value: Any) -> Any:

@@ -72,7 +72,7 @@ def _no_way_out(robot: RobotDescription, request: MotionRequest, inside: Array) 
     try:
         robot.collision.check_trajectory(plan_ptp(robot, request, inside))
     except CollisionError as exc:
-        return exc.said(f"{said}, and the straight way back is not free: {exc}")
+        return exc.with_message(f"{said}, and the straight way back is not free: {exc}")
     return CollisionError(f"{said}, and the straight way back is not free")
 
 

@@ -104,7 +104,7 @@ class Held:
             ],
         )
 
-    def projected(self, joints: Array) -> Array | None:
+    def project(self, joints: Array) -> Array | None:
         """A configuration near a given one that keeps all constraints with a margin; None if none is found.
 
         Newton's method on the violated constraints, with the smallest joint motion.

@@ -31,7 +31,7 @@ cdef double _largest(
 
 
 cdef double _build_up(const double* first, const double* jerk, int points, int m) noexcept nogil:
-    """How long it takes at the most to build up the largest acceleration at the largest jerk, s."""
+    """Longest time to build up the largest acceleration at the largest jerk, s."""
     cdef double longest = 0.0
     cdef double a, b
     cdef int i, j

@@ -1,7 +1,7 @@
 """RRT-Connect in joint space (J. Kuffner and S. LaValle, 2000, doi 10.1109/ROBOT.2000.844730), compiled.
 
 OMPL's own asks Python for every configuration and every motion, and its random numbers are seeded once a
-process. This one asks nobody, and the same seed gives the same path.
+process. This one shares nothing, and the same seed gives the same path.
 """
 
 from libc.math cimport INFINITY, M_PI, cos, fmax, fmin, isinf, log, sqrt

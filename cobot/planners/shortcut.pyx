@@ -33,7 +33,7 @@ cdef struct Way:
     int dof
 
 
-def shortened(Clearance clearance, corners, uint64_t seed):
+def shorten(Clearance clearance, corners, uint64_t seed):
     """A polyline with the same ends, no longer, and as free: shape (m, dof).
 
     First cuts between random points of it, of which the more promising ones are tried: the gain is known

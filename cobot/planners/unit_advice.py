@@ -25,7 +25,7 @@ def advising_units(model: RobotModel, request: MotionRequest) -> Iterator[None]:
             if FAR_M < np.abs(position).max() <= MILLIMETRES_TO_M and _is_out_of_reach(model, position):
                 x, y, z = position
                 advice = f"x {x:.6g}, y {y:.6g}, z {z:.6g} look like millimetres, positions are in m"
-                raise exc.said(f"{exc}; {advice}") from exc
+                raise exc.with_message(f"{exc}; {advice}") from exc
         raise
 
 

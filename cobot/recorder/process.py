@@ -53,14 +53,14 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
 
     answering: set[asyncio.Task[None]] = set()
 
-    def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.create_task(_converse(robots, reader, writer))
         answering.add(task)
         task.add_done_callback(answering.discard)
 
     path = socket_path(settings.robot.name)
     path.unlink(missing_ok=True)  # a killed recorder leaves its socket
-    server = await asyncio.start_unix_server(connected, path, limit=LINE_BYTES)
+    server = await asyncio.start_unix_server(accept, path, limit=LINE_BYTES)
     for robot in robots.values():
         robot.start()
     await ended.wait()

@@ -72,7 +72,7 @@ def read_path(path: Path, samples: int) -> RecordedPath:
     Raises:
         InputError: as `read_recording`; or the file is too large for that.
     """
-    return _understood(path, lambda file: _sampled(file, samples))
+    return _understood(path, lambda file: _sample_file(file, samples))
 
 
 def _understood(path: Path, read: Callable[[Path], Result]) -> Result:
@@ -91,7 +91,7 @@ def _types() -> Typestore:
     return store
 
 
-def _sampled(path: Path, samples: int) -> RecordedPath:
+def _sample_file(path: Path, samples: int) -> RecordedPath:
     size = path.stat().st_size
     if size > LARGEST_SHOWN:
         raise InputError(

@@ -61,7 +61,7 @@ cdef class Chain:
         self.reach(mj, site)
 
     def reach(self, mj, int site):
-        """Have the TCP where the site is in its body by now. Not while anybody computes."""
+        """Move the TCP to where its site is now. Call it only while no other thread computes."""
         turn, offset = self._tail
         offset = offset + turn @ mj.site_pos[site]
         self._set_part(self._count, turn @ matrix_of(mj.site_quat[site]), offset)
@@ -143,7 +143,7 @@ cdef class Chain:
             for i in range(4):
                 q[i] = joints[i * apart + self._joint[index]]
             q[0] -= self._rest[index]
-            _derivatives_of_fixed(turning, axis, bent)
+            _differentiate_fixed(turning, axis, bent)
             if self._slides[index]:
                 for i in range(3):
                     moving[i] += axis[i] * q[1] + bent[i] * q[0]
@@ -158,7 +158,7 @@ cdef class Chain:
                 _turn_about_z(turn, cos(q[0]), sin(q[0]))
             memset(arm, 0, sizeof(arm))
             _append(turn, arm, self._turn[index + 1], self._offset[index + 1])
-            _derivatives_of_fixed(turning, arm, bent)
+            _differentiate_fixed(turning, arm, bent)
             for i in range(9):
                 moving[i] += bent[i]
         for i in range(9):
@@ -252,7 +252,7 @@ cdef class Chain:
         return out.swapaxes(0, 1)
 
 
-cdef inline void _derivatives_of_fixed(const double* turning, const double* arm, double* out) noexcept nogil:
+cdef inline void _differentiate_fixed(const double* turning, const double* arm, double* out) noexcept nogil:
     """The first three derivatives of a vector that is fixed in a body, by how the body turns."""
     cdef double first[3]
     cdef double second[3]

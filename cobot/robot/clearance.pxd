@@ -56,7 +56,7 @@ cdef class Clearance:
     cdef void _move_to(self, const double* joints) noexcept nogil
     cdef void _move_part(self, Part* part) noexcept nogil
     cdef void _sweep(self, Part* part, const double* turned) noexcept nogil
-    cdef double _moved(self, int part, int joint, const double* turned) noexcept nogil
+    cdef double _sweep_of(self, int part, int joint, const double* turned) noexcept nogil
     cdef bint _is_proven(
         self, const double* control, int degree, double begin, double end, int count, bint ordered
     ) noexcept nogil

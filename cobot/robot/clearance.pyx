@@ -159,7 +159,7 @@ cdef class Clearance:
                 memcpy(place, link.offset, sizeof(link.offset))
             else:
                 base = self._turn[link.before]
-                _placed(base, self._place[link.before], link.offset, place)
+                _place_point(base, self._place[link.before], link.offset, place)
                 for i in range(0, 9, 3):
                     for k in range(3):
                         turn[i + k] = (
@@ -185,7 +185,7 @@ cdef class Clearance:
         cdef const double* base = self._turn[part.joint]
         cdef double* turn = &self._data.geom_xmat[9 * part.solid.geom]
         cdef int i, k
-        _placed(base, self._place[part.joint], part.offset, &self._data.geom_xpos[3 * part.solid.geom])
+        _place_point(base, self._place[part.joint], part.offset, &self._data.geom_xpos[3 * part.solid.geom])
         for i in range(0, 9, 3):
             for k in range(0 if part.is_turned else 2, 3):
                 turn[i + k] = (
@@ -211,7 +211,7 @@ cdef class Clearance:
             part.swept[joint] = total
             joint = self._link[joint].before
 
-    cdef double _moved(self, int part, int joint, const double* turned) noexcept nogil:
+    cdef double _sweep_of(self, int part, int joint, const double* turned) noexcept nogil:
         if joint < 0:
             return 0.0
         if self._part[part].stamp != self._stamp:
@@ -246,8 +246,8 @@ cdef class Clearance:
             pair = &self._pair[which]
             first, second = &self._part[pair.first].solid, &self._part[pair.second].solid
             needed = self._least[which] - self.resolution_m + (
-                self._moved(pair.first, pair.first_joint, turned)
-                + self._moved(pair.second, pair.second_joint, turned)
+                self._sweep_of(pair.first, pair.first_joint, turned)
+                + self._sweep_of(pair.second, pair.second_joint, turned)
             )
             if far_bound(self._data, first, second) >= needed:
                 continue
@@ -526,7 +526,7 @@ cdef inline double _off_axis(const double* turn, const double* arm) noexcept nog
     return sqrt(x * x + y * y + z * z)
 
 
-cdef inline void _placed(
+cdef inline void _place_point(
     const double* turn, const double* place, const double* offset, double* out
 ) noexcept nogil:
     cdef int i

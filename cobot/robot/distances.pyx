@@ -44,7 +44,7 @@ cdef class GeomDistances:
     """
 
     def __cinit__(self, mj, int capacity, double farthest_m):
-        """For so many pairs at the most; what is further apart than `farthest_m` counts as that far."""
+        """Room for `capacity` pairs. Geoms that are further apart than `farthest_m` count as that far apart."""
         self._mj = mj
         self._dof = checked_dof(mj.nv)
         self._farthest_m = farthest_m
@@ -64,7 +64,7 @@ cdef class GeomDistances:
         """The distances of these pairs of geoms, given by their indices, are wanted from now on."""
         cdef int index
         if len(pairs) > self._capacity:
-            raise ValueError(f"{len(pairs)} pairs of geoms, at the most {self._capacity}")
+            raise ValueError(f"{len(pairs)} pairs of geoms, allowed are up to {self._capacity}")
         self.count = 0
         for index, (first, second) in enumerate(pairs):
             if not (0 <= first < self._mj.ngeom and 0 <= second < self._mj.ngeom):
@@ -117,8 +117,8 @@ cdef GeomPair _pair(const mjModel* model, int first, int second):
     cdef double half_m, radius_m
     pair.first, pair.second = first, second
     pair.rule = _rule(model.geom_type[first], model.geom_type[second])
-    _bound(model, first, &pair.first_half_m, &pair.radii_m)
-    _bound(model, second, &half_m, &radius_m)
+    _find_capsule(model, first, &pair.first_half_m, &pair.radii_m)
+    _find_capsule(model, second, &half_m, &radius_m)
     pair.second_half_m = half_m
     pair.radii_m = radius_m if model.geom_type[first] == mjGEOM_PLANE else pair.radii_m + radius_m
     return pair
@@ -144,7 +144,7 @@ cdef bint _is_bounded(int kind):
     )
 
 
-cdef void _bound(const mjModel* model, int geom, double* half_m, double* radius_m):
+cdef void _find_capsule(const mjModel* model, int geom, double* half_m, double* radius_m):
     """The capsule around a geom, along its z axis: of most shapes a sphere."""
     cdef const double* size = &model.geom_size[3 * geom]
     half_m[0], radius_m[0] = 0.0, model.geom_rbound[geom]

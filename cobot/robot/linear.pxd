@@ -63,9 +63,9 @@ cdef inline bint cholesky_solve(double* a, int n, double* b) noexcept nogil:
 
 
 cdef inline void tridiagonalise(
-    double* a, int n, double* values, double* beside, double* normals, double* shares
+    double* a, int n, double* values, double* sides, double* normals, double* shares
 ) noexcept nogil:
-    """A = Q T Qᵀ with a symmetric T whose diagonal is `values` and whose elements beside it are `beside`,
+    """A = Q T Qᵀ with a symmetric T whose diagonal is `values` and whose elements next to it are `sides`,
     n - 1 of them. Q is n - 2 Householder reflections 1 - share normal normalᵀ, one after the other, with the
     normals in the rows of `normals` from the second next element on (Golub and Van Loan, Matrix Computations,
     algorithm 8.3.1). At most MAX_DOF rows.
@@ -79,13 +79,13 @@ cdef inline void tridiagonalise(
         for i in range(k + 2, n):
             normal[i] = a[i * n + k]
             square += normal[i] * normal[i]
-        beside[k], shares[k] = first, 0.0
+        sides[k], shares[k] = first, 0.0
         if square == 0.0:
             continue
         length = sqrt(first * first + square)
         if first > 0.0:
             length = -length
-        beside[k], normal[k + 1], share = length, first - length, 1.0 / (length * (length - first))
+        sides[k], normal[k + 1], share = length, first - length, 1.0 / (length * (length - first))
         product = 0.0
         for i in range(k + 1, n):
             image[i] = 0.0
@@ -102,7 +102,7 @@ cdef inline void tridiagonalise(
     for i in range(n):
         values[i] = a[i * n + i]
     if n > 1:
-        beside[n - 2] = a[n * n - 2]
+        sides[n - 2] = a[n * n - 2]
 
 
 cdef inline void reflect(
@@ -120,23 +120,23 @@ cdef inline void reflect(
         row[i] -= shares[k] * product * normal[i]
 
 
-cdef inline bint divides(const double* values, const double* beside, int row) noexcept nogil:
+cdef inline bint divides(const double* values, const double* sides, int row) noexcept nogil:
     """Whether nothing that counts couples a row to the one before."""
-    return fabs(beside[row - 1]) <= 1.1e-16 * (fabs(values[row - 1]) + fabs(values[row]))
+    return fabs(sides[row - 1]) <= 1.1e-16 * (fabs(values[row - 1]) + fabs(values[row]))
 
 
 cdef inline void chase_bulge(
-    double* values, double* beside, int begin, int last, Turn* turns
+    double* values, double* sides, int begin, int last, Turn* turns
 ) noexcept nogil:
     """One step of the QR iteration on the rows `begin` to `last` of a symmetric tridiagonal matrix, with
     Wilkinson's shift (Golub and Van Loan, algorithm 8.3.2): last - begin rotations, each of a row and the
     next one.
     """
     cdef double half = 0.5 * (values[last - 1] - values[last])
-    cdef double off = beside[last - 1]
+    cdef double off = sides[last - 1]
     cdef double root = sqrt(half * half + off * off)
     cdef double x = values[begin] - values[last] + off * off / (half + (root if half >= 0.0 else -root))
-    cdef double z = beside[begin]
+    cdef double z = sides[begin]
     cdef double length, inverse, c, s, first, second
     cdef int k
     for k in range(begin, last):
@@ -146,14 +146,14 @@ cdef inline void chase_bulge(
             inverse = 1.0 / length
             c, s = x * inverse, z * inverse
         if k > begin:
-            beside[k - 1] = length
-        first, second, off = values[k], values[k + 1], beside[k]
+            sides[k - 1] = length
+        first, second, off = values[k], values[k + 1], sides[k]
         values[k] = c * c * first + 2.0 * c * s * off + s * s * second
         values[k + 1] = s * s * first - 2.0 * c * s * off + c * c * second
-        beside[k] = c * s * (second - first) + (c * c - s * s) * off
+        sides[k] = c * s * (second - first) + (c * c - s * s) * off
         if k + 1 < last:
-            x, z = beside[k], s * beside[k + 1]
-            beside[k + 1] *= c
+            x, z = sides[k], s * sides[k + 1]
+            sides[k + 1] *= c
         turns[k - begin].row, turns[k - begin].cosine, turns[k - begin].sine = k, c, s
 
 
@@ -165,37 +165,37 @@ cdef inline void rotate(const Turn* turn, double direction, double* row) noexcep
     row[k + 1] = turn.cosine * second - s * first
 
 
-cdef inline int diagonalise(double* values, double* beside, int n, Turn* turns) noexcept nogil:
+cdef inline int diagonalise(double* values, double* sides, int n, Turn* turns) noexcept nogil:
     """The eigenvalues of a symmetric tridiagonal matrix become `values`, in any order; how many rotations
     that took, at most MAX_TURNS.
     """
     cdef int begin, last = n - 1, count = 0
     while last > 0 and count + last <= MAX_TURNS:
-        if divides(values, beside, last):
+        if divides(values, sides, last):
             last -= 1
             continue
         begin = last - 1
-        while begin > 0 and not divides(values, beside, begin):
+        while begin > 0 and not divides(values, sides, begin):
             begin -= 1
-        chase_bulge(values, beside, begin, last, turns + count)
+        chase_bulge(values, sides, begin, last, turns + count)
         count += last - begin
     return count
 
 
 cdef inline void apply_inverse_root(double* a, int n, double least, double* b) noexcept nogil:
-    """b becomes A^(-1/2) b for a symmetric A, n × n, whose eigenvalues count as `least` at the least.
+    """b becomes A^(-1/2) b for a symmetric A, n × n, whose eigenvalues count as at least `least`.
 
     The eigenvectors are not needed: b goes through the reflections and rotations that make A diagonal, and
     back, which takes a third of the time. A is overwritten.
     """
     cdef double values[MAX_DOF]
-    cdef double beside[MAX_DOF]
+    cdef double sides[MAX_DOF]
     cdef double normals[MAX_DOF * MAX_DOF]
     cdef double shares[MAX_DOF]
     cdef Turn turns[MAX_TURNS]
     cdef int i, k, count
-    tridiagonalise(a, n, values, beside, normals, shares)
-    count = diagonalise(values, beside, n, turns)
+    tridiagonalise(a, n, values, sides, normals, shares)
+    count = diagonalise(values, sides, n, turns)
     for k in range(n - 2):
         reflect(normals, shares, n, k, b)
     for k in range(count):

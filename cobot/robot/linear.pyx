@@ -16,7 +16,7 @@ def solved(matrix, right):
 
 
 def inverse_root_times(matrix, double least, right):
-    """A^(-1/2) b of a symmetric A, shape (n, n), whose eigenvalues count as `least` at the least."""
+    """A^(-1/2) b of a symmetric A, shape (n, n), whose eigenvalues count as at least `least`."""
     work = np.array(matrix, dtype=np.float64)
     product = np.array(right, dtype=np.float64)
     cdef int n = len(product)

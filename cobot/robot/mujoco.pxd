@@ -1,9 +1,9 @@
 """MuJoCo's C interface, as far as compiled modules use it.
 
 Only what is named here is known to Cython; sizes and places come from MuJoCo's headers. The model and the
-data belong to Python's objects, which whoever takes their address keeps as attributes for as long.
+data belong to Python objects. Code that takes their address keeps them as attributes for as long.
 
-An invalid argument makes MuJoCo end the process: whoever calls it passes what the model allows, and finite
+An invalid argument makes MuJoCo end the process: callers pass what the model allows, and finite
 numbers.
 """
 

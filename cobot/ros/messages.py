@@ -111,7 +111,7 @@ class Messages:
         except InputError as exc:
             raise InputError(f"{name}: {exc}") from exc
 
-    def examined(self, name: str, message: Any) -> CheckedMessage:
+    def examine(self, name: str, message: Any) -> CheckedMessage:
         """Check a message in the event loop without blocking: a large one takes seconds, in another thread.
 
         Raises:

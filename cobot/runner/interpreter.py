@@ -162,14 +162,14 @@ class Interpreter:
             through = f"{here.word} {first}" if first else "home"
             text += f", through {through} on without a stop"
             content["through"] = [each.model_dump(by_alias=True) for each in chain[:-1]]
-        with self._reported(text + _label(chain[-1]), here, content) as done:
+        with self._report_motion(text + _label(chain[-1]), here, content) as done:
             answer = go(self._client, chain, here.frames)
             done["motion_id"] = answer["motion_id"]
         note = f"; {answer['note']}" if len(chain) > 1 and answer.get("note") else ""
         self._log(f"{text}{_label(chain[-1])}: arrived after {answer['duration_s']:.2f} s{note}")
 
     @contextlib.contextmanager
-    def _reported(self, text: str, here: Where, content: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    def _report_motion(self, text: str, here: Where, content: dict[str, Any]) -> Iterator[dict[str, Any]]:
         """A motion: its start and its end are reported, and its error says where it is."""
         self._log(f"{text}: start")
         event = {**self._place, "step": str(here), **content}
@@ -179,11 +179,11 @@ class Interpreter:
             yield done
         except CobotError as exc:
             self._report({"event": "failed", "reason": str(exc), **event})
-            raise exc.said(f"{text}: {exc}") from exc
+            raise exc.with_message(f"{text}: {exc}") from exc
         self._report({"event": "arrived", **done, **event})
 
     @contextlib.contextmanager
-    def _told(self, step: Step, here: Where, doing: str) -> Iterator[None]:
+    def _report_step(self, step: Step, here: Where, doing: str) -> Iterator[None]:
         """Another step: it is in the log and reported, and its error says where it is."""
         text = self._text(step, here)
         self._log(f"{text}: {doing}")
@@ -192,7 +192,7 @@ class Interpreter:
             yield
         except CobotError as exc:
             self._report({"event": "failed", "reason": str(exc), **event})
-            raise exc.said(f"{text}: {exc}") from exc
+            raise exc.with_message(f"{text}: {exc}") from exc
         self._report({"event": "done", **event})
 
     def _text(self, step: Step, here: Where) -> str:
@@ -200,22 +200,22 @@ class Interpreter:
 
     def _set(self, step: SetStep, here: Where) -> None:
         output, value = step.set.output, step.set.value
-        with self._told(step, here, f"set {output} to {_shown(value)}"):
+        with self._report_step(step, here, f"set {output} to {_shown(value)}"):
             self._client.set(output, value)
 
     def _gripper(self, step: GripperStep, here: Where) -> None:
-        with self._told(step, here, f"gripper: {describe_command(step.gripper)}"):
+        with self._report_step(step, here, f"gripper: {describe_command(step.gripper)}"):
             run_command(self._client, step.gripper)
 
     def _wait_for(self, step: WaitForStep, here: Where) -> None:
         condition = step.wait_for.as_json()
         doing = f"wait until {describe(condition)}, up to {step.timeout_s:g} s"
-        with self._told(step, here, doing):
-            wait_until(condition, self._client.io, step.timeout_s, self._clock, self._progress.paused_s)
+        with self._report_step(step, here, doing):
+            wait_until(condition, self._client.io, step.timeout_s, self._clock, self._progress.ask_paused_s)
 
     def _wait(self, step: WaitStep, here: Where) -> None:
-        with self._told(step, here, f"wait {step.wait_s:g} s"):
-            wait(step.wait_s, self._clock, self._progress.paused_s)
+        with self._report_step(step, here, f"wait {step.wait_s:g} s"):
+            wait(step.wait_s, self._clock, self._progress.ask_paused_s)
 
     def _repeat(self, step: RepeatStep, here: Where) -> None:
         rounds, number = step.repeat, 0
@@ -239,7 +239,7 @@ class Interpreter:
         try:
             found = holds(condition.as_json(), self._client.io())
         except CobotError as exc:
-            raise exc.said(f"{text}: {exc}") from exc
+            raise exc.with_message(f"{text}: {exc}") from exc
         self._log(f"{text}: {describe(condition.as_json())}: {'yes' if found else 'no'}")
         return found
 

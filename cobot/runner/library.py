@@ -56,7 +56,7 @@ class Library:
         for place, depth, step in walk(sequence.items, f"{sequence.word}s"):
             if isinstance(step, CallStep):
                 try:
-                    depth += self._called(step.call, callers)
+                    depth += self._depth_of_call(step.call, callers)
                 except InputError as exc:
                     raise InputError(f"{place}.call: {exc}") from exc
             deepest = max(deepest, depth)
@@ -66,7 +66,7 @@ class Library:
                 )
         return deepest
 
-    def _called(self, name: str, callers: Mapping[Path, str]) -> int:
+    def _depth_of_call(self, name: str, callers: Mapping[Path, str]) -> int:
         path = self._path(name)
         if path in callers:
             circle = " calls ".join([*callers.values(), name])

@@ -72,7 +72,7 @@ class Program:
         self._steps = LuaSteps(
             client,
             self.watch,
-            self._unless_ended,
+            self._run_in_thread,
             report,
             self._lua,
             lambda: self._sandbox.failure,
@@ -158,10 +158,10 @@ class Program:
         )
 
     def _joint_positions(self) -> Any:
-        return self._lua(self._unless_ended(self._client.joint_states)["position"])
+        return self._lua(self._run_in_thread(self._client.joint_states)["position"])
 
     def _tcp_pose(self) -> Any:
-        pose = self._unless_ended(self._client.pose)
+        pose = self._run_in_thread(self._client.pose)
         position, angles = pose["position"], pose["orientation"]["euler_rad"]
         return self._lua([{**position, **angles}[key] for key in POSE])
 
@@ -177,25 +177,26 @@ class Program:
         if not isinstance(fields, dict):
             raise InputError("the arguments must be a table with their names: {q = {...}, v = 0.5}")
         if not self._robot:
-            self._robot = str(self._unless_ended(self._client.health)["robot"]["name"])
+            self._robot = str(self._run_in_thread(self._client.health)["robot"]["name"])
         try:
-            answer = self._unless_ended(lambda: self._client.call_service(self._robot, *names, fields))
+            answer = self._run_in_thread(lambda: self._client.call_service(self._robot, *names, fields))
         except CobotError as exc:  # rejected before the service looked at it, by its role for example
-            raise exc.said(f"{'/'.join(names)}: {exc}") from exc
+            raise exc.with_message(f"{'/'.join(names)}: {exc}") from exc
         if answer["code"] != 0:
             raise ExecutionError(f"{'/'.join(names)}: {answer['message']} (code {answer['code']})")
         return self._lua(answer["result"])
 
     def _motion(self, what: str, move: Callable[[], dict[str, Any]]) -> None:
-        self._unless_ended(lambda: self._report({"event": "start", "motion": what}))  # it may have to wait
+        # The report may have to wait until the program is resumed.
+        self._run_in_thread(lambda: self._report({"event": "start", "motion": what}))
         try:
-            answer = self._unless_ended(move)
+            answer = self._run_in_thread(move)
         except CobotError as exc:
             self._report({"event": "failed", "motion": what, "reason": str(exc)})
             raise
         self._report({"event": "arrived", "motion": what, "motion_id": answer["motion_id"]})
 
-    def _unless_ended(self, work: Callable[[], Result]) -> Result:
+    def _run_in_thread(self, work: Callable[[], Result]) -> Result:
         """The result of something that waits for the service, in a thread that an end leaves to itself.
 
         Raises:
@@ -216,7 +217,7 @@ class Program:
         if problems:
             problem = problems[0]
             if isinstance(problem, CobotError):
-                raise problem.said(f"{problem} (code {int(code_of(problem))})") from problem
+                raise problem.with_message(f"{problem} (code {int(code_of(problem))})") from problem
             raise problem
         return results[0]
 

@@ -120,7 +120,7 @@ class Sandbox:
             overflow_handler=float,
             max_memory=limits.memory_bytes,
         )
-        host = {name.encode(): self._protected(function) for name, function in functions.items()}
+        host = {name.encode(): self._protect(function) for name, function in functions.items()}
         prelude = self._lua.compile(PRELUDE.read_bytes(), name=b"=cobot", mode=b"t")
         self._run = prelude(self._lua.table_from(host), watch.poll, INTERVAL)
 
@@ -151,7 +151,7 @@ class Sandbox:
         """A Lua table."""
         return self._lua.table_from(items)
 
-    def _protected(self, function: Function) -> Function:
+    def _protect(self, function: Function) -> Function:
         """What the prelude calls: no exception, which is an object of Python's, gets through."""
 
         def call(*arguments: Any) -> tuple[Any, ...]:

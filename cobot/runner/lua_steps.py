@@ -76,7 +76,7 @@ class LuaSteps:
         self._client = client
         self._clock = WatchedClock(watch)
         self._pace = Pace(self._clock)
-        self._unless_ended = unless_ended
+        self._run_in_thread = unless_ended
         self._report = report
         self._table = table
         self._failure = failure
@@ -102,7 +102,7 @@ class LuaSteps:
         if not isinstance(value, bool):
             number(value, f"the value of {name}")
         shown = f"set {name} to {json.dumps(value)}"
-        self._do(shown, lambda: self._unless_ended(lambda: self._client.set(name, value)))  # type: ignore[arg-type]
+        self._do(shown, lambda: self._run_in_thread(lambda: self._client.set(name, value)))  # type: ignore[arg-type]
 
     def _gripper(self, command: object = None, how: object = None) -> None:
         name = text(command, "the command")
@@ -117,7 +117,7 @@ class LuaSteps:
             raise InputError(sentences(exc.errors(), ignored=COMMAND_TAGS)) from exc
         self._do(
             f"gripper: {describe_command(given)}",
-            lambda: self._unless_ended(lambda: run_command(self._client, given)),
+            lambda: self._run_in_thread(lambda: run_command(self._client, given)),
         )
 
     def _wait_for(self, condition: object = None, timeout_s: object = None) -> float:
@@ -133,7 +133,7 @@ class LuaSteps:
         return taken[0]
 
     def _read(self) -> Any:
-        return self._unless_ended(self._client.io)
+        return self._run_in_thread(self._client.io)
 
     def _wait_s(self, seconds: object = None) -> None:
         time_s = number(seconds, "wait_s", 0.0, MAX_TIME_S)
@@ -141,11 +141,12 @@ class LuaSteps:
 
     def _call(self, file: object = None) -> None:
         name = text(file, "the file")
-        self._do(f"call {name}", lambda: self._unless_ended(lambda: self._run_file(name)))
+        self._do(f"call {name}", lambda: self._run_in_thread(lambda: self._run_file(name)))
 
     def _do(self, what: str, work: Callable[[], Any]) -> None:
         self._pace.keep()
-        self._unless_ended(lambda: self._report({"event": "start", "content": what}))  # it may have to wait
+        # The report may have to wait until the program is resumed.
+        self._run_in_thread(lambda: self._report({"event": "start", "content": what}))
         try:
             work()
         except CobotError as exc:

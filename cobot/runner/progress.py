@@ -32,7 +32,7 @@ class Progress:
 
         Args:
             place: `iteration`, `n_iterations`, `waypoint`, `n_waypoints`; `step` and `share` of a sequence.
-            within: this is the question of `paused_s`, during a step.
+            within: this is the question of `ask_paused_s`, during a step.
         """
         self._place = place
         if self._told is None:
@@ -49,7 +49,7 @@ class Progress:
         waypoint: int | None = self._answer().get("waypoint")
         return waypoint
 
-    def paused_s(self) -> float:
+    def ask_paused_s(self) -> float:
         """How long the program has been paused in all, in seconds; if it is paused now, once it goes on."""
         self.tell(self._place, asking=self._answers is not None, within=True)
         return float(self._answer().get("paused_s", 0.0))

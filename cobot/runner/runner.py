@@ -179,7 +179,7 @@ def _iterate_program(
         place = {"iteration": iteration, "n_iterations": order.iterations, "waypoint": 0, "n_waypoints": 0}
         order.progress.tell(place)
 
-        def moved(event: Event, place: Event = place) -> None:
+        def report_event(event: Event, place: Event = place) -> None:
             if event["event"] == "start":
                 order.progress.ask(place)
             report({**event, **place})
@@ -189,8 +189,8 @@ def _iterate_program(
             order.url,
             order.lua,
             say if order.from_service else log,
-            moved,
+            report_event,
             partial(interpreter.call, place=place),
-            order.progress.paused_s,
+            order.progress.ask_paused_s,
         )
         run_apart(partial(program.run, source, order.name), program.watch)

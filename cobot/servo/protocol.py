@@ -104,7 +104,7 @@ class ServoRules:
         control_period_s: float,
         units: Sequence[str] = (),
     ) -> None:
-        self.bound(min_position, max_position)
+        self.limit_positions(min_position, max_position)
         self._units = list(units) or ["rad"] * len(self._bounds)
         self._control_period_s = control_period_s
         self.fjt = FjtControl()
@@ -118,7 +118,7 @@ class ServoRules:
         self.mode = ServoMode.NONE
         self.watchdog_s, self.send_period_s = DEFAULT_WATCHDOG_S, control_period_s
 
-    def bound(self, min_position: Sequence[float], max_position: Sequence[float]) -> None:
+    def limit_positions(self, min_position: Sequence[float], max_position: Sequence[float]) -> None:
         """Limit joint positions to these ranges, rad or m."""
         self._bounds = list(zip(map(float, min_position), map(float, max_position), strict=True))
 

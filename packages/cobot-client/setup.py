@@ -3,7 +3,7 @@
 A package `cobot` is in the service's distribution as well. Two distributions that put the same files into one
 place break each other: the later one overwrites, and with the first that is removed the files of both are
 gone. So this one brings its `cobot` in a folder of its own, and a file `.pth` by which Python looks there for
-what it finds nowhere else: beside the service, in whatever order they came, the service's `cobot` counts,
+what it finds nowhere else: next to the service, in whatever order they came, the service's `cobot` counts,
 which has all of this and more.
 """
 

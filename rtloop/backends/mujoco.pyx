@@ -58,7 +58,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._model.opt.timestep = settings.rt.period_s
         self._model.actuator_ctrlrange[:] = np.stack([-limits.max_effort, limits.max_effort], axis=1)
         self._data = mujoco.MjData(self._model)
-        mujoco.set_mjcb_time(None)  # nobody reads MuJoCo's timers, for which it asks the time again and again
+        mujoco.set_mjcb_time(None)  # MuJoCo's timers are not used, and cost a call of the clock each
         self._c_model, self._c_data = model_of(self._model), data_of(self._data)
         self._sensed = self._c_data
         self._position = self._data.qpos
@@ -133,7 +133,7 @@ cdef class MujocoBackend(CompiledBackend):
 
     def write(self, command: object) -> None:
         if self._write_fails:
-            self._data.qvel[:] = 0.0  # a robot that is told nothing puts its brakes on
+            self._data.qvel[:] = 0.0  # a robot without commands applies its brakes
             raise BackendError(self._fail_write)
         self._step(doubles(command, 3 * self._dof))
 

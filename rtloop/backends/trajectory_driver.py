@@ -251,7 +251,7 @@ class TrajectoryDriver:
         self._ask_status()
         if not problem:
             self._find_velocity(found)
-            problem = self._frozen(found, done_s)
+            problem = self._count_frozen(found, done_s)
         now_s = time.monotonic()
         self._said = Said(found.values.copy(), self._loaded, done_s, self._halted, problem, now_s)
 
@@ -286,7 +286,7 @@ class TrajectoryDriver:
             was = before.values.reshape(-1)[: self._dof]
             found.velocity[:] = (found.position - was) / self._state_period_s
 
-    def _frozen(self, found: Measured, done_s: float) -> str:
+    def _count_frozen(self, found: Measured, done_s: float) -> str:
         """Why the reported values cannot be true; "" if they can."""
         motion, before = self._motion, self._said
         if not (before.values.size and np.array_equal(found.values, before.values)):

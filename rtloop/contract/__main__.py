@@ -15,7 +15,7 @@ from cobot.launch.process import in_words
 from rtloop.backends import BackendError
 from rtloop.contract.listing import listed
 from rtloop.contract.new_backend import write_backend
-from rtloop.contract.suite import CHECKS, cell_for, examined
+from rtloop.contract.suite import CHECKS, cell_for, examine
 
 EXIT_OK, EXIT_FAILED = 0, 1
 
@@ -77,7 +77,7 @@ def _test(chosen: argparse.Namespace) -> int:
     results = []
     width = max(map(len, CHECKS))
     for check in chosen.only or CHECKS:
-        result = examined(cell, check)
+        result = examine(cell, check)
         results.append(result)
         if not chosen.json:
             print(f"{check:{width}}  {result.verdict:10}  {result.found}", flush=True)

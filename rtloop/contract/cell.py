@@ -34,9 +34,9 @@ class Cell:
     realtime: bool = False
 
     @contextmanager
-    def driven(self) -> Iterator[Driver]:
+    def drive(self) -> Iterator[Driver]:
         """A device with its backend, open and at rest; closed afterwards."""
-        with self.closed() as driver:
+        with self.make_driver() as driver:
             driver.start()
             driver.until(
                 "the arm is held", lambda: driver.mode == LoopMode.HOLD and bool(driver.heard.commands)
@@ -47,7 +47,7 @@ class Cell:
             yield driver
 
     @contextmanager
-    def closed(self) -> Iterator[Driver]:
+    def make_driver(self) -> Iterator[Driver]:
         """A device with its backend, not open yet."""
         driver = Driver(self.settings, self.robot, rig_of(self.kind, self.settings, self.robot.limits))
         try:

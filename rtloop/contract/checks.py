@@ -30,7 +30,7 @@ MAX_LAG = 4
 
 def calls(cell: Cell) -> str:
     """It is opened, read, enabled, driven, disabled and closed without an error."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         driver.run(REST_S)
         heard = driver.heard
         driver.end()
@@ -44,7 +44,7 @@ def calls(cell: Cell) -> str:
 def values(cell: Cell) -> str:
     """`read` fills in the rows that the capabilities claim, with finite values, in the given arrays."""
     rows = capabilities_of(cell.kind).measured
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         backend = driver.backend
         found = Measured(cell.robot.limits.dof)
         for name in rows:
@@ -74,7 +74,7 @@ def values(cell: Cell) -> str:
 
 def status(cell: Cell) -> str:
     """`status` returns a complete `DeviceStatus`."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         backend = driver.backend
         if not isinstance(backend, Reporting):
             raise NotTested("the backend has no status()")
@@ -94,7 +94,7 @@ def status(cell: Cell) -> str:
 
 def motion(cell: Cell) -> str:
     """The arm executes a planned motion and arrives."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         before = driver.heard.measured.copy()
         driver.move()
         moved = float(np.abs(driver.heard.measured - before).max())
@@ -103,7 +103,7 @@ def motion(cell: Cell) -> str:
 
 def stop(cell: Cell) -> str:
     """A stop during a motion brings the arm to rest and holds it there; then it can move again."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         driver.begin_move()
         driver.run(REST_S)
         driver.stop()
@@ -122,7 +122,7 @@ def limits(cell: Cell) -> str:
     """Written commands, and those that reach the device, keep the velocity, acceleration and jerk limits."""
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("the device executes motions by itself: its own controller keeps its limits")
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         written, sent = len(driver.heard.commands), len(driver.wire or ())
         driver.move()
         wire = driver.wire
@@ -158,7 +158,7 @@ def require_limits(cell: Cell, what: str, positions: list[Array]) -> list[float]
 
 def staleness(cell: Cell) -> str:
     """A written command reaches the device in the same cycle."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         if driver.wire is None:
             raise NotTested("its rig does not record what the device is sent")
         driver.run(FADED_S)
@@ -176,7 +176,7 @@ def staleness(cell: Cell) -> str:
 
 def entry(cell: Cell) -> str:
     """The first command equals the measured position, at the start and after close and open."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         require_entry(cell, driver, 0)
         driver.move()
         driver.end()
@@ -202,7 +202,7 @@ def require_entry(cell: Cell, driver: Driver, before: int) -> None:
 
 def restart(cell: Cell) -> str:
     """A new backend takes over a device that was not closed, because rtloop may be killed."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         driver.begin_move()
         driver.run(REST_S)
         driver.start()
@@ -216,9 +216,9 @@ def restart(cell: Cell) -> str:
     return "and moves"
 
 
-def refused_open(cell: Cell) -> str:
+def reject_open(cell: Cell) -> str:
     """A missing device is reported as an error at open, not later."""
-    with cell.closed() as driver:
+    with cell.make_driver() as driver:
         if "disconnect" not in driver.rig.faults:
             raise NotTested("its rig has no fault disconnect")
         driver.rig.inject("disconnect")
@@ -251,5 +251,5 @@ CHECKS: dict[str, Callable[[Cell], str]] = {
     "staleness": staleness,
     "entry": entry,
     "restart": restart,
-    "device away at open": refused_open,
+    "device away at open": reject_open,
 }

@@ -27,16 +27,16 @@ def options(cell: Cell) -> str:
     key = "no_such_option"
     unknown = backend.model_copy(update={"options": {**backend.options, key: 1}})
     robot = cell.settings.robot.model_copy(update={"backend": unknown})
-    _refused(cell, cell.settings.model_copy(update={"robot": robot}), key)
+    _require_refusal(cell, cell.settings.model_copy(update={"robot": robot}), key)
     periods = capabilities_of(cell.kind).periods_s
     if not periods:
         return "an unknown option is rejected; any period is supported"
     rt = cell.settings.rt.model_copy(update={"period_s": 7.7 * max(periods)})
-    _refused(cell, cell.settings.model_copy(update={"rt": rt}), "rt.period_s")
+    _require_refusal(cell, cell.settings.model_copy(update={"rt": rt}), "rt.period_s")
     return "an unknown option and another period are rejected"
 
 
-def _refused(cell: Cell, settings: Settings, word: str) -> None:
+def _require_refusal(cell: Cell, settings: Settings, word: str) -> None:
     try:
         make_backend(settings, cell.robot.limits)
     except ConfigError as exc:
@@ -48,7 +48,7 @@ def _refused(cell: Cell, settings: Settings, word: str) -> None:
 
 def claims(cell: Cell) -> str:
     """The class has methods for its `capabilities`."""
-    with cell.closed() as driver:
+    with cell.make_driver() as driver:
         backend = driver.rig.backend()
     able = capabilities_of(backend)
     for flags, methods in CLAIMS.items():

@@ -24,7 +24,7 @@ MOTIONS_UNDER_LOSS = 3
 
 def survives(fault: str, cell: Cell) -> str:
     """Lost or reordered packets end no motion, and no command exceeds the limits."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         _require(driver, fault)
         before = len(driver.heard.commands)
         with driver.fault(fault):
@@ -63,7 +63,7 @@ def in_stream(fault: str, cell: Cell) -> str:
 
 def while_loading(fault: str, cell: Cell) -> str:
     """As `ends`, immediately after a motion was requested: the motion is rejected or ends."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         _require(driver, fault)
         driver.ask_move()
         with driver.fault(fault):
@@ -78,7 +78,7 @@ def while_loading(fault: str, cell: Cell) -> str:
 
 def while_enabling(fault: str, cell: Cell) -> str:
     """As `ends`, in the middle of a reset: the reset is rejected, or the fault is detected again."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         _require(driver, fault)
         with driver.fault(fault):
             said = _await_fault(driver, fault)
@@ -95,7 +95,7 @@ def while_enabling(fault: str, cell: Cell) -> str:
 
 def twice(fault: str, cell: Cell) -> str:
     """The fault occurs again during a recovery, before and after the reset."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         _require(driver, fault)
         with driver.fault(fault):
             said = _await_fault(driver, fault)
@@ -112,7 +112,7 @@ def twice(fault: str, cell: Cell) -> str:
 
 def mode_change(cell: Cell) -> str:
     """A change of mode is reported, and the motion ends in a fault or continues; the arm can move again."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         _require(driver, "operation_mode")
         backend = driver.backend
         before = backend.status().operation_mode if isinstance(backend, Reporting) else None
@@ -144,7 +144,7 @@ def _move(driver: Driver) -> None:
 
 def _inject_while(fault: str, cell: Cell, begin: Callable[[Driver], None], *, stays: bool) -> str:
     """The reason reported for a fault that occurs after `begin`; with `stays` it lasts for some resets."""
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         _require(driver, fault)
         begin(driver)
         with driver.fault(fault):

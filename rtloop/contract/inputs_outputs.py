@@ -22,7 +22,7 @@ def io(cell: Cell) -> str:
     """
     if not capabilities_of(cell.kind).io:
         raise NotTested("capabilities.io is not claimed")
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         backend = driver.backend
         if not isinstance(backend, HasIo):
             raise ContractError("capabilities.io is claimed without the methods io and set_output")

@@ -19,7 +19,7 @@ import pytest
 from cobot.config import load_settings
 from cobot.contract_checks import CheckVerdict
 from rtloop.contract.cell import Cell
-from rtloop.contract.suite import CHECKS, cell_for, examined
+from rtloop.contract.suite import CHECKS, cell_for, examine
 
 MARKER = "cobot_backend"
 
@@ -41,7 +41,7 @@ def contract_check(request: pytest.FixtureRequest) -> Callable[[], None]:
         raise pytest.UsageError(f'{request.node.name} needs @pytest.mark.{MARKER}("NAME")')
 
     def check() -> None:
-        result = examined(_cell(marker.args[0]), request.param)
+        result = examine(_cell(marker.args[0]), request.param)
         if result.verdict is CheckVerdict.NOT_TESTED:
             pytest.skip(result.found)
         if result.verdict is CheckVerdict.FAILED:

@@ -22,7 +22,7 @@ def punctuality(cell: Cell) -> str:
     """Reading and writing take less than a period."""
     if not cell.realtime:
         raise NotTested("durations are checked only with --realtime, on an idle computer")
-    with cell.driven() as driver:
+    with cell.drive() as driver:
         driver.move()
         durations = np.array(driver.heard.durations_s)
     late = float((durations > cell.settings.rt.period_s).mean())

@@ -49,7 +49,7 @@ def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> Cell:
     return cell
 
 
-def examined(cell: Cell, check: str) -> CheckResult:
+def examine(cell: Cell, check: str) -> CheckResult:
     """Run one check. A backend that raises an unexpected exception has failed it."""
     with np.errstate(all="ignore"):  # as in rtloop: comparisons find values that are not finite
         return result_of(check, lambda: CHECKS[check](cell), BackendError)
@@ -58,4 +58,4 @@ def examined(cell: Cell, check: str) -> CheckResult:
 def run(cell: Cell) -> Iterator[CheckResult]:
     """Run all checks, one after the other."""
     for check in CHECKS:
-        yield examined(cell, check)
+        yield examine(cell, check)

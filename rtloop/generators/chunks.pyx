@@ -204,11 +204,11 @@ cdef class ChunkInterpolator:
         if self.refused == CHUNK_NOT_FINITE:
             return "times and positions must be finite"
         if self.refused == CHUNK_TIMES:
-            return "times must increase, by half a cycle at the least"
+            return "times must increase by at least half a cycle"
         if self.refused == CHUNK_PAST:
             return f"all {self.refused_count} waypoints are past, the last by {self.refused_s:.3f} s"
         if self.refused == CHUNK_FULL:
-            return f"{self.refused_count} waypoints are still ahead, at the most {LONGEST_CHUNK} are kept"
+            return f"{self.refused_count} waypoints are still ahead, up to {LONGEST_CHUNK} are kept"
         return ""
 
     def begin(self, state):
@@ -283,7 +283,7 @@ cdef void spline_rates(const double* times_s, int count, int n, double* ends) no
 def spline(times_s, points):
     cdef int k = len(times_s), n = np.shape(points)[1]
     if k > MAX_WAYPOINTS:
-        raise InputError(f"{k} waypoints, at the most {MAX_WAYPOINTS}")
+        raise InputError(f"{k} waypoints, allowed are up to {MAX_WAYPOINTS}")
     times, ends = plain(times_s, (k,)), np.zeros((k, 3, n))
     ends[:, 0] = points
     spline_rates(doubles(times, k), k, n, doubles(ends, 3 * n * k))

@@ -99,7 +99,7 @@ cdef class Hold(Interpolator):
         self.left_s -= self.period_s
         if self.left_s < -EARLY * self.period_s:
             for i in range(self.n, 3 * self.n):
-                self.ref[i] = 0.0  # whoever has fallen silent does not move
+                self.ref[i] = 0.0  # a silent client does not move the arm
 
 
 cdef class Linear(Interpolator):

@@ -1,4 +1,4 @@
-"""The fastest reference to a moving target that keeps the limits, planned with each target anew."""
+"""The fastest reference to a moving target that keeps the limits, planned again with each target."""
 
 from libc.math cimport fabs, fmin
 from libc.string cimport memmove

@@ -29,7 +29,7 @@ cdef int otg_position(const Problem* problem, Profile* profile) noexcept nogil
 cdef int otg_velocity(const Problem* problem, Profile* profile) noexcept nogil
 cdef int otg_step(const Problem* problem, double period_s, double* out) noexcept nogil
 cdef int otg_position_in(const Problem* problem, double duration_s, Profile* profile) noexcept nogil
-cdef int otg_synchronised(const Problem* problems, int n, Profile* profiles) noexcept nogil
+cdef int otg_synchronise(const Problem* problems, int n, Profile* profiles) noexcept nogil
 cdef int otg_vector(const Problem* problems, int n, Profile* profiles) noexcept nogil
 cdef void profile_at(const Profile* profile, double time_s, double* out) noexcept nogil
 cdef void profile_extrema(const Profile* profile, double* out) noexcept nogil

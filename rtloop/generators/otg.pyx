@@ -44,7 +44,7 @@ from libc.math cimport INFINITY, cbrt, fabs, fmax, fmin, isfinite, sqrt
 cdef enum:
     MAX_ITERATIONS = 80  # Newton's method takes about six, bisection alone would take 60.
 
-cdef double ROUNDING = 1e-13  # Relative: who follows a plan and plans anew is that far beside it.
+cdef double ROUNDING = 1e-13  # Relative deviation from a plan of an axis that follows it and plans again.
 cdef double END_TOLERANCE = 1e-9  # Relative, of a profile's end: more than rounding is a failure.
 cdef double COLLINEAR = 1e-9  # Relative: what a vector may have across a line, as rounding.
 
@@ -258,7 +258,7 @@ cdef inline double _first_maximum(const Family* family, double low, double high)
         free_from = high
     else:
         free_from = fmax(low, limit - sqrt(limit * limit + kappa))
-    # Held at the least acceleration, up to free_from: H = start_velocity + rise² + rise · limit / 2.
+    # The least acceleration is held up to free_from: H = start_velocity + rise² + rise · limit / 2.
     root = limit * limit / 16.0 - family.start_velocity
     if low < free_from and root > 0.0:
         sigma = 0.75 * limit - sqrt(root)
@@ -461,7 +461,7 @@ cdef inline void _move(
     Profile* profile, State* state, double jerk, double max_velocity, const Shape* shape
 ) noexcept nogil:
     """Append the phases of a motion up, or of its mirror image if the jerk is negative. Accelerations, and
-    the velocity of the cruise, are set anew where they are known: over a long phase rounding would add up."""
+    the velocity of the cruise, are set again where they are known: over a long phase rounding would add up."""
     _append(profile, state, shape.rise - state.acceleration / jerk, jerk)
     state.acceleration = shape.rise * jerk
     _append(profile, state, shape.rise_hold, 0.0)
@@ -821,7 +821,7 @@ cdef inline bint _fits(const Problem* line, const Problem* problems, int n) noex
     return False
 
 
-cdef int otg_synchronised(const Problem* problems, int n, Profile* profiles) noexcept nogil:
+cdef int otg_synchronise(const Problem* problems, int n, Profile* profiles) noexcept nogil:
     """All axes arrive together with the slowest one, each with a cruise at a lower velocity; one for which
     there is none arrives earlier. The first result that is not OTG_OK if an axis has no motion."""
     cdef Profile slower
@@ -841,7 +841,7 @@ cdef int otg_synchronised(const Problem* problems, int n, Profile* profiles) noe
 
 cdef int otg_vector(const Problem* problems, int n, Profile* profiles) noexcept nogil:
     """On a straight line, and in phase, if offset, velocities and acceleration of all axes lie on one: as
-    fast as the limits of all axes permit along it. Else they arrive together, see `otg_synchronised`."""
+    fast as the limits of all axes permit along it. Else they arrive together, see `otg_synchronise`."""
     cdef Problem line
     cdef Profile motion
     cdef double ratio
@@ -859,7 +859,7 @@ cdef int otg_vector(const Problem* problems, int n, Profile* profiles) noexcept 
                 ratio = _quantity(&problems[i], quantity) / _quantity(&line, quantity)
                 _scale(&motion, &problems[i], ratio, &profiles[i])
             return OTG_OK
-    return otg_synchronised(problems, n, profiles)
+    return otg_synchronise(problems, n, profiles)
 
 
 # --- Python, for the tests ---
@@ -943,7 +943,7 @@ def vector(rows, in_phase=True):
     if in_phase:
         result = otg_vector(problems, n, profiles)
     else:
-        result = otg_synchronised(problems, n, profiles)
+        result = otg_synchronise(problems, n, profiles)
     motions = []
     for i in range(n):
         motion = AxisProfile()

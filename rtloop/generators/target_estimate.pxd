@@ -7,7 +7,7 @@ cdef enum:
 
 cdef class Estimate:
     cdef int n
-    cdef int known  # Targets of this stream, the newest ones, at the most as many as the fit takes.
+    cdef int known  # Number of the newest targets of this stream, up to the number that the fit takes.
     cdef double window_s
     cdef double[MAX_TARGETS][MAX_DOF] targets  # The newest last.
     cdef double* newest

@@ -104,8 +104,8 @@ cdef class CommandInbox:
     cdef int c_poll_requests(self) noexcept nogil:
         cdef int asked = 0
         cdef uint64_t stops, estops, fast
-        if self._requests.c_changed():
-            # A service whose counters were spoilt counts the fast ones anew: those are none of its stops.
+        if self._requests.c_take_news():
+            # A service whose counters were spoilt starts to count the fast ones again: those are not stops.
             fast = self._counted_fast[0] - self._fast
             if 0 < fast <= self._counted_stops[0] - self._service_stops:
                 asked |= FAST
@@ -121,7 +121,7 @@ cdef class CommandInbox:
         return asked
 
     cdef double c_service_silence_s(self, long long now_ns) noexcept nogil:
-        if self._heartbeat.c_changed():
+        if self._heartbeat.c_take_news():
             self._beat_ns = self._beat[0]
         if -FAR_NS < self._beat_ns < FAR_NS:
             return <double>(now_ns - self._beat_ns) * 1e-9

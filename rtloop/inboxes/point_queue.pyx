@@ -67,7 +67,7 @@ cdef class PointQueue:
     cdef bint c_poll(self) noexcept nogil:
         cdef uint64_t newest, room
         cdef bint arrived
-        if not self._head.c_changed() or self._head_session[0] != self._session:
+        if not self._head.c_take_news() or self._head_session[0] != self._session:
             return False
         newest = self._head_number[0]
         room = self.seen + POINTS

@@ -10,7 +10,7 @@ cdef class Inbox:
     cdef readonly long long torn_reads
 
     cdef int c_look(self) noexcept nogil  # 1: there is news, 0: there is none, -1: it could not be read
-    cdef bint c_changed(self) noexcept nogil
+    cdef bint c_take_news(self) noexcept nogil
 
 
 cdef class StreamInbox:
@@ -28,5 +28,5 @@ cdef class StreamInbox:
     cdef bint c_asks(self) noexcept nogil
     cdef bint c_wants(self, unsigned long long number) noexcept nogil
     cdef bint c_finishes(self) noexcept nogil
-    cdef bint c_estop_requested(self) noexcept nogil
+    cdef bint c_take_estop(self) noexcept nogil
     cdef long long c_torn_reads(self) noexcept nogil

@@ -10,10 +10,10 @@ from rtloop.results import Rejected
 
 
 cdef class Inbox:
-    """A block that somebody else writes, read when it has changed. Real-time safe.
+    """A block that another process writes, read when it has changed. Real-time safe.
 
     Attributes:
-        readable: whether `data` is what somebody has written; if not, it is tried again in the next cycle.
+        readable: whether `data` is complete; if not, the next cycle tries again.
         torn_reads: how often it was not consistent.
     """
 
@@ -26,9 +26,9 @@ cdef class Inbox:
     def data(self):
         return self.block.data
 
-    def changed(self):
+    def take_news(self):
         """Whether there is news, which is then in `data`."""
-        return self.c_changed()
+        return self.c_take_news()
 
     cdef int c_look(self) noexcept nogil:
         cdef uint64_t sequence = self.block.c_sequence()
@@ -41,7 +41,7 @@ cdef class Inbox:
         self._sequence = sequence
         return 1
 
-    cdef bint c_changed(self) noexcept nogil:
+    cdef bint c_take_news(self) noexcept nogil:
         return self.c_look() > 0
 
 
@@ -83,9 +83,9 @@ cdef class StreamInbox:
         """Whether the client still wants this session, as far as one can read."""
         return self.c_wants(number)
 
-    def estop_requested(self):
+    def take_estop(self):
         """Whether an e-stop was requested since the last call."""
-        return self.c_estop_requested()
+        return self.c_take_estop()
 
     def answer(self, result):
         """Answer the session that asks."""
@@ -97,7 +97,7 @@ cdef class StreamInbox:
         self._ack.publish()
 
     cdef bint c_asks(self) noexcept nogil:
-        return self.session.c_changed() and self._open[0] == 1 and self._number[0] != self.session_seen
+        return self.session.c_take_news() and self._open[0] == 1 and self._number[0] != self.session_seen
 
     cdef bint c_wants(self, unsigned long long number) noexcept nogil:
         cdef bint is_open = self._open[0] == 1 or self._open[0] == 2
@@ -106,9 +106,9 @@ cdef class StreamInbox:
     cdef bint c_finishes(self) noexcept nogil:
         return self.session.readable and self._open[0] == 2
 
-    cdef bint c_estop_requested(self) noexcept nogil:
+    cdef bint c_take_estop(self) noexcept nogil:
         cdef bint asked
-        if not self._requests.c_changed():
+        if not self._requests.c_take_news():
             return False
         asked = self._counted_estops[0] != self._estops
         self._estops = self._counted_estops[0]

@@ -1,6 +1,6 @@
 """A planned motion under way: where its path wants the arm in each cycle.
 
-Most devices are told where to be, cycle by cycle. One that moves by itself is given the whole path, and asked
+Most devices get a position in each cycle. One that moves by itself is given the whole path, and asked
 how far it is.
 """
 
@@ -23,7 +23,7 @@ cdef class PathFollower:
     Attributes:
         path, clock, watch: what is followed, how far it is, and whether it keeps to its fence.
         by_itself: whether the device moves along the path by itself; it never changes.
-        left: whether the arm has been taken off the path, to come to rest beside it.
+        left: whether the arm has left the path, to stop next to it.
     """
 
     def __init__(self, model, capacity, period_s, backend, desired):
@@ -72,7 +72,7 @@ cdef class PathFollower:
         return self._mover.is_halted()
 
     def place(self):
-        """Want the arm where the device says that it is on the path, at rest as far as anybody here knows."""
+        """Want the arm where the device reports it on the path, at rest as far as is known."""
         self.clock.path_time_s = max(self.clock.path_time_s, self._mover.done_s())
         self.path.c_evaluate(self.clock.path_time_s, self.clock.rate, 0.0, self._desired)
         memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))

@@ -3,8 +3,8 @@ from rtloop.planned.path cimport Path
 
 cdef enum Load:
     NO_LOAD = 0
-    START = 1  # It shall begin a motion.
-    REPLACEMENT = 2  # The motion under way shall go on with it.
+    START = 1  # Begin a motion.
+    REPLACEMENT = 2  # Continue the motion under way with it.
 
 
 cdef class Handover:

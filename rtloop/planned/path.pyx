@@ -132,7 +132,7 @@ cdef class Path:
         return False
 
     cdef int c_breakpoints(self, double from_s, double to_s, double* out) noexcept nogil:
-        """The path's breakpoints between two path times, at the most `MAX_BREAKPOINTS` of them; how many."""
+        """Collect up to `MAX_BREAKPOINTS` breakpoints between two path times. Returns their number."""
         cdef Py_ssize_t begin = self._breakpoints_before(from_s, False)
         cdef Py_ssize_t end = self._breakpoints_before(to_s, False)
         cdef Py_ssize_t every = 1 + max(end - begin, 0) // MAX_BREAKPOINTS
@@ -179,7 +179,7 @@ cdef inline double _third(const double* c, double u) noexcept nogil:
 
 
 cdef inline double _reach(const double* c, double u) noexcept nogil:
-    """From the position at the segment's start, at the most, up to u: a bound that is quick."""
+    """A quick upper bound for the way from the segment's start to u."""
     return u * (
         fabs(c[1]) + u * (fabs(c[2]) + u * (fabs(c[3]) + u * (fabs(c[4]) + u * fabs(c[5]))))
     )

@@ -151,7 +151,7 @@ cdef class Safety:
         """Let a command through, or the nearest that is safe; the result is in `c_command`.
 
         Args:
-            streamed: nobody knows what comes next.
+            streamed: what comes next is unknown.
 
         Returns:
             False when the request is not finite: the caller has to latch an e-stop.

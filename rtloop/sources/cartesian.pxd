@@ -16,7 +16,7 @@ cdef struct ForceControl:
     bint axes[TASK]
     double velocity[TASK]  # The fastest that it moves, m/s and rad/s.
     double gain[TASK]  # m/s per N, rad/s per N·m.
-    double wrench[TASK]  # What the TCP shall exert, N and N·m.
+    double wrench[TASK]  # Requested at the TCP, N and N·m.
     double origin[3]
     double orientation[4]
     double turn[9]  # Of the frame in the base frame: its axes are the columns.

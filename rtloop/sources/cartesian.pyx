@@ -49,7 +49,7 @@ cdef inline double clamped(double value, double bound) noexcept nogil:
     return min(max(value, -bound), bound)
 
 
-cdef inline double filtered(double* first, double* second, double value, double share) noexcept nogil:
+cdef inline double low_pass(double* first, double* second, double value, double share) noexcept nogil:
     """The value through two low-pass filters, one after the other."""
     first[0] += share * (value - first[0])
     second[0] += share * (first[0] - second[0])
@@ -349,7 +349,7 @@ cdef class CartesianSource(Source):
             wanted = clamped(
                 POSTURE_RATE_RAD_S * (self.posture[joint] - self.ref[joint]), POSTURE_VELOCITY_RAD_S
             )
-            step[joint] = self.period_s * filtered(
+            step[joint] = self.period_s * low_pass(
                 &self.pull[joint], &self.pull[self.dof + joint], wanted, self.period_s / POSTURE_FILTER_S
             )
 
@@ -399,7 +399,7 @@ cdef class CartesianSource(Source):
         into_frame(force.turn, rows, in_frame)
         for axis in range(TASK):
             missing = force.wrench[axis] + in_frame[axis]  # The TCP exerts the opposite of what it meets.
-            smooth = filtered(
+            smooth = low_pass(
                 &force.pull[axis],
                 &force.pull[TASK + axis],
                 clamped(force.gain[axis] * missing, force.velocity[axis]),

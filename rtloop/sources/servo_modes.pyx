@@ -14,7 +14,7 @@ from rtloop.generators.target_range import TargetRange
 from rtloop.sources.servo_law import ServoLaw
 from rtloop.sources.servo_through_points import ThroughPoints
 
-# A buffered mode waits for so much of points before it begins, two at the least: a sender is not punctual.
+# A buffered mode begins once this much time of points has arrived, at least two: a sender is not punctual.
 cdef double JITTER_S = 0.01
 # It waits for them no longer than so many times that.
 cdef double BEFORE_TIMEOUT = 2.0

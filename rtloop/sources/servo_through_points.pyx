@@ -262,7 +262,7 @@ cdef class ThroughPoints(ServoSource):
         self.highest_rates[number] = min(self.highest_rates[number], cbrt(CURVE_SHARE / max(third, 1e-9)))
 
     cdef void c_make_room(self) noexcept nogil:
-        """Forget the pieces that lie behind; σ begins anew where the arm is."""
+        """Forget the pieces that lie behind; σ begins again where the arm is."""
         cdef int first = self.first, kept = self.count - self.first, piece
         cdef Py_ssize_t row = ORDER * self.dof
         cdef double origin = self.ends[first] - self.spans[first]

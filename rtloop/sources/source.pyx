@@ -44,7 +44,7 @@ cdef Chunk chunk_fields(Block block):
 
 
 cdef object flaw_of(int code):
-    """What is wrong with a target, for who asks in Python: an `Intervention`, or None."""
+    """What is wrong with a target, for Python: an `Intervention`, or None."""
     return None if code == FINE else Intervention(code - 1)
 
 
@@ -110,6 +110,6 @@ cdef class Source:
         """A joint step towards the last target, shape (dof,), rad: only its direction counts."""
 
     cdef void c_exert(self, double* rows) noexcept nogil:
-        """Fill in what the client wants exerted, beside its motion, in zeros: torques of the joints (dof,),
+        """Fill in what the client wants exerted in addition to its motion, in zeros: torques of the joints (dof,),
         N·m, or a wrench at the TCP (6,) in the base frame, N and N·m.
         """

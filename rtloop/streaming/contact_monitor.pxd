@@ -8,4 +8,4 @@ cdef class ContactMonitor:
     cdef int worst
     cdef double found
 
-    cdef bint c_exceeded(self, const double* external) noexcept nogil
+    cdef bint c_check(self, const double* external) noexcept nogil

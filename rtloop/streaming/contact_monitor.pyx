@@ -31,13 +31,13 @@ cdef class ContactMonitor:
         unit = "N·m" if joint else "N or N·m"
         return f"contact: {self.found:.1f} {unit} {where}, allowed are {self.largest[self.worst]:g}"
 
-    def exceeded(self, external):
+    def check(self, external):
         """Whether the torques (dof,) and the wrench (6,) that stand in a row exceed what is permitted."""
         row = np.array(external, float)
-        return self.c_exceeded(doubles(row, self.dof + 6))
+        return self.c_check(doubles(row, self.dof + 6))
 
-    cdef bint c_exceeded(self, const double* external) noexcept nogil:
-        """`exceeded`."""
+    cdef bint c_check(self, const double* external) noexcept nogil:
+        """`check`."""
         cdef double excess, most = -INFINITY
         cdef int index, worst = 0
         for index in range(self.dof + 6):

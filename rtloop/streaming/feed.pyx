@@ -30,7 +30,7 @@ cdef class Feed:
     """What both kinds of session share. Everything that begins with `c_` is real-time safe.
 
     Attributes:
-        holding: whether the arm shall come to rest and wait for the next target.
+        holding: whether the arm is to stop and wait for the next target.
         not_finite: whether the client has streamed what is no number; `source.explain` has the words.
         problem: why the session cannot go on, 0 while it can; see `Problem` in feed.pxd.
     """
@@ -132,7 +132,7 @@ cdef class TargetFeed(Feed):
         self.silent_cycles += 1
         self.untaken_cycles += 1
         self.c_read_setpoint()
-        if self.box.chunk.c_changed():
+        if self.box.chunk.c_take_news():
             self.c_take_chunk(robot_time_s)
         if self.live and self.silent_cycles > self.patience_cycles:
             self.live = False
@@ -150,7 +150,7 @@ cdef class TargetFeed(Feed):
 
     cdef void c_read_setpoint(self) noexcept nogil:
         """Whatever is new in what the client has written: moves at once, a target when it is time for one."""
-        if self.box.setpoint.c_changed():
+        if self.box.setpoint.c_take_news():
             self.target_waits = True
             if self.has_poses and self.setpoint.session[0] == self.session:
                 self.c_take_move()
@@ -243,7 +243,7 @@ cdef class PointFeed(Feed):
         elif self.silent_cycles > self.watchdog_cycles and not (self.problem or finishes):
             self.safety.c_count(COUNT_COMMAND_TIMEOUT)
             self.c_end(SERVO_WATCHDOG)
-        if self.box.setpoint.c_changed() and self.setpoint.session[0] == self.session and self.has_force:
+        if self.box.setpoint.c_take_news() and self.setpoint.session[0] == self.session and self.has_force:
             self.presses.c_press(self.setpoint.wrench)
         if finishes:
             self.finishing_cycles += 1

@@ -259,7 +259,7 @@ cdef class Session:
         elif self._cycle % ALIVE_CYCLES == 0 and self._client.c_gone():
             self.feed.problem = CLIENT_DIED
         self.feed.c_advance(external, external + self.feed.source.dof, robot_time_s)
-        if self._contact_monitor.c_exceeded(external):
+        if self._contact_monitor.c_check(external):
             self._safety.c_count(COUNT_CONTACT)
             self.feed.problem = CONTACT
         self.feed.c_watch_surroundings()

@@ -22,7 +22,7 @@ from app.foxglove import router as foxglove
 from app.graph.actions import GoalHandle
 from app.graph.graph import Graph
 from app.mcp.server import refusal, refused_by
-from app.mcp.tools import decided
+from app.mcp.tools import read_decision
 from app.rosbridge.connection import Connection
 from cobot.client import Client
 from cobot.codes import OF_ERROR, code_of
@@ -237,7 +237,7 @@ def test_agents_get_the_code_from_the_service_and_from_the_rest_api(kind: type[C
     expected = {"detail": "why", "code": kind.code, "number": int(OF_ERROR[kind])}
     assert refusal(kind("why")).structured_content == expected
     with pytest.raises(ToolError, match="409: why") as caught:
-        decided((409, {"detail": "why", "code": kind.code}))
+        read_decision((409, {"detail": "why", "code": kind.code}))
     assert type(refused_by(caught.value)) is kind
 
 

@@ -127,7 +127,7 @@ def test_histograms_are_those_of_numpy(memories: list[RobotMemory]) -> None:
     for row in durations_ns.tolist():
         for phase in Phase:
             statistics.count(phase, row[phase])
-        statistics.cycle_done()
+        statistics.end_cycle()
     published = memories[1].statistics.read()
     assert CYCLES % STATISTICS_CYCLES == 0
     assert published["cycles"] == CYCLES

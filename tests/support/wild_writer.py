@@ -102,7 +102,7 @@ def read(memory: RobotMemory) -> list[int]:
     counts = [0, 0]
     while sum(counts) < READS:
         for inbox in inboxes:
-            inbox.changed()
+            inbox.take_news()
         for block in blocks:
             counts[not block.try_read()] += 1
         commands.poll_requests()
@@ -113,7 +113,7 @@ def read(memory: RobotMemory) -> list[int]:
         if stream.asks():
             stream.answer(Rejected("noise"))
         stream.wants(1)
-        stream.estop_requested()
+        stream.take_estop()
         queue.poll()
         queue.next()
         if queue.seen > 10 * len(memory.points):

@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call, Gone
 from app.api.errors import ErrorCode, responses
-from app.api.job_schemas import ACCEPTED, Wait, accepted
+from app.api.job_schemas import ACCEPTED, Wait, answer_accepted
 from app.api.route import EndpointRouter
 from app.services.gripping.commands import GripperReport
 from app.services.rights.job import JobKind
@@ -178,7 +178,7 @@ async def _run(name: str, body: AnyGripperCommand, request: Request, gone: Gone,
     work = services.gripper.run(name, body, caller)
     if not caller.waits:
         assert caller.job is not None
-        return accepted(call, await services.jobs.begin(caller.job, work))
+        return answer_accepted(call, await services.jobs.begin(caller.job, work))
     outcome = await work
     error = outcome.error
     audit.add_details(error=str(error or ""))

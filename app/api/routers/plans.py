@@ -13,7 +13,7 @@ from app.api.dependencies import Call, Gone
 from app.api.errors import responses, tell
 from app.api.explanations import explained
 from app.api.goals import goal_of
-from app.api.job_schemas import ACCEPTED, accepted
+from app.api.job_schemas import ACCEPTED, answer_accepted
 from app.api.plan_answers import (
     MotionAnswer,
     MotionPoint,
@@ -142,8 +142,8 @@ async def _execute(plan_id: str, request: Request, gone: Gone, how: How) -> Move
         return await run_motion(call, caller, plans.execute(plan_id, caller))
     job = caller.job
     assert job is not None
-    queued = plans.queued(plan_id, job, how.blend_radius)
-    return accepted(call, await call.services.jobs.enqueue(job, queued, caller))
+    queued = plans.queue_request(plan_id, job, how.blend_radius)
+    return answer_accepted(call, await call.services.jobs.enqueue(job, queued, caller))
 
 
 @router.endpoint("GET /robot/motion", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
@@ -170,7 +170,7 @@ async def running_motion(query: Annotated[MotionQuery, Query()], request: Reques
 async def kept_plans(request: Request) -> list[KeptPlan]:
     """The plans that can be run, the oldest first, and the client that has approved each for an agent."""
     services = Call(request).services
-    return [_kept(plan, services) for plan in services.plans.kept()]
+    return [_kept(plan, services) for plan in services.plans.list_valid()]
 
 
 @router.endpoint(

@@ -15,7 +15,7 @@ from app.api.device_schemas import Acknowledge, AcknowledgeAnswer
 from app.api.errors import responses
 from app.api.explain_schemas import explain_of
 from app.api.goals import goal_of
-from app.api.job_schemas import ACCEPTED, MoveQuery, accepted
+from app.api.job_schemas import ACCEPTED, MoveQuery, answer_accepted
 from app.api.route import EndpointRouter
 from app.api.schemas import (
     Angles,
@@ -195,7 +195,7 @@ async def _enqueue(
     services, job = call.services, caller.job
     assert job is not None
     request = queue_request(job.request, goals, services.goals.request, how.blend_radius, radii_m, job)
-    return accepted(call, await services.jobs.enqueue(job, request, caller))
+    return answer_accepted(call, await services.jobs.enqueue(job, request, caller))
 
 
 async def run_motion(
@@ -205,7 +205,7 @@ async def run_motion(
     if caller.waits:
         return answer(await motion)
     assert caller.job is not None
-    return accepted(call, await call.services.jobs.begin(caller.job, motion))
+    return answer_accepted(call, await call.services.jobs.begin(caller.job, motion))
 
 
 def _message(outcome: Outcome) -> str:

@@ -10,7 +10,7 @@ from fastapi import File, Form, Query, Request, Response, UploadFile
 
 from app.api.dependencies import Call
 from app.api.errors import responses
-from app.api.job_schemas import ACCEPTED, Wait, accepted
+from app.api.job_schemas import ACCEPTED, Wait, answer_accepted
 from app.api.route import EndpointRouter
 from app.api.samples import link
 from app.api.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
@@ -89,7 +89,7 @@ async def start_sequence(
     audit.add_details(sequence=status.sequence_id)
     job = call.services.ownership.sequence_job
     if not wait and job is not None:
-        return accepted(call, job.record())
+        return answer_accepted(call, job.record())
     return StartedAnswer(sequence_id=status.sequence_id, pid=status.pid)
 
 

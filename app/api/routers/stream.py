@@ -84,7 +84,7 @@ class Connection:
         )
         self._timeout_s = timeout_s
         self._session: Session | None = None
-        self._jog = Jog(services.robot, services.link, services.streams, self._jog_ended)
+        self._jog = Jog(services.robot, services.link, services.streams, self._report_jog_end)
         self._answers: deque[str] = deque(maxlen=MAX_ANSWERS)
         self._wake = asyncio.Event()
         self._ticker: Ticks | None = None
@@ -279,7 +279,7 @@ class Connection:
         answer = await self._jog.take(command, self._name, self._timeout_s)
         self._answer("jog", share=answer.share, limited_by=answer.limited_by)
 
-    def _jog_ended(self, reason: str) -> None:
+    def _report_jog_end(self, reason: str) -> None:
         self._answer("jog_ended", reason=reason)
 
     @property

@@ -12,7 +12,7 @@ from fastapi import File, Query, Request, Response, UploadFile
 
 from app.api.dependencies import Call, Gone
 from app.api.errors import responses
-from app.api.job_schemas import ACCEPTED, Wait, accepted
+from app.api.job_schemas import ACCEPTED, Wait, answer_accepted
 from app.api.route import EndpointRouter
 from app.api.samples import link
 from app.api.schemas import LogAnswer, LogQuery
@@ -90,7 +90,7 @@ async def _send(
     if caller.waits:
         return _answer(await sending)
     assert caller.job is not None
-    return accepted(call, await call.services.jobs.begin(caller.job, sending))
+    return answer_accepted(call, await call.services.jobs.begin(caller.job, sending))
 
 
 def _answer(sent: StartedTrajectory) -> SentAnswer:

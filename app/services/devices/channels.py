@@ -185,7 +185,7 @@ class Channels:
         del self._open[name]
         self._opened_by.pop(name, None)
 
-    def program_ended(self, token: str) -> None:
+    def close_left_open(self, token: str) -> None:
         """Let go of what a program has opened and not closed, however it has ended."""
         self._ended.append(token)
         for name in [name for name, program in self._opened_by.items() if program == token]:

@@ -50,10 +50,10 @@ class Equipment:
         self.serial_ports = SerialPorts()
         self.traces = Traces()
 
-    def program_ended(self, token: str) -> None:
+    def close_left_open(self, token: str) -> None:
         """A program with this token has ended: close the connections that it has left open."""
-        self.sockets.program_ended(token)
-        self.serial_ports.program_ended(token)
+        self.sockets.close_left_open(token)
+        self.serial_ports.close_left_open(token)
 
     def close(self) -> None:
         """Let go of all devices."""

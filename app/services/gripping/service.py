@@ -158,7 +158,7 @@ class GripperService:
         error: BaseException | None = None
         if caller.job is not None:
             caller.job.begin(self._ownership.speed_override)
-            caller.job.started()
+            caller.job.start()
             caller.job.accepted.set()
         try:
             state = await self._follow(worker, running, caller)
@@ -253,15 +253,15 @@ class GripperService:
         """Tell what a command that has ended has come to."""
         if isinstance(command, GripperGrasp):
             if good and missed(state) is None:
-                self._grasped(state)
+                self._note_grasp(state)
         elif isinstance(command, GripperMove):
             if good and state.object is not None and state.object.is_held:
-                self._grasped(state)
+                self._note_grasp(state)
         elif state.object is None and self._holds and isinstance(command, GripperRelease | GripperHome):
             self._holds = False  # such a gripper does not see by itself that nothing is held any more
-            self._released()
+            self._note_release()
 
-    def _grasped(self, state: GripperState) -> None:
+    def _note_grasp(self, state: GripperState) -> None:
         self._holds, self._lost = True, False
         held = self._held.grasp(state)
         self._link.events.publish(
@@ -296,9 +296,9 @@ class GripperService:
             if self._running is None:
                 self._lose()
             else:
-                self._released()
+                self._note_release()
         elif holds and not self._holds and self._running is None:
-            self._grasped(state)  # by a command of an earlier run of the service, which was killed meanwhile
+            self._note_grasp(state)  # commanded by a service that was killed meanwhile
         self._holds = holds
 
     def _adopt(self, state: GripperState) -> None:
@@ -310,7 +310,7 @@ class GripperService:
         else:
             self._holds = self._held.name is not None
 
-    def _released(self) -> None:
+    def _note_release(self) -> None:
         name = self._held.release()
         self._tell("released", object=name)
 
@@ -333,7 +333,7 @@ class GripperService:
             await asyncio.sleep(WATCH_S)
             now_latched = self._is_latched(latched)
             if self._ownership.stops != stops or (now_latched and not latched):
-                self._stopped(worker, "the mode is ESTOP or FAULT" if now_latched else "stopped by a stop")
+                self._heed_stop(worker, "the mode is ESTOP or FAULT" if now_latched else "stopped by a stop")
             stops, latched = self._ownership.stops, now_latched
 
     def _is_latched(self, before: bool) -> bool:
@@ -342,7 +342,7 @@ class GripperService:
         except UnavailableError:
             return before
 
-    def _stopped(self, worker: GripperWorker, why: str) -> None:
+    def _heed_stop(self, worker: GripperWorker, why: str) -> None:
         running = self._running
         stopped = running is None or running.stops != self._ownership.stops
         if not stopped and running is not None and (running.latched or not self._is_latched(False)):

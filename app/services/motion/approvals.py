@@ -39,7 +39,7 @@ class Approvals:
             NotFoundError: there is no such plan, or no more.
         """
         plan = self._plans.get(plan_id)
-        known = {each.plan_id for each in self._plans.kept()}
+        known = {each.plan_id for each in self._plans.list_valid()}
         self._by = {plan_id: name for plan_id, name in self._by.items() if plan_id in known}
         self._by[plan_id] = by
         return plan

@@ -132,9 +132,9 @@ class ControlService:
             return False, str(exc)
         return True, ""
 
-    def disconnected(self, client: Client) -> None:
+    def drop_client(self, client: Client) -> None:
         """A WebSocket is gone, and with it the lease that it has taken."""
-        self._ownership.lease.disconnected(client)
+        self._ownership.lease.drop_client(client)
 
     def _require_free(self, client: Client) -> None:
         lease, owner = self._ownership.lease, self._ownership.owner

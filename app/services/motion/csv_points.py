@@ -93,7 +93,7 @@ def read_points(
     """
     _require_few(file)
     if separator is None:
-        separator = _found(file)
+        separator = _find_separator(file)
         if separator == WHITESPACE:
             rows = _spaced_rows(file)
             return _read(rows, separator, joints, check)
@@ -129,7 +129,7 @@ def _too_many(number: int) -> InputError:
     return InputError(f"row {number}: there are more than {MAX_ROWS} rows")
 
 
-def _found(file: BinaryIO) -> str:
+def _find_separator(file: BinaryIO) -> str:
     """What separates the columns' names, in which none of these can stand."""
     header = re.split(rb"[\r\n]", file.read(HEADER_BYTES), maxsplit=1)[0]
     file.seek(0)

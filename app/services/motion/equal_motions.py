@@ -117,7 +117,7 @@ class EqualMotions:
 
     async def _plan(self, name: str, target: Target, claim: Claim) -> Trajectory | None:
         services = self._robots[name]
-        state = await services.motion.ready()
+        state = await services.motion.require_ready()
         move = RatedMove(
             MotionRequest(state.commanded_position, target.joints, PlannerName.PTP, Scaling(1.0)),
             velocity=target.velocity,

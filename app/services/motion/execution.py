@@ -68,7 +68,7 @@ class MotionService:
         self.force_zero = ForceZero(robot, link)
         self.command_gripper: CommandGripper = _no_gripper
 
-    async def ready(self) -> RobotState:
+    async def require_ready(self) -> RobotState:
         """A state from which a motion may start.
 
         Raises:
@@ -124,7 +124,7 @@ class MotionService:
         if claim.job is not None:
             if signals is not NO_PLACED:
                 claim.job.follow_signals(lambda: follower.results)
-            claim.job.started(claim.motion_id, trajectory)
+            claim.job.start(claim.motion_id, trajectory)
         await claim.speed_override.begin_motion()
         return follower
 
@@ -148,7 +148,7 @@ class MotionService:
         )
         claim.trajectory = trajectory
         if claim.job is not None:
-            claim.job.prolonged(trajectory)
+            claim.job.prolong(trajectory)
         if checked_s <= self.scene_changed_s:  # the scene may have been checked against the trajectory before
             try:
                 await self._require_free(trajectory)
@@ -210,7 +210,7 @@ class MotionService:
         way = await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
         there_m = max(way.length_m(contact.path_time_s) - signals.retract_m, 0.0)
         joints = trajectory.sample([way.path_time_s(there_m)])[0]
-        start = (await self.ready()).commanded_position
+        start = (await self.require_ready()).commanded_position
         pose = self._robot.model.forward(joints)
         back = MotionRequest(start, pose, PlannerName.LIN, signals.retract_scaling, end_joints=joints)
         direct = MotionRequest(start, joints, PlannerName.PTP, signals.retract_scaling)
@@ -227,7 +227,7 @@ class MotionService:
         if motion is not None:
             await self.start(claim, motion, fence)
             await self.arrival(claim)
-        signals.retracted(way.length_m(contact.path_time_s) - there_m)
+        signals.note_retraction(way.length_m(contact.path_time_s) - there_m)
 
     async def _await_end(self, claim: Claim, signals: SignalFollower | None) -> tuple[RobotState, str]:
         """The first state after the motion, and what it waited for then; an interruption has it stopped."""

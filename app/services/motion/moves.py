@@ -144,7 +144,7 @@ class MoveService:
             try:
                 motion = await plan(request)
             except (PlanningError, InputError) as exc:
-                error = exc.said(f"motion {number}: {exc}")
+                error = exc.with_message(f"motion {number}: {exc}")
                 if exc.explanation is not None:
                     error.explanation = replace(exc.explanation, motion=number)
                 raise error from exc
@@ -172,7 +172,7 @@ class MoveService:
             watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
             try:
-                state = await self._motion.ready()
+                state = await self._motion.require_ready()
                 claim.accept()
                 course = await plan_motion(claim, state.commanded_position)
                 trajectory = course.to_run(state.commanded_position)
@@ -213,7 +213,7 @@ class MoveService:
             watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
             try:
-                require((await self._motion.ready()).commanded_position)
+                require((await self._motion.require_ready()).commanded_position)
                 claim.accept()
                 if trajectory is not None:
                     await self._go(claim, trajectory, caller, watch, begun, fence)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cobot.config import load_settings
 from cobot.errors import CobotError
-from cobot.launch.forked import Forked, forked
+from cobot.launch.forked import Forked, fork_processes
 
 
 def planning_blanks(config: Path | None) -> list[Forked]:
@@ -14,6 +14,6 @@ def planning_blanks(config: Path | None) -> list[Forked]:
     is wrong is found, and said, by who starts planning processes.
     """
     try:
-        return forked(sum(each.planning.workers for each in load_settings(config).each.values()))
+        return fork_processes(sum(each.planning.workers for each in load_settings(config).each.values()))
     except (CobotError, OSError):
         return []

@@ -137,7 +137,7 @@ class PlanningPool:
         loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout_at(asked_s + timeout_s):
-                worker = await self._free()
+                worker = await self._wait_for_worker()
         except TimeoutError:
             has = f"all {self.usable} have other tasks" if self.usable else "they have not started yet"
             raise UnavailableError(f"no planning process was free within {timeout_s:g} s: {has}") from None
@@ -170,7 +170,7 @@ class PlanningPool:
             worker.dismissed = True
             worker.end()
 
-    async def _free(self) -> _Worker:
+    async def _wait_for_worker(self) -> _Worker:
         """A worker without a task, once there is one."""
         while True:
             try:
@@ -247,7 +247,7 @@ class PlanningPool:
         ours, theirs = socket.socketpair()
         with theirs:
             try:
-                process = self._begun(theirs.fileno())
+                process = self._launch(theirs.fileno())
             except OSError:
                 ours.close()
                 raise
@@ -259,7 +259,7 @@ class PlanningPool:
             raise
         return _Worker(process, writer), reader
 
-    def _begun(self, descriptor: int) -> subprocess.Popen[bytes] | Forked:
+    def _launch(self, descriptor: int) -> subprocess.Popen[bytes] | Forked:
         """A process with this end of its socket."""
         command = [*self._command, "--fd", str(descriptor)]
         while self._blanks:

@@ -105,7 +105,7 @@ class PlanService:
                 asked for and the error has findings.
         """
         check_radii(goals, radii_m)
-        begin = await self._present() if asked.start is None else self._given(asked.start)
+        begin = await self._present() if asked.start is None else self._read_start(asked.start)
         limits = deepcopy(self._robot.limits)
         attempt = PlanAttempt(
             self._planning, self._robot, self._clock, asked, begin, timeout_s, self._explain_s
@@ -130,7 +130,7 @@ class PlanService:
             ConflictError: the arm moves.
             UnavailableError: the robot is not ready, or no planning process is free.
         """
-        begin = np.array((await self._motion.ready()).commanded_position)
+        begin = np.array((await self._motion.require_ready()).commanded_position)
         work = partial(describe, trajectory=None, start=begin, samples=samples)
         async with self._turn:
             found = await self._planning.compute(work, timeout_s)
@@ -182,7 +182,7 @@ class PlanService:
         finally:
             self._drawing.release()
 
-    def kept(self) -> list[Plan]:
+    def list_valid(self) -> list[Plan]:
         """Those that can be run, the oldest first."""
         self._forget()
         return list(self._plans.values())
@@ -224,7 +224,7 @@ class PlanService:
 
         if plan.gripper is not None:
             begun_s = self._clock.now_s()
-            require(np.array((await self._motion.ready()).commanded_position))
+            require(np.array((await self._motion.require_ready()).commanded_position))
             error = await self.command_gripper(plan.gripper, caller)
             return Outcome(error, None, self._clock.now_s() - begun_s, 0.0)
         return await self._moves.run(plan.to_run, require, caller, fence, plan.signals)
@@ -279,7 +279,7 @@ class PlanService:
         finally:
             self._turn.release()
 
-    def queued(self, plan_id: str, job: Job, radius_m: float) -> QueueRequest:
+    def queue_request(self, plan_id: str, job: Job, radius_m: float) -> QueueRequest:
         """A plan that is to be run in its turn, if all is as it was then too.
 
         Raises:
@@ -295,13 +295,13 @@ class PlanService:
         trajectory, same = plan.forecast.trajectory, partial(plan.require_unchanged, self._robot)
         same()
 
-        def begun(start: Array) -> Leg | None:
+        def begin(start: Array) -> Leg | None:
             plan.require_start(start, "will be", QUEUED_TOLERANCE_RAD)
             return None if trajectory is None else Leg(trajectory, plan.limits, None)
 
         return QueueRequest(
             f"plan {plan_id}",
-            [begun],
+            [begin],
             radius_m,
             job=job,
             exact=True,
@@ -310,14 +310,14 @@ class PlanService:
             require_valid=same,
         )
 
-    def _given(self, start: list[float]) -> Array:
+    def _read_start(self, start: list[float]) -> Array:
         joints = np.array(start, dtype=np.float64)
         self._goals.require_joints(joints, name="start", checked=False)
         return joints
 
     async def _present(self) -> Array:
         try:
-            return np.array((await self._motion.ready()).commanded_position)
+            return np.array((await self._motion.require_ready()).commanded_position)
         except ConflictError as exc:
             raise ConflictError(f"{exc}; give `start` to plan meanwhile") from exc
 

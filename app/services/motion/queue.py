@@ -145,7 +145,7 @@ class MotionQueue:
                 job = self._ownership.new_job(JobKind.QUEUE, request.name)
                 caller = Caller(NAME, token, stops, math.inf, asyncio.Event(), job)
                 claim = stack.enter_context(await self._ownership.claim_motion(caller))
-                self._line.put_first([], (await self._motion.ready()).commanded_position)
+                self._line.put_first([], (await self._motion.require_ready()).commanded_position)
                 number = await self._accept(claim, request)
                 # From here the claim belongs to the task that executes the moves.
                 self._claim, self._token = claim, token
@@ -189,7 +189,7 @@ class MotionQueue:
         if (job := request.job) is not None:
             job.parent = None if claim.job is None else claim.job.id
             notes = dict.fromkeys(leg.motion.note for leg in found.legs if leg.motion.note)
-            job.queued(found.duration_s, "; ".join(notes))
+            job.enqueue(found.duration_s, "; ".join(notes))
         return number
 
     async def _mend(self, claim: Claim) -> None:

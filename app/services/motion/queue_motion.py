@@ -177,7 +177,7 @@ class QueueMotion:
         self.moves += self._joining
         self._joining = []
         self._end_dropped()
-        start = (await self._motion.ready()).commanded_position
+        start = (await self._motion.require_ready()).commanded_position
         self._end_dropped()  # perhaps more of them
         left, self.moves = self.moves, []
         return Left(left, bool(left) and left[0] is begun, start)
@@ -236,7 +236,7 @@ class QueueMotion:
             return
         if job.motion_id != claim.motion_id:
             job.its_turn(claim.speed_override, claim.motion_id, left_s)
-        job.left(left_s)
+        job.set_left_s(left_s)
 
     async def _prolong(self, claim: Claim, line: QueueLine) -> None:
         """Have the motion under way go on through the next moves that are possible.

@@ -186,7 +186,7 @@ class MovePlanner:
             except (PlanningError, InputError) as exc:
                 if len(radii_m) == 1:
                     raise
-                raise exc.said(f"motion {part}: {exc}") from exc
+                raise exc.with_message(f"motion {part}: {exc}") from exc
             if found is not None:
                 legs.append(found)
                 radii.append(radius_m)
@@ -216,7 +216,7 @@ class MovePlanner:
             try:
                 await self._motion.require_free_since(move.since_s, each.motion)
             except CollisionError as exc:
-                raise exc.said(f"the scene has changed since it was queued: {exc}") from exc
+                raise exc.with_message(f"the scene has changed since it was queued: {exc}") from exc
 
     async def begin_stretch(self, claim: Claim, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
         """See `planning_tasks.begin_stretch`; raises as `PlanningService.compute`."""

@@ -100,7 +100,7 @@ class SignalFollower:
             if not result.fired and not result.problem:
                 self._tell("not fired", result)
 
-    def retracted(self, by_m: float) -> None:
+    def note_retraction(self, by_m: float) -> None:
         """The TCP has gone back so far."""
         if self._contact is not None:
             self._contact = replace(self._contact, retracted_m=by_m)

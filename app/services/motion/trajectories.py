@@ -119,7 +119,7 @@ class TrajectoryService:
     async def _hand_over(
         self, claim: Claim, read: Read, options: Options, timeout_s: float
     ) -> StartedTrajectory:
-        start = (await self._motion.ready()).commanded_position
+        start = (await self._motion.require_ready()).commanded_position
         tolerance_rad = math.inf if options.move_to_start else self._start_tolerance_rad
 
         def check(point: Waypoint) -> None:
@@ -127,7 +127,7 @@ class TrajectoryService:
 
         points = await claim.run_interruptibly(asyncio.to_thread(read, check))
         claim.accept()
-        state = await self._motion.ready()
+        state = await self._motion.require_ready()
         request = WaypointRequest(
             state.commanded_position,
             points,

@@ -163,7 +163,7 @@ class SequenceService:
         finally:
             self._starting = False
         self._process, self._stopped, self._error_line = process, "", ""
-        self._steps = Steps(answers, order.from_waypoint, self._held, hold=order.hold)
+        self._steps = Steps(answers, order.from_waypoint, self._hold_job, hold=order.hold)
         self.status = SequenceStatus(
             status="running",
             sequence_id=number,
@@ -174,7 +174,7 @@ class SequenceService:
         )
         job = self._ownership.sequence_job
         if job is not None:
-            job.started()
+            job.start()
         actions = f"joints_action {order.joints_action}, pose_action {order.pose_action}"
         self._note(f"sequence {number} started, pid {process.pid}, {actions}")
         self._tell("started", name=_printable(order.name), iterations=order.n_iterations)
@@ -337,7 +337,7 @@ class SequenceService:
         if event["within"]:
             await override.opened.wait()
             steps.answer_time(override.paused_s)
-        elif steps.asked(event["behind"], event["n_waypoints"]):
+        elif steps.ask(event["behind"], event["n_waypoints"]):
             await override.opened.wait()
             steps.answer()
 
@@ -355,7 +355,7 @@ class SequenceService:
             raise ConflictError("no sequence is running")
         return self._steps
 
-    def _held(self, held: bool) -> None:
+    def _hold_job(self, held: bool) -> None:
         job = self._ownership.sequence_job
         if job is not None:
             job.hold(held)

@@ -38,7 +38,7 @@ class Steps:
         self._n_waypoints: int | None = None  # until it has asked
         self.held = False
 
-    def asked(self, behind: int, n_waypoints: int) -> bool:
+    def ask(self, behind: int, n_waypoints: int) -> bool:
         """The runner waits and asks whether to go on.
 
         Args:

@@ -128,7 +128,7 @@ class Job:
     """A job that has not ended. What it is at present is derived from the motion; `record` says it.
 
     Attributes:
-        changed: told of each change of the state.
+        on_change: told of each change of the state.
         accepted: set when nothing can be refused any more that is known before planning.
         ended: set at the end; then `end_record` is what was made of it.
     """
@@ -137,7 +137,7 @@ class Job:
     kind: JobKind
     request: str
     owner: str
-    changed: Callable[[Job], None]
+    on_change: Callable[[Job], None]
     parent: str | None = None
     id: str = field(default_factory=new_job_id)
     accepted: asyncio.Event = field(default_factory=asyncio.Event)
@@ -178,40 +178,40 @@ class Job:
     def begin(self, override: SpeedOverride) -> None:
         """It has the right to move, with this speed override."""
         self._override = override
-        self.changed(self)
+        self.on_change(self)
 
-    def started(self, motion_id: int | None = None, trajectory: Trajectory | None = None) -> None:
+    def start(self, motion_id: int | None = None, trajectory: Trajectory | None = None) -> None:
         """A motion of it has begun; without one, it is a sequence."""
         self._motion_id = motion_id
         if trajectory is not None:
             self._follow(trajectory)
         self._started_at = self._started_at or self._now()
-        self.changed(self)
+        self.on_change(self)
 
     def follow_signals(self, results: Callable[[], SignalResults]) -> None:
         """Report the actions and conditions of a motion from now on."""
         self._signals = results
 
-    def prolonged(self, trajectory: Trajectory) -> None:
+    def prolong(self, trajectory: Trajectory) -> None:
         """Its motion goes on along this one."""
         self._follow(trajectory)
 
     def _follow(self, trajectory: Trajectory) -> None:
         self._planned_s, self._note, self._path_time_s = trajectory.duration_s, trajectory.note, 0.0
 
-    def queued(self, duration_s: float, note: str) -> None:
+    def enqueue(self, duration_s: float, note: str) -> None:
         """It is planned, takes so long at full speed, and waits for its turn."""
         self._planned_s, self._note = duration_s, note
         self.accepted.set()
-        self.changed(self)
+        self.on_change(self)
 
     def its_turn(self, override: SpeedOverride, motion_id: int | None, left_s: float) -> None:
         """It is a part of a motion, which has come to it; of that part so much is left."""
         self._part_s, self._path_time_s = left_s, 0.0
         self._override = override
-        self.started(motion_id)
+        self.start(motion_id)
 
-    def left(self, left_s: float) -> None:
+    def set_left_s(self, left_s: float) -> None:
         """Set the remaining time of its part of a motion."""
         if self._part_s is not None:
             self._path_time_s = max(self._part_s - left_s, self._path_time_s)
@@ -223,7 +223,7 @@ class Job:
     def hold(self, held: bool) -> None:
         """A sequence waits at a waypoint, or does no longer."""
         self._held = held
-        self.changed(self)
+        self.on_change(self)
 
     def fail(self, error: BaseException) -> None:
         """Note why it does not arrive; the first cause counts."""
@@ -235,7 +235,7 @@ class Job:
             state = JobState.FAILED
         self.end_record = self._recorded(state)
         self.ended.set()
-        self.changed(self)
+        self.on_change(self)
 
     @property
     def failed(self) -> bool:

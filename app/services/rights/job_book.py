@@ -102,7 +102,7 @@ class JobBook:
             number: its id; None for a new one.
         """
         request, owner = printable(request, MAX_REQUEST), printable(str(CLIENT.get()), MAX_REQUEST)
-        return Job(self._link, kind, request, owner, self._changed, parent, number or new_job_id())
+        return Job(self._link, kind, request, owner, self._note_change, parent, number or new_job_id())
 
     def records(self, count: int, states: frozenset[JobState] = frozenset(JobState)) -> list[JobRecord]:
         """The newest jobs in one of these states, the newest first."""
@@ -123,7 +123,7 @@ class JobBook:
         job = self._live.get(number)
         return self._past.get(number) if job is None else job.record()
 
-    def moved(self) -> None:
+    def report_pause(self) -> None:
         """The speed override has begun or ended a pause: of all that it is for."""
         for job in list(self._live.values()):
             if job.state is not JobState.QUEUED:
@@ -134,7 +134,7 @@ class JobBook:
         if self._outlet is not None and self._file is not None and self._outlet.close(END_S):
             self._file.close()
 
-    def _changed(self, job: Job) -> None:
+    def _note_change(self, job: Job) -> None:
         record = job.record()
         if record.state in ENDS:
             self._live.pop(job.id, None)

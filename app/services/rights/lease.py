@@ -132,7 +132,7 @@ class ControlLease:
         if self.current is not None:
             self._end("released", "was released")
 
-    def disconnected(self, client: Client) -> None:
+    def drop_client(self, client: Client) -> None:
         """A WebSocket is gone, and with it what it has taken."""
         if self._lease is not None and self._lease.client is client:
             self._end("disconnected", "ended when its client disconnected")

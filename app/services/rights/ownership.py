@@ -48,9 +48,9 @@ class Ownership:
         self.on_sequence_end: Callable[[str], None] = lambda token: None
         self.before_motion: Callable[[], Awaitable[None]] = _do_nothing
         self._stopped_s = -math.inf
-        self.speed_override = SpeedOverride(link, self.jobs.moved)
+        self.speed_override = SpeedOverride(link, self.jobs.report_pause)
         self.lease = ControlLease(
-            link.clock, lambda: bool(self._claim or self._sequence), self._lease_ended, self._tell_lease
+            link.clock, lambda: bool(self._claim or self._sequence), self._restore_speed, self._tell_lease
         )
 
     @property
@@ -182,7 +182,7 @@ class Ownership:
         if self._sequence is None and self.lease.current is None:
             self._fraction = fraction
 
-    def _lease_ended(self) -> None:
+    def _restore_speed(self) -> None:
         self.speed_override.restore(self._fraction)
 
     def end(self, job: Job, error: BaseException | None = None, *, stopped: bool = False) -> None:

@@ -83,9 +83,9 @@ class Commands:
                 )
             except CobotError:
                 self.handed_over = None
-                motions.refused()
+                motions.forget_begin()
                 raise
-            motions.begun()
+            motions.publish_begin()
         return motion_id
 
     async def replace(self, trajectory: Trajectory, offset_s: float, stops: int, tool: int = 0) -> None:

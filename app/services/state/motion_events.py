@@ -38,11 +38,11 @@ class MotionEvents:
         """A motion is being started; what there is to tell once it has begun."""
         self._beginning = {"motion": motion_id, "duration_s": duration_s, "by": str(CLIENT.get())}
 
-    def refused(self) -> None:
+    def forget_begin(self) -> None:
         """It does not begin."""
         self._beginning = {}
 
-    def begun(self) -> None:
+    def publish_begin(self) -> None:
         """It has."""
         if self._beginning:
             self._events.publish("motion", what="begun", **self._beginning)
@@ -55,7 +55,7 @@ class MotionEvents:
         self.last_ended = state.motion_id
         self.ended[state.motion_result] += 1
         if state.motion_id == self._beginning.get("motion"):  # it was short, and its beginning went unnoticed
-            self.begun()
+            self.publish_begin()
         result = state.motion_result
         self._events.publish(
             "motion",

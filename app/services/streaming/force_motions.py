@@ -125,7 +125,7 @@ class ForceMotionService:
         override.follows_stream = True
         try:
             if job is not None:
-                job.started()
+                job.start()
             await work.drive(session, self._stages(work, path, until))
         except NotMet as exc:
             work.outcome.stopped_by = exc.by

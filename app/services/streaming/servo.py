@@ -61,7 +61,7 @@ class ServoService:
     def restore_limits(self) -> None:
         """Go by the robot's position limits as they are now."""
         limits = self._robot.limits
-        self.rules.bound(limits.min_position.tolist(), limits.max_position.tolist())
+        self.rules.limit_positions(limits.min_position.tolist(), limits.max_position.tolist())
 
     @property
     def active(self) -> bool:

@@ -87,7 +87,7 @@ class ServoSessions:
         stops = self._link.stops if stops is None else stops
         work = self._open(request, self.generation, stops, before, session)
         self._task = asyncio.create_task(work, name="servo session")
-        self._task.add_done_callback(_seen)
+        self._task.add_done_callback(_consume_error)
         return self._task
 
     def leave(self, reason: str, *, at_once: bool = True) -> None:
@@ -206,7 +206,7 @@ def session_request(request: SetMode, info: np.ndarray, force: ForceSettings) ->
     return asked
 
 
-def _seen(task: asyncio.Task[None]) -> None:
+def _consume_error(task: asyncio.Task[None]) -> None:
     """Its error was told already."""
     if not task.cancelled():
         task.exception()

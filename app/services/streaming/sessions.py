@@ -82,7 +82,7 @@ class Session:
         self._sequence = sequence
         self.setpoint = setpoint
         self._writer.setpoint(setpoint)
-        self._first.sent(setpoint)
+        self._first.note(setpoint)
 
     def look_at(self, state: np.ndarray) -> None:
         """Tell the client if this state, `cobot.ipc.state_fields.state_dtype`, shows that its first target is
@@ -230,7 +230,7 @@ class StreamService:
         caller = caller or Caller(name, None, self._ownership.stops, math.inf, asyncio.Event())
         with contextlib.ExitStack() as stack:
             claim = stack.enter_context(await self._ownership.claim_motion(caller))
-            await self._motion.ready()
+            await self._motion.require_ready()
             number = self._writer.begin(request, claim.stops if stops is None else stops)
             stack.callback(self._writer.release)
             with contextlib.ExitStack() as undo:
@@ -244,12 +244,12 @@ class StreamService:
             )
             session = Session(number, stream, name, self._link.memory.dof, self._writer, first)
             # From here claim and blocks belong to the task that follows the session to its end.
-            with logs.bound(session=number):
+            with logs.add_ids(session=number):
                 task = asyncio.create_task(self._follow(session, claim, stack.pop_all()))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         self.session = session
-        with logs.bound(session=number):
+        with logs.add_ids(session=number):
             log.info("%ssession %d: %s", self._link.label, number, name)
         audit.note("session opened", session=number, mode=session.stream.name, client=name)
         return session

@@ -211,13 +211,13 @@ class Discovery:
         for peer in self._peers.values():
             self._wire.send(datagram, peer.metatraffic)
 
-    def heard(self, prefix: bytes) -> None:
+    def note_message(self, prefix: bytes) -> None:
         """Any message proves that its sender is alive."""
         peer = self._peers.get(prefix)
         if peer is not None:
             peer.heard_s = time.monotonic()
 
-    def acknowledged(self, prefix: bytes) -> None:
+    def note_acknowledgement(self, prefix: bytes) -> None:
         peer = self._peers.get(prefix)
         if peer is not None:
             peer.knows_us = True

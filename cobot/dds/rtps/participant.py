@@ -97,7 +97,7 @@ class Participant:
             vendor=submessages.VENDOR,
             lease_s=LEASE_S,
         )
-        self._discovery = Discovery(self._wire, self._inbound, announcement, self._changed)
+        self._discovery = Discovery(self._wire, self._inbound, announcement, self._schedule_notice)
         self._delivery.start()
         with self._lock:
             self._wire.start(self._on_datagram)
@@ -184,7 +184,7 @@ class Participant:
         number = next(self._entity_numbers) & 0xFFFFFF
         return Guid(self._prefix + number.to_bytes(3, "big") + bytes((kind,)))
 
-    def _changed(self) -> None:
+    def _schedule_notice(self) -> None:
         """Schedule one notification for all changes until it runs."""
         if self._on_change is not None and not self._change_is_due:
             self._change_is_due = True
@@ -209,7 +209,7 @@ class Participant:
         source, cursor = submessages.read_header(datagram)
         if source.prefix == self._prefix:
             return
-        self._discovery.heard(source.prefix)
+        self._discovery.note_message(source.prefix)
         for_us = True
         time_s: float | None = None
         for message in submessages.read_submessages(cursor):
@@ -271,7 +271,7 @@ class Participant:
 
     def _on_answer(self, message: Submessage, prefix: bytes) -> None:
         reader, entity = submessages.read_pair(message)
-        self._discovery.acknowledged(prefix)
+        self._discovery.note_acknowledgement(prefix)
         writer = self._discovery.writers.get(entity)
         if writer is None:
             return

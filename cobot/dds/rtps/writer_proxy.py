@@ -194,7 +194,7 @@ class WriterProxy(Holder):
             self._reader, self._writer, base, self._missing(), self._acknowledgements, final=True
         )
         for sequence in list(self._assemblies)[:_MAX_REPAIRED]:
-            body += self._fragments_wanted(sequence)
+            body += self._request_fragments(sequence)
         return self._envelope + body
 
     def introduction(self, base: int) -> bytes:
@@ -205,7 +205,7 @@ class WriterProxy(Holder):
         )
         return self._envelope + body
 
-    def _fragments_wanted(self, sequence: int) -> bytes:
+    def _request_fragments(self, sequence: int) -> bytes:
         missing = self._assemblies[sequence].missing(MAX_BITS)
         self._acknowledgements += 1
         return submessages.fragments_wanted(

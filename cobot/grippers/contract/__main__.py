@@ -17,7 +17,7 @@ from cobot.config import load_settings
 from cobot.contract_checks import CheckVerdict
 from cobot.errors import CobotError, ConfigError
 from cobot.grippers.contract.new import write_gripper
-from cobot.grippers.contract.suite import CHECKS, examined, subject_for
+from cobot.grippers.contract.suite import CHECKS, examine, subject_for
 from cobot.grippers.registry import REGISTRY
 from cobot.launch.process import in_words
 
@@ -84,7 +84,7 @@ def _test(chosen: argparse.Namespace) -> int:
     results = []
     width = max(map(len, CHECKS))
     for check in chosen.only or CHECKS:
-        result = examined(make, check)
+        result = examine(make, check)
         results.append(result)
         if not chosen.json:
             print(f"{check:{width}}  {result.verdict:10}  {result.found}", flush=True)

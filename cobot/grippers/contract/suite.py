@@ -83,14 +83,14 @@ class Subject:
                 "the class has no contract_rig: nothing can be tested without a simulated device"
             )
         self.rig: GripperRig = kind.contract_rig(options)
-        self.gripper = self.connected()
+        self.gripper = self.connect()
 
-    def connected(self) -> Gripper:
+    def connect(self) -> Gripper:
         made = self.rig.gripper(NoPoints())
         made.connect()
         return made
 
-    def ready(self) -> GripperCapabilities:
+    def prepare(self) -> GripperCapabilities:
         """Open and without an object; activated, if it has to be."""
         self.gripper.home()
         self.until_still("home")
@@ -142,7 +142,7 @@ def capabilities(subject: Subject) -> str:
 
 def connect(subject: Subject) -> str:
     """Connecting and disconnecting move nothing, also twice."""
-    subject.ready()
+    subject.prepare()
     before = subject.gripper.state().width
     for _ in range(2):
         subject.gripper.disconnect()
@@ -154,7 +154,7 @@ def connect(subject: Subject) -> str:
 
 def move(subject: Subject) -> str:
     """A move says that it moves until it is there."""
-    able = subject.ready()
+    able = subject.prepare()
     least, most = _widths(able)
     width = least if not able.continuous else 0.5 * (least + most)
     subject.gripper.move(width, None, None)
@@ -170,7 +170,7 @@ def move(subject: Subject) -> str:
 
 def preempt(subject: Subject) -> str:
     """A command replaces the one before."""
-    least, most = _widths(subject.ready())
+    least, most = _widths(subject.prepare())
     subject.gripper.move(least, None, None)
     subject.rig.step(STEP_S)
     subject.gripper.move(most, None, None)
@@ -181,7 +181,7 @@ def preempt(subject: Subject) -> str:
 
 def stop(subject: Subject) -> str:
     """The fingers stop on their way and stay."""
-    able = subject.ready()
+    able = subject.prepare()
     least, _ = _widths(able)
     if not able.continuous:
         raise NotTested("such fingers cannot stop on their way")
@@ -204,7 +204,7 @@ def grasp(subject: Subject) -> str:
     subject.rig.step(0.5)
     require(subject.gripper.state().object is HeldObject.HELD_INSIDE, "a stop has let go of the object")
     subject.gripper.disconnect()
-    subject.gripper = subject.connected()
+    subject.gripper = subject.connect()
     found = subject.gripper.state().object
     require(found is HeldObject.HELD_INSIDE, f"a new driver finds {found} in place of the object")
     subject.gripper.release(None)
@@ -213,7 +213,7 @@ def grasp(subject: Subject) -> str:
     return f"an object{f' of {width:g} m' if width else ''} is held, kept and released"
 
 
-def missed(subject: Subject) -> str:
+def grasp_nothing(subject: Subject) -> str:
     """A grasp of nothing holds nothing."""
     width = _detectable(subject)
     subject.rig.place(None)
@@ -223,7 +223,7 @@ def missed(subject: Subject) -> str:
     return "a grasp of nothing holds nothing"
 
 
-def lost(subject: Subject) -> str:
+def lose(subject: Subject) -> str:
     """An object that is pulled out is not held any more."""
     subject.hold(_detectable(subject))
     subject.rig.place(None)
@@ -236,7 +236,7 @@ def lost(subject: Subject) -> str:
 def disconnect(subject: Subject) -> str:
     """A device that does not answer is a GripperError in words, and comes back."""
     _injectable(subject, "disconnect")
-    subject.ready()
+    subject.prepare()
     subject.rig.inject("disconnect")
     for call in (subject.gripper.state, subject.gripper.open):
         try:
@@ -255,7 +255,7 @@ def disconnect(subject: Subject) -> str:
 def fault(subject: Subject) -> str:
     """A fault of the device is in `state().fault`, and goes away."""
     _injectable(subject, "fault")
-    subject.ready()
+    subject.prepare()
     subject.rig.inject("fault")
     require(subject.gripper.state().fault, "state().fault is empty although the device has a fault")
     subject.rig.clear("fault")
@@ -271,8 +271,8 @@ CHECKS: dict[str, Callable[[Subject], str]] = {
     "preempt": preempt,
     "stop": stop,
     "grasp": grasp,
-    "missed": missed,
-    "lost": lost,
+    "missed": grasp_nothing,
+    "lost": lose,
     "disconnect": disconnect,
     "fault": fault,
 }
@@ -300,7 +300,7 @@ def subject_for(settings: Settings, name: str, given: dict[str, Any]) -> Callabl
     return lambda: Subject(kind, found)
 
 
-def examined(make: Callable[[], Subject], check: str) -> CheckResult:
+def examine(make: Callable[[], Subject], check: str) -> CheckResult:
     """One check, on a new device."""
     return result_of(check, lambda: CHECKS[check](make()), GripperError)
 
@@ -312,7 +312,7 @@ def _widths(able: GripperCapabilities) -> Range:
 
 
 def _detectable(subject: Subject) -> float | None:
-    able = subject.ready()
+    able = subject.prepare()
     if not able.object_detection:
         raise NotTested("it does not detect objects")
     return None if able.width_m is None else 0.5 * sum(able.width_m)

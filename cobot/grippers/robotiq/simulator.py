@@ -127,7 +127,7 @@ class Simulator:
 
 
 @contextlib.contextmanager
-def simulated(model: str = "2f85", **how: object) -> Iterator[Simulator]:
+def run_simulator(model: str = "2f85", **how: object) -> Iterator[Simulator]:
     """A simulated gripper for as long as the context lasts."""
     made = Simulator(model, **how)  # type: ignore[arg-type]
     try:

@@ -77,13 +77,13 @@ class Child:
             os.close(write_end)
         self.started_s = time.monotonic()
         try:
-            self.reader = self.log.follow(self.name, output, self._heard)
+            self.reader = self.log.follow(self.name, output, self._keep_last_line)
         except RuntimeError:  # no memory is left for a thread
             self.process.kill()
             self.process.wait()
             raise
 
-    def _heard(self, line: str) -> None:
+    def _keep_last_line(self, line: str) -> None:
         self.line = line
 
     def last_words(self) -> str:

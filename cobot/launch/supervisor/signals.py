@@ -27,7 +27,7 @@ class Signals:
         self._wake: socket.socket | None = None
 
     @contextlib.contextmanager
-    def caught(self) -> Iterator[None]:
+    def catch(self) -> Iterator[None]:
         """They end a sleep while the context lasts. The handlers stay: nothing interrupts the end."""
         wake, written = socket.socketpair()
         with wake, written:

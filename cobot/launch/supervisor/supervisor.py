@@ -100,7 +100,7 @@ class Supervisor:
             stack.callback(self._running.remove)
             self._running.create(self._as_written)
             try:
-                stack.enter_context(self._signals.caught())
+                stack.enter_context(self._signals.catch())
                 rtloops.extend(self._start(made.rtloop(name)) for name in memories)
                 service.append(self._start(made.recorder()))
                 if listener is not None:
@@ -111,7 +111,7 @@ class Supervisor:
                 announce(self._settings, url, access, memories)
                 self._watch([*rtloops, *service], memories, url)
             finally:
-                self._systemd.stopping()
+                self._systemd.report_stopping()
                 for child in rtloops:  # all arms stop at the same time, before anything is written
                     child.ask_to_end()
                 log.info("stopping: the arm first")
@@ -146,8 +146,8 @@ class Supervisor:
             if served and all(int(memory.heartbeat.sequence) for memory in served):
                 served = []
             if not served:
-                self._systemd.ready(url)
-            self._systemd.alive()
+                self._systemd.report_ready(url)
+            self._systemd.send_heartbeat()
             self._signals.sleep(0.1)
 
     def _watches(self, memories: dict[str, RobotMemory]) -> dict[str, list[HeartbeatWatch]]:

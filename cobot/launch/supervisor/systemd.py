@@ -29,15 +29,15 @@ class Systemd:
         self._next_s = 0.0
         self._is_ready = False
 
-    def ready(self, status: str) -> None:
+    def report_ready(self, status: str) -> None:
         """Report that the service has started. May be called again; the message is sent once."""
         if not self._is_ready:
             self._is_ready = self._tell(f"READY=1\nSTATUS={status}")
 
-    def stopping(self) -> None:
+    def report_stopping(self) -> None:
         self._tell("STOPPING=1")
 
-    def alive(self) -> None:
+    def send_heartbeat(self) -> None:
         """Send a heartbeat if one is due. Call it again and again."""
         now_s = time.monotonic()
         if self._period_s is not None and now_s >= self._next_s:

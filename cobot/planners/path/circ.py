@@ -8,7 +8,7 @@ from cobot.errors import PlanningError
 from cobot.findings import Finding
 from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners.path.cartesian import follow
-from cobot.planners.path.ends import end_of, followed, full_turns
+from cobot.planners.path.ends import end_of, follow_or_relax, full_turns
 from cobot.planners.path.path_goals import reachable
 from cobot.planners.path.tcp_path import PLACES, TcpPath, least_turn, turn_between, turned
 from cobot.robot.description import RobotDescription
@@ -58,7 +58,7 @@ def _by_angle(
     turns = None if request.cyclic is False or request.end_joints is not None else full_turns(start, given)
     if turns is not None:
         path = helix(start, given, turns)
-        return followed(robot, request, path, request.start, required=request.cyclic is True)
+        return follow_or_relax(robot, request, path, request.start, required=request.cyclic is True)
     path = helix(start, given, angle)
     return follow(robot, request, path, end_of(robot, request, path.pose_at(1.0)))
 

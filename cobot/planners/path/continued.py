@@ -104,7 +104,7 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
     descend = partial(arm.descend, steps=STEPS, share=POSE_SHARE)
     even = np.linspace(0.0, 1.0, path.places + 1)
     targets = path.poses(even[1:])
-    carried = arm.carried(targets, start, STEPS, STEP_RAD, POSE_SHARE)
+    carried = arm.carry(targets, start, STEPS, STEP_RAD, POSE_SHARE)
     shares, rows = even[: len(carried) + 1].tolist(), [start, *carried]
     ahead = even[: len(carried) : -1].tolist()
     poses = dict(zip(even[1:].tolist(), targets, strict=True))

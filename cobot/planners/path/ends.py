@@ -48,7 +48,7 @@ def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Array
     return None
 
 
-def followed(
+def follow_or_relax(
     robot: RobotDescription, request: MotionRequest, path: TcpPath, end: Array, required: bool
 ) -> Trajectory | None:
     """As `follow`, but if the end is not required and impossible, the motion ends in other joints."""

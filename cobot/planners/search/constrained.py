@@ -174,14 +174,14 @@ class _Steps:
         even = np.linspace(0.0, reached[-1], count)
         rows = np.stack([np.interp(even, reached, column) for column in np.transpose(way)], axis=1)
         for index in range(1, count - 1):
-            place = self._held.projected(rows[index])
+            place = self._held.project(rows[index])
             rows[index] = rows[index] if place is None else place
         if not all(self._is_step(a, b) for a, b in itertools.pairwise(rows)):
             return np.array(way)
         for _ in range(EVENINGS):
             for index in range(1, count - 1):
                 before, after = rows[index - 1], rows[index + 1]
-                place = self._held.projected(0.5 * (before + after))
+                place = self._held.project(0.5 * (before + after))
                 if place is not None and self._is_step(before, place) and self._is_step(place, after):
                     rows[index] = place
         return rows
@@ -195,7 +195,7 @@ class _Steps:
             if left <= STEP_RAD:
                 arrived = left == 0.0 or (self._held.keeps(target) and self._is_step(here, target))
                 return ([*places, target] if arrived and left > 0.0 else places), arrived
-            place = self._held.projected(here + way * (STEP_RAD / left))
+            place = self._held.project(here + way * (STEP_RAD / left))
             if place is None or np.linalg.norm(target - place) > left - PROGRESS * STEP_RAD:
                 return places, False
             if not self._is_step(here, place):

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from cobot.planners.roadmap import shortest
-from cobot.planners.shortcut import shortened
+from cobot.planners.shortcut import shorten
 from cobot.robot.clearance import Clearance
 from cobot.types import Array
 
@@ -51,7 +51,7 @@ def without_detours(
         before_rad = length(best)
         way = shortest(clearance, nodes, len(goals), before_rad, ROUND_WORK)
         if way is not None:
-            best = shortened(clearance, way, seed)
+            best = shorten(clearance, way, seed)
         stalls = stalls + 1 if length(best) > (1.0 - GAIN) * before_rad else 0
         drawn = _draw(best, goals, bounds, SPREADS_RAD[number % len(SPREADS_RAD)], random)
         number += 1

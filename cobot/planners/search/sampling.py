@@ -18,7 +18,7 @@ from cobot.motions.requests import MotionRequest
 from cobot.planners.goals import more_goals
 from cobot.planners.rrt_connect import connect
 from cobot.planners.search.detours import length, without_detours
-from cobot.planners.shortcut import shortened
+from cobot.planners.shortcut import shorten
 from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
 from cobot.types import RRT_CONNECT, Algorithm, Array, Pose
@@ -70,7 +70,7 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
         else:
             search = _Search(robot, clearance, start, goals, request.algorithm)
             found = search.run(request.timeout_s)
-            corners = None if found is None else shortened(clearance, found, request.seed)
+            corners = None if found is None else shorten(clearance, found, request.seed)
     if corners is None:
         raise PlanningTimeout.after(request.timeout_s, _failure(request, goals))
     corners[0] = request.start
@@ -91,7 +91,7 @@ def _connect(
     if found is None:
         return None
     away = np.linalg.norm(goals - start, axis=1)
-    direct_rad, best = float(away.min()), shortened(clearance, found, seed)
+    direct_rad, best = float(away.min()), shorten(clearance, found, seed)
     paths, begun = [best], clearance.evaluations  # the work for the first path does not count
 
     def is_enough() -> bool:
@@ -110,7 +110,7 @@ def _connect(
             near = goals[away <= longest_rad]
             found = connect(clearance, start, near, *bounds, seed, left_s, RANGE_RAD, longest_rad, ATTEMPTS)
             if found is not None:
-                paths.append(shortened(clearance, found, seed))
+                paths.append(shorten(clearance, found, seed))
                 best = min(best, paths[-1], key=length)
         if is_enough():
             break

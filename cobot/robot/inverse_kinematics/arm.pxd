@@ -50,7 +50,7 @@ cdef class Arm:
     cdef readonly bint lacking
     cdef readonly bint redundant
     cdef int c_free                   # see FIXED
-    cdef double c_weight              # of 1 m beside 1 rad in a descent
+    cdef double c_weight              # of 1 m relative to 1 rad in a descent
     cdef object _limits, _low, _high, _given, _found
     cdef double* c_low                # position limits of the joints
     cdef double* c_high
@@ -73,7 +73,7 @@ cdef class Arm:
     cdef void c_refine(self, const Problem* problem, Candidate* candidate) noexcept nogil
     cdef double c_gap(self, const Problem* problem) noexcept nogil
     cdef bint c_solve(self, const Problem* problem, unsigned long long random, double* joints) noexcept nogil
-    cdef bint c_verified(self, const Problem* problem, double* joints) noexcept nogil
+    cdef bint c_verify(self, const Problem* problem, double* joints) noexcept nogil
     cdef bint c_descend(
         self, const Problem* problem, double* joints, int steps, bint bounded, double* distance
     ) noexcept nogil

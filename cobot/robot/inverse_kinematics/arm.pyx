@@ -86,7 +86,7 @@ cdef class Arm:
         Args:
             rest: joints, shape (dof,), at which the frames of its geometry are taken.
             root, reach: the TCP stays so near to this point, shape (3,), in the base frame, m.
-            slop: by how much the geometry that a subclass goes by is not exact, m or rad.
+            slop: error of the geometry that a subclass assumes, m or rad.
             free: the axis of the TCP, 0 to 2, about which its rotation is not fixed by a pose; ANY_ROTATION:
                 the position alone counts.
             lacking: the arm cannot move its TCP in all six directions, so that it gets near most poses only.
@@ -165,7 +165,7 @@ cdef class Arm:
             out.near[i] = value - self.c_rest[i]
 
     cdef int c_closed_form(self, const Problem* problem, Candidate* found) noexcept nogil:
-        """Candidates, MAX_CANDIDATES at the most: the best of each branch. -1: there is no closed form."""
+        """Find up to MAX_CANDIDATES candidates, the best of each branch. -1: there is no closed form."""
         return -1
 
     cdef void c_refine(self, const Problem* problem, Candidate* candidate) noexcept nogil:
@@ -200,7 +200,7 @@ cdef class Arm:
         for i in range(count, 0, -1):
             best = cheapest(found, i, False)
             memcpy(joints, found[best].joints, self.dof * sizeof(double))
-            if self.c_verified(problem, joints):
+            if self.c_verify(problem, joints):
                 return True
             found[best] = found[i - 1]
         if self.c_gap(problem) > 2.0 * self.c_slop:
@@ -265,7 +265,7 @@ cdef class Arm:
                 return False  # Another way to turn the others does not exist.
         return self.c_descend(problem, joints, STEPS, True, distance)
 
-    cdef bint c_verified(self, const Problem* problem, double* joints) noexcept nogil:
+    cdef bint c_verify(self, const Problem* problem, double* joints) noexcept nogil:
         """Make joints from a closed form exact: within the limits, and at the pose. False if that fails."""
         cdef double rotation[9]
         cdef double position[3]
@@ -368,7 +368,7 @@ cdef class Arm:
                 error[i] *= along
 
     cdef void _weigh(self, double* jacobian, double* error) noexcept nogil:
-        """Let the position count as much beside the rotation as the two tolerances want it."""
+        """Weigh the position against the rotation by the ratio of their tolerances."""
         cdef int i
         if self.c_weight != 1.0:
             for i in range(3):
@@ -491,7 +491,7 @@ cdef class Arm:
         for count in range(count, 0, -1):
             best = cheapest(found, count, False)
             memcpy(self.c_found, found[best].joints, self.dof * sizeof(double))
-            if self.c_verified(&problem, self.c_found):
+            if self.c_verify(&problem, self.c_found):
                 rows.append(self._found.copy())
             found[best] = found[count - 1]
         return rows
@@ -522,7 +522,7 @@ cdef class Arm:
         self.refresh()
         return self._found.copy(), bool(solved), distance[0], distance[1]
 
-    def carried(self, poses, seed, int steps, double step, double share=1.0):
+    def carry(self, poses, seed, int steps, double step, double share=1.0):
         """Descents from pose to pose, (n, 7), each from where the one before has ended: the joints, (k, dof),
         up to the first that fails, drives a joint into a limit, or turns one further than a step; `share` as
         for `descend`."""

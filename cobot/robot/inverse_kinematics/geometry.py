@@ -50,12 +50,12 @@ class Axes:
             float(np.linalg.norm(projection @ (point - self.points[j])))
             for projection, j in zip(projections, joints, strict=True)
         )
-        return point if self._accepted(off) else None
+        return point if self._accept(off) else None
 
     def parallel(self, *joints: int) -> bool:
         first = self.directions[joints[0]]
         off = max(float(np.linalg.norm(np.cross(first, self.directions[j]))) for j in joints[1:])
-        return self._accepted(off)
+        return self._accept(off)
 
     def reach(self) -> float:
         """The largest distance of the TCP from the point of the first axis, m; infinite with slides."""
@@ -64,7 +64,7 @@ class Axes:
         places = [*self.points, self.tcp]
         return float(sum(np.linalg.norm(after - before) for before, after in pairwise(places)))
 
-    def _accepted(self, off: float) -> bool:
+    def _accept(self, off: float) -> bool:
         if off < LARGEST_SLOP:
             self.slop = max(self.slop, off)
         return off < LARGEST_SLOP

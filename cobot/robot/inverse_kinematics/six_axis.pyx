@@ -53,7 +53,7 @@ cdef enum:
     CROSSING = 1
     STACKED = 2
     PARALLEL = 3
-    # Where a joint's angle is free, so many are tried, beside the one nearest to the seed.
+    # Number of angles that are tried for a joint whose angle is free, in addition to the one nearest to the seed.
     TRIED = 24
     OTHER_SHOULDER = 1
     OTHER_ELBOW = 2
@@ -70,7 +70,7 @@ KINDS = {
 cdef int turns_to_height(
     const double* up, const double* axis, const double* arm, const double* goal, double slop, double* angles
 ) noexcept nogil:
-    """The angles, two at the most, about an axis that bring an arm as far along `up` as a goal is."""
+    """Up to two angles about an axis that bring an arm as far along `up` as a goal is."""
     cdef double aside[3]
     cdef double kept = dot3(up, axis) * dot3(axis, arm)
     cross3(axis, arm, aside)
@@ -127,7 +127,7 @@ cdef class SixAxisArm(Arm):
         if self.kind == CROSSING:
             return self._crossing(problem, wrist, found)
         if self.kind == STACKED:
-            return self._stacked(problem, wrist, found)
+            return self._solve_stacked(problem, wrist, found)
         if self.kind == PARALLEL:
             return self._parallel(problem, wrist, found)
         return self._in_a_plane(problem, wrist, found)
@@ -252,12 +252,12 @@ cdef class SixAxisArm(Arm):
                 theta[1] = roots[k]
                 turned_by(self.axes[1], theta[1], arm, there)
                 cross3(self.axes[0], goal, aside)
-                count = self._turned_to(
+                count = self._turn_to(
                     problem, theta, there, goal, length3(aside) < 1e-10, 2 * i + k, found, count
                 )
         return count
 
-    cdef int _turned_to(
+    cdef int _turn_to(
         self, const Problem* problem, double* theta, const double* start, const double* goal, bint any_angle,
         int branch, Candidate* found, int count
     ) noexcept nogil:
@@ -270,7 +270,7 @@ cdef class SixAxisArm(Arm):
             count = self._with_wrist(problem, theta, branch, found, count)
         return count
 
-    cdef int _stacked(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil:
+    cdef int _solve_stacked(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil:
         """The first two axes are parallel: the third joint sets the height, a triangle the rest."""
         cdef double theta[6]
         cdef double roots[2]
@@ -296,7 +296,7 @@ cdef class SixAxisArm(Arm):
                 self._about(1, theta[1], there, arm)
                 minus3(arm, self.points[0], aside)
                 minus3(wrist, self.points[0], goal)
-                count = self._turned_to(
+                count = self._turn_to(
                     problem, theta, aside, goal, self._across(0, wrist) < 1e-10, 2 * i + k, found, count
                 )
             minus3(wrist, self.points[2], goal)

@@ -70,10 +70,11 @@ cdef extern from *:
     static const double COBOT_SRS_TURN = 0.6, COBOT_SRS_MIN_STEP = 2e-12;
     /* So close to its ends a stretch is looked at too, rad. */
     static const double COBOT_SRS_EDGE = 1e-10;
-    /* How far three joints are from the nearer of two neighbours between them at the most, rad; and the arc
-       between two neighbours beside its chord. */
-    /* The best arm angle is looked for until its bracket is so small beside the first one, or, rad, or until
-       its costs are the same but for such a share: where joints race the first two alone would be coarse. */
+    /* Largest distance of three joints, rad, from the nearer of two neighbours between them, and largest ratio
+       of the arc between two neighbours to its chord. */
+    /* The search for the best arm angle ends when its bracket is smaller than this share of the first one, or
+       than this angle, rad, or when its costs differ by less than this share. Where joints race, the first two
+       bounds alone would be coarse. */
     static const double COBOT_REFINED_TO = 1e-12, COBOT_MIN_TOLERANCE = 1e-15, COBOT_SAME_COST = 1e-12;
     static const double COBOT_NEARLY_STRAIGHT = 1e-3;
     static const double COBOT_SRS_BETWEEN = 0.6, COBOT_SRS_ARC = 1.2;
@@ -156,7 +157,7 @@ cdef class SrsArm(Arm):
         return True
 
     def is_vague(self, joints):
-        """Beside a straight or folded elbow."""
+        """Whether the elbow is nearly straight or folded."""
         return fabs(sin(joints[3] - self.c_rest[3] - self.elbow.folded)) < NEARLY_STRAIGHT_RAD
 
     @property
@@ -313,7 +314,7 @@ cdef class SrsArm(Arm):
             return False
         if isnan(self._cost_at(&problem, &elbow, angle, branch, joints)):
             return False
-        return self.c_verified(&problem, joints)
+        return self.c_verify(&problem, joints)
 
     cdef double _cost_at(
         self, const Problem* problem, const Elbow* elbow, double angle, int branch, double* joints
@@ -437,7 +438,7 @@ cdef class SrsArm(Arm):
     cdef void _look_at(
         self, const Problem* problem, const Elbow* elbow, Places* places, int segment, const Turned* whole
     ) noexcept nogil:
-        """What does not fit on the whole stretch does not fit within the slack beside its end either."""
+        """Examine a segment. Joints that do not fit on the whole stretch do not fit on a part of it."""
         cdef double angle = 0.5 * (places.begins[segment] + places.begins[segment + 1])
         cdef Turned* turned = &places.turned[segment]
         cdef int i
@@ -743,7 +744,7 @@ cdef class SrsArm(Arm):
     def intervals(self, pose, int branch):
         """The feasible arm angles within the joint limits: rows of begin and end, rad, shape (n, 2).
 
-        Begins are from -π to π, ends at the most a full turn later.
+        Begins are from -π to π, ends up to a full turn later.
         """
         cdef Problem problem
         cdef Candidate found[MAX_CANDIDATES]
@@ -806,7 +807,7 @@ cdef class SrsArm(Arm):
                         ):
                             continue
                         self._assemble(&elbow, &turned, branch, joints)
-                        if self.c_verified(&problem, joints):
+                        if self.c_verify(&problem, joints):
                             memcpy(out + ((row * m + column) * 8 + branch) * 7, joints, sizeof(joints))
 
 
@@ -814,8 +815,8 @@ cdef bint parabola(
     const double* x, const double* cost, double begin, double end, double tolerance, double* step,
     double* before
 ) noexcept nogil:
-    """The step to the lowest point of the parabola through three points, if it is half of the last but one
-    at the most, and within the bracket.
+    """The step to the lowest point of the parabola through three points, if it is at most half of the last but
+    one, and within the bracket.
     """
     cdef double one = (x[0] - x[1]) * (cost[0] - cost[2])
     cdef double two = (x[0] - x[2]) * (cost[0] - cost[1])

@@ -137,7 +137,7 @@ class FrankaBackend:
         periods, self._periods = self._periods, 1
         with self._link.in_words():
             if self._impedance is None:
-                sent = self._bridge.bridged(command, periods)
+                sent = self._bridge.bridge(command, periods)
                 self._link.control.writeOnce(self._franka.JointPositions(sent[0].tolist()))
             else:
                 state = self._state
@@ -187,13 +187,13 @@ class FrankaBackend:
             return
         if (impedance is None) == (self._impedance is None):
             return
-        with self._paused():
+        with self._pause():
             self._impedance = impedance
 
     def set_tool(self, tool: Tool) -> None:
         self._tool = tool
         if self._link.robot is not None:  # otherwise `enable` sends it
-            with self._paused():
+            with self._pause():
                 self._tell_tool()
 
     # Its own
@@ -255,7 +255,7 @@ class FrankaBackend:
         control.writeOnce(last)
 
     @contextlib.contextmanager
-    def _paused(self) -> Iterator[None]:
+    def _pause(self) -> Iterator[None]:
         """Context for settings that the robot accepts only while it is not controlled.
 
         Raises:

@@ -41,7 +41,7 @@ class Bridge:
         self.sent[0] = position
         self._duration_s, self._offset[:] = -1.0, 0.0  # not known before there is a command
 
-    def bridged(self, command: Array, periods: int) -> Array:
+    def bridge(self, command: Array, periods: int) -> Array:
         """The command that follows the last one that was sent; keep no reference to it.
 
         Args:

@@ -59,12 +59,12 @@ class GivingWay:
         """
         wanted = np.zeros(len(position))
         if np.isfinite(position).all() and np.isfinite(velocity).all():
-            wanted = self._wanted(command, position, velocity)
+            wanted = self._find_torques(command, position, velocity)
         np.clip(wanted, -self._max_effort, self._max_effort, out=wanted)
         self.torque += np.clip(wanted - self.torque, -self._step, self._step)
         return self.torque
 
-    def _wanted(self, command: Array, position: Array, velocity: Array) -> Array:
+    def _find_torques(self, command: Array, position: Array, velocity: Array) -> Array:
         data = self._data
         data.qpos[:], data.qvel[:] = position, 0.0
         mujoco.mj_fwdPosition(self._model, data)

@@ -25,7 +25,7 @@ CONNECT_S = 3.0
 
 
 class Knocking(Protocol):
-    def answered(self, wait_s: float = 0.0) -> bool:
+    def await_answer(self, wait_s: float = 0.0) -> bool:
         """Whether the robot answers; False if it has not answered yet.
 
         Raises:
@@ -53,7 +53,7 @@ class Knock:
         self._until_s = time.monotonic() + CONNECT_S
         self._socket.connect_ex(place)
 
-    def answered(self, wait_s: float = 0.0) -> bool:
+    def await_answer(self, wait_s: float = 0.0) -> bool:
         poll = select.poll()
         poll.register(self._socket, select.POLLOUT)
         if not poll.poll(1e3 * wait_s):
@@ -103,7 +103,7 @@ class Link:
             return True
         knocking = self._knocking or self._knock(self._address)
         self._knocking = None
-        if not knocking.answered(wait_s):
+        if not knocking.await_answer(wait_s):
             self._knocking = knocking
             return False
         kinds = self.library.RealtimeConfig

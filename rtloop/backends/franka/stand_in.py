@@ -101,7 +101,7 @@ class Arm:
         """Replacement of `rtloop.backends.franka.link.Knock`."""
         return self
 
-    def answered(self, wait_s: float = 0.0) -> bool:
+    def await_answer(self, wait_s: float = 0.0) -> bool:
         if "disconnect" in self.faults:
             raise BackendError("no answer")
         return True

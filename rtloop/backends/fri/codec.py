@@ -48,15 +48,15 @@ _POSE, _WRENCH = 7, 6
 
 def decode_monitoring(packet: bytes) -> Monitoring | str:
     """The message, or in words why it is none. Nothing is raised, whatever the bytes are."""
-    return _decoded(packet, MONITORING_ID, "monitoring", _monitoring)
+    return _decode(packet, MONITORING_ID, "monitoring", _monitoring)
 
 
 def decode_command(packet: bytes) -> Command | str:
     """Likewise, of the other direction."""
-    return _decoded(packet, COMMAND_ID, "command", _command)
+    return _decode(packet, COMMAND_ID, "command", _command)
 
 
-def _decoded(
+def _decode(
     packet: bytes, wanted: int, name: str, read: Callable[[bytes, Header], _Message]
 ) -> _Message | str:
     try:

@@ -121,10 +121,10 @@ def test_a_request_that_still_waits_for_its_turn_can_be_cancelled() -> None:
         raise AssertionError("unreachable")
 
     async def cancelled() -> tuple[bool, bool]:
-        with departures.watched(scope, {"id": 7, "method": "tools/call"}, b"", never):
+        with departures.watch(scope, {"id": 7, "method": "tools/call"}, b"", never):
             gone: asyncio.Event = scope[GONE]
             before = gone.is_set()
-            with departures.watched(dict(scope), about, b"", never):
+            with departures.watch(dict(scope), about, b"", never):
                 return before, gone.is_set()
 
     assert asyncio.run(cancelled()) == (False, True)

@@ -564,7 +564,7 @@ def test_what_another_thread_has_looked_at_is_not_looked_at_again(kind: str) -> 
 
 def test_what_is_examined_is_taken_as_it_is() -> None:
     messages = Messages()
-    goal = messages.examined("std_srvs/srv/SetBool_Request", {"data": True})
+    goal = messages.examine("std_srvs/srv/SetBool_Request", {"data": True})
     assert messages.checked("std_srvs/srv/SetBool_Request", goal) is goal
     with pytest.raises(InputError, match="unknown key 'data'"):
         messages.checked("std_srvs/srv/Trigger_Response", goal)

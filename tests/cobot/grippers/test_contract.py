@@ -13,7 +13,7 @@ from cobot.contract_checks import CheckVerdict
 from cobot.errors import ConfigError
 from cobot.grippers import GripperState, HeldObject
 from cobot.grippers.contract.__main__ import main
-from cobot.grippers.contract.suite import CHECKS, examined, subject_for
+from cobot.grippers.contract.suite import CHECKS, examine, subject_for
 from cobot.grippers.contract.toy import ToyGripper, ToyOptions, ToyRig
 
 NOT_TESTED = {
@@ -73,7 +73,7 @@ TOY = "cobot.grippers.contract.toy:ToyGripper"
     ],
 )
 def test_the_shipped_drivers_keep_the_contract(name: str, options: dict[str, object], check: str) -> None:
-    result = examined(subject_for(load_settings(), name, options), check)
+    result = examine(subject_for(load_settings(), name, options), check)
     untested = check in NOT_TESTED.get(name, [])
     assert result.verdict is (CheckVerdict.NOT_TESTED if untested else CheckVerdict.PASSED), result
 
@@ -98,7 +98,7 @@ class Broken(ToyGripper):
 
 @pytest.mark.parametrize("check", ["move", "preempt", "grasp", "missed", "lost", "fault"])
 def test_a_driver_that_says_what_is_not_true_fails(check: str) -> None:
-    result = examined(subject_for(load_settings(), f"{__name__}:Broken", {}), check)
+    result = examine(subject_for(load_settings(), f"{__name__}:Broken", {}), check)
     assert result.verdict is CheckVerdict.FAILED, result
 
 

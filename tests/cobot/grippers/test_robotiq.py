@@ -20,7 +20,7 @@ from cobot.grippers.robotiq.driver import RobotiqGripper, RobotiqOptions
 from cobot.grippers.robotiq.registers import Activation, Detection, Request, Status
 from cobot.grippers.robotiq.rig import RobotiqRig
 from cobot.grippers.robotiq.rtu import crc, framed, is_whole
-from cobot.grippers.robotiq.simulator import Simulator, simulated
+from cobot.grippers.robotiq.simulator import Simulator, run_simulator
 from cobot.grippers.robotiq.slave import Fingers, Slave
 from cobot.grippers.robotiq.text_slave import TextSlave
 
@@ -42,7 +42,7 @@ def way(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def simulator() -> Iterator[Simulator]:
-    with simulated() as made:
+    with run_simulator() as made:
         made.slave.fingers.activation_s = 0.05
         yield made
 
@@ -201,7 +201,7 @@ def test_silence_garbage_and_late_answers_are_errors_and_none_is_taken_for_the_n
 
 
 def test_a_closed_connection_is_an_error_in_words() -> None:
-    with simulated() as simulator:
+    with run_simulator() as simulator:
         gripper = driver(simulator)
     with pytest.raises(GripperError, match=r"lost its connection|has not answered"):
         gripper.state()
@@ -292,7 +292,7 @@ def test_a_late_answer_is_never_that_to_the_next_request(simulator: Simulator) -
 
 
 def test_a_serial_port_that_is_pulled_out_is_an_error_in_words_and_its_end_is_none() -> None:
-    with simulated() as simulator:
+    with run_simulator() as simulator:
         gripper = ready(simulator, "pty", timeout_s=0.1)
     for call in (gripper.state, gripper.open):
         with pytest.raises(GripperError, match=r"lost its connection|has not answered"):

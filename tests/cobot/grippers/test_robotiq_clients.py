@@ -12,12 +12,12 @@ import robotiq2f.robotiq2f as library
 from cobot_run import until
 from pyrobotiqur.enums import ObjectStatus
 
-from cobot.grippers.robotiq.simulator import Simulator, simulated
+from cobot.grippers.robotiq.simulator import Simulator, run_simulator
 
 
 @pytest.fixture
 def simulator() -> Iterator[Simulator]:
-    with simulated() as made:
+    with run_simulator() as made:
         made.slave.fingers.activation_s = 0.1
         yield made
 

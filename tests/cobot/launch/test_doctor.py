@@ -16,9 +16,9 @@ import pytest
 from cobot.config import Settings, load_settings
 from cobot.launch import doctor as module
 from cobot.launch.cli import main
-from cobot.launch.doctor import Diagnosis, Machine, Verdict
+from cobot.launch.doctor import Diagnosis, Machine, Severity
 
-OK, WARNING, PROBLEM = Verdict
+OK, WARNING, PROBLEM = Severity
 CPU = "/sys/devices/system/cpu"
 CLOCK = "/sys/devices/system/clocksource/clocksource0"
 
@@ -80,7 +80,7 @@ def governors(*names: str) -> dict[str, str]:
     ],
 )
 def test_a_computer_is_judged_by_what_linux_says_of_it(
-    tmp_path: Path, look: Any, files: dict[str, str], verdict: Verdict, found: str, remedy: str
+    tmp_path: Path, look: Any, files: dict[str, str], verdict: Severity, found: str, remedy: str
 ) -> None:
     finding = look(machine(tmp_path, files))
     assert finding.verdict is verdict
@@ -100,7 +100,7 @@ def test_a_computer_is_judged_by_what_linux_says_of_it(
     ],
 )
 def test_a_core_of_its_own_is_one_that_is_both_isolated_and_chosen(
-    tmp_path: Path, cpu: int | None, isolated: str, verdict: Verdict, remedy: str
+    tmp_path: Path, cpu: int | None, isolated: str, verdict: Severity, remedy: str
 ) -> None:
     finding = module.isolation(machine(tmp_path, {f"{CPU}/isolated": isolated}), "iiwa", cpu, 7)
     assert (finding.verdict, finding.item) == (verdict, "isolation iiwa")
@@ -166,7 +166,7 @@ def test_shared_memory_that_is_too_small_is_a_problem_with_the_size_that_would_d
 
 @pytest.mark.parametrize(("free", "verdict"), [(10**9, OK), (10**8, WARNING), (10**7, PROBLEM)])
 def test_little_room_for_logs_is_told_in_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, verdict: Verdict
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, verdict: Severity
 ) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**10, 0, free))
     finding = module.log_disk(tmp_path / "not" / "yet")

@@ -14,9 +14,9 @@ from cobot_run import until
 TOLD = """
 import json, os, psutil, sys
 if sys.argv[-1] == "again":
-    from cobot.launch.forked import forked
+    from cobot.launch.forked import fork_processes
     from cobot.launch.process import RUN_MODULE
-    (blank,) = forked(1)
+    (blank,) = fork_processes(1)
     numbers = [int(sys.argv[1])]
     assert blank.become([*RUN_MODULE, "told", *sys.argv[1:-1]], 2, numbers, {"OF_ITS_OWN": "a value"})
     raise SystemExit(blank.wait(60.0))
@@ -33,11 +33,11 @@ raise SystemExit(3)
 """
 STARTER = """
 import json, os, signal, sys, time
-from cobot.launch.forked import forked
+from cobot.launch.forked import fork_processes
 from cobot.launch.process import RUN_MODULE
 signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # as who has started us may have it
 os.dup2(1, 200, inheritable=True)
-first, second = forked(2)
+first, second = fork_processes(2)
 print(first.pid, second.pid, flush=True)
 if sys.argv[1:] == ["wait"]:
     time.sleep(600)

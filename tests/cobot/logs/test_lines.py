@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cobot.logs import bind, bound, log_context, printable
+from cobot.logs import add_ids, bind, log_context, printable
 from cobot.logs.lines import MAX_MESSAGE, RECORD_SEPARATOR, Line, separated
 
 FORGERIES = (
@@ -109,7 +109,7 @@ def test_json_has_one_object_per_line_with_its_ids() -> None:
 
 
 def test_the_ids_are_those_of_the_present_context() -> None:
-    with bound(request="r-1\n", client="::1"):
+    with add_ids(request="r-1\n", client="::1"):
         bind(motion=3)
         made = Line.of(record("x"), "service")
         bind(motion=None)

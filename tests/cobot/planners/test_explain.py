@@ -51,7 +51,7 @@ def test_facts_come_through_a_pickle_and_through_other_words() -> None:
     error = UnreachableError("it is far", findings=[found])
     again = pickle.loads(pickle.dumps(error))
     assert (type(again), str(again), again.findings) == (UnreachableError, "it is far", (found,))
-    assert again.said("motion 2: it is far").findings == (found,)
+    assert again.with_message("motion 2: it is far").findings == (found,)
     assert found.excess == pytest.approx(6.03)
 
 

@@ -16,7 +16,7 @@ from cobot.planners.roadmap import shortest
 from cobot.planners.rrt_connect import connect
 from cobot.planners.search.detours import length, without_detours
 from cobot.planners.search.sampling import find_path, room
-from cobot.planners.shortcut import shortened
+from cobot.planners.shortcut import shorten
 from cobot.robot.description import RobotDescription
 from cobot.types import PlannerName, Scaling
 
@@ -31,7 +31,7 @@ def test_shortening_keeps_the_ends_gets_no_longer_and_stays_free(robot: RobotDes
         bounds = limits.min_position, limits.max_position
         corners = connect(clearance, problem.start, problem.goal[None], *bounds, number, WAIT_S, 0.5)
         assert corners is not None
-        short = shortened(clearance, corners, number)
+        short = shorten(clearance, corners, number)
         assert np.array_equal(short[[0, -1]], np.array([problem.start, problem.goal]))
         before, after = (np.linalg.norm(np.diff(way, axis=0), axis=1) for way in (corners, short))
         assert after.sum() < 0.9 * before.sum()
@@ -65,7 +65,7 @@ def test_a_path_makes_no_detour(robot: RobotDescription, kind: str) -> None:
                 for number in range(3):
                     corners = connect(clearance, ends[0], ends[1:], *bounds, 3 * seed + number, WAIT_S, 2.0)
                     assert corners is not None
-                    paths.append(shortened(clearance, corners, seed))
+                    paths.append(shorten(clearance, corners, seed))
                 best = min(best, length(without_detours(clearance, paths, ends[1:], bounds, seed)))
         assert length(planned) <= 1.3 * best, problem.name
 
@@ -160,4 +160,4 @@ def test_what_is_not_finite_is_refused(robot: RobotDescription) -> None:
         with pytest.raises(ValueError, match="a start and goals are needed"):
             shortest(clearance, nodes, goals, np.inf, 1000)
     with pytest.raises(ValueError, match="finite corners, at least two"):
-        shortened(clearance, np.zeros((1, 7)), 1)
+        shorten(clearance, np.zeros((1, 7)), 1)

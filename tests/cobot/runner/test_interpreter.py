@@ -446,7 +446,7 @@ def test_time_in_which_the_program_is_paused_does_not_count(robot: Robot) -> Non
     class Paused(Progress):
         paused = 0.0
 
-        def paused_s(self) -> float:
+        def ask_paused_s(self) -> float:
             if robot.time.time_s >= 102.0 and not self.paused:  # paused from 101 s on, for 50 s
                 self.paused = 50.0
                 robot.time.time_s = max(robot.time.time_s, 151.0)

@@ -15,7 +15,7 @@ from cobot.contract_checks import CheckVerdict
 from cobot.errors import ConfigError
 from rtloop.contract.__main__ import main
 from rtloop.contract.cell import Cell
-from rtloop.contract.suite import CHECKS, cell_for, examined
+from rtloop.contract.suite import CHECKS, cell_for, examine
 
 TOY = "rtloop.contract.toy:ToyArm"
 HURRIES = "paced_arm:PacedArm"
@@ -54,7 +54,7 @@ def franka() -> Cell:
 
 @pytest.mark.parametrize("check", CHECKS)
 def test_the_simulation_keeps_it(mujoco: Cell, check: str) -> None:
-    result = examined(mujoco, check)
+    result = examine(mujoco, check)
     assert result.verdict is (CheckVerdict.NOT_TESTED if check in UNTOLD else CheckVerdict.PASSED), (
         result.found
     )
@@ -63,14 +63,14 @@ def test_the_simulation_keeps_it(mujoco: Cell, check: str) -> None:
 
 @pytest.mark.parametrize("check", CHECKS)
 def test_fri_keeps_it_beside_a_simulated_cabinet(fri: Cell, check: str) -> None:
-    result = examined(fri, check)
+    result = examine(fri, check)
     assert result.verdict is (CheckVerdict.NOT_TESTED if check in ON_REQUEST else CheckVerdict.PASSED), (
         result.found
     )
 
 
 def test_a_first_contact_is_announced_to_nobody(fri: Cell, caplog: pytest.LogCaptureFixture) -> None:
-    with fri.driven():
+    with fri.drive():
         assert "First contact" not in caplog.text
 
 
@@ -78,7 +78,7 @@ def test_a_first_contact_is_announced_to_nobody(fri: Cell, caplog: pytest.LogCap
 def test_franka_keeps_it_beside_a_stand_in(franka: Cell, check: str) -> None:
     if check == "options":
         pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: pip install 'cobot[franka]'")
-    result = examined(franka, check)
+    result = examine(franka, check)
     untold = check in {*ON_REQUEST, "operation_mode", "io"}
     assert result.verdict is (CheckVerdict.NOT_TESTED if untold else CheckVerdict.PASSED), result.found
 
@@ -136,7 +136,7 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
 )
 def test_each_way_of_breaking_it_is_found(settings: Settings, arm: str, check: str, found: str) -> None:
     name = f"broken_backends:{arm}"
-    result = examined(cell_for(settings, name), check)
+    result = examine(cell_for(settings, name), check)
     assert result.verdict is CheckVerdict.FAILED
     with pytest.raises(AssertionError, match=found):
         raise AssertionError(result.found)

@@ -259,8 +259,8 @@ def test_a_moving_start_is_braked(limits: JointLimits) -> None:
 @pytest.mark.parametrize(
     ("times", "shape", "reason"),
     [
-        ([0.1, 0.1], (2, 7), "times must increase, by half a cycle at the least"),
-        ([0.2, 0.1], (2, 7), "times must increase, by half a cycle at the least"),
+        ([0.1, 0.1], (2, 7), "times must increase by at least half a cycle"),
+        ([0.2, 0.1], (2, 7), "times must increase by at least half a cycle"),
         ([0.1, np.nan], (2, 7), "times and positions must be finite"),
         ([0.1, 0.2], (2, 6), "times and positions must be shape (k,) and (k, 7), k from 1 to 64"),
         ([0.1, 0.2], (3, 7), "times and positions must be shape (k,) and (k, 7), k from 1 to 64"),
@@ -288,7 +288,7 @@ def test_no_more_waypoints_are_kept_than_there_is_time_for(player: Player) -> No
     assert player.chunks.take(times, np.zeros((64, 7)), 0.0) == ""
     assert player.chunks.take(times + 3.2, np.zeros((64, 7)), 0.0) == ""
     assert player.chunks.take(times + 6.4, np.zeros((64, 7)), 0.0) == (
-        "128 waypoints are still ahead, at the most 64 are kept"
+        "128 waypoints are still ahead, up to 64 are kept"
     )
 
 

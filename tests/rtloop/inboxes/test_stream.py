@@ -24,7 +24,7 @@ class PlainInbox:
         self.readable = True
         self.torn_reads = 0
 
-    def changed(self) -> bool:
+    def take_news(self) -> bool:
         sequence = self.block.sequence
         if sequence == self._sequence:
             return False
@@ -49,7 +49,7 @@ class PlainStreamInbox:
 
     def asks(self) -> bool:
         data = self.session.block.data
-        return bool(self.session.changed() and data["open"] == 1 and data["number"] != self.session_seen)
+        return bool(self.session.take_news() and data["open"] == 1 and data["number"] != self.session_seen)
 
     def wants(self, number: int) -> bool:
         data = self.session.block.data
@@ -59,8 +59,8 @@ class PlainStreamInbox:
     def finishes(self) -> bool:
         return self.session.readable and int(self.session.block.data["open"]) == 2
 
-    def estop_requested(self) -> bool:
-        if not self._requests.changed():
+    def take_estop(self) -> bool:
+        if not self._requests.take_news():
             return False
         estops = int(self._requests.block.data["estops"])
         asked, self._estops = estops != self._estops, estops
@@ -79,8 +79,8 @@ def test_an_inbox_sees_what_the_plain_rule_sees(memories: list[RobotMemory]) -> 
                 written.publish()
             case 1:
                 writer.disturb(written)
-        expected = plain.changed()
-        assert inbox.changed() == expected
+        expected = plain.take_news()
+        assert inbox.take_news() == expected
         assert (inbox.readable, inbox.torn_reads) == (plain.readable, plain.torn_reads)
         if expected:
             assert inbox.data["number"] == plain.block.data["number"]
@@ -106,8 +106,8 @@ def test_a_clients_wishes_are_seen_as_by_the_plain_rules(memories: list[RobotMem
                 writer.disturb(written.session if random.random() < 0.5 else written.stream_requests)
         asks, number = plain.asks(), int(random.integers(5))
         assert inbox.asks() == asks
-        expected = asks, plain.wants(number), plain.finishes, plain.estop_requested()
-        assert (asks, inbox.wants(number), inbox.finishes, inbox.estop_requested()) == expected
+        expected = asks, plain.wants(number), plain.finishes, plain.take_estop()
+        assert (asks, inbox.wants(number), inbox.finishes, inbox.take_estop()) == expected
         assert inbox.torn_reads == plain.torn_reads
         counts += expected
         if asks:

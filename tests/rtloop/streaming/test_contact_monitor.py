@@ -28,7 +28,7 @@ def test_what_exceeds_the_most_is_found_and_named() -> None:
         excess = np.abs(pushes) - most
         worst = excess.argmax(axis=1)
         for push, index, beyond in zip(pushes, worst.tolist(), excess.max(axis=1) > 0.0, strict=True):
-            assert monitor.exceeded(push) == beyond
+            assert monitor.check(push) == beyond
             if not beyond:
                 continue
             exceeded += 1
@@ -43,12 +43,12 @@ def test_what_is_no_number_exceeds_nothing_and_hides_nothing() -> None:
     monitor = ContactMonitor(NAMES)
     monitor.begin(np.full(7, 10.0), np.full(6, 10.0))
     push = np.full(13, np.nan)
-    assert not monitor.exceeded(push)
+    assert not monitor.check(push)
     push[9] = -11.0
-    assert monitor.exceeded(push)
+    assert monitor.check(push)
     assert monitor.words() == "contact: -11.0 N or N·m along z at the TCP, allowed are 10"
 
 
 def test_more_joints_than_there_is_room_for_are_refused() -> None:
-    with pytest.raises(InputError, match="17 joints, at the most 16"):
+    with pytest.raises(InputError, match="17 joints, allowed are up to 16"):
         ContactMonitor([f"joint{number}" for number in range(17)])

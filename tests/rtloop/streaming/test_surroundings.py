@@ -140,7 +140,7 @@ def test_a_restart_keeps_it(here: Settings, robot: RobotDescription) -> None:
 def test_a_scene_is_refused_while_somebody_streams(here: Settings, robot: RobotDescription) -> None:
     rig = Rig(here, robot)
     assert rig.stream(Stream.JOINT_IMPEDANCE) == ""
-    assert "somebody streams" in hand_over(rig, ball_ahead(robot))
+    assert "a client streams" in hand_over(rig, ball_ahead(robot))
     rig.close()
 
 

@@ -78,7 +78,7 @@ class ChunkInterpolator:
         ahead = min(int(np.searchsorted(self._times_s, soon_s)), end)
         begin = max(ahead - SUPPORT, 0)
         if end - ahead > LONGEST_CHUNK:
-            return f"{end - ahead} waypoints are still ahead, at the most {LONGEST_CHUNK} are kept"
+            return f"{end - ahead} waypoints are still ahead, up to {LONGEST_CHUNK} are kept"
         self._times_s = np.concatenate([self._times_s[begin:end], times_s])
         self._positions = np.concatenate([self._positions[begin:end], positions])
         ends = np.stack([self._positions, *spline(self._times_s, self._positions)], axis=1)
@@ -112,7 +112,7 @@ class ChunkInterpolator:
         if not (np.isfinite(times_s).all() and np.isfinite(positions).all()):
             return "times and positions must be finite"
         if k > 1 and np.diff(times_s).min() < 0.5 * self._period_s:
-            return "times must increase, by half a cycle at the least"
+            return "times must increase by at least half a cycle"
         return ""
 
     def _connect(self, now_s: float, times_s: Array, ends: Array) -> None:

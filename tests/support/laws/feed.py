@@ -92,7 +92,7 @@ class TargetFeed(Feed):
         self._silent_cycles += 1
         self._untaken_cycles += 1
         self._read_setpoint()
-        if self._box.chunk.changed():
+        if self._box.chunk.take_news():
             self._take_chunk(robot_time_s)
         if self._live and self._silent_cycles > self._patience_cycles:
             self._live = False
@@ -106,7 +106,7 @@ class TargetFeed(Feed):
     def _read_setpoint(self) -> None:
         """Moves at once, a target when it is time for one."""
         box = self._box.setpoint
-        if box.changed():
+        if box.take_news():
             self._target_waits = True
             if hasattr(self.source, "start_move") and int(box.data["session"]) == self._session:
                 self._take_move(box.data)
@@ -181,7 +181,7 @@ class PointFeed(Feed):
         elif self._silent_cycles > self._watchdog_cycles and not (self.problem or finishes):
             self._safety.count(Intervention.COMMAND_TIMEOUT)
             self.problem = SERVO_WATCHDOG
-        news = self._box.setpoint.changed() and int(self._box.setpoint.data["session"]) == self._session
+        news = self._box.setpoint.take_news() and int(self._box.setpoint.data["session"]) == self._session
         if news and hasattr(self.source, "press"):
             self.source.press(self._box.setpoint.data["wrench"])
         if finishes:

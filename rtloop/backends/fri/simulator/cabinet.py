@@ -134,7 +134,7 @@ class Cabinet:
             self.events.append(command)
             return
         before = self.connection.reflected
-        if not self.connection.heard(command.header.sequence, command.header.reflected, self._sequence):
+        if not self.connection.take_answer(command.header.sequence, command.header.reflected, self._sequence):
             return
         self._write_io(command)
         if self.state in (SessionState.COMMANDING_WAIT, SessionState.COMMANDING_ACTIVE):

@@ -42,7 +42,7 @@ class Connection:
         self.reflected = (sequence - 1) % _COUNTER
         self.newest: int | None = None
 
-    def heard(self, sequence: int, reflected: int, now: int) -> bool:
+    def take_answer(self, sequence: int, reflected: int, now: int) -> bool:
         """An answer has come; False for one that is older than the last.
 
         now: the number of the message that was sent last.

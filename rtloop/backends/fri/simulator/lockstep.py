@@ -58,7 +58,7 @@ class LockStep:
             packets = self.network.to_client(self.cabinet.packet())
             packets, self.injected = self.injected + packets, []
             if not self.off:
-                waiting += [self.network.spoiled(packet) for packet in packets]
+                waiting += [self.network.spoil_packet(packet) for packet in packets]
             if self.pause:
                 self.pause -= 1
             elif waiting or self.time_s >= end_s:

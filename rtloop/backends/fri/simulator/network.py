@@ -46,9 +46,9 @@ class Network:
                 self.lost += 1
             else:
                 self._send(self._out, packet, 0)
-        return self._due(self._out)
+        return self._take_due(self._out)
 
-    def spoiled(self, packet: bytes) -> bytes:
+    def spoil_packet(self, packet: bytes) -> bytes:
         """What is left of a packet that arrives at the client."""
         message = decode_monitoring(packet) if self.spoil else None
         if not isinstance(message, Monitoring):
@@ -69,11 +69,11 @@ class Network:
     def from_client(self, packet: bytes) -> list[bytes]:
         """What arrives at the cabinet when its client has sent this."""
         self._send(self._back, packet, self.delay)
-        return self._due(self._back)
+        return self._take_due(self._back)
 
     def arrived(self) -> list[bytes]:
         """What arrives at the cabinet at the beginning of a period, of what was sent earlier."""
-        return self._due(self._back)
+        return self._take_due(self._back)
 
     def _send(self, way: deque[tuple[int, bytes]], packet: bytes, delay: int) -> None:
         if self.loss and self._random.random() < self.loss:
@@ -82,7 +82,7 @@ class Network:
         later = 1 if self.reorder and self._random.random() < self.reorder else 0
         way.append((self._period + delay + later, packet))
 
-    def _due(self, way: deque[tuple[int, bytes]]) -> list[bytes]:
+    def _take_due(self, way: deque[tuple[int, bytes]]) -> list[bytes]:
         """Those that wait longest come last: they have been overtaken."""
         due = [entry for entry in way if entry[0] <= self._period]
         if due:

@@ -149,7 +149,7 @@ class CabinetServer:
         self._sent_s = time.monotonic()
         for packet in sent:
             with contextlib.suppress(OSError):  # no client is there: the missing answer shows it
-                self._socket.sendto(self._network.spoiled(packet), self._client)
+                self._socket.sendto(self._network.spoil_packet(packet), self._client)
         self._expects = message in sent and self._cabinet.waits_for_answer
 
     def _listen(self, deadline_s: float, ending: list[str]) -> None:

@@ -71,8 +71,8 @@ def test_what_a_program_leaves_open_is_closed_when_it_ends_and_nothing_else() ->
         channels.close("passed on")
         CLIENT.reset(own)
         channels.add("passed on", lines[3].channel)
-        channels.program_ended("another")
-        channels.program_ended("first")
+        channels.close_left_open("another")
+        channels.close_left_open("first")
         assert [line.closed for line in lines] == [0, 1, 1, 1, 0]
         assert channels.get("by hand") is lines[0].channel
         assert channels.get("passed on") is lines[3].channel

@@ -41,9 +41,9 @@ LIGHT = light_planner.__name__
 FORKED = """
 import asyncio, light_planner
 from app.services.motion import planning_pool
-from cobot.launch.forked import forked
+from cobot.launch.forked import fork_processes
 planning_pool.WORKER = light_planner.__name__
-blanks = forked(3)
+blanks = fork_processes(3)
 pids = [each.pid for each in blanks]
 blanks[2].kill()
 blanks[2].wait()

@@ -29,7 +29,7 @@ class Bench:
         return [json.loads(line)["waypoint"] for line in lines]
 
     def ask(self, behind: int, of: int = 4) -> list[int | None]:
-        if self.steps.asked(behind, of):
+        if self.steps.ask(behind, of):
             self.steps.answer()
         return self.answers()
 

@@ -103,7 +103,7 @@ def test_no_job_goes_from_one_state_to_another_that_cannot_follow(
             for number, step in enumerate(steps, start=1):
                 match step:
                     case "start":
-                        claim.job.started(number, TRAJECTORY)
+                        claim.job.start(number, TRAJECTORY)
                     case "pause":
                         override._asked = True
                         override._settle()
@@ -144,7 +144,7 @@ def test_a_sequence_is_a_job_and_its_motions_belong_to_it(error: Any, state: str
     bench.ownership.claim_for_sequence("sequence 1", "token")
     job = bench.ownership.sequence_job
     assert job is not None
-    job.started()
+    job.start()
     job.at_waypoint(3, 4)
     assert job.record().progress == 0.75
     bench.ownership.release_sequence(error)
@@ -160,7 +160,7 @@ def test_records_survive_and_what_was_under_way_was_interrupted(tmp_path: Path) 
     with contextlib.suppress(CollisionError), bench.motion():
         raise infinite
     with bench.motion() as claim:
-        claim.job.started(7, TRAJECTORY)
+        claim.job.start(7, TRAJECTORY)
         bench.book.close()  # as a service that is killed: the end of this one is never written
         os.utime(file, (BEGUN_S + 20.0, BEGUN_S + 20.0))
         after = Bench(file, BEGUN_S + 3600.0).book
@@ -191,7 +191,7 @@ def test_of_a_motion_whose_end_was_not_seen_the_actions_are_told_as_far_as_they_
     actions = (replace(known, fired=True, path_time_s=0.0), rejected, replace(known, action="actions[2]"))
     with bench.motion() as claim:
         claim.job.follow_signals(lambda: SignalResults(actions, waits_for="pause_while: input part is true"))
-        claim.job.started(7, TRAJECTORY)
+        claim.job.start(7, TRAJECTORY)
         bench.book.close()  # as a service that is killed
     for _ in range(2):  # each start tells it as the one before
         book = Bench(file).book

@@ -101,9 +101,9 @@ def test_only_its_holder_gives_it_back(bench: Bench) -> None:
 def test_it_ends_with_the_connection_that_has_taken_it(bench: Bench) -> None:
     anna, ben = Client("anna"), Client("ben")
     bench.lease.take(anna, 30.0)
-    bench.lease.disconnected(ben)
+    bench.lease.drop_client(ben)
     assert bench.lease.holds(anna)
-    bench.lease.disconnected(anna)
+    bench.lease.drop_client(anna)
     assert bench.lease.current is None
 
 

@@ -38,7 +38,7 @@ class Bench:
 def test_a_motion_begins_and_ends_once_however_often_somebody_looks() -> None:
     bench = Bench()
     bench.motions.prepare(1, 2.0)
-    bench.motions.begun()
+    bench.motions.publish_begin()
     for result in (MotionResult.RUNNING, MotionResult.RUNNING, MotionResult.STOPPED, MotionResult.STOPPED):
         bench.look(1, result)
     assert bench.told == [(1, "begun", ""), (1, "stopped", "why")]
@@ -49,14 +49,14 @@ def test_a_motion_that_has_ended_before_anybody_knew_that_it_began_is_told_in_or
     bench = Bench()
     bench.motions.prepare(1, 0.001)
     bench.look(1, MotionResult.ARRIVED)
-    bench.motions.begun()
+    bench.motions.publish_begin()
     assert bench.told == [(1, "begun", ""), (1, "finished", "")]
 
 
 def test_nothing_is_told_of_a_motion_that_was_refused() -> None:
     bench = Bench()
     bench.motions.prepare(1, 2.0)
-    bench.motions.refused()
-    bench.motions.begun()
+    bench.motions.forget_begin()
+    bench.motions.publish_begin()
     assert bench.told == []
     assert not any(bench.motions.ended.values())

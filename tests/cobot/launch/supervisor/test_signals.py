@@ -20,7 +20,7 @@ def interrupt(frame, event, argument):
     os.kill(os.getpid(), signal.SIGINT)  # in the middle of what the last one has brought about
     return interrupt
 
-with signals.caught():
+with signals.catch():
     sys.settrace(interrupt)
     os.kill(os.getpid(), signal.SIGINT)
     sys.settrace(None)

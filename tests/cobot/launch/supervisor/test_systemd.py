@@ -35,11 +35,11 @@ def test_ready_is_told_once_even_if_nobody_listened_at_first(manager: socket.soc
     systemd = Systemd()
     while systemd._tell("WATCHDOG=1"):  # until its queue is full
         pass
-    systemd.ready("http://localhost:8007")
+    systemd.report_ready("http://localhost:8007")
     heard(manager)
     for _ in range(3):
-        systemd.ready("http://localhost:8007")
-    systemd.stopping()
+        systemd.report_ready("http://localhost:8007")
+    systemd.report_stopping()
     assert heard(manager) == ["READY=1\nSTATUS=http://localhost:8007", "STOPPING=1"]
 
 
@@ -52,7 +52,7 @@ def test_signs_of_life_come_at_least_twice_as_often_as_they_are_waited_for(
     systemd = Systemd()
     told = 0
     for _ in range(100):
-        systemd.alive()
+        systemd.send_heartbeat()
         told += len(heard(manager))
         now_s += 0.1
     assert 20 <= told <= 34
@@ -67,7 +67,7 @@ def test_who_is_not_watched_says_nothing(
 ) -> None:
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    Systemd().alive()
+    Systemd().send_heartbeat()
     assert heard(manager) == []
 
 
@@ -79,13 +79,13 @@ def test_children_do_not_inherit_the_address(manager: socket.socket) -> None:
 def test_without_systemd_everything_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
     systemd = Systemd()
-    systemd.ready("")
-    systemd.alive()
-    systemd.stopping()
+    systemd.report_ready("")
+    systemd.send_heartbeat()
+    systemd.report_stopping()
 
 
 def test_a_manager_that_has_gone_stops_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
     systemd = Systemd()
-    systemd.ready("")
-    systemd.stopping()
+    systemd.report_ready("")
+    systemd.report_stopping()

@@ -204,7 +204,7 @@ def test_a_projected_configuration_keeps_all_or_there_is_none(robot: RobotDescri
             ((3, *sorted(random.uniform(-2, 2, 2))),),
         )
         held = Held(robot, constraints, start)
-        joints = held.projected(random.uniform(limits.min_position, limits.max_position))
+        joints = held.project(random.uniform(limits.min_position, limits.max_position))
         if joints is not None:
             found += 1
             assert held.excess(joints[None]).max() <= 0.0

@@ -216,7 +216,7 @@ def test_joints_are_carried_from_pose_to_pose_until_one_fails(name: str, tmp_pat
     model, limits, ended = arm.model, arm.model.limits, 0
     for begin, end in zip(arm.drawn(random, 12), arm.drawn(random, 12), strict=True):
         poses = model.poses(begin + np.linspace(0.05, 1.0, 40)[:, None] * (end - begin))
-        found = model.inverse_kinematics.carried(poses, begin, 60, step)
+        found = model.inverse_kinematics.carry(poses, begin, 60, step)
         before = begin
         for pose, joints in zip(poses, found, strict=False):
             expected, solved, _, _ = model.inverse_kinematics.descend(pose, before, 60)
@@ -231,7 +231,7 @@ def test_joints_are_carried_from_pose_to_pose_until_one_fails(name: str, tmp_pat
             assert not solved or turned.max() > step or (at_limit & (turned > 1e-9)).any()
             ended += 1
     assert ended > 0
-    assert model.inverse_kinematics.carried(np.empty((0, 7)), begin, 60, step).shape == (0, limits.dof)
+    assert model.inverse_kinematics.carry(np.empty((0, 7)), begin, 60, step).shape == (0, limits.dof)
 
 
 def test_a_descent_slides_along_what_it_shall_stay_within(tmp_path: Path) -> None:

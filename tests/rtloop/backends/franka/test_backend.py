@@ -135,9 +135,9 @@ def test_a_step_however_small_is_no_step_for_the_robot(step: float) -> None:
     bridge = Bridge(7, PERIOD_S)
     here = np.array([START, np.zeros(7), np.zeros(7)])
     bridge.begin(here[0])
-    sent = [bridge.bridged(here, 1)[0].copy() for _ in range(10)]
+    sent = [bridge.bridge(here, 1)[0].copy() for _ in range(10)]
     here[0] += step
-    sent += [bridge.bridged(here, 1)[0].copy() for _ in range(1200)]
+    sent += [bridge.bridge(here, 1)[0].copy() for _ in range(1200)]
     require_published_limits(sent)
     assert sent[-1] == pytest.approx(here[0], abs=1e-12)
 

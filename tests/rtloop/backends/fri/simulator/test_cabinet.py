@@ -277,7 +277,7 @@ def test_quality_is_what_share_of_the_messages_is_answered(every: int, quality: 
     for number in range(100):
         answered = every == 1 or (number % every == 0) != (every == 10)
         if answered and every != 1000:
-            assert connection.heard(number + 1, number, number)
+            assert connection.take_answer(number + 1, number, number)
         connection.judge(number)
     assert connection.quality == quality
 
@@ -286,7 +286,7 @@ def test_answers_that_are_a_period_late_are_worth_half() -> None:
     connection = Connection(period_ms=5, multiplier=1)
     for number in range(100):
         if number:
-            connection.heard(number, number - 1, number)
+            connection.take_answer(number, number - 1, number)
         connection.judge(number)
     assert connection.quality in (Quality.POOR, Quality.FAIR)
     assert connection.late > 90
