@@ -141,7 +141,7 @@ class Keys:
 
     def _open(self) -> sqlite3.Connection:
         try:
-            return self._opened()
+            return self._connect()
         except sqlite3.DatabaseError as exc:
             if isinstance(exc, sqlite3.OperationalError):  # such as a full disk, with which the file is good
                 raise
@@ -150,9 +150,9 @@ class Keys:
             os.replace(self._path, damaged)
             for rest in ("-wal", "-shm"):
                 self._path.with_name(self._path.name + rest).unlink(missing_ok=True)
-            return self._opened()
+            return self._connect()
 
-    def _opened(self) -> sqlite3.Connection:
+    def _connect(self) -> sqlite3.Connection:
         self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         # SQLite would create it readable for all; its other files get the permissions of this one.
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC

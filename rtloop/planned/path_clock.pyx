@@ -41,7 +41,7 @@ cdef double URGENT_JERK = 500_000.0
 cdef int URGENT_TRIES = 8
 cdef double GENTLER = 0.8
 cdef int HALVINGS = 6
-# A profile that lasts longer is not taken, for somebody waits for the stop.
+# A profile that lasts longer is not taken, because an operator waits for the stop.
 cdef double LONGEST_S = 2.0
 # Where no profile leads from rest to the target rate, one leads to this share of it, or to the share of that.
 cdef double GENTLER_AIM = 0.5

@@ -12,7 +12,7 @@ PACKAGES = ("cobot", "rtloop", "app")
 PROGRAMS = ("dds", "learning", "recorder", "runner")
 """Parts of `cobot` with names of their own: no other part of the library imports them."""
 TWICE = """
-Action ActionResult Arm Assembly Caller Cell Channel Channels Client Clock Command Condition
+Action ActionResult Answer Arm Assembly Caller Cell Channel Channels Client Clock Command Condition
 Connection Contact Control Course Device Endpoint Entry Event Feed Field Fragment Function Gateway
 Goal Graph Header Hold Holder Inbox Joint JointStates JointTarget Kind Limits Losses Node Observer
 Offset Origin Pace Path PayloadError Plan PoseTarget Progress Publisher Rejected Run Sample

@@ -1,4 +1,4 @@
-"""LeRobot's robot: observations are joint angles and pictures, actions are where the joints shall be, rad.
+"""LeRobot's robot: observations are joint angles and pictures, actions are the wanted joint angles, rad.
 With a gripper both have its width, m.
 
 What is sent goes through cobot's stream (docs/streaming.md of cobot): no action makes the arm jerk, leave its
