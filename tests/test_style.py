@@ -15,7 +15,7 @@ from functions import Function, functions_of
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("cobot", "rtloop", "app", "packages")
 IRREGULAR = {
-    *("begun", "bound", "broken", "bought", "built", "caught", "chosen", "done", "drawn", "driven"),
+    *("begun", "broken", "bought", "built", "caught", "chosen", "done", "drawn", "driven"),
     *("fallen", "felt", "forgotten", "found", "frozen", "given", "gone", "heard", "held", "hidden"),
     *("kept", "known", "led", "left", "lost", "made", "meant", "met", "said", "seen", "sent", "shown"),
     *("shot", "sold", "spent", "spoken", "struck", "stuck", "swept", "taken", "taught", "thrown"),
@@ -26,7 +26,7 @@ STATES = {"alive", "due", "few", "free", "idle", "ready"}
 VERBS = {
     *("answer", "call", "check", "count", "differentiate", "find", "make", "move", "plan", "publish"),
     *("read", "refuse", "remove", "report", "require", "run", "solve", "stop", "take", "tell"),
-    *("are", "end", "has", "is", "on"),
+    *("are", "await", "end", "has", "is", "on"),
 }
 """First words of names that say what is done, whatever the last one is: `require_ready`, `is_gone`."""
 REVIEWED = {

@@ -39,7 +39,7 @@ cdef class PoseLimiter:
     lie along and across the direction of motion, each with its part of the limits, so that the norms hold,
     and each is planned for itself: from rest to rest the way is a straight line and a turn about one axis.
     They keep their directions and parts while the request goes on as it did: if they turned with the way that
-    is left, the TCP would circle a request that it passes beside.
+    is left, the TCP would circle a request that it passes closely.
 
     With a range of targets the TCP also keeps room to stop within it. A request that moves is then pursued
     along the axes of the base, in which the range is stated.
@@ -155,7 +155,7 @@ cdef class PoseLimiter:
     ) noexcept nogil:
         """Choose the axes of a part when its pursuit begins, and again when the request has strayed.
 
-        They do not turn with the way that is left: the TCP would circle a request that it passes beside.
+        They do not turn with the way that is left: the TCP would circle a request that it passes closely.
         """
         cdef double direction[3]
         cdef double gap[3]

@@ -5,7 +5,7 @@ from cobot.types import Array
 SHARE: float
 """Share of the recent way of joint targets by which the reference may go beyond the newest one."""
 POSE_SHARE: float
-"""The same share for poses. The TCP's jerk limit is low: with less it follows a circle with a lag."""
+"""Share of the margin for poses. The TCP's jerk limit is low: with less it follows a circle with a lag."""
 FADING_S: float
 """Time constant with which older steps of the targets are forgotten."""
 STILL_S: float

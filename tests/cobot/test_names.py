@@ -14,7 +14,7 @@ PROGRAMS = ("dds", "learning", "recorder", "runner")
 TWICE = """
 Action ActionResult Answer Arm Assembly Caller Cell Channel Channels Client Clock Command Condition
 Connection Contact Control Course Device Endpoint Entry Event Feed Field Fragment Function Gateway
-Goal Graph Header Hold Holder Inbox Joint JointStates JointTarget Kind Limits Losses Node Observer
+Goal Graph Header Heard Hold Holder Inbox Joint JointStates JointTarget Kind Limits Losses Node Observer
 Offset Origin Pace Path PayloadError Plan PoseTarget Progress Publisher Rejected Run Sample
 Service Session Shape Signals SimulatedArm Statistics Status Steps Stop Subscribe Subscription
 Target Times Timing ToyArm ToyDevice ToyOptions ToyRig Wanted Watch
