@@ -64,7 +64,7 @@ cdef class RealtimeClock(Clock):
 
 
 cdef class FastClock(Clock):
-    """Robot time without waiting while the arm moves on a path; otherwise, at rest and while a client streams, in
+    """Robot time without waiting while the arm moves on a path; else, at rest and while a client streams, in
     step with the real clock.
     """
 

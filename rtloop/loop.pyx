@@ -267,7 +267,7 @@ cdef class ControlLoop:
         return self.controller.drives.c_loose()
 
     def _miss_beat(self):
-        """Keep the command for a while when the robot takes none, so that the motion goes on without a jump."""
+        """Keep the command for a while if the robot takes none: the motion goes on without a jump."""
         self._unwritten += 1
         if self._beatless == self._overruns_to_stop:
             self.controller.fault(f"the robot has given no beat for {self._beatless * self._period_s:.3f} s")
@@ -302,7 +302,7 @@ cdef class ControlLoop:
         return False
 
     cdef void c_write(self) except *:
-        """Command the robot. While its drives are off it gets a command only if its packets need an answer."""
+        """Command the robot. With its drives off it gets one only if its packets need an answer."""
         if self.controller.drives.c_off() and not self._is_paced:
             return
         try:

@@ -44,7 +44,7 @@ cdef class GeomDistances:
     """
 
     def __cinit__(self, mj, int capacity, double farthest_m):
-        """Room for `capacity` pairs. Geoms that are further apart than `farthest_m` count as that far apart."""
+        """Room for `capacity` pairs. Geoms further apart than `farthest_m` count as that far apart."""
         self._mj = mj
         self._dof = checked_dof(mj.nv)
         self._farthest_m = farthest_m

@@ -461,7 +461,7 @@ cdef inline void _move(
     Profile* profile, State* state, double jerk, double max_velocity, const Shape* shape
 ) noexcept nogil:
     """Append the phases of a motion up, or of its mirror image if the jerk is negative. Accelerations, and
-    the velocity of the cruise, are set again where they are known: over a long phase rounding would add up."""
+    the velocity of the cruise, are set again where known: over a long phase rounding would add up."""
     _append(profile, state, shape.rise - state.acceleration / jerk, jerk)
     state.acceleration = shape.rise * jerk
     _append(profile, state, shape.rise_hold, 0.0)

@@ -110,6 +110,6 @@ cdef class Source:
         """A joint step towards the last target, shape (dof,), rad: only its direction counts."""
 
     cdef void c_exert(self, double* rows) noexcept nogil:
-        """Fill in what the client wants exerted in addition to its motion, in zeros: torques of the joints (dof,),
+        """Fill in what the client wants exerted besides its motion, in zeros: torques of the joints (dof,),
         N·m, or a wrench at the TCP (6,) in the base frame, N and N·m.
         """

@@ -25,7 +25,7 @@ cdef class SixAxisArm(Arm):
         self, const Problem* problem, double first, const double* there, double theta[2][6]
     ) noexcept nogil
     cdef int _crossing(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil
-    cdef int _solve_stacked(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil
+    cdef int _solve_stack(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil
     cdef int _in_a_plane(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil
     cdef int _parallel(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil
     cdef int _with_wrist(

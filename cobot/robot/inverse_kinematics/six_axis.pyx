@@ -53,7 +53,7 @@ cdef enum:
     CROSSING = 1
     STACKED = 2
     PARALLEL = 3
-    # Number of angles that are tried for a joint whose angle is free, in addition to the one nearest to the seed.
+    # Number of angles tried for a joint whose angle is free, besides the one nearest to the seed.
     TRIED = 24
     OTHER_SHOULDER = 1
     OTHER_ELBOW = 2
@@ -127,7 +127,7 @@ cdef class SixAxisArm(Arm):
         if self.kind == CROSSING:
             return self._crossing(problem, wrist, found)
         if self.kind == STACKED:
-            return self._solve_stacked(problem, wrist, found)
+            return self._solve_stack(problem, wrist, found)
         if self.kind == PARALLEL:
             return self._parallel(problem, wrist, found)
         return self._in_a_plane(problem, wrist, found)
@@ -270,7 +270,7 @@ cdef class SixAxisArm(Arm):
             count = self._with_wrist(problem, theta, branch, found, count)
         return count
 
-    cdef int _solve_stacked(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil:
+    cdef int _solve_stack(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil:
         """The first two axes are parallel: the third joint sets the height, a triangle the rest."""
         cdef double theta[6]
         cdef double roots[2]

@@ -70,10 +70,10 @@ cdef extern from *:
     static const double COBOT_SRS_TURN = 0.6, COBOT_SRS_MIN_STEP = 2e-12;
     /* So close to its ends a stretch is looked at too, rad. */
     static const double COBOT_SRS_EDGE = 1e-10;
-    /* Largest distance of three joints, rad, from the nearer of two neighbours between them, and largest ratio
-       of the arc between two neighbours to its chord. */
-    /* The search for the best arm angle ends when its bracket is smaller than this share of the first one, or
-       than this angle, rad, or when its costs differ by less than this share. Where joints race, the first two
+    /* Largest distance of three joints, rad, from the nearer of two neighbours between them, and largest
+       ratio of the arc between two neighbours to its chord. */
+    /* The search for the best arm angle ends when its bracket is smaller than this share of the first one,
+       or than this angle, rad, or when its costs differ by less than this share. Where joints race, the first two
        bounds alone would be coarse. */
     static const double COBOT_REFINED_TO = 1e-12, COBOT_MIN_TOLERANCE = 1e-15, COBOT_SAME_COST = 1e-12;
     static const double COBOT_NEARLY_STRAIGHT = 1e-3;
@@ -815,8 +815,8 @@ cdef bint parabola(
     const double* x, const double* cost, double begin, double end, double tolerance, double* step,
     double* before
 ) noexcept nogil:
-    """The step to the lowest point of the parabola through three points, if it is at most half of the last but
-    one, and within the bracket.
+    """The step to the lowest point of the parabola through three points, if it is at most half of the last
+    but one, and within the bracket.
     """
     cdef double one = (x[0] - x[1]) * (cost[0] - cost[2])
     cdef double two = (x[0] - x[2]) * (cost[0] - cost[1])
