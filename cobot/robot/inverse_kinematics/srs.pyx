@@ -73,7 +73,8 @@ cdef extern from *:
     /* Largest distance of three joints, rad, from the nearer of two neighbours between them, and largest
        ratio of the arc between two neighbours to its chord. */
     /* The search for the best arm angle ends when its bracket is smaller than this share of the first one,
-       or than this angle, rad, or when its costs differ by less than this share. Where joints race, the first two
+       or than this angle, rad, or when its costs differ by less than this share. Where joints race, the
+       first two
        bounds alone would be coarse. */
     static const double COBOT_REFINED_TO = 1e-12, COBOT_MIN_TOLERANCE = 1e-15, COBOT_SAME_COST = 1e-12;
     static const double COBOT_NEARLY_STRAIGHT = 1e-3;
