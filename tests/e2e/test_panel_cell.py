@@ -14,6 +14,13 @@ from cell_run import EXAMPLE, IN_TRAY, RunOfCell
 from chromium import CHROMIUM, Page, browsing
 from cobot_run import ROOT, WAIT_S, Run, answering, until
 
+BETWEEN = """(() => {
+  const { arm } = cobotPanel.view;
+  const [one, other] = ["hand.finger1", "hand.finger2"].map(
+    (name) => arm.groups[arm.bodies.findIndex((body) => body.name === name)].position);
+  return one.distanceTo(other);
+})()"""
+"""Distance of the middles of the drawn fingers, which are 12 mm thick."""
 CELL = ROOT / "examples" / "pick_and_place" / "cell.yaml"
 
 
@@ -44,6 +51,7 @@ def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> Non
         until(lambda: (now := width()) is not None and now > 0.07)
         page.set_to("#gripper-width", "40")
         until(lambda: (now := width()) is not None and abs(now - 0.04) < 0.003)
+        until(lambda: abs(page.run(BETWEEN) - 0.052) < 0.003)
         page.click("#gripper-stop")
         page.click("#gripper-home")
         until(lambda: page.run("document.querySelector('#gripper-why').innerText") == "")

@@ -9,8 +9,9 @@ const MM = 1000;
 const element = (id) => document.getElementById(id);
 
 export class Gripper {
-  constructor(api) {
+  constructor(api, view) {
     this.api = api;
+    this.view = view; // of the arm, once there is one
     this.report = this.robot = null;
     this.none = false; // the robot has no gripper
     this.commands = 0; // a command of this page replaces the one before, whose answer no longer counts
@@ -79,6 +80,7 @@ export class Gripper {
     const width = element("gripper-width");
     if (document.activeElement !== width && typeof state?.width === "number") width.value = MM * state.width;
     this.writeWidth();
+    if (typeof state?.width === "number" && able.width_m) this.view()?.grip(able.width_m[1] - state.width);
     element("gripper-state").textContent = problem || (state ? this.said(state, held) : "");
   }
 

@@ -62,7 +62,7 @@ class Panel {
     this.lua = new Lua(api);
     this.io = new Io(api);
     this.deviceIo = new DeviceIo(api);
-    this.gripper = new Gripper(api);
+    this.gripper = new Gripper(api, () => this.view);
     this.recordings = new Recordings(api, this.motions, () => this.view);
     this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
     this.live = new Live();

@@ -57,6 +57,9 @@ export function drawnPart({ shape, size_m: size }) {
 
 const COLOURS = { tool: [0.1, 0.55, 0.6, 1], scene: [0.45, 0.5, 0.62, 1] };
 
+// The fingers of a cell's hand, with the direction in which each opens along its x axis. They are drawn open.
+const FINGERS = { "hand.finger1": 1, "hand.finger2": -1 };
+
 export class Drawn {
   // looks: by link, see loadLooks. A ghost is the arm and what moves with it, in one colour.
   constructor(geometry, looks, ghost = false) {
@@ -116,6 +119,8 @@ export class Drawn {
       const { position, quaternion } = localPose(body, joints);
       this.groups[index].position.set(...position);
       this.groups[index].quaternion.set(...quaternion);
+      const side = body.part === "tool" ? FINGERS[body.name] : 0;
+      if (side) this.groups[index].translateX(-0.5 * side * (this.closed ?? 0));
     });
   }
 

@@ -72,6 +72,7 @@ export class View {
     this.geometry = geometry;
     this.arm = new Drawn(geometry, this.looks);
     this.arm.showCollision(this.collision);
+    this.arm.closed = this.closed;
     this.scene.add(this.arm.root);
     if (this.joints?.length === geometry.joints.length) this.arm.place(this.joints);
     if (plan) this.preview(plan);
@@ -86,6 +87,14 @@ export class View {
     this.arm.place(state.position);
     if (!this.framed) this.look("iso");
     if (this.trace) this.followTcp();
+    this.draw();
+  }
+
+  // How much narrower than open the fingers are, m.
+  grip(closed) {
+    if (!this.arm || !this.joints || Math.abs(closed - (this.closed ?? 0)) < 1e-5) return;
+    this.closed = this.arm.closed = closed;
+    this.arm.place(this.joints);
     this.draw();
   }
 
