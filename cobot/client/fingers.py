@@ -75,15 +75,16 @@ class ServedFingers:
 
     @classmethod
     def of(cls, gripper: GripperCommands) -> ServedFingers | None:
-        """Those of a robot; None if it has no gripper.
+        """Those of a robot; None if it has no gripper, or one without a width, as a suction cup.
 
         Raises:
             UnavailableError: the service does not answer.
         """
         try:
-            return cls(gripper, gripper.state()["capabilities"])
+            able = gripper.state()["capabilities"]
         except NotSupportedError:
             return None
+        return None if able["width_m"] is None else cls(gripper, able)
 
     def aim(self, width: float) -> None:
         """See `WidthFollower`."""

@@ -72,7 +72,7 @@ class SimulatedFingers:
 
     def __init__(self, hand: Hand, backend: CellBackend) -> None:
         self._driver = SimulatedGripper(hand, CellPort(backend))
-        self.width_m = self._driver.capabilities.width_m
+        self.width_m = (0.0, hand.stroke_m)
         self._driver.connect()
         self._followed = FollowedWidth(self.width_m)
 

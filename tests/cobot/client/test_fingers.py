@@ -75,3 +75,8 @@ def test_a_command_that_is_rejected_is_given_again() -> None:
 
 def reject(width: float, *, wait: bool) -> None:
     raise NotSupportedError("no")
+
+
+def test_a_suction_cup_has_no_width_that_a_policy_could_command() -> None:
+    cup: Any = Commands(width_m=None)
+    assert ServedFingers.of(cup) is None
