@@ -67,5 +67,7 @@ class PoseRange:
         """A new pose, shape (7,); the sender may state that it moves on."""
     def advance(self) -> None:
         """One period on."""
+    def stands(self, pose: Array) -> bool:
+        """Whether this is the newest pose, shape (7,), and stands still."""
     def room(self, pose: Array) -> tuple[Array, Array]:
         """How far it is from a pose down and up to the bounds, shape (6,) each: m and rad."""

@@ -216,6 +216,10 @@ cdef class PoseRange:
     def advance(self):
         self.c_advance()
 
+    def stands(self, pose):
+        there = plain(pose, (7,))
+        return bool(self.c_stands(doubles(there, 7)))
+
     def room(self, pose):
         here, low, high = plain(pose, (7,)), np.empty(6), np.empty(6)
         self.c_room(doubles(here, 7), doubles(low, 6), doubles(high, 6))

@@ -93,9 +93,7 @@ class CartesianSource:
         self._wrench = wrench
         if pose_jumps(pose, self._last, interval_s, *self._fastest(interval_s)):
             return Intervention.JUMP
-        chart = self._targets.chart
-        stands = np.array_equal(pose, self._last) and np.array_equal(chart.low, chart.high)
-        states_twist = bool(setpoint["feed_forward"]) and not stands
+        states_twist = bool(setpoint["feed_forward"]) and not self._targets.stands(pose)
         self._last = pose
         self._targets.update(pose, states_twist and bool(twist.any()))
         self._interpolator.aim(pose, twist if states_twist else None, self._command_s)
