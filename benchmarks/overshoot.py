@@ -81,11 +81,15 @@ def beyond(way: Array, targets: Array) -> tuple[float, float]:
     return max(way.max() - high, low - way.min()), high - low
 
 
-def beyond_steps(way: Array, targets: Array) -> tuple[float, float]:
-    """How far the way leads beyond the targets of `steps` as it settles on each, and the targets' range."""
-    peak = int(way.argmax(axis=0).min())
-    too_high, too_low = way.max() - targets.max(), -way[:peak].min(initial=0.0)
-    return max(too_high, too_low, targets[-1] - way[peak:].min()), float(np.ptp(targets))
+def beyond_steps(way: Array, targets: Array, arrivals_s: Array) -> tuple[float, float]:
+    """How far the way leads beyond the targets of `steps` as it settles on each, and the targets' range.
+
+    The last step goes down: what is below its target counts from its arrival on, and from the peak before.
+    """
+    last = round(1000 * arrivals_s[np.flatnonzero(targets != targets[-1])[-1] + 1])
+    last = max(last, int(way.argmax(axis=0).min()))
+    too_high, too_low = way.max() - targets.max(), -way[:last].min(initial=0.0)
+    return max(too_high, too_low, targets[-1] - way[last:].min()), float(np.ptp(targets))
 
 
 def joints(kind: Interpolation) -> Follow:
@@ -227,8 +231,11 @@ def _shares(follow: Follow, make: Make, repetitions: int) -> Iterator[float]:
             for seed in range(repetitions):
                 random = np.random.default_rng([seed, rate_hz])
                 targets = make(rate_hz, random)
+                arrivals_s = arrivals(targets, rate_hz, jitter, random)
                 with rig() as arm:
-                    way = follow(arm, rate_hz, targets, arrivals(targets, rate_hz, jitter, random))
-                measure = beyond_steps if make is steps else beyond
-                too_far, extent = measure(way, targets)
+                    way = follow(arm, rate_hz, targets, arrivals_s)
+                if make is steps:
+                    too_far, extent = beyond_steps(way, targets, arrivals_s)
+                else:
+                    too_far, extent = beyond(way, targets)
                 yield round(max(too_far, 0.0) / extent, 4)

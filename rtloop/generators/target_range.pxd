@@ -4,6 +4,7 @@ from cobot.arrays cimport MAX_DOF
 cdef class TargetRange:
     cdef readonly int n
     cdef double period_s, still_after_s, since_s, share
+    cdef bint free  # Whether there are no bounds until the next begin.
     cdef double newest[MAX_DOF]
     cdef double still_s[MAX_DOF]
     cdef double rise[MAX_DOF]  # Way of the recent targets since their last low; older steps count less.
@@ -21,6 +22,7 @@ cdef class TargetRange:
     cdef void c_include(self, const double* target) noexcept nogil
     cdef bint c_stands(self, int i, double target) noexcept nogil
     cdef void c_advance(self) noexcept nogil
+    cdef void _open(self, int i) noexcept nogil
     cdef void _forget(self, int i) noexcept nogil
 
 

@@ -45,45 +45,53 @@ cdef class TargetRange:
         """A new stream begins here: nothing beyond this position is a target yet."""
         cdef int i
         self.since_s = 0.0
+        self.free = False
         for i in range(self.n):
             self.newest[i] = self.c_low[i] = self.c_high[i] = position[i]
+            self.still_s[i] = 0.0
             self._forget(i)
 
     cdef void c_open(self) noexcept nogil:
         """No bounds until the next `begin`."""
         cdef int i
-        self.since_s = 0.0
+        self.free = True
         for i in range(self.n):
-            self.c_low[i], self.c_high[i] = -INFINITY, INFINITY
-            self.newest[i] = 0.0
-            self._forget(i)
-            self.still_s[i] = -INFINITY
+            self.still_s[i] = 0.0
+            self._open(i)
 
     cdef void c_open_at(self, const double* target) noexcept nogil:
         """No bounds, unless this target stands still."""
-        cdef double still_s
         cdef int i
         self.since_s = 0.0
         for i in range(self.n):
-            still_s = self.still_s[i] if target[i] == self.newest[i] else 0.0
+            if target[i] != self.newest[i]:
+                self.still_s[i] = 0.0
             self.newest[i] = target[i]
-            if still_s >= self.still_after_s:
-                continue
-            self.c_low[i], self.c_high[i] = -INFINITY, INFINITY
-            self._forget(i)
-            self.still_s[i] = still_s
+            if self.still_s[i] < self.still_after_s:
+                self._open(i)
+
+    cdef void _open(self, int i) noexcept nogil:
+        self.c_low[i], self.c_high[i] = -INFINITY, INFINITY
+        self._forget(i)
 
     cdef void _forget(self, int i) noexcept nogil:
-        """The targets so far were those of another motion."""
-        self.still_s[i] = self.rise[i] = self.fall[i] = self.longest_rise[i] = self.longest_fall[i] = 0.0
+        """The way so far was that of another motion."""
+        self.rise[i] = self.fall[i] = self.longest_rise[i] = self.longest_fall[i] = 0.0
 
     cdef void c_update(self, const double* target) noexcept nogil:
-        cdef double fade = exp(-self.since_s / FADING), step
+        cdef double fade = exp(-self.since_s / FADING), step, before
         cdef int i
         self.since_s = 0.0
         for i in range(self.n):
-            step = target[i] - self.newest[i]
+            before = self.newest[i]
+            step = target[i] - before
             self.newest[i] = target[i]
+            if step != 0.0:
+                self.still_s[i] = 0.0
+            if self.free:
+                continue
+            if self.c_low[i] == -INFINITY:  # The sender states no motion any more.
+                self.c_low[i] = self.c_high[i] = before
             add_step(step, fade, &self.rise[i], &self.longest_rise[i])
             add_step(-step, fade, &self.fall[i], &self.longest_fall[i])
             if step > 0.0:
@@ -92,9 +100,6 @@ cdef class TargetRange:
             elif step < 0.0:
                 self.c_low[i] = target[i] - self.share * fmax(self.fall[i] - self.longest_fall[i], 0.0)
                 self.c_high[i] = fmax(self.c_high[i], target[i])
-            else:
-                continue
-            self.still_s[i] = 0.0
 
     cdef void c_include(self, const double* target) noexcept nogil:
         """A target that is known ahead: the reference may go as far as that."""
@@ -111,7 +116,7 @@ cdef class TargetRange:
         self.since_s += self.period_s
         for i in range(self.n):
             self.still_s[i] += self.period_s
-            if self.still_s[i] < self.still_after_s:
+            if self.free or self.still_s[i] < self.still_after_s:
                 continue
             self.c_low[i] = self.c_high[i] = self.newest[i]
             self._forget(i)

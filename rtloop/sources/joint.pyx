@@ -83,9 +83,8 @@ cdef class JointSource(Source):
         self.chunked = False
         self.interpolator.c_begin(command)
         self.states_motion = self.settles = False
-        if self.looks_ahead:
-            self.targets.c_begin(command)
-        else:
+        self.targets.c_begin(command)
+        if not self.looks_ahead:
             self.targets.c_open()
         memcpy(self.last, command, self.dof * sizeof(double))
         self.c_copy_reference()
@@ -105,13 +104,12 @@ cdef class JointSource(Source):
             return JUMP
         if self.chunked:
             self.c_begin(self.ref)
-        if velocity != NULL and self.looks_ahead:  # What stands still has none, whatever is stated.
+        if velocity != NULL:  # What stands still has none, whatever is stated.
             for joint in range(self.dof):
                 stated[joint] = 0.0 if self.targets.c_stands(joint, target[joint]) else velocity[joint]
                 moves = moves or stated[joint] != 0.0
             velocity = stated
-        if self.looks_ahead:
-            self.c_bound(target, moves)
+        self.c_bound(target, moves)
         for joint in range(self.dof):
             self.heading[joint] = target[joint] - self.ref[joint]
             self.last[joint] = target[joint]
@@ -124,8 +122,6 @@ cdef class JointSource(Source):
         if moves:
             self.targets.c_open_at(target)
         else:
-            if self.states_motion:
-                self.targets.c_begin(self.last)
             self.targets.c_update(target)
         self.states_motion = moves
 
@@ -187,6 +183,7 @@ cdef class JointSource(Source):
             state[dof + joint] = clipped(state[dof + joint], self.end.max_velocity[joint])
             state[2 * dof + joint] = clipped(state[2 * dof + joint], self.end.max_acceleration[joint])
         self.end.c_settle(state, self.last)
+        self.targets.c_update(self.last)  # Which passed within the cycle in which it came next.
         self.settles = True
 
     cdef void c_bound_chunk(self) noexcept nogil:
@@ -216,8 +213,7 @@ cdef class JointSource(Source):
                 memcpy(self.chunks.ref, self.end.ref, 3 * self.dof * sizeof(double))
             self.c_bound_chunk()
         else:
-            if self.looks_ahead:
-                self.targets.c_advance()
+            self.targets.c_advance()
             self.interpolator.c_advance()
         self.c_copy_reference()
 

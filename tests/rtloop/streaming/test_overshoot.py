@@ -24,7 +24,7 @@ from benchmarks.overshoot import (
     steps,
     walk,
 )
-from cobot.ipc.layout import Interpolation, ServoMode, Stream
+from cobot.ipc.layout import Interpolation, Intervention, ServoMode, Stream
 from cobot.types import Array
 
 ROUNDING_RAD = 4e-6
@@ -32,11 +32,12 @@ ROUNDING_RAD = 4e-6
 Make = Callable[[int, np.random.Generator], Array]
 
 
-def followed(rig: Rig, follow: Follow, make: Make, rate_hz: int) -> tuple[Array, Array]:
-    """Where a stream with a jitter of up to a period leads, and its targets."""
+def followed(rig: Rig, follow: Follow, make: Make, rate_hz: int) -> tuple[Array, Array, Array]:
+    """Where a stream with a jitter of up to a period leads, its targets, and their arrivals in s."""
     random = np.random.default_rng([rate_hz, len(make.__name__)])
     targets = make(rate_hz, random)
-    return follow(rig, rate_hz, targets, arrivals(targets, rate_hz, random.uniform(), random)), targets
+    arrivals_s = arrivals(targets, rate_hz, random.uniform(), random)
+    return follow(rig, rate_hz, targets, arrivals_s), targets, arrivals_s
 
 
 @pytest.mark.parametrize("name", STREAMS)
@@ -44,8 +45,8 @@ def followed(rig: Rig, follow: Follow, make: Make, rate_hz: int) -> tuple[Array,
 def test_no_stream_goes_beyond_a_target_that_stands_still_and_each_reaches_it(
     rig: Rig, name: str, rate_hz: int
 ) -> None:
-    way, targets = followed(rig, STREAMS[name][0], steps, rate_hz)
-    assert beyond_steps(way, targets)[0] <= ROUNDING_RAD
+    way, targets, arrivals_s = followed(rig, STREAMS[name][0], steps, rate_hz)
+    assert beyond_steps(way, targets, arrivals_s)[0] <= ROUNDING_RAD
     np.testing.assert_allclose(way[-1], targets[-1], atol=1e-5)
 
 
@@ -56,17 +57,19 @@ def test_no_stream_goes_beyond_the_range_of_its_targets_by_more_than_the_stated_
     rig: Rig, name: str, make: Make, rate_hz: int
 ) -> None:
     follow, share = STREAMS[name]
-    way, targets = followed(rig, follow, make, rate_hz)
+    way, targets, _ = followed(rig, follow, make, rate_hz)
     too_far, extent = beyond(way, targets)
     assert too_far <= share * extent + ROUNDING_RAD
-    if name != f"servo mode {ServoMode.THROUGH}":  # It takes its time, and leaves no point out.
+    takes_its_time = name == f"servo mode {ServoMode.THROUGH}"  # It leaves no point out.
+    # A curve through points that no joint can follow leads far away, so the next chunk is a jump.
+    if not takes_its_time and not rig.interventions[Intervention.JUMP]:
         np.testing.assert_allclose(way[-1], targets[-1], atol=2e-5)
 
 
 @pytest.mark.parametrize("make", TARGETS)
 @pytest.mark.parametrize("rate_hz", [10, 30, 100, 333, 1000])
 def test_a_stream_without_interpolation_never_looks_ahead(rig: Rig, make: Make, rate_hz: int) -> None:
-    way, targets = followed(rig, joints(Interpolation.NONE), make, rate_hz)
+    way, targets, _ = followed(rig, joints(Interpolation.NONE), make, rate_hz)
     assert beyond(way, targets)[0] <= ROUNDING_RAD
 
 

@@ -240,7 +240,7 @@ class ForceServo(CartesianSource):
 class _Nothing:
     """No generator of poses: a `ForceServo` has its points."""
 
-    def begin(self, pose: Array, twist: Array) -> None: ...
+    def begin(self, *_: Array) -> None: ...
 
 
 def _damped(jacobian: Array, error: Array) -> Array:
