@@ -15,6 +15,7 @@ cdef class ThroughPoints(ServoSource):
     cdef double ends[PIECES]  # σ at the end of each.
     cdef double spans[PIECES]
     cdef double places[PIECES][MAX_DOF]  # The point at the end of each.
+    cdef bint passes[MAX_DOF]  # Whether a joint does not stop at the next point.
     cdef bint enters  # Whether the arm has come to another piece.
     cdef double highest_rates[PIECES]  # The highest rate on each.
     cdef double speeds[PIECES][2]  # The highest joint speeds on each, by the limits of acceleration and jerk.

@@ -11,7 +11,7 @@ The curve is known up to the last point but one, for the next one decides about 
 What lies ahead of that is braked for at all times: a stream that ends ends at rest in its last point.
 """
 
-from libc.math cimport cbrt, fabs, sqrt
+from libc.math cimport INFINITY, cbrt, fabs, sqrt
 from libc.string cimport memcpy, memmove, memset
 
 from cobot.arrays cimport MAX_DOF, doubles
@@ -76,6 +76,7 @@ cdef class ThroughPoints(ServoSource):
         self.hungry = self.enters = False
         self.distance = self.rate = self.slope = 0.0
         self.targets.c_begin(command)
+        memset(self.passes, 0, sizeof(self.passes))
 
     cdef int c_fetch(self, PointQueue queue) noexcept nogil:
         cdef ServoPoint point
@@ -124,15 +125,28 @@ cdef class ThroughPoints(ServoSource):
 
     cdef void c_bound(self) noexcept nogil:
         """The range of the points: those ahead are known, and the next one is the target."""
-        cdef int piece
+        cdef int piece, joint
+        cdef const double* following = NULL
         if self.enters:
             self.enters = False
+            if self.first + 1 < self.count:
+                following = self.places[self.first + 1]
+            elif self.pending_span > 0.0:
+                following = self.pending
+            for joint in range(self.dof):  # Through a point on its way a joint goes as the curve does.
+                if self.places[self.first][joint] == self.targets.newest[joint]:
+                    self.passes[joint] = False
+                elif following != NULL:
+                    self.passes[joint] = following[joint] != self.places[self.first][joint]
             self.targets.c_update(self.places[self.first])
             self.targets.c_expect(self.spans[self.first])
         for piece in range(self.first, min(self.count, self.first + AHEAD)):
             self.targets.c_include(self.places[piece])
         if self.pending_span > 0.0:
             self.targets.c_include(self.pending)
+        for joint in range(self.dof):
+            if self.passes[joint] and self.first < self.count:
+                self.targets.c_low[joint], self.targets.c_high[joint] = -INFINITY, INFINITY
 
     cdef void c_rest(self) noexcept nogil:
         """At the end of the curve."""
