@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import MovePose, PathPoint
 from cobot.motions.conditions import StepCondition
 from cobot.motions.fields import Direction, Finite, example
+from cobot.motions.planners import PLANNERS, PlannerName
 
+MIN_LENGTH = 1e-9
 Pattern = Literal["spiral", "raster", "tilt"]
 NotMet = Annotated[
     Literal["error", "success"],
@@ -47,6 +50,16 @@ class ForceMotion(RequestModel):
         0.0, ge=0.0, le=0.5, description="Way back against `direction` at the end, m. 0: only the force goes."
     )
     if_not_met: NotMet = "error"
+
+    @model_validator(mode="after")
+    def _require_push(self) -> Self:
+        if math.hypot(self.direction.x, self.direction.y, self.direction.z) < MIN_LENGTH:
+            raise ValueError("direction: has no length; give a direction such as {x: 0, y: 0, z: 1}")
+        if self.max_force is not None and self.max_force <= self.force:
+            raise ValueError(
+                f"max_force must be above force: {self.max_force:g} N, and force is {self.force:g} N"
+            )
+        return self
 
 
 class PressMotion(ForceMotion):
@@ -86,6 +99,16 @@ class FollowMotion(ForceMotion):
         le=0.5,
         description="How far the TCP may leave the path along `direction`, counted from the contact, m.",
     )
+
+    @model_validator(mode="after")
+    def _require_path(self) -> Self:
+        planner = PlannerName(self.motion.planner)
+        if not PLANNERS[planner].follows_path:
+            raise ValueError(
+                f"motion.planner: {planner} does not follow a path; with force there are lin, circ and "
+                "polyline"
+            )
+        return self
 
 
 class SearchMotion(ForceMotion):
@@ -145,3 +168,10 @@ class InsertMotion(SearchMotion):
 
 
 AnyForceMotion = PressMotion | FollowMotion | SearchMotion | InsertMotion
+FORCE_MOTIONS: dict[str, type[AnyForceMotion]] = {
+    "press": PressMotion,
+    "follow": FollowMotion,
+    "search": SearchMotion,
+    "insert": InsertMotion,
+}
+"""Each motion with force, by its name in REST, sequences, Lua and Python."""

@@ -16,13 +16,16 @@ from cobot.errors import CobotError
 from cobot.motions.conditions import StepCondition
 from cobot.runner import schema
 from cobot.runner.blocks import Numbered, groups
+from cobot.runner.force_step import describe_end, describe_force, run_force
 from cobot.runner.gripper_step import describe_command, run_command
 from cobot.runner.library import Library
 from cobot.runner.moving import go
 from cobot.runner.pace import Pace
 from cobot.runner.progress import Progress
 from cobot.runner.steps import (
+    FORCE_STEPS,
     CallStep,
+    ForceStep,
     GripperStep,
     IfStep,
     OnErrorStep,
@@ -75,6 +78,7 @@ class Interpreter:
         self._prefix = ""
         self._do: dict[type[Step], Callable[[Any, Where], None]] = {
             GripperStep: self._gripper,
+            **dict.fromkeys(FORCE_STEPS.values(), self._force),
             SetStep: self._set,
             WaitForStep: self._wait_for,
             WaitStep: self._wait,
@@ -206,6 +210,11 @@ class Interpreter:
     def _gripper(self, step: GripperStep, here: Where) -> None:
         with self._report_step(step, here, f"gripper: {describe_command(step.gripper)}"):
             run_command(self._client, step.gripper)
+
+    def _force(self, step: ForceStep, here: Where) -> None:
+        with self._report_step(step, here, describe_force(step)):
+            answer = run_force(self._client, step, here.frames)
+        self._log(f"{self._text(step, here)}: {describe_end(answer)}")
 
     def _wait_for(self, step: WaitForStep, here: Where) -> None:
         condition = step.wait_for.as_json()

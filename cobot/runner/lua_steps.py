@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 from pydantic import ValidationError
@@ -23,11 +24,12 @@ from cobot.client.steps import (
 )
 from cobot.clock import SystemClock
 from cobot.errors import CobotError, InputError
+from cobot.runner.force_step import describe_force, run_force
 from cobot.runner.gripper_step import COMMAND_TAGS, describe_command, run_command
 from cobot.runner.lua_sandbox import Function, Watch
 from cobot.runner.lua_values import number, plain, text
 from cobot.runner.pace import Pace
-from cobot.runner.steps import Grid, GripperStep
+from cobot.runner.steps import FORCE_STEPS, Grid, GripperStep
 from cobot.strict import sentences
 
 
@@ -87,6 +89,7 @@ class LuaSteps:
         """The functions for `sandbox.lua`."""
         return {
             "gripper": self._gripper,
+            **{f"program_{name}": partial(self._force, name) for name in FORCE_STEPS},
             "program_set": self._set,
             "program_wait_for": self._wait_for,
             "program_wait_s": self._wait_s,
@@ -106,11 +109,7 @@ class LuaSteps:
 
     def _gripper(self, command: object = None, how: object = None) -> None:
         name = text(command, "the command")
-        fields = {} if how is None else plain(how, "the command")
-        if fields == []:  # an empty table is both
-            fields = {}
-        if not isinstance(fields, dict):
-            raise InputError(f"gripper.{name} takes a table such as {{width = 0.04}}")
+        fields = _fields(how, "the command", f"gripper.{name} takes a table such as {{width = 0.04}}")
         try:
             given = GripperStep.model_validate({"gripper": {**fields, "command": name}}).gripper
         except ValidationError as exc:
@@ -119,6 +118,21 @@ class LuaSteps:
             f"gripper: {describe_command(given)}",
             lambda: self._run_in_thread(lambda: run_command(self._client, given)),
         )
+
+    def _force(self, name: str, how: object = None) -> Any:
+        """A motion with force; its answer as a table."""
+        fields = _fields(how, "the motion", f"{name} takes a table such as {{force = 10}}")
+        try:
+            step = FORCE_STEPS[name].model_validate({name: fields})
+        except ValidationError as exc:
+            raise InputError(sentences(exc.errors())) from exc
+        answers: list[Any] = []
+
+        def work() -> None:
+            answers.append(self._run_in_thread(lambda: run_force(self._client, step)))
+
+        self._do(describe_force(step), work)
+        return self._table(answers[0])
 
     def _wait_for(self, condition: object = None, timeout_s: object = None) -> float:
         wanted = plain(condition, "the condition")
@@ -166,11 +180,7 @@ class LuaSteps:
 
     def _place_at(self, pose: object = None, relative: object = None) -> Any:
         """A target at a pose relative to a place."""
-        fields = {} if relative is None else plain(relative, "the pose")
-        if fields == []:  # an empty table is both
-            fields = {}
-        if not isinstance(fields, dict):
-            raise InputError("at takes a table such as {z = -0.1}")
+        fields = _fields(relative, "the pose", "at takes a table such as {z = -0.1}")
         for name in (*POSITION, *ANGLES):
             number(fields.get(name, 0.0), name)
         return self._table(PalletPlace.of(plain(pose, "the place")).at(**fields))
@@ -185,3 +195,17 @@ class LuaSteps:
         failure = self._failure()
         same = failure is not None and isinstance(reason, bytes) and reason.endswith(str(failure).encode())
         return same and failure is not None and is_recoverable(failure)
+
+
+def _fields(value: object, what: str, otherwise: str) -> dict[str, Any]:
+    """A table with names.
+
+    Raises:
+        InputError: it is something else; the message is `otherwise`.
+    """
+    fields = {} if value is None else plain(value, what)
+    if fields == []:  # an empty table is both
+        return {}
+    if not isinstance(fields, dict):
+        raise InputError(otherwise)
+    return fields

@@ -21,7 +21,7 @@ def go(
     Raises:
         CobotError: the service's, see `Client`.
     """
-    bodies = [_resolve(target.body(), frames or {}) for target in chain]
+    bodies = [resolve(target.body(), frames or {}) for target in chain]
     if len(chain) > 1:
         return client.move_sequence(bodies, [target.radius for target in chain[:-1]])
     (target,), (body,) = chain, bodies
@@ -37,6 +37,7 @@ def go(
     return answer
 
 
-def _resolve(body: dict[str, Any], frames: Mapping[str, PalletPlace]) -> dict[str, Any]:
+def resolve(body: dict[str, Any], frames: Mapping[str, PalletPlace]) -> dict[str, Any]:
+    """The body of a motion; in the frame of a place it is relative to that."""
     place = frames.get(body.get("frame_id", ""))
     return body if place is None else place.resolve(body)

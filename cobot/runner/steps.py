@@ -27,6 +27,7 @@ from cobot.motions.bodies import (
 )
 from cobot.motions.conditions import PointName, StepCondition
 from cobot.motions.fields import Coordinate, Finite
+from cobot.motions.force_bodies import FollowMotion, InsertMotion, PressMotion, SearchMotion
 from cobot.runner.gripper_step import COMMAND_TAGS, GripperCommand
 from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, PoseTarget
 
@@ -70,6 +71,42 @@ class GripperStep(Step):
     """Command the gripper, and wait until its fingers have ended the command."""
 
     gripper: GripperCommand
+
+
+class ForceStep(Step):
+    """A motion with force: a body of POST /robot/force/... under its name in `FORCE_STEPS`."""
+
+
+class PressStep(ForceStep):
+    """Approach until contact, then hold a force."""
+
+    press: PressMotion
+
+
+class FollowStep(ForceStep):
+    """Approach until contact, then go along a path with the force held."""
+
+    follow: FollowMotion
+
+
+class SearchStep(ForceStep):
+    """Approach until contact, then look for a hole or an edge with the contact kept."""
+
+    search: SearchMotion
+
+
+class InsertStep(ForceStep):
+    """Search, then push in compliantly to a depth."""
+
+    insert: InsertMotion
+
+
+FORCE_STEPS: dict[str, type[ForceStep]] = {
+    "press": PressStep,
+    "follow": FollowStep,
+    "search": SearchStep,
+    "insert": InsertStep,
+}
 
 
 class WaitForStep(Step):
@@ -200,6 +237,7 @@ class OnErrorStep(Step):
 
 _KINDS: dict[str, type[Step]] = {
     "gripper": GripperStep,
+    **FORCE_STEPS,
     "set": SetStep,
     "wait_for": WaitForStep,
     "wait_s": WaitStep,
@@ -232,6 +270,10 @@ AnyStep = Annotated[
     | Annotated[ArcTarget, Tag(ARC)]
     | Annotated[PoseTarget, Tag(POSE)]
     | Annotated[GripperStep, Tag(TAGS["gripper"])]
+    | Annotated[PressStep, Tag(TAGS["press"])]
+    | Annotated[FollowStep, Tag(TAGS["follow"])]
+    | Annotated[SearchStep, Tag(TAGS["search"])]
+    | Annotated[InsertStep, Tag(TAGS["insert"])]
     | Annotated[SetStep, Tag(TAGS["set"])]
     | Annotated[WaitForStep, Tag(TAGS["wait_for"])]
     | Annotated[WaitStep, Tag(TAGS["wait_s"])]

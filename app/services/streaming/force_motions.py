@@ -92,7 +92,7 @@ class ForceMotionService:
             until: the input that ends a search; None for none.
 
         Raises:
-            InputError: a direction without length, or a path that has no planner of paths.
+            InputError: a path that has no length, or cannot be planned as it is written.
             NotSupportedError: the backend has no force control or measures no force. The error names it.
             ConflictError, NotReadyError, ExecutionError, UnavailableError: nothing has moved; see
                 `StreamService.open`.
@@ -185,11 +185,6 @@ class ForceMotionService:
         return lambda path_s: self._robot.model.forward(path.sample([path_s])[0])
 
     async def _plan(self, goal: MotionRequest, caller: Caller) -> Trajectory:
-        if not goal.traits.follows_path:
-            raise InputError(
-                f"motion.planner: {goal.planner} does not follow a path; with force there are lin, circ and "
-                "polyline"
-            )
         await self._ownership.await_free(caller.token)
         start = (await self._link.ready_state(ANSWER_S)).commanded_position
         path = await self._planning.plan(self._goals.request(goal, start), caller.timeout_s)
@@ -226,18 +221,13 @@ class ForceMotionService:
 
 def _max_force(body: AnyForceMotion) -> float:
     """Beyond which rtloop stops the arm, N."""
-    most_n = body.max_force or max(2.0 * body.force, body.force + LEAST_ROOM_N)
-    if most_n <= body.force:
-        raise InputError(f"max_force must be above force: {most_n:g} N, and force is {body.force:g} N")
-    return most_n
+    return body.max_force or max(2.0 * body.force, body.force + LEAST_ROOM_N)
 
 
 def _unit(body: AnyForceMotion) -> Array:
     direction = np.array([body.direction.x, body.direction.y, body.direction.z])
-    length = float(np.linalg.norm(direction))
-    if length < 1e-9:
-        raise InputError("direction: has no length; give a direction such as {x: 0, y: 0, z: 1}")
-    return direction / length
+    unit: Array = direction / np.linalg.norm(direction)
+    return unit
 
 
 def _frame_along(axis: Array) -> Array:

@@ -218,7 +218,7 @@ def test_every_kind_of_step_is_valid_for_both(tmp_path: Path, validator: Any, st
     [
         (
             {"sett": OUTPUT},
-            "steps[0]: must be a step with one of gripper, set, wait_for, wait_s, repeat, if,",
+            "steps[0]: must be a step with one of gripper, press, follow, search, insert, set,",
         ),
         ("home", "steps[0]: must be a step with one of"),
         (

@@ -1,0 +1,57 @@
+"""The steps that push: a body of POST /robot/force/..., as the client sends it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cobot.client import Client
+from cobot.client.pallets import PalletPlace
+from cobot.runner.moving import resolve
+from cobot.runner.steps import FORCE_STEPS, ForceStep
+from cobot.strict import shown
+
+
+def name_of(step: ForceStep) -> str:
+    """The name of a motion with force: press, follow, search or insert."""
+    return next(name for name, kind in FORCE_STEPS.items() if isinstance(step, kind))
+
+
+def body_of(step: ForceStep) -> dict[str, Any]:
+    """The body of its request: the fields that were given."""
+    body: dict[str, Any] = step.model_dump(exclude_unset=True, by_alias=True)[name_of(step)]
+    return body
+
+
+def describe_force(step: ForceStep) -> str:
+    """A motion with force in words: `press (force 10, duration_s 1)`."""
+    given = ", ".join(f"{name} {shown(value)}" for name, value in body_of(step).items())
+    return f"{name_of(step)} ({given})"
+
+
+def run_force(
+    client: Client, step: ForceStep, frames: Mapping[str, PalletPlace] | None = None
+) -> dict[str, Any]:
+    """Do it. Returns the answer, when the arm rests.
+
+    Args:
+        frames: places of pallets, by the `frame_id` with which the path of `follow` is relative to them.
+
+    Raises:
+        CobotError: the service's, see `Client`.
+    """
+    body = body_of(step)
+    if "motion" in body:
+        body["motion"] = resolve(body["motion"], frames or {})
+    answer: dict[str, Any] = getattr(client, name_of(step))(**body)
+    return answer
+
+
+def describe_end(answer: Mapping[str, Any]) -> str:
+    """How a motion with force has ended: `duration after 2.31 s, contact at 0.030 m, 10.0 N held`."""
+    words = [f"{answer['stopped_by']} after {answer['duration_s']:.2f} s"]
+    contact, held_n = answer["contact"], answer["force_n"]
+    words.append("no contact" if contact is None else f"contact at {contact['distance_m']:.3f} m")
+    if held_n is not None:
+        words.append(f"{held_n:.1f} N held")
+    return ", ".join(words)
