@@ -32,7 +32,7 @@ def run_lua(service: VirtualService, source: str, folder: Path) -> list[str]:
     program = Program(
         client, service.url, Limits(), lines.append, call=lambda name: interpreter.call(name, {})
     )
-    program._run_in_thread = program._steps._run_unless_ended = lambda work: work()  # type: ignore[method-assign]
+    program._run_in_thread = program._steps._run_in_thread = lambda work: work()  # type: ignore[method-assign]
     program._steps._clock = service.clock
     program._steps._paused_s = lambda: 0.0
     program.run(source.encode(), "program.lua")

@@ -84,6 +84,31 @@ def test_the_gripper_has_its_commands(service: Service) -> None:
     assert service.asked[1] == grasp
 
 
+def test_the_motions_with_force_have_their_names(service: Service) -> None:
+    events: list[dict[str, Any]] = []
+    said = run(
+        """
+        print(press {force = 10, duration_s = 0.5}.motion_id)
+        follow {force = 8, motion = {x = 0.5, y = 0.1, z = 0.4, planner = "lin"}}
+        search {force = 8, ["until"] = {input = "in_hole", is = true}}
+        insert {force = 8, depth = 0.02}
+        """,
+        service,
+        report=events.append,
+    )
+    assert said == ["7"], "the answer of the service"
+    assert service.asked == [
+        ("force/press", {"force": 10, "duration_s": 0.5}),
+        ("force/follow", {"force": 8, "motion": {"x": 0.5, "y": 0.1, "z": 0.4, "planner": "lin"}}),
+        ("force/search", {"force": 8, "until": {"input": "in_hole", "is": True}}),
+        ("force/insert", {"force": 8, "depth": 0.02}),
+    ]
+    assert [(each["event"], each["content"]) for each in events[:2]] == [
+        ("start", "press (force 10.0, duration_s 0.5)"),
+        ("done", "press (force 10.0, duration_s 0.5)"),
+    ]
+
+
 def test_an_input_that_does_not_come_is_an_error_with_its_line() -> None:
     with pytest.raises(ExecutionError, match=r"test.lua:2: wait_for: part is true did not"):
         run("\nwait_for({input = 'part', is = true}, 0)", Service(part_at=100))
@@ -183,6 +208,12 @@ def test_a_sequence_file_is_called(service: Service) -> None:
         ("gripper.move {}", "gripper.width: is missing"),
         ("gripper.grasp(1)", "takes a table such as"),
         ("gripper.grasp {widht = 1}", "unknown key 'widht' .did you mean 'width'"),
+        ("press(10)", "press takes a table such as {force = 10}"),
+        ("press {}", "press.force: is missing"),
+        ("press {force = 10, max_force = 5}", "press: max_force must be above force: 5 N"),
+        ("insert {force = 10}", "insert.depth: is missing"),
+        ("search {forse = 10}", "unknown key 'forse' .did you mean 'force'"),
+        ("follow {force = 1, motion = {x = 1, y = 0, z = 0}}", "ptp does not follow a path"),
         ("set('lamp')", "the value of lamp must be a number, got nil"),
         ("set('lamp', 'on')", "the value of lamp must be a number, got a string"),
         ("wait_for({input = 'part'})", "a condition is"),

@@ -169,6 +169,8 @@ PART = {"input": "part", "is": True}
 WAIT = {"wait_s": 1.5}
 GRID = {"origin": POSE, "counts": [2, 3], "offsets": [{"x": 0.1}, {"y": 0.1}]}
 OUTPUT = {"output": "lamp", "value": True}
+PUSH = {"direction": {"x": 0, "y": 0, "z": -1}, "frame": "base", "force": 10}
+ALONG = {"x": 0.5, "y": 0.1, "z": 0.4, "planner": "lin", "speed_m_s": 0.05}
 
 
 def nested(depth: int) -> dict[str, Any]:
@@ -188,6 +190,11 @@ def nested(depth: int) -> dict[str, Any]:
         {"gripper": {"command": "release"}},
         {"gripper": {"command": "home"}},
         {"gripper": {"command": "stop"}, "label": "stay"},
+        {"press": PUSH, "label": "touch"},
+        {"press": {"force": 10, "duration_s": 2, "max_force": 40, "retract": 0.01, "if_not_met": "success"}},
+        {"follow": {**PUSH, "motion": ALONG, "max_deviation": 0.01}},
+        {"search": {**PUSH, "pattern": "raster", "until": PART, "target": UP, "tolerance": 0.01}},
+        {"insert": {**PUSH, "depth": 0.02, "compliance": 0.1, "max_time_s": 200}},
         {"set": OUTPUT, "label": "light"},
         {"set": {"output": "level", "value": 0.5}},
         {"wait_for": PART},
@@ -230,6 +237,16 @@ def test_every_kind_of_step_is_valid_for_both(tmp_path: Path, validator: Any, st
         ({"gripper": {"command": "move"}}, "steps[0].gripper.width: is missing"),
         ({"gripper": {"command": "move", "width": -1}}, "steps[0].gripper.width: must be greater than or"),
         ({"gripper": {"command": "stop", "width": 0}}, "steps[0].gripper: unknown key 'width'"),
+        ({"press": {}}, "steps[0].press.force: is missing"),
+        ({"press": 10}, "steps[0].press: must be an object"),
+        ({"press": {"force": 0}}, "steps[0].press.force: must be greater than 0, got 0"),
+        ({"press": {**PUSH, "depth": 1}}, "steps[0].press: unknown key 'depth'"),
+        ({"press": PUSH, "follow": PUSH}, "steps[0]: unknown key 'follow'"),
+        ({"follow": PUSH}, "steps[0].follow.motion: is missing"),
+        ({"follow": {**PUSH, "motion": {"x": 1}}}, "steps[0].follow.motion.y: is missing"),
+        ({"search": {**PUSH, "pattern": "zigzag"}}, "steps[0].search.pattern: must be"),
+        ({"search": {**PUSH, "until": {"input": ""}}}, "steps[0].search.until.input"),
+        ({"insert": PUSH}, "steps[0].insert.depth: is missing"),
         ({"set": {"output": "lamp"}}, "steps[0].set.value: is missing"),
         ({"set": OUTPUT, "wait_s": 1}, "steps[0]: unknown key 'wait_s'"),
         ({"wait_for": {**PART, "iss": 1}}, "steps[0].wait_for: unknown key 'iss' (did you mean 'is'?)"),
@@ -273,6 +290,22 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
         (
             [{"wait_for": {**PART, "above": 1}}],
             "steps[0].wait_for: give one of is, above, below, got is, above",
+        ),
+        (
+            [{"press": {**PUSH, "max_force": 5}}],
+            "steps[0].press: max_force must be above force: 5 N, and force is 10 N",
+        ),
+        (
+            [{"insert": {**PUSH, "depth": 0.1, "direction": {"x": 0, "y": 0, "z": 0}}}],
+            "steps[0].insert: direction: has no length",
+        ),
+        (
+            [{"follow": {**PUSH, "motion": POSE}}],
+            "steps[0].follow: motion.planner: ptp does not follow a path; with force there are lin, circ and",
+        ),
+        (
+            [{**JOINTS, "radius": 0.1}, {"press": PUSH}],
+            "steps[0].radius: the next step is not a waypoint, but the arm stops there",
         ),
         ([{**JOINTS, "radius": 0.1}, WAIT], "steps[0].radius: the next step is not a waypoint, but the arm"),
         (
