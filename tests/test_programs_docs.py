@@ -64,9 +64,36 @@ def test_the_tray_is_filled_and_the_log_is_as_the_page_shows_it(
     assert shown[0] in lines
 
 
+def test_the_lines_are_polished_on_a_table(service: ServiceOfCell, files: list[Path]) -> None:
+    """The table is a spring below the TCP, of which neither the service nor rtloop knows."""
+    service.go_home()
+    site, pushed = service.arm._data.site(service.rig.settings.robot.tcp), []
+
+    def push() -> None:
+        service.arm.push[2] = force = max(0.0, 20_000.0 * (0.37 - site.xpos[2]))
+        pushed.append((site.xpos[1], force))
+
+    cycle = service.cycles[service.name]
+    cycle.watch = push
+    try:
+        assert files[2].name == "polish.json"
+        lines = run(service, files[2])
+    finally:
+        cycle.watch = lambda: None
+        service.arm.push[:] = 0.0
+    assert sum("path_end after" in line for line in lines) == 2, lines
+    shown = re.search(r"`(step 2 of 3 \(is the table there\?\): duration after) ", TEXT)
+    assert shown is not None
+    assert any(shown[1] in line for line in lines), lines
+    y, force = np.array(pushed).T
+    for begin in (-0.05, -0.10):
+        way = (y > begin + 0.01) & (y < begin + 0.03) & (force > 0.0)
+        assert force[way].mean() == pytest.approx(12.0, abs=1.5)
+
+
 def test_each_other_sequence_of_the_page_runs(service: ServiceOfCell, files: list[Path]) -> None:
     service.go_home()
-    conditions, layers = files[2:]
+    conditions, layers = files[3:]
     run(service, conditions)
     assert service.arm.was_set == [
         ("lamp", 1.0),

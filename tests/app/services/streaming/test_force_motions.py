@@ -15,6 +15,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from programs_here import run_lua, run_sequence
 from virtual_service import VirtualService, virtual_service
 from wired_arm import WiredService
 
@@ -340,6 +341,20 @@ def test_the_examples_of_the_page_work(service: VirtualService, table: Table) ->
         found = done(service.post(path, json.loads(body)))
         assert found["success"], (path, found)
         assert service.post("/robot/move/pose", {**START, "planner": "lin"}).json()["success"]
+
+
+def test_the_programs_of_the_page_work(service: VirtualService, table: Table, tmp_path: Path) -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    sequence, program = (
+        re.findall(rf"^```{language}\n(.*?)\n```$", page, re.M | re.S) for language in ("json", "lua")
+    )
+    file = tmp_path / "touch.json"
+    file.write_text("".join(sequence), encoding="utf-8")
+    assert "duration after" in run_sequence(service, file)[-1]
+    assert max(table.forces) > 8.0
+    height, force = map(float, run_lua(service, "".join(program), tmp_path)[-1].split())
+    assert height == pytest.approx(START["z"] - HEIGHT_M, abs=2e-3)
+    assert force == pytest.approx(10.0, abs=1.5)
 
 
 def test_a_request_that_waits_ends_with_its_timeout(service: VirtualService, table: Table) -> None:
