@@ -229,7 +229,9 @@ cdef class Controller(ModeMachine):
             refusal = self.follower.refusal(self.handover.path, self.handover.offset_s)
         if not refusal:
             try:
-                self.signals.go_on_with(self.motion_id, self.handover.signals())
+                self.signals.go_on_with(
+                    self.motion_id, self.handover.signals(), self.handover.offset_s
+                )
             except ValueError as exc:
                 refusal = str(exc)
         if not refusal:

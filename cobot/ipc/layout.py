@@ -214,7 +214,7 @@ SIGNALS = np.dtype(
     [
         ("count", "u8"),  # of the actions
         ("path_times_s", "f8", (MAX_ACTIONS,)),  # in their order
-        ("numbers", "u8", (MAX_ACTIONS,)),
+        ("numbers", "u8", (MAX_ACTIONS,)),  # unique in the motion
         ("outputs", f"S{IO_NAME_BYTES}", (MAX_ACTIONS,)),  # "": the service acts
         ("values", "f8", (MAX_ACTIONS,)),
         ("stops", "u1", (MAX_ACTIONS,)),  # 1: the motion stops if the device rejects it
@@ -263,7 +263,7 @@ SIGNAL_REPORT = np.dtype(
         ("count", "u8"),
         ("numbers", "u8", (MAX_ACTIONS,)),
         ("firings", "u1", (MAX_ACTIONS,)),  # as `Firing`
-        ("path_times_s", "f8", (MAX_ACTIONS,)),  # of the cycle
+        ("path_times_s", "f8", (MAX_ACTIONS,)),  # of the cycle, since the start of the motion
         ("robot_times_s", "f8", (MAX_ACTIONS,)),
         ("poses", "f8", (MAX_ACTIONS, 7)),  # of the TCP, measured in that cycle
         ("reasons", REASON, (MAX_ACTIONS,)),  # of rejections

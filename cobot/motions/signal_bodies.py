@@ -177,11 +177,15 @@ class SignalFields(RequestModel):
         [], max_length=MAX_ACTIONS, description="What is done at places on the path, each once."
     )
     start_when: InputCondition | None = Field(
-        None, description="The motion waits at its start until the input is so."
+        None,
+        description="The motion waits at its start until the input is so. In the queue the arm comes to rest "
+        "before it.",
     )
     pause_while: InputCondition | None = Field(
         None, description="The motion waits on its path while the input is so."
     )
     until: UntilCondition | None = Field(
-        None, description="The motion ends when this is so: that is a success. For motion until contact."
+        None,
+        description="The motion ends when this is so: that is a success. For motion until contact. In the "
+        "queue the arm comes to rest after it, and the next motions are planned from there.",
     )

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cobot.errors import InputError
-from cobot.motions.signals import Action, PathSignals, Placed, PlacedAction, require_conditions
+from cobot.motions.signals import (
+    Action,
+    PathPlace,
+    PathSignals,
+    Placed,
+    PlacedAction,
+    require_conditions,
+)
 from cobot.trajectory import Trajectory
 from cobot.types import MAX_ACTIONS, Array
 
@@ -36,10 +45,22 @@ class TcpWay:
         """chain: of the arm, with the tool's TCP."""
         self.duration_s = trajectory.duration_s
         count = min(max(math.ceil(self.duration_s / SAMPLE_S), 1), MAX_SAMPLES) + 1
-        self._times_s = np.linspace(0.0, self.duration_s, count)
+        self._times_s: Array = np.linspace(0.0, self.duration_s, count)
         places = chain.poses(trajectory.sample(self._times_s))[:, :3]
         steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
         self._lengths_m: Array = np.concatenate([[0.0], np.cumsum(steps)])
+
+    def behind(self, before: TcpWay | None, at_s: float, from_s: float) -> TcpWay:
+        """This way, that much later, behind what another one is from `from_s` until then."""
+        found = copy(self)
+        found.duration_s = at_s + self.duration_s
+        found._times_s = at_s + self._times_s
+        if before is not None:
+            kept = (before._times_s >= from_s - SAMPLE_S) & (before._times_s < at_s)
+            lengths_m = before.length_m(at_s) + self._lengths_m
+            found._times_s = np.concatenate([before._times_s[kept], found._times_s])
+            found._lengths_m = np.concatenate([before._lengths_m[kept], lengths_m])
+        return found
 
     def length_m(self, path_time_s: float) -> float:
         """Length of the path up to a path time, m."""
@@ -55,25 +76,35 @@ class TcpWay:
         return self._lengths_m[grows], self._times_s[grows]
 
 
-def place_signals(segments: Sequence[PathSignals], ends_s: Sequence[float], way: TcpWay) -> Placed:
+def place_signals(
+    segments: Sequence[PathSignals],
+    ends_s: Sequence[float],
+    way: TcpWay,
+    begin_s: float = 0.0,
+    *,
+    is_cut: bool = False,
+) -> Placed:
     """The actions and conditions of motions that a trajectory goes through.
 
     Args:
         segments: those of each motion.
         ends_s: the path time at which each motion ends.
+        begin_s: the path time at which the first one begins.
+        is_cut: whether a blend may have cut off the ends of a motion: an action that lies there is at its end
+            then.
 
     Raises:
         InputError: an action is beyond the end of its motion, there are too many, or a condition is given for
             a motion that cannot have it.
     """
     actions: list[PlacedAction] = []
-    begin_s = 0.0
     conditions: dict[str, Any] = {}
     prefixes = [f"motions[{index}]." if len(segments) > 1 else "" for index in range(len(segments))]
     require_conditions(segments, prefixes)
     for signals, prefix, end_s in zip(segments, prefixes, ends_s, strict=True):
         for action in signals.actions:
-            path_time_s = min(_path_time_s(action, prefix, begin_s, end_s, way), way.duration_s)
+            place_s = _path_time_s(action, prefix, (begin_s, end_s), way, is_cut=is_cut)
+            path_time_s = min(place_s, way.duration_s)
             actions.append(PlacedAction(len(actions) + 1, path_time_s, action))
         conditions |= _conditions(signals, (begin_s, end_s))
         begin_s = end_s
@@ -93,16 +124,18 @@ def _conditions(signals: PathSignals, times_s: tuple[float, float]) -> dict[str,
     return found
 
 
-def _path_time_s(action: Action, prefix: str, begin_s: float, end_s: float, way: TcpWay) -> float:
+def _path_time_s(
+    action: Action, prefix: str, part_s: tuple[float, float], way: TcpWay, *, is_cut: bool
+) -> float:
     """The path time of a place on the part of the way between two path times."""
-    place = action.place
+    place, (begin_s, end_s) = action.place, part_s
     begin_m, end_m = way.length_m(begin_s), way.length_m(end_s)
     by_time = place.unit == "time_s" or (place.unit == "fraction" and end_m - begin_m < MIN_LENGTH_M)
     begin, end = (begin_s, end_s) if by_time else (begin_m, end_m)
     if place.unit == "fraction":
         ahead = place.value * (end - begin)
-    elif place.value <= end - begin:
-        ahead = place.value
+    elif is_cut or place.value <= end - begin:
+        ahead = min(place.value, end - begin)
     else:
         unit = "s" if by_time else "m"
         raise InputError(
@@ -115,6 +148,30 @@ def _path_time_s(action: Action, prefix: str, begin_s: float, end_s: float, way:
     if there >= end_m:  # the TCP may turn on the spot, or stand still, at the end
         return end_s
     return min(max(way.path_time_s(there), begin_s), end_s)
+
+
+def rest_of(signals: PathSignals, times_s: Sequence[float], now_s: float, end_s: float, way: TcpWay) -> PathSignals:
+    """The signals of what is left of a motion that was cut off: its actions keep their places on the path.
+
+    Args:
+        times_s: the path time of each action.
+        now_s, end_s: where the arm rests, and where the motion would have ended.
+    """
+    left_m, left_s = way.length_m(end_s) - way.length_m(now_s), end_s - now_s
+    by_time = left_m < MIN_LENGTH_M
+
+    def share(path_time_s: float) -> float:
+        if by_time:
+            ahead = (path_time_s - now_s) / left_s if left_s > 0.0 else 0.0
+        else:
+            ahead = (way.length_m(path_time_s) - way.length_m(now_s)) / left_m
+        return min(max(ahead, 0.0), 1.0)
+
+    actions = tuple(
+        replace(action, place=PathPlace("fraction", share(time_s)))
+        for action, time_s in zip(signals.actions, times_s, strict=True)
+    )
+    return replace(signals, actions=actions, start_when=None)
 
 
 def resting(joints: Array) -> Trajectory:

@@ -10,7 +10,7 @@ cdef class Condition:
     cdef double _direction[3]
     cdef double _zero[6]
     cdef Chain _chain
-    cdef object _read, _name
+    cdef object _read, _name, _record
 
     cdef bint c_watches(self, double path_time_s) noexcept nogil
     cdef bint c_holds(self, const double* measured) except -1

@@ -7,7 +7,7 @@ from cobot.robot.chain cimport Chain
 
 import numpy as np
 
-from cobot.ipc.layout import text
+from cobot.ipc.layout import CONDITION, text
 from cobot.motions.signals import Quantity
 
 cdef int NONE = Quantity.NONE
@@ -29,6 +29,7 @@ cdef class Condition:
             read: returns the value of an input.
         """
         self._chain, self._read, self._dof = chain, read, chain.dof
+        self._record = np.zeros((), CONDITION)
         self.active = False
 
     def set(self, record):
@@ -43,6 +44,7 @@ cdef class Condition:
         quantity = int(record["quantity"])
         self.active = False
         self._quantity, self._joint = Quantity(quantity), int(record["joint"])
+        self._record = record.copy()
         if quantity == NONE:
             return
         if not self._joint < self._dof:
@@ -64,6 +66,24 @@ cdef class Condition:
         self._outside = False
         self.value = 0.0
         self.active = True
+
+    def go_on_with(self, record):
+        """Watch the same condition between other path times, with the zero and the edge as they are; or watch
+        another one.
+
+        Raises:
+            ValueError: see `set`.
+        """
+        times_s = float(record["from_s"]), float(record["to_s"])
+        same = record.copy()
+        for name in ("from_s", "to_s"):
+            same[name] = self._record[name]
+        if not self.active or same.tobytes() != self._record.tobytes():
+            self.set(record)
+            return
+        if isnan(times_s[0]) or isnan(times_s[1]):
+            raise ValueError("a condition has a bound that is not a number")
+        self._from_s, self._to_s = times_s
 
     def holds(self, measured):
         """Whether it holds for the values of a `Measured`, shape (5 dof + 12,)."""

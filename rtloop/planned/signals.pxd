@@ -23,6 +23,7 @@ cdef class Signals:
     cdef Chain _chain
     cdef object _device, _record
     cdef int _count, _next
+    cdef double _offset_s
     cdef double _path_times_s[CAPACITY]
 
     cdef bint c_due(self, double path_time_s) noexcept nogil

@@ -17,6 +17,7 @@ from cobot.types import MAX_ACTIONS
 from rtloop.results import Rejected
 
 CONDITIONS = ("start_when", "pause_while", "until")
+GOING_ON = CONDITIONS[1:]  # of a motion that has begun
 REASON_BYTES = np.dtype(REASON).itemsize
 assert MAX_ACTIONS == CAPACITY
 
@@ -45,6 +46,7 @@ cdef class Signals:
         )
         self.active = self.waiting = self.paused = self.met = self.fast = False
         self._count = self._next = 0
+        self._offset_s = 0.0
 
     def begin(self, motion_id, record):
         """Take over those of a motion that begins.
@@ -57,6 +59,7 @@ cdef class Signals:
         """
         self.active = self.waiting = self.paused = self.met = False
         self._count = self._next = 0
+        self._offset_s = 0.0
         self.start_when.active = self.pause_while.active = self.until.active = False
         if not (record["count"] or any(record[name]["quantity"] for name in CONDITIONS)):
             return
@@ -70,19 +73,33 @@ cdef class Signals:
         self._list_actions()
         self._report.publish()
 
-    def go_on_with(self, motion_id, record):
-        """Take over the actions of the trajectory that the motion goes on with. What has fired stays fired,
-        and the conditions stay.
+    def go_on_with(self, motion_id, record, double offset_s):
+        """Take over those of the trajectory that the motion goes on with. What has fired stays fired, and a
+        condition that is still given keeps its zero and its edge. `start_when` stays.
+
+        Args:
+            offset_s: path time at which that trajectory begins.
 
         Raises:
             ValueError: they are nothing that can be followed.
         """
         self._require_order(record)
+        for name in GOING_ON:
+            getattr(self, name).go_on_with(record[name])
+        self.fast = bool(record["fast"])
+        self._offset_s += offset_s
         known = self._report.data.copy()
         fired = {int(known["numbers"][row]): row for row in range(self._next)}
-        if not self._take_actions(record):
+        self._take_actions(record)
+        self.active = (
+            self._count > 0
+            or self.waiting
+            or self.paused
+            or self.pause_while.active
+            or self.until.active
+        )
+        if not self.active:
             return
-        self.active = True
         if int(known["motion_id"]) != motion_id:
             self._clear_report(motion_id)
         numbers = self._record["numbers"].tolist()
@@ -120,7 +137,8 @@ cdef class Signals:
                 if isinstance(result, Rejected):
                     firing, reason = Firing.REJECTED, result.reason
             report["firings"][row], report["reasons"][row] = firing, encoded(reason, REASON_BYTES)
-            report["path_times_s"][row], report["robot_times_s"][row] = path_time_s, robot_time_s
+            report["path_times_s"][row] = self._offset_s + path_time_s
+            report["robot_times_s"][row] = robot_time_s
             report["poses"][row] = pose
             if reason and self._record["stops"][row]:
                 problem = problem or f"output {output} was rejected: {reason}"
@@ -155,10 +173,8 @@ cdef class Signals:
             raise ValueError("two actions of the motion have one number")
 
     def _take_actions(self, record):
-        """Whether there are any."""
         self._record = record.copy()
         self._reorder(range(int(record["count"])))
-        return self._count > 0
 
     def _reorder(self, order):
         rows, count = list(order), len(order)
@@ -191,8 +207,6 @@ cdef class Signals:
         if self.until.c_watches(path_time_s) and self.until.c_holds(measured):
             self._meet(measured, path_time_s, robot_time_s)
             return END
-        if not self.pause_while.active:
-            return AS_BEFORE
         holds = self.pause_while.c_watches(path_time_s) and self.pause_while.c_holds(measured)
         if holds == self.paused:
             return AS_BEFORE
@@ -208,7 +222,8 @@ cdef class Signals:
         self.met, self.paused = True, False
         report = self._report.data
         report["met"], report["waiting"] = 1, Waiting.NO
-        report["met_path_time_s"], report["met_robot_time_s"] = path_time_s, robot_time_s
+        report["met_path_time_s"] = self._offset_s + path_time_s
+        report["met_robot_time_s"] = robot_time_s
         report["met_value"] = self.until.value
         report["met_wrench"] = [wrench[axis] for axis in range(6)]
         report["met_pose"] = [pose[axis] for axis in range(7)]

@@ -7,6 +7,7 @@ trajectory the arm was commanded in each cycle, without asking the path clock.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,6 +37,7 @@ from cobot.planners import plan
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc
 from cobot.trajectory import Trajectory
+from cobot.trajectory_parts import rest_at
 from cobot.types import Array, LoopMode, PlannerName, Scaling
 
 NOWHERE = PathPlace("time_s", 0.0)
@@ -474,3 +476,80 @@ def test_what_is_no_condition_is_refused(
     head.publish()
     assert rig.answer(rig.send(Command.START, slot=0, motion_id=1)) == refusal
     assert rig.mode is LoopMode.HOLD
+
+
+def replaced(rig: Rig, motion: Trajectory, signals: Placed) -> float:
+    """Have the motion under way go on along what is left of it, with other signals; when that begins."""
+    left, offset_s = rest_at(motion, rig.loop.controller.clock.path_time_s)
+    rig.memory.slots[1].write(1, left, signals=signals)
+    assert rig.answer(rig.send(Command.REPLACE, slot=1, motion_id=1, value=offset_s)) == ""
+    return offset_s
+
+
+def test_what_fires_is_reported_at_path_times_since_the_start_of_the_motion(
+    rig: Rig, arm: WiredArm, motion: Trajectory
+) -> None:
+    first_s, last_s = 0.2, motion.duration_s - 0.1
+    before = arm.written
+    assert rig.start(motion, signals=settings_at(first_s, last_s)) == ""
+    rig.step(round(500.0 * motion.duration_s))
+    _, offset_s = rest_at(motion, rig.loop.controller.clock.path_time_s)
+    assert offset_s > 0.1
+    replaced(rig, motion, Placed((setting(1, first_s - offset_s), setting(2, last_s - offset_s, 2.0))))
+    rig.run()
+    assert [each.value for each in arm.set] == [1.0, 2.0]
+    commanded = rig.commanded[-(arm.written - before) :]
+    places_s = np.array([first_s, last_s])
+    assert [each.cycle - before for each in arm.set] == first_cycles(motion, commanded, places_s)
+    times_s = [each.path_time_s for each in report(rig).fired.values()]
+    assert np.all((0.0 <= times_s - places_s) & (times_s - places_s < 1.1e-3))
+
+
+def test_a_condition_comes_with_a_replacement_and_counts_in_its_part(
+    rig: Rig, arm: WiredArm, motion: Trajectory
+) -> None:
+    assert rig.start(motion) == ""
+    rig.step(200)
+    from_s = 0.75 * motion.duration_s
+    _, offset_s = rest_at(motion, rig.loop.controller.clock.path_time_s)
+    until = Until(Condition(Quantity.INPUT, *FALSE, name="part"))
+    replaced(rig, motion, Placed(until=until, until_s=from_s - offset_s))
+    rig.run()
+    assert rig.result is MotionResult.MET
+    met = report(rig).met
+    assert met is not None
+    assert from_s <= met.path_time_s < from_s + 1.1e-3
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_a_pause_lasts_over_a_replacement_that_has_its_condition_and_no_other(
+    rig: Rig, arm: WiredArm, motion: Trajectory, goes_on: bool
+) -> None:
+    pause = Placed(pause_while=Condition(Quantity.INPUT, *TRUE, name="part"))
+    assert rig.start(motion, signals=pause) == ""
+    rig.step(300)
+    arm.inputs["part"] = 1.0
+    rig.step(500)
+    assert report(rig).waiting is Waiting.PAUSE
+    replaced(rig, motion, replace(pause, pause_s=(0.0, 0.5 * motion.duration_s)) if goes_on else Placed())
+    rig.step(500)
+    assert (rig.mode is LoopMode.TRAJECTORY and not np.diff(rig.commanded[-100:], axis=0).any()) == goes_on
+    arm.inputs["part"] = 0.0
+    rig.run()
+    assert rig.result is MotionResult.ARRIVED
+    for rates in rig.rates():
+        assert rates.max() <= 1.011
+
+
+def test_a_force_keeps_its_zero_over_a_replacement(rig: Rig, arm: WiredArm, motion: Trajectory) -> None:
+    until = Placed(until=Until(Condition(Quantity.FORCE, 10.0)))
+    arm.push = np.array([0.0, 0.0, 30.0, 0.0, 0.0, 0.0])
+    assert rig.start(motion, signals=until) == ""
+    rig.step(200)
+    arm.push = np.array([0.0, 0.0, 36.0, 0.0, 0.0, 0.0])
+    replaced(rig, motion, until)
+    rig.step(50)
+    assert report(rig).met is None
+    arm.push = np.array([0.0, 0.0, 41.0, 0.0, 0.0, 0.0])
+    rig.run()
+    assert rig.result is MotionResult.MET

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from app.services.motion.force_zero import ForceZero
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import PlanRequest
-from app.services.motion.signal_follower import CommandGripper, SignalFollower
+from app.services.motion.signal_follower import CommandGripper, FollowsSignals, SignalFollower
 from app.services.rights.claims import Claim
+from app.services.rights.job import Job
 from app.services.state.commands import ACKNOWLEDGE_S
 from app.services.state.link import POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
@@ -32,11 +33,12 @@ from cobot.errors import (
 from cobot.ipc.layout import MotionResult
 from cobot.motions.fence import Fence
 from cobot.motions.requests import MotionRequest
-from cobot.motions.signal_places import TcpWay, place_signals
+from cobot.motions.signal_places import TcpWay, place_signals, resting
 from cobot.motions.signals import NO_PLACED, PathSignals, Placed
+from cobot.motions.stretches import Leg
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import LoopMode, PlannerName
+from cobot.types import Array, LoopMode, PlannerName
 
 REST_TIMEOUT_S = 5.0
 """Timeout for a motion to stop, s."""
@@ -93,8 +95,21 @@ class MotionService:
         """Find the path times of actions; see `place_signals`."""
         if not any(segments):
             return NO_PLACED
-        way = await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
+        way = await self.way(trajectory)
         return place_signals(segments, ends_s, way)
+
+    async def way(self, trajectory: Trajectory) -> TcpWay:
+        """The way of the TCP along a trajectory, with the present tool."""
+        return await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
+
+    def follower(self, signals: Placed, motion_id: int, job: Job | None) -> SignalFollower:
+        """What follows the signals of a motion, or of a part of it."""
+        name = "" if job is None else job.id
+        return SignalFollower(self._link, signals, motion_id, self.command_gripper, name)
+
+    def resting_leg(self, joints: Array) -> Leg:
+        """The motion of an arm that is there already, for its actions and conditions."""
+        return Leg(resting(joints), self._robot.limits, None)
 
     async def start(
         self,
@@ -102,9 +117,13 @@ class MotionService:
         trajectory: Trajectory,
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
+        followed: Callable[[int], None] | None = None,
     ) -> SignalFollower:
         """Hand the motion to rtloop; it sees to it that the TCP does not leave the fence, and fires the
         actions. Returns the follower of its signals.
+
+        Args:
+            followed: called with the number of the motion, by a caller that follows its signals itself.
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `Commands.start`.
@@ -120,31 +139,41 @@ class MotionService:
         claim.motion_id = await self._link.commands.start(trajectory, claim.stops, tool, fence, signals)
         claim.trajectory = trajectory
         logs.bind(motion=claim.motion_id)
-        follower = SignalFollower(self._link, signals, claim.motion_id, self.command_gripper)
+        follower = self.follower(signals, claim.motion_id, claim.job)
+        if followed is not None:
+            followed(claim.motion_id)
         if claim.job is not None:
-            if signals is not NO_PLACED:
+            if signals is not NO_PLACED and followed is None:
                 claim.job.follow_signals(lambda: follower.results)
             claim.job.start(claim.motion_id, trajectory)
         await claim.speed_override.begin_motion()
         return follower
 
-    async def replace(self, claim: Claim, trajectory: Trajectory, offset_s: float, planned_s: float) -> None:
+    async def replace(
+        self,
+        claim: Claim,
+        trajectory: Trajectory,
+        offset_s: float,
+        planned_s: float,
+        signals: Placed = NO_PLACED,
+    ) -> None:
         """Have the motion under way go on with another trajectory, see `Commands.replace`.
 
         Args:
             planned_s: when it was planned, on the link's clock.
+            signals: actions and conditions on its way.
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `Commands.replace`.
             CollisionError: the scene has changed since; the motion goes on as it was.
         """
-        checked_s = planned_s
+        signals, checked_s = self.force_zero.applied(signals), planned_s
         if planned_s <= self.scene_changed_s:
             checked_s = self._link.clock.now_s()
             await self._require_free(trajectory)
         claim.proceed()
         await self._link.commands.replace(
-            trajectory, offset_s, claim.stops, self._robot.model.carried.version
+            trajectory, offset_s, claim.stops, self._robot.model.carried.version, signals
         )
         claim.trajectory = trajectory
         if claim.job is not None:
@@ -168,7 +197,7 @@ class MotionService:
         checker = await asyncio.to_thread(self._robot.collision.among, self._robot.collision.scene)
         await asyncio.to_thread(checker.check_trajectory, trajectory)
 
-    async def arrival(self, claim: Claim, signals: SignalFollower | None = None) -> None:
+    async def arrival(self, claim: Claim, signals: FollowsSignals | None = None) -> None:
         """Wait until the motion has ended, at its goal or by its condition.
 
         Args:
@@ -198,17 +227,22 @@ class MotionService:
         trajectory: Trajectory,
         signals: SignalFollower,
         timeout_s: float,
-        fence: Fence | None,
+        fence: Fence | None = None,
+        begin_s: float = 0.0,
     ) -> None:
         """Go back along a motion that its condition has ended, in a straight line.
+
+        Args:
+            begin_s: path time of the trajectory at which the motion began.
 
         Raises:
             ExecutionError: it is not possible, or the arm has not arrived.
         """
         contact = signals.contact
         assert contact is not None
-        way = await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
-        there_m = max(way.length_m(contact.path_time_s) - signals.retract_m, 0.0)
+        way = await self.way(trajectory)
+        contact_m = way.length_m(begin_s + contact.path_time_s)
+        there_m = max(contact_m - signals.retract_m, 0.0)
         joints = trajectory.sample([way.path_time_s(there_m)])[0]
         start = (await self.require_ready()).commanded_position
         pose = self._robot.model.forward(joints)
@@ -227,9 +261,9 @@ class MotionService:
         if motion is not None:
             await self.start(claim, motion, fence)
             await self.arrival(claim)
-        signals.note_retraction(way.length_m(contact.path_time_s) - there_m)
+        signals.note_retraction(contact_m - there_m)
 
-    async def _await_end(self, claim: Claim, signals: SignalFollower | None) -> tuple[RobotState, str]:
+    async def _await_end(self, claim: Claim, signals: FollowsSignals | None) -> tuple[RobotState, str]:
         """The first state after the motion, and what it waited for then; an interruption has it stopped."""
         clock, give_up_s = self._link.clock, math.inf
         begun_s, waits_for = clock.now_s(), ""

@@ -26,6 +26,7 @@ from app.services.motion.planning_tasks import (
     planned,
 )
 from app.services.motion.queue_moves import QueueRequest
+from app.services.motion.queue_signals import MoveSignals
 from app.services.rights.claims import Caller
 from app.services.rights.job import Job
 from cobot.access.roles import acting
@@ -287,11 +288,8 @@ class PlanService:
             ConflictError: a limit, the scene or the tool is not what it was.
         """
         plan = self.get(plan_id)
-        if plan.signals is not NO_PLACED or plan.gripper is not None:
-            raise InputError(
-                f"plan {plan_id}: has actions or conditions, or commands the gripper, which motions in the "
-                "queue do not do"
-            )
+        if plan.gripper is not None:
+            raise InputError(f"plan {plan_id}: commands the gripper, which motions in the queue do not do")
         trajectory, same = plan.forecast.trajectory, partial(plan.require_unchanged, self._robot)
         same()
 
@@ -308,6 +306,7 @@ class PlanService:
             midway=False,
             count=plan.motions,
             require_valid=same,
+            signals=MoveSignals(exact=plan.signals),
         )
 
     def _read_start(self, start: list[float]) -> Array:

@@ -22,6 +22,7 @@ class QueueJobs:
     def end(self, move: QueuedMove, error: BaseException | None = None) -> None:
         """A move has ended: it has arrived, or `error` is why it has not."""
         job = move.request.job
+        move.signals.end()
         if job is not None and not job.ended.is_set():
             self._ownership.end(job, error, stopped=isinstance(error, MotionStopped))
 

@@ -17,7 +17,15 @@ from enum import Enum, auto
 from app.services.motion.execution import MotionService
 from app.services.motion.queue_jobs import QueueJobs, report_stops
 from app.services.motion.queue_line import QueueLine
-from app.services.motion.queue_moves import Left, MovePlanner, QueuedMove, to_go
+from app.services.motion.queue_moves import (
+    PLAN_TIMEOUT_S,
+    Left,
+    MovePlanner,
+    QueuedMove,
+    may_follow,
+    to_go,
+)
+from app.services.motion.queue_placement import QueueSignals
 from app.services.motion.queue_runs import Run, Runs
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job
@@ -63,6 +71,7 @@ class QueueMotion:
         self._dropped: list[tuple[QueuedMove, MotionStopped]] = []
         self._planning: asyncio.Task[Stretch] | None = None  # of what will prolong the motion
         self._runs = Runs(link)
+        self._signals = QueueSignals(motion, lambda: self.moves)
         self._lead_s = FIRST_LEAD_S
 
     @property
@@ -115,12 +124,13 @@ class QueueMotion:
                 return await self._cut_off(None)
             report_stops(self._link.label, running.stretch, running.moves, [0.0, *radii])
             await self._follow(claim, line)
+            return await self._go_back(claim)
         except MotionStopped:
             if not self._dropped or claim.interruption is not None:
                 raise
             self._follow_jobs(claim)
-            return await self._cut_off(self.moves[0])
-        return None
+            has_moved = self._runs.place()[1] > 0.0 or len(self._runs.all) > 1
+            return await self._cut_off(self.moves[0] if has_moved else None)
 
     async def _plan(self, claim: Claim, legs: Sequence[Leg], radii: Sequence[float]) -> Stretch | None:
         """Plan a stretch through these legs; None if there are none."""
@@ -133,7 +143,12 @@ class QueueMotion:
     async def _start(self, claim: Claim, running: Run) -> bool:
         """Have it started; False if a move was dropped so early that nothing has moved."""
         try:
-            await self._motion.start(claim, running.stretch.trajectory)
+            placement = await self._signals.place_first(running, self._joining)
+            self._signals.take(placement, self._joining)
+            trajectory = running.stretch.trajectory
+            await self._motion.start(
+                claim, trajectory, signals=placement.signals, followed=self._signals.follow
+            )
         except ExecutionError:
             if not self._dropped or claim.interruption is not None:
                 raise
@@ -151,7 +166,7 @@ class QueueMotion:
         Raises:
             CobotError: see `MotionService.arrival`.
         """
-        arrival = asyncio.create_task(self._motion.arrival(claim))
+        arrival = asyncio.create_task(self._motion.arrival(claim, self._signals))
         tried: QueuedMove | None = None
         try:
             while not arrival.done():
@@ -162,11 +177,28 @@ class QueueMotion:
                     await self._prolong(claim, line)
                 self._follow_jobs(claim)
                 await asyncio.wait({arrival}, timeout=LOOK_S)
+            self._follow_jobs(claim)
             await arrival
             names = ", ".join({move.number: move.name for move in self._runs.all[0].moves}.values())
             log.info("%smotion %s: arrived and settled (%s)", self._link.label, claim.motion_id, names)
         finally:
             arrival.cancel()
+
+    async def _go_back(self, claim: Claim) -> Left | None:
+        """Go back from a contact, if one has ended the motion: what follows begins from there.
+
+        Raises:
+            CobotError: see `MotionService.retract`.
+        """
+        follower = self._signals.met
+        if follower is None:
+            return None
+        if follower.retract_m > 0.0:
+            running, begin_s = self._runs.all[0], self._signals.begin_s(self.moves[-1])
+            await self._motion.retract(
+                claim, running.stretch.trajectory, follower, PLAN_TIMEOUT_S, begin_s=begin_s
+            )
+        return Left([], False, (await self._motion.require_ready()).commanded_position)
 
     async def _cut_off(self, begun: QueuedMove | None) -> Left:
         """The arm rests because moves were dropped, which end now; `begun` is the one that it was on.
@@ -180,7 +212,10 @@ class QueueMotion:
         start = (await self._motion.require_ready()).commanded_position
         self._end_dropped()  # perhaps more of them
         left, self.moves = self.moves, []
-        return Left(left, bool(left) and left[0] is begun, start)
+        is_begun = bool(left) and left[0] is begun
+        if is_begun:
+            self._signals.keep_rest(left[0], self._runs.place()[1])
+        return Left(left, is_begun, start)
 
     def _end_dropped(self) -> None:
         for move, error in self._dropped:
@@ -248,6 +283,7 @@ class QueueMotion:
         except CobotError:  # said when it would begin
             return
         running, state = self._runs.all[0], self._link.state()
+        chain = self._joinable(chain)
         moves, legs, radii = to_go(chain)
         stretch = running.stretch
         left_s = stretch.trajectory.duration_s - state.path_time_s
@@ -267,7 +303,13 @@ class QueueMotion:
             both = [*running.moves, *moves]
             after = Run(longer, both[len(both) - len(longer.ends_s) :])
             self._runs.all.append(after)
-            await self._motion.replace(claim, longer.trajectory, longer.offset_s, planned_s)
+            placement = await self._signals.place_next(after, [*self.moves, *chain])
+            if self._dropped:
+                raise MotionStopped("a move was dropped meanwhile")
+            await self._motion.replace(
+                claim, longer.trajectory, longer.offset_s, planned_s, placement.signals
+            )
+            self._signals.take(placement, [*self.moves, *chain])
         except CobotError as exc:  # the motion goes on as it was, and says by itself if it is to end
             self._runs.all = [running]
             if claim.interruption is None and not self._dropped:
@@ -280,6 +322,15 @@ class QueueMotion:
         self.moves += self._joining
         self._joining = []
         report_stops(self._link.label, longer, moves, [stretch.radii_m[-1], *radii], running.moves[-1])
+
+    def _joinable(self, chain: Sequence[QueuedMove]) -> list[QueuedMove]:
+        """The first of these moves that the motion under way may go on through."""
+        found: list[QueuedMove] = []
+        for move in chain:
+            if not may_follow([*self.moves, *found], move):
+                break
+            found.append(move)
+        return found
 
     async def _longer(
         self,

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
+from functools import partial, reduce
+from itertools import accumulate
 from typing import TypeVar
 
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import check_radii
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import LegRequest, begin_stretch, extend_stretch, leg
+from app.services.motion.queue_signals import MoveSignals, require_possible
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job
 from cobot.clock import Clock
 from cobot.errors import CobotError, CollisionError, InputError, PlanningError
 from cobot.motions.requests import MotionRequest
+from cobot.motions.signal_places import REST_S
 from cobot.motions.stretches import Leg, Stretch
 from cobot.robot.description import RobotDescription
-from cobot.types import Array
+from cobot.trajectory import Trajectory
+from cobot.types import MAX_ACTIONS, Array
 
 PLAN_TIMEOUT_S = 20.0
 
@@ -42,6 +46,7 @@ class QueueRequest:
         midway: it can be begun once more from a place on its path, as a line can, and an arc cannot.
         count: how many motions it is, of those that may wait.
         require_valid: raises `ConflictError` if it is no more what it was when it was queued.
+        signals: its actions and conditions, and what becomes of them.
     """
 
     name: str
@@ -54,6 +59,7 @@ class QueueRequest:
     midway: bool = True
     count: int = 1
     require_valid: Callable[[], None] = lambda: None
+    signals: MoveSignals = field(default_factory=MoveSignals)
 
 
 def queue_request(
@@ -71,11 +77,11 @@ def queue_request(
         radius_m, inner_radii_m: see `QueueRequest`. No inner radii: the arm stops at each part.
 
     Raises:
-        InputError: see `check_radii`; or a motion has actions or conditions.
+        InputError: see `check_radii` and `require_possible`.
     """
     check_radii(goals, inner_radii_m)
-    if any(goal.signals for goal in goals):
-        raise InputError("actions, start_when, pause_while, until: motions in the queue do not have them")
+    signals = [goal.signals for goal in goals]
+    require_possible(signals)
     first = goals[0]
     return QueueRequest(
         name,
@@ -86,6 +92,7 @@ def queue_request(
         anywhere=not first.is_relative,
         midway=not first.is_relative and len(goals) == 1 and not first.traits.one_piece,
         count=len(goals),
+        signals=MoveSignals(signals),
     )
 
 
@@ -97,6 +104,7 @@ class QueuedMove:
         legs: what moves the arm; none when it is there already.
         radii_m: how far from the end of each the arm may leave its path.
         since_s: when it was planned.
+        parts: of each of its motions, how many legs lead to its end.
     """
 
     number: int
@@ -104,6 +112,27 @@ class QueuedMove:
     legs: tuple[Leg, ...]
     radii_m: tuple[float, ...]
     since_s: float
+    parts: tuple[int, ...] = ()
+
+    @property
+    def signals(self) -> MoveSignals:
+        """Its actions and conditions, and what becomes of them."""
+        return self.request.signals
+
+    @property
+    def _rests(self) -> bool:
+        """Whether it is an arm that is there already, which has actions or conditions."""
+        return bool(self.signals and self.legs) and self.duration_s <= REST_S
+
+    @property
+    def begins_motion(self) -> bool:
+        """Whether the arm has to settle before it, as no path leads on into it."""
+        return self._rests or self.signals.placed.start_when is not None
+
+    @property
+    def ends_motion(self) -> bool:
+        """Whether the arm has to settle after it, as no path leads on from it."""
+        return self._rests or self.signals.placed.until is not None
 
     @property
     def name(self) -> str:
@@ -146,18 +175,36 @@ def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], lis
         moves += [move] * len(move.legs)
         legs += move.legs
         radii += move.radii_m
+        if move.ends_motion and radii:
+            radii[-1] = 0.0
     return moves, legs, radii
 
 
 def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
-    """The first moves, with at most `most` legs together; a move with more legs is alone."""
+    """The first moves that one motion may go through, with at most `most` legs together; a move with more legs
+    is alone."""
     found: list[QueuedMove] = []
     for move in waiting:
         most -= max(len(move.legs), 1)
-        if found and most < 0:
+        if found and (most < 0 or not may_follow(found, move)):
             break
         found.append(move)
     return found
+
+
+def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
+    """Whether a motion through these moves may go on through another one. rtloop has one of each condition, and
+    a place for so many actions."""
+    if not before:
+        return True
+    if before[-1].ends_motion or move.begins_motion:
+        return False
+    if sum(each.signals.pending for each in (*before, move)) > MAX_ACTIONS:
+        return False
+    pausing = [each.signals for each in before if each.signals.placed.pause_while is not None]
+    if move.signals.placed.pause_while is None or not pausing:
+        return True
+    return pausing[-1] is before[-1].signals and pausing[-1].pauses_as(move.signals)
 
 
 class MovePlanner:
@@ -179,6 +226,7 @@ class MovePlanner:
         """
         legs: list[Leg] = []
         radii: list[float] = []
+        parts: list[int] = []
         radii_m = (*request.inner_radii_m, request.radius_m)
         for part, (make, radius_m) in enumerate(zip(request.parts, radii_m, strict=True), start=1):
             try:
@@ -193,7 +241,30 @@ class MovePlanner:
                 start = found.motion.end
             elif radii:  # it ends where the move before ends, so only its radius counts
                 radii[-1] = min(radii[-1], radius_m)
-        return QueuedMove(number, request, tuple(legs), tuple(radii), self._clock.now_s())
+            parts.append(len(legs))
+        if request.signals and not legs:
+            legs, radii = [self._motion.resting_leg(start)], [0.0]
+        move = QueuedMove(number, request, tuple(legs), tuple(radii), self._clock.now_s(), tuple(parts))
+        if request.signals:
+            await self._place(move)
+        return move
+
+    async def _place(self, move: QueuedMove) -> None:
+        """Find the places of its actions while it is alone.
+
+        Raises:
+            InputError: see `place_signals`.
+            ConflictError: see `ForceZero.applied`.
+        """
+        whole = reduce(Trajectory.followed_by, (leg.motion for leg in move.legs))
+        times_s = (0.0, *accumulate(leg.motion.duration_s for leg in move.legs))
+        ends_s = [times_s[count] for count in move.parts]
+        placed = move.signals.place(move.number, 0.0, ends_s, await self._motion.way(whole))
+        self._motion.force_zero.applied(placed)
+        job = move.request.job
+        move.signals.follow(placed, lambda: self._motion.follower(placed, 0, job))
+        if job is not None:
+            job.follow_signals(lambda: move.signals.results)
 
     async def valid(self, chain: Sequence[QueuedMove]) -> list[QueuedMove]:
         """Those of these moves before the first that has become impossible since it was planned.

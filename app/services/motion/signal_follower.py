@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -23,15 +23,31 @@ CommandGripper = Callable[[Mapping[str, Any]], None]
 """Starts a command of the gripper and returns at once; raises `CobotError` if it is rejected."""
 
 
+class FollowsSignals(Protocol):
+    """What follows the signals of a motion until it ends; see `SignalFollower`."""
+
+    @property
+    def results(self) -> SignalResults: ...
+    @property
+    def is_missed(self) -> bool: ...
+    @property
+    def until(self) -> str: ...
+    def look(self) -> None: ...
+    def rest(self, tcp: Array) -> None: ...
+
+
 class SignalFollower:
-    """The signals of one motion."""
+    """The signals of one motion, or of one part of it."""
 
     def __init__(
-        self, link: RobotLink, placed: Placed, motion_id: int, command_gripper: CommandGripper
+        self, link: RobotLink, placed: Placed, motion_id: int, command_gripper: CommandGripper, job: str = ""
     ) -> None:
+        """job: the id of the job that the motion belongs to, for events; "" for none."""
         self._link = link
         self._placed = placed
         self._motion_id = motion_id
+        self._begin_s = 0.0
+        self._job = job
         self._command_gripper = command_gripper
         self._results = {each.number: _pending(each) for each in placed.actions}
         self._waiting = Waiting.NO
@@ -78,24 +94,56 @@ class SignalFollower:
         assert self._placed.until is not None
         return self._placed.until.scaling
 
-    def look(self) -> None:
+    @property
+    def settled(self) -> frozenset[int]:
+        """The numbers of the actions of which it is known that they have fired, or were rejected."""
+        return frozenset(
+            number for number, result in self._results.items() if result.path_time_s is not None
+        )
+
+    def go_on_with(self, placed: Placed, motion_id: int, begin_s: float) -> None:
+        """Follow them on another path; what has become of an action stays.
+
+        Args:
+            placed: at path times since the start of the motion.
+            begin_s: that at which their own part of the motion begins.
+        """
+        self._placed, self._motion_id, self._begin_s = placed, motion_id, begin_s
+        for each in placed.actions:
+            before = self._results[each.number]
+            if before.path_time_s is None:
+                self._results[each.number] = replace(before, planned_s=each.path_time_s - begin_s)
+
+    def look(self, *, is_current: bool = True) -> None:
         """Read what rtloop reports. Publish an event for each action that has fired since the last look, and
-        command the gripper."""
+        command the gripper.
+
+        Args:
+            is_current: whether the arm is on its part of the motion.
+        """
         report = None if self._placed is NO_PLACED else self._link.signals()
         if report is None or report.motion_id != self._motion_id:
             return
-        self._waiting = report.waiting
+        self._waiting = report.waiting if is_current else Waiting.NO
         self._look_at_actions(report)
-        if report.met is not None and self._contact is None:
-            self._contact = _contact(report.met)
+        if report.met is not None and self._placed.until is not None and self._contact is None:
+            self._contact = _contact(report.met, self._begin_s)
 
     def rest(self, tcp: Array) -> None:
         """The motion has ended, and the TCP, shape (7,), rests."""
         self.look()
+        self.note_rest(tcp)
+        self.end()
+
+    def note_rest(self, tcp: Array) -> None:
+        """The TCP, shape (7,), rests."""
         self._waiting = Waiting.NO
         if self._contact is not None:
             overshoot_m = float(np.linalg.norm(np.array(self._contact.position) - tcp[:3]))
             self._contact = replace(self._contact, overshoot_m=overshoot_m)
+
+    def end(self) -> None:
+        """Nothing fires any more: publish an event for each action that has not."""
         for result in self._results.values():
             if not result.fired and not result.problem:
                 self._tell("not fired", result)
@@ -110,7 +158,7 @@ class SignalFollower:
             fired, before = report.fired.get(each.number), self._results[each.number]
             if fired is None or before.path_time_s is not None:
                 continue
-            result = _fired(before, fired)
+            result = _fired(before, fired, self._begin_s)
             if each.action.gripper is not None:
                 result = self._grip(each.action.gripper, result)
             self._results[each.number] = result
@@ -131,6 +179,7 @@ class SignalFollower:
             "action",
             what=what,
             motion=self._motion_id,
+            job=self._job or None,
             action=result.action,
             does=result.does,
             text=text,
@@ -150,18 +199,18 @@ def _pending(placed: PlacedAction) -> ActionResult:
     return ActionResult(action.field, action.words, str(action.place), placed.path_time_s)
 
 
-def _fired(before: ActionResult, fired: Fired) -> ActionResult:
+def _fired(before: ActionResult, fired: Fired, begin_s: float) -> ActionResult:
     return replace(
         before,
         fired=fired.firing is Firing.FIRED,
-        path_time_s=fired.path_time_s,
+        path_time_s=fired.path_time_s - begin_s,
         robot_time_s=fired.robot_time_s,
         position=tuple(fired.pose[:3].tolist()),
         problem=fired.reason,
     )
 
 
-def _contact(met: Met) -> Contact:
+def _contact(met: Met, begin_s: float) -> Contact:
     x, y, z, qw, qx, qy, qz = met.pose.tolist()
     return Contact(
         (x, y, z),
@@ -169,6 +218,6 @@ def _contact(met: Met) -> Contact:
         tuple(met.wrench[:3].tolist()),
         tuple(met.wrench[3:].tolist()),
         met.value,
-        met.path_time_s,
+        met.path_time_s - begin_s,
         met.robot_time_s,
     )

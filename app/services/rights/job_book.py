@@ -225,7 +225,8 @@ def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobReco
         error=error,
         ended_at=ended_at,
         actions=tuple(
-            each if each.fired or each.problem else replace(each, fired=None) for each in record.actions
+            each if each.fired or each.problem or not record.started_at else replace(each, fired=None)
+            for each in record.actions
         ),
         waits_for="",
     )

@@ -88,13 +88,22 @@ class Commands:
             motions.publish_begin()
         return motion_id
 
-    async def replace(self, trajectory: Trajectory, offset_s: float, stops: int, tool: int = 0) -> None:
+    async def replace(
+        self,
+        trajectory: Trajectory,
+        offset_s: float,
+        stops: int,
+        tool: int = 0,
+        signals: Placed = NO_PLACED,
+    ) -> None:
         """Have the motion under way go on with another trajectory, as the same motion, within the same fence.
 
         Args:
             trajectory: the same as the one under way up to where the arm is when rtloop has read it.
             offset_s: the path time of the one under way at which it begins.
             stops, tool: see `start`.
+            signals: actions and conditions on its way, at its own path times; those that have fired do not
+                fire again.
 
         Raises:
             ExecutionError: rtloop refuses it, with its reason; the motion goes on as it was.
@@ -102,7 +111,7 @@ class Commands:
         """
         async with self._turn:
             number = (self._slot + 1) % SLOTS
-            await self._write(number, self._last_motion, trajectory)
+            await self._write(number, self._last_motion, trajectory, signals=signals)
             self._link.heartbeat.require_awake()
             await self._send(
                 Command.REPLACE,

@@ -160,12 +160,6 @@ def test_what_is_wrong_is_said_before_anything_moves(
     assert not run.arm.set
 
 
-def test_a_motion_in_the_queue_has_no_actions(run: WiredService) -> None:
-    answer = run.post("/robot/move/named?queue=true", {**NAMED, "actions": [setting(time_s=0.1)]})
-    assert answer.status_code == 422
-    assert "motions in the queue do not have them" in answer.json()["detail"]
-
-
 def test_an_event_is_reported_to_those_who_listen(run: WiredService) -> None:
     with run.listen("/events?types=action") as events:
         run.post("/robot/move/named", {**NAMED, "actions": [{"at": {"fraction": 0.5}, "event": "half way"}]})

@@ -1,0 +1,184 @@
+"""Where the actions and conditions of the moves of the queue are on one motion, which grows.
+
+The motion goes on along one trajectory after the other. Here all path times count from its start, and those of
+one trajectory from its own. What happens before a trajectory takes over stays as it was, so the way of the TCP
+is continued from there, and a move under way keeps its beginning.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from app.services.motion.execution import MotionService
+from app.services.motion.queue_moves import QueuedMove
+from app.services.motion.queue_runs import Run
+from app.services.motion.queue_signals import later
+from app.services.motion.signal_follower import SignalFollower
+from app.services.rights.signal_results import NO_RESULTS, SignalResults
+from cobot.motions.signal_places import TcpWay
+from cobot.motions.signals import NO_PLACED, Placed
+from cobot.types import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """The signals of a motion on one of its trajectories.
+
+    Attributes:
+        offset_s: path time of the motion at which the trajectory begins.
+        times_s: by the number of each move with signals, when it begins and each of its legs ends.
+        placed: by the number of each move with signals, where they are.
+        way: of the TCP, from the beginning of the first of these moves; None if there are none.
+        signals: what rtloop is given, at path times of the trajectory.
+    """
+
+    offset_s: float = 0.0
+    times_s: dict[int, list[float]] = field(default_factory=dict)
+    placed: dict[int, Placed] = field(default_factory=dict)
+    way: TcpWay | None = None
+    signals: Placed = NO_PLACED
+
+
+class QueueSignals:
+    """The signals of the motion of the queue that is under way."""
+
+    def __init__(self, motion: MotionService, moves: Callable[[], Sequence[QueuedMove]]) -> None:
+        """moves: of the motion under way, those that have not ended, in their order."""
+        self._motion = motion
+        self._unended = moves
+        self._motion_id = 0
+        self._moves: list[QueuedMove] = []
+        self._placement = Placement()
+
+    @property
+    def results(self) -> SignalResults:
+        """Those of the move that the arm is on."""
+        moves = self._unended()
+        return moves[0].signals.results if moves else NO_RESULTS
+
+    @property
+    def is_missed(self) -> bool:
+        """See `SignalFollower.is_missed`."""
+        return any(each.is_missed for each in self._followers)
+
+    @property
+    def until(self) -> str:
+        """See `SignalFollower.until`."""
+        return next((each.until for each in self._followers if each.until), "")
+
+    @property
+    def met(self) -> SignalFollower | None:
+        """The follower of the move whose condition has ended the motion."""
+        return next((each for each in self._followers if each.contact is not None), None)
+
+    @property
+    def _followers(self) -> list[SignalFollower]:
+        return [each.signals.follower for each in self._unended() if each.signals.follower is not None]
+
+    def look(self) -> None:
+        """See `SignalFollower.look`."""
+        for index, move in enumerate(list(self._unended())):
+            if move.signals.follower is not None:
+                move.signals.follower.look(is_current=index == 0)
+
+    def rest(self, tcp: Array) -> None:
+        """The motion has ended, and the TCP, shape (7,), rests. Its moves end by themselves."""
+        self.look()
+        for follower in self._followers:
+            follower.note_rest(tcp)
+
+    async def place_first(self, run: Run, moves: Sequence[QueuedMove]) -> Placement:
+        """Place the signals of the moves of a motion that is about to begin."""
+        self._motion_id = 0
+        return await self._place(Placement(), run, moves, 0.0)
+
+    async def place_next(self, run: Run, moves: Sequence[QueuedMove]) -> Placement:
+        """Place them on the trajectory that the motion is about to go on with.
+
+        Args:
+            moves: that have not ended, and those that are added.
+        """
+        before = self._placement
+        return await self._place(before, run, moves, before.offset_s + run.stretch.offset_s)
+
+    def take(self, placement: Placement, moves: Sequence[QueuedMove]) -> None:
+        """The motion goes on so."""
+        self._placement, self._moves = placement, list(moves)
+        self._tell()
+
+    def follow(self, motion_id: int) -> None:
+        """The motion has begun, and this is its number."""
+        self._motion_id = motion_id
+        self._tell()
+
+    def begin_s(self, move: QueuedMove) -> float:
+        """Path time of the trajectory at which a move with signals begins."""
+        return self._placement.times_s[move.number][0] - self._placement.offset_s
+
+    def keep_rest(self, move: QueuedMove, path_time_s: float) -> None:
+        """The arm rests at a path time of the trajectory, in the middle of a move that is planned again."""
+        at = self._placement
+        placed = at.placed.get(move.number)
+        if placed is not None and at.way is not None and move.request.midway:
+            now_s, end_s = at.offset_s + path_time_s, at.times_s[move.number][-1]
+            move.signals.keep_rest(placed, now_s, end_s, at.way)
+
+    def _tell(self) -> None:
+        """Tell the followers of the moves where their signals are."""
+        for move in self._moves:
+            placed, follower = self._placement.placed.get(move.number), move.signals.follower
+            if placed is not None and follower is not None:
+                follower.go_on_with(placed, self._motion_id, self._placement.times_s[move.number][0])
+
+    async def _place(
+        self, before: Placement, run: Run, moves: Sequence[QueuedMove], offset_s: float
+    ) -> Placement:
+        signalling = [move for move in moves if move.signals]
+        if not signalling:
+            return Placement(offset_s)
+        times_s = _times_s(before, run, offset_s)
+        from_s = min(times_s[move.number][0] for move in signalling)
+        way = (await self._motion.way(run.stretch.trajectory)).behind(before.way, offset_s, from_s)
+        placed = {}
+        for move in signalling:
+            begin_s, ends_s = times_s[move.number][0], [times_s[move.number][count] for count in move.parts]
+            placed[move.number] = move.signals.place(move.number, begin_s, ends_s, way, is_cut=True)
+        return Placement(offset_s, times_s, placed, way, _together(signalling, placed, offset_s))
+
+
+def _times_s(before: Placement, run: Run, offset_s: float) -> dict[int, list[float]]:
+    """When each move with signals begins, and each of its legs ends."""
+    found: dict[int, list[float]] = {}
+    ends_s = run.stretch.ends_s
+    numbers = [move.number for move in run.moves]
+    for index, (move, end_s) in enumerate(zip(run.moves, ends_s, strict=True)):
+        if not move.signals:
+            continue
+        left = numbers[index:].count(move.number)
+        if move.number not in found:
+            known = before.times_s.get(move.number)
+            found[move.number] = list(known) if known else [offset_s] * (len(move.legs) + 1)
+            if index > 0:
+                found[move.number][-1 - left] = offset_s + ends_s[index - 1]
+        found[move.number][-left] = offset_s + end_s
+    return found
+
+
+def _together(moves: Sequence[QueuedMove], placed: dict[int, Placed], offset_s: float) -> Placed:
+    """The signals of all of them, at path times of a trajectory that begins at `offset_s`."""
+    each = [placed[move.number] for move in moves]
+    settled = frozenset[int]().union(*(move.signals.settled for move in moves))
+    actions = [action for one in each for action in one.actions if action.number not in settled]
+    pausing = [one for one in each if one.pause_while is not None]
+    until = next((one for one in each if one.until is not None), NO_PLACED)
+    found = Placed(
+        tuple(sorted(actions, key=lambda action: (action.path_time_s, action.number))),
+        each[0].start_when if len(each) else None,
+        pausing[0].pause_while if pausing else None,
+        (pausing[0].pause_s[0], pausing[-1].pause_s[1]) if pausing else (0.0, math.inf),
+        until.until,
+        until.until_s,
+    )
+    return later(found, -offset_s)

@@ -1,0 +1,123 @@
+"""Actions and conditions of one move of the queue, and what becomes of them.
+
+They belong to the move, whatever motion carries it out: when the move is planned again, what has fired stays
+fired.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from app.services.motion.signal_follower import SignalFollower
+from app.services.rights.signal_results import NO_RESULTS, SignalResults
+from cobot.errors import InputError
+from cobot.motions.signal_places import TcpWay, place_signals, rest_of
+from cobot.motions.signals import NO_PLACED, PathSignals, Placed, require_conditions
+from cobot.types import MAX_ACTIONS
+
+
+class MoveSignals:
+    """Those of one move.
+
+    Attributes:
+        placed: where they are on the path that was planned last.
+        follower: what follows them; None while the move is not planned.
+    """
+
+    def __init__(self, segments: Sequence[PathSignals] = (), exact: Placed = NO_PLACED) -> None:
+        """
+        Args:
+            segments: those of each of its motions.
+            exact: those of a plan, which is run as it was made.
+        """
+        self._segments = tuple(segments)
+        self._exact = exact
+        self.placed = NO_PLACED
+        self.follower: SignalFollower | None = None
+
+    def __bool__(self) -> bool:
+        return any(self._segments) or self._exact != NO_PLACED
+
+    @property
+    def results(self) -> SignalResults:
+        """What is known so far."""
+        return NO_RESULTS if self.follower is None else self.follower.results
+
+    @property
+    def settled(self) -> frozenset[int]:
+        """The numbers of the actions of which it is known that they have fired, or were rejected."""
+        return frozenset() if self.follower is None else self.follower.settled
+
+    @property
+    def pending(self) -> int:
+        """How many actions have not fired."""
+        return len(self.placed.actions) - len(self.settled)
+
+    def pauses_as(self, other: MoveSignals) -> bool:
+        """Whether both pause all along for one condition."""
+        alone = len(self._segments) == len(other._segments) == 1
+        return alone and self.placed.pause_while == other.placed.pause_while
+
+    def place(
+        self, number: int, begin_s: float, ends_s: Sequence[float], way: TcpWay, *, is_cut: bool = False
+    ) -> Placed:
+        """Where they are on a path.
+
+        Args:
+            number: of the move; the numbers of its actions are unique in the queue.
+            begin_s, ends_s: path times at which the move begins, and each of its motions ends.
+            way, is_cut: see `place_signals`.
+
+        Raises:
+            InputError: see `place_signals`.
+        """
+        if self._exact != NO_PLACED:
+            found = later(self._exact, begin_s)
+        else:
+            found = place_signals(self._segments, ends_s, way, begin_s, is_cut=is_cut)
+        first = number * (MAX_ACTIONS + 1)
+        actions = tuple(replace(each, number=first + each.number) for each in found.actions)
+        return replace(found, actions=actions)
+
+    def follow(self, placed: Placed, make: Callable[[], SignalFollower]) -> None:
+        """They are there on a path that has not begun; `make` makes their first follower."""
+        self.placed = placed
+        if self.follower is None:
+            self.follower = make()
+        self.follower.go_on_with(placed, 0, 0.0)
+
+    def keep_rest(self, placed: Placed, now_s: float, end_s: float, way: TcpWay) -> None:
+        """The move, which is a single motion, is cut off here and will be planned again from here."""
+        ordered = sorted(placed.actions, key=lambda each: each.number)
+        times_s = [each.path_time_s for each in ordered]
+        self._segments = (rest_of(self._segments[0], times_s, now_s, end_s, way),)
+
+    def end(self) -> None:
+        """The move has ended."""
+        if self.follower is not None:
+            self.follower.look()
+            self.follower.end()
+
+
+def require_possible(segments: Sequence[PathSignals]) -> None:
+    """Check the signals of the motions of one move.
+
+    Raises:
+        InputError: see `require_conditions`; or there are too many actions.
+    """
+    names = [f"motions[{index}]." if len(segments) > 1 else "" for index in range(len(segments))]
+    require_conditions(segments, names)
+    count = sum(len(signals.actions) for signals in segments)
+    if count > MAX_ACTIONS:
+        raise InputError(f"actions: the motion has {count}, at most {MAX_ACTIONS} are possible")
+
+
+def later(placed: Placed, by_s: float) -> Placed:
+    """The same at later path times."""
+    return replace(
+        placed,
+        actions=tuple(replace(each, path_time_s=each.path_time_s + by_s) for each in placed.actions),
+        pause_s=(placed.pause_s[0] + by_s, placed.pause_s[1] + by_s),
+        until_s=placed.until_s + by_s,
+    )
