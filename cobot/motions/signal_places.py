@@ -150,7 +150,9 @@ def _path_time_s(
     return min(max(way.path_time_s(there), begin_s), end_s)
 
 
-def rest_of(signals: PathSignals, times_s: Sequence[float], now_s: float, end_s: float, way: TcpWay) -> PathSignals:
+def rest_of(
+    signals: PathSignals, times_s: Sequence[float], now_s: float, end_s: float, way: TcpWay
+) -> PathSignals:
     """The signals of what is left of a motion that was cut off: its actions keep their places on the path.
 
     Args:

@@ -15,16 +15,10 @@ from dataclasses import replace
 from enum import Enum, auto
 
 from app.services.motion.execution import MotionService
+from app.services.motion.queue_chains import joinable, to_go
 from app.services.motion.queue_jobs import QueueJobs, report_stops
 from app.services.motion.queue_line import QueueLine
-from app.services.motion.queue_moves import (
-    PLAN_TIMEOUT_S,
-    Left,
-    MovePlanner,
-    QueuedMove,
-    may_follow,
-    to_go,
-)
+from app.services.motion.queue_moves import PLAN_TIMEOUT_S, Left, MovePlanner, QueuedMove
 from app.services.motion.queue_placement import QueueSignals
 from app.services.motion.queue_runs import Run, Runs
 from app.services.rights.claims import Claim
@@ -283,7 +277,7 @@ class QueueMotion:
         except CobotError:  # said when it would begin
             return
         running, state = self._runs.all[0], self._link.state()
-        chain = self._joinable(chain)
+        chain = joinable(self.moves, chain)
         moves, legs, radii = to_go(chain)
         stretch = running.stretch
         left_s = stretch.trajectory.duration_s - state.path_time_s
@@ -322,15 +316,6 @@ class QueueMotion:
         self.moves += self._joining
         self._joining = []
         report_stops(self._link.label, longer, moves, [stretch.radii_m[-1], *radii], running.moves[-1])
-
-    def _joinable(self, chain: Sequence[QueuedMove]) -> list[QueuedMove]:
-        """The first of these moves that the motion under way may go on through."""
-        found: list[QueuedMove] = []
-        for move in chain:
-            if not may_follow([*self.moves, *found], move):
-                break
-            found.append(move)
-        return found
 
     async def _longer(
         self,

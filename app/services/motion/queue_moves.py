@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial, reduce
 from itertools import accumulate
@@ -12,7 +12,7 @@ from app.services.motion.execution import MotionService
 from app.services.motion.goals import check_radii
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import LegRequest, begin_stretch, extend_stretch, leg
-from app.services.motion.queue_signals import MoveSignals, require_possible
+from app.services.motion.queue_signals import MoveSignals
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job
@@ -23,7 +23,7 @@ from cobot.motions.signal_places import REST_S
 from cobot.motions.stretches import Leg, Stretch
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import MAX_ACTIONS, Array
+from cobot.types import Array
 
 PLAN_TIMEOUT_S = 20.0
 
@@ -77,11 +77,9 @@ def queue_request(
         radius_m, inner_radii_m: see `QueueRequest`. No inner radii: the arm stops at each part.
 
     Raises:
-        InputError: see `check_radii` and `require_possible`.
+        InputError: see `check_radii`.
     """
     check_radii(goals, inner_radii_m)
-    signals = [goal.signals for goal in goals]
-    require_possible(signals)
     first = goals[0]
     return QueueRequest(
         name,
@@ -92,7 +90,7 @@ def queue_request(
         anywhere=not first.is_relative,
         midway=not first.is_relative and len(goals) == 1 and not first.traits.one_piece,
         count=len(goals),
-        signals=MoveSignals(signals),
+        signals=MoveSignals([goal.signals for goal in goals]),
     )
 
 
@@ -162,49 +160,6 @@ class Left:
     moves: list[QueuedMove]
     begun: bool
     start: Array
-
-
-def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], list[float]]:
-    """What moves anything, of which move it is, and its radius; before one that does not, the arm stops."""
-    moves: list[QueuedMove] = []
-    legs: list[Leg] = []
-    radii: list[float] = []
-    for move in chain:
-        if move.stops_before and radii:
-            radii[-1] = 0.0
-        moves += [move] * len(move.legs)
-        legs += move.legs
-        radii += move.radii_m
-        if move.ends_motion and radii:
-            radii[-1] = 0.0
-    return moves, legs, radii
-
-
-def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
-    """The first moves that one motion may go through, with at most `most` legs together; a move with more legs
-    is alone."""
-    found: list[QueuedMove] = []
-    for move in waiting:
-        most -= max(len(move.legs), 1)
-        if found and (most < 0 or not may_follow(found, move)):
-            break
-        found.append(move)
-    return found
-
-
-def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
-    """Whether a motion through these moves may go on through another one. rtloop has one of each condition, and
-    a place for so many actions."""
-    if not before:
-        return True
-    if before[-1].ends_motion or move.begins_motion:
-        return False
-    if sum(each.signals.pending for each in (*before, move)) > MAX_ACTIONS:
-        return False
-    pausing = [each.signals for each in before if each.signals.placed.pause_while is not None]
-    if move.signals.placed.pause_while is None or not pausing:
-        return True
-    return pausing[-1] is before[-1].signals and pausing[-1].pauses_as(move.signals)
 
 
 class MovePlanner:

@@ -1,8 +1,8 @@
 """Where the actions and conditions of the moves of the queue are on one motion, which grows.
 
-The motion goes on along one trajectory after the other. Here all path times count from its start, and those of
-one trajectory from its own. What happens before a trajectory takes over stays as it was, so the way of the TCP
-is continued from there, and a move under way keeps its beginning.
+The motion goes on along one trajectory after the other. Here path times count from the start of the motion;
+rtloop is given those of the trajectory. What happens before a trajectory takes over stays as it was, so the
+way of the TCP is continued from there, and a move under way keeps its beginning.
 """
 
 from __future__ import annotations

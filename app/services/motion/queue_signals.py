@@ -11,9 +11,8 @@ from dataclasses import replace
 
 from app.services.motion.signal_follower import SignalFollower
 from app.services.rights.signal_results import NO_RESULTS, SignalResults
-from cobot.errors import InputError
 from cobot.motions.signal_places import TcpWay, place_signals, rest_of
-from cobot.motions.signals import NO_PLACED, PathSignals, Placed, require_conditions
+from cobot.motions.signals import NO_PLACED, PathSignals, Placed
 from cobot.types import MAX_ACTIONS
 
 
@@ -98,19 +97,6 @@ class MoveSignals:
         if self.follower is not None:
             self.follower.look()
             self.follower.end()
-
-
-def require_possible(segments: Sequence[PathSignals]) -> None:
-    """Check the signals of the motions of one move.
-
-    Raises:
-        InputError: see `require_conditions`; or there are too many actions.
-    """
-    names = [f"motions[{index}]." if len(segments) > 1 else "" for index in range(len(segments))]
-    require_conditions(segments, names)
-    count = sum(len(signals.actions) for signals in segments)
-    if count > MAX_ACTIONS:
-        raise InputError(f"actions: the motion has {count}, at most {MAX_ACTIONS} are possible")
 
 
 def later(placed: Placed, by_s: float) -> Placed:

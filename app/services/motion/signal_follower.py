@@ -97,9 +97,7 @@ class SignalFollower:
     @property
     def settled(self) -> frozenset[int]:
         """The numbers of the actions of which it is known that they have fired, or were rejected."""
-        return frozenset(
-            number for number, result in self._results.items() if result.path_time_s is not None
-        )
+        return frozenset(number for number, result in self._results.items() if result.path_time_s is not None)
 
     def go_on_with(self, placed: Placed, motion_id: int, begin_s: float) -> None:
         """Follow them on another path; what has become of an action stays.

@@ -134,7 +134,6 @@ def test_actions_fire_once_in_their_cycle_through_a_blend_under_overrides_and_pa
     places_m = [0.05, 0.2, lengths_m[-1] - 0.05]
     assert [cycle for _, cycle in queue.fired] == [reached(lengths_m, place_m) for place_m in places_m]
     assert queue.values == [1.0, 2.0, 3.0]
-    assert queue.rests() == 0 or seed
     assert [queue.fates(first), queue.fates(last)] == [[True, True], [True]]
     before = queue.job(last)["actions"][0]
     assert before["path_time_s"] == pytest.approx(before["planned_s"], abs=1.1e-3)
@@ -199,7 +198,7 @@ def test_a_move_that_is_taken_out_does_not_fire_and_the_rest_of_the_path_keeps_i
 ) -> None:
     """The arm stops for the cancelled one in the middle of the first, which goes on: its actions stay where
     they are on its path, and those that have fired do not fire again."""
-    places_m = [0.05, 0.2, 0.26]
+    places_m = [0.05, 0.17, 0.23]
     first = queue.add(A, actions=[setting(n, distance_m=place) for n, place in enumerate(places_m, 1)])
     gone = queue.add(B, actions=[setting(4.0, fraction=0.5)])
     last = queue.add(HOME, actions=[setting(5.0, fraction=0.5)])
@@ -213,7 +212,7 @@ def test_a_move_that_is_taken_out_does_not_fire_and_the_rest_of_the_path_keeps_i
     lengths_m = queue.lengths_m()
     cycles = [reached(lengths_m, place_m) for place_m in places_m]
     assert np.abs(np.array([cycle for _, cycle in queue.fired[:3]]) - cycles).max() <= 1
-    assert queue.job(first)["actions"][1]["at"] == "0.2 m after the start"
+    assert queue.job(first)["actions"][1]["at"] == "0.17 m after the start"
 
 
 def test_a_job_that_is_taken_out_while_it_waits_reports_its_actions(queue: Queue) -> None:
@@ -291,7 +290,9 @@ def test_one_condition_pauses_blended_motions_in_a_row_and_another_one_begins_fr
         assert queue.job(job)["waits_for"]
         queue.run.arm.inputs["part"] = 0.0
         queue.until(job)
-    np.testing.assert_allclose(queue.commanded[np.abs(queue.commanded - B).max(axis=1).argmin()], B, atol=1e-9)
+    np.testing.assert_allclose(
+        queue.commanded[np.abs(queue.commanded - B).max(axis=1).argmin()], B, atol=1e-9
+    )
     queue.until(other, "running")
     queue.run.arm.inputs["part"] = 1.0
     queue.until(other)
@@ -364,7 +365,11 @@ def test_motions_of_a_queued_sequence_have_their_own(queue: Queue) -> None:
     last = queue.add(C, actions=[setting(4.0, fraction=1.0)])
     queue.until(last)
     assert queue.values == [1.0, 2.0, 3.0, 4.0]
-    assert [each["action"] for each in queue.job(both)["actions"]] == ["actions[0]", "actions[0]", "actions[1]"]
+    assert [each["action"] for each in queue.job(both)["actions"]] == [
+        "actions[0]",
+        "actions[0]",
+        "actions[1]",
+    ]
     assert queue.rests() == 0
 
 

@@ -1,0 +1,66 @@
+"""Which moves of the queue one motion goes through."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from app.services.motion.queue_moves import QueuedMove
+from cobot.motions.stretches import Leg
+from cobot.types import MAX_ACTIONS
+
+
+def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], list[float]]:
+    """What moves anything, of which move it is, and its radius; before one that does not, the arm stops."""
+    moves: list[QueuedMove] = []
+    legs: list[Leg] = []
+    radii: list[float] = []
+    for move in chain:
+        if move.stops_before and radii:
+            radii[-1] = 0.0
+        moves += [move] * len(move.legs)
+        legs += move.legs
+        radii += move.radii_m
+        if move.ends_motion and radii:
+            radii[-1] = 0.0
+    return moves, legs, radii
+
+
+def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
+    """The first moves that one motion may go through, with at most `most` legs together.
+
+    A move with more legs is alone.
+    """
+    found: list[QueuedMove] = []
+    for move in waiting:
+        most -= max(len(move.legs), 1)
+        if found and (most < 0 or not may_follow(found, move)):
+            break
+        found.append(move)
+    return found
+
+
+def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
+    """Whether a motion through these moves may go on through another one.
+
+    rtloop has one condition of each kind, and a place for so many actions.
+    """
+    if not before:
+        return True
+    if before[-1].ends_motion or move.begins_motion:
+        return False
+    if sum(each.signals.pending for each in (*before, move)) > MAX_ACTIONS:
+        return False
+    pausing = [each.signals for each in before if each.signals.placed.pause_while is not None]
+    if move.signals.placed.pause_while is None or not pausing:
+        return True
+    return pausing[-1] is before[-1].signals and pausing[-1].pauses_as(move.signals)
+
+
+def joinable(before: Sequence[QueuedMove], chain: Sequence[QueuedMove]) -> list[QueuedMove]:
+    """The first of the moves of a chain that a motion through those before may go on through."""
+    found: list[QueuedMove] = []
+    for move in chain:
+        if not may_follow([*before, *found], move):
+            break
+        found.append(move)
+    return found
