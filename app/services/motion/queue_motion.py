@@ -213,6 +213,8 @@ class QueueMotion:
 
     def _end_dropped(self) -> None:
         for move, error in self._dropped:
+            if not any(each is move for each in self.moves):
+                continue  # the arm has passed its end while it came to rest
             self._end(move, error)
             log.info("%smove %d: %s", self._link.label, move.number, error)
         self._dropped = []
