@@ -12,6 +12,7 @@ from cobot.motions.bodies import MovePose, PathPoint
 from cobot.motions.conditions import StepCondition
 from cobot.motions.fields import Direction, Finite, example
 from cobot.motions.planners import PLANNERS, PlannerName
+from cobot.motions.signal_bodies import SignalFields
 
 MIN_LENGTH = 1e-9
 Pattern = Literal["spiral", "raster", "tilt"]
@@ -102,6 +103,12 @@ class FollowMotion(ForceMotion):
 
     @model_validator(mode="after")
     def _require_path(self) -> Self:
+        given = [name for name in SignalFields.model_fields if getattr(self.motion, name)]
+        if given:
+            raise ValueError(
+                f"motion.{given[0]}: a path with force has no actions and conditions; leave it out, and use "
+                "steps before and after the motion"
+            )
         planner = PlannerName(self.motion.planner)
         if not PLANNERS[planner].follows_path:
             raise ValueError(

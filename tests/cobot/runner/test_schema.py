@@ -304,6 +304,10 @@ def test_a_step_that_one_refuses_the_other_refuses_too(
             "steps[0].follow: motion.planner: ptp does not follow a path; with force there are lin, circ and",
         ),
         (
+            [{"follow": {**PUSH, "motion": {**ALONG, "start_when": PART}}}],
+            "steps[0].follow: motion.start_when: a path with force has no actions and conditions",
+        ),
+        (
             [{**JOINTS, "radius": 0.1}, {"press": PUSH}],
             "steps[0].radius: the next step is not a waypoint, but the arm stops there",
         ),

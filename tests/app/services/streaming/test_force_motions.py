@@ -316,6 +316,14 @@ def test_a_stop_ends_it(service: VirtualService, table: Table, end: str) -> None
         ("press", {"force": 10.0, "frame": "world"}, "frame"),
         ("follow", {"force": 10.0, "motion": {**START, "planner": "ptp"}}, "does not follow a path"),
         ("follow", {"force": 10.0, "motion": {**START, "planner": "lin"}}, "at its end already"),
+        (
+            "follow",
+            {
+                "force": 10.0,
+                "motion": {**START, "y": 0.1, "planner": "lin", "until": {"input": "part", "is": True}},
+            },
+            "motion.until: a path with force has no actions and conditions",
+        ),
         ("search", {"force": 10.0, "pattern": "zigzag"}, "spiral"),
         ("insert", {"force": 10.0}, "depth"),
     ],
