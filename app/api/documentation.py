@@ -43,7 +43,10 @@ TAGS = [
     {"name": "gripper", "description": "The gripper: its state and its commands."},
     {"name": "force", "description": "Motions that push, and the zero of the measured force."},
     {"name": "plans", "description": "Plans: motions that are planned now and executed later."},
-    {"name": "scene", "description": "Solids around the arm, attached objects and named frames."},
+    {
+        "name": "scene",
+        "description": "Solids around the arm, attached objects, named frames, and the look of the robot.",
+    },
     {"name": "cell", "description": "The parts and switches of a simulated cell."},
     {"name": "trajectory", "description": "Timed joint trajectories."},
     {"name": "recordings", "description": "What the robot did, as MCAP files."},

@@ -130,7 +130,7 @@ KINDS: dict[str, Kind] = {
     "linkage": Kind(SPHERICAL, TIPS["spherical"], BENT, SOLID, RODS,
                     held={"rod_joint": 0.0, "lever_joint": 0.0}),
     "fingers": Kind(JOINTS["srs"], TIPS["srs"], (0.3, 0.5, 0.2, -1.2, 0.1, 0.8, 0.2), SOLID, HAND,
-                    held={"finger_joint1": 0.005, "finger_joint2": 0.005}, tcp="hand_tcp"),
+                    held={"finger_joint1": 0.04, "finger_joint2": 0.04}, tcp="hand_tcp"),  # open
     "jaw": Kind(scaled(ELBOW, 0.4), (0.0, 0.0, 0.5), (0.3, 0.5, 0.9, 0.8, 0.2), LIGHT, JAW, {"jaw": 0.1},
                 in_mjcf=True),
     "two": Kind(JOINTS["ur"], TIPS["ur"], (0.3, -1.3, 1.5, -1.7, -1.4, 0.2), SOLID, tcp="left_tool0",

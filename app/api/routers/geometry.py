@@ -6,11 +6,13 @@ import asyncio
 import hashlib
 import secrets
 import zlib
+from typing import Annotated
 
-from fastapi import Request, Response
+from fastapi import Path, Request, Response
 from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call
+from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.services.state.geometry import Body, Geometry, Joint, Shape, geometry_of, geometry_version
 from cobot.access.roles import Role
@@ -20,7 +22,16 @@ from cobot.types import JointLimits, Numbers7
 PROCESS = secrets.token_hex(4)
 """After a restart everything may look different, whatever the versions are."""
 
-router = EndpointRouter(tags=["robot"])
+router = EndpointRouter(tags=["scene"])
+
+
+Mesh = Annotated[int, Path(description="Its number in GET /robot/visuals, from 0 on.")]
+
+
+class GlbResponse(Response):
+    """A mesh in the binary form of glTF 2.0."""
+
+    media_type = "model/gltf-binary"
 
 
 class PoseIn(BaseModel):
@@ -114,7 +125,9 @@ class VisualsAnswer(BaseModel):
     visuals: list[VisualShown] = Field(description="Empty if the robot's file has none.")
 
 
-@router.endpoint("GET /robot/visuals", Role.OBSERVER, timeout_s=1.5, response_model=VisualsAnswer)
+@router.endpoint(
+    "GET /robot/visuals", Role.OBSERVER, timeout_s=1.5, response_model=VisualsAnswer, responses=responses(503)
+)
 async def visuals(request: Request) -> Response:
     """What the links of the arm look like, with colours, for a picture.
 
@@ -138,8 +151,14 @@ async def visuals(request: Request) -> Response:
     return tagged(request, answer.model_dump_json().encode(), "application/json")
 
 
-@router.endpoint("GET /robot/visuals/{mesh}", Role.OBSERVER, timeout_s=5.0, response_class=Response)
-async def visual_mesh(request: Request, mesh: int) -> Response:
+@router.endpoint(
+    "GET /robot/visuals/{mesh}",
+    Role.OBSERVER,
+    timeout_s=5.0,
+    response_class=GlbResponse,
+    responses=responses(404, 422, 503),
+)
+async def visual_mesh(request: Request, mesh: Mesh) -> Response:
     """A mesh of /robot/visuals as GLB, with an `ETag`."""
     found = await asyncio.to_thread(visuals_of, Call(request).services.robot.model_file)
     return tagged(request, await asyncio.to_thread(found.read_mesh, mesh), "model/gltf-binary")

@@ -112,6 +112,7 @@ def test_it_is_documented_where_an_answer_reports_success(service: VirtualServic
     assert {path for path in plain if "gripper" not in path and "force" not in path} == {
         *(f"/robot/move/{what}" for what in ("named", "joints", "pose", "arc", "sequence")),
         "/robot/execute",
+        "/robot/plans/{plan}/execute",
         "/stop",
     }
     move = paths["/robot/move/pose"]["post"]["responses"]

@@ -215,6 +215,7 @@ def away(panel: Panel, index: int, sign: int, from_rad: float) -> Callable[[], b
 
 
 def commanded(panel: Panel) -> list[float]:
+    panel.until("cobotPanel.state")  # none while a busy computer has made the robot silent
     return list(panel.page.run("cobotPanel.state.commanded_position"))
 
 
