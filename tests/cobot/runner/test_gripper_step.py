@@ -48,7 +48,7 @@ def test_a_part_that_is_missed_at_first_is_grasped_at_the_second_attempt(tmp_pat
         client.gripper.release()
         assert toy.width_m() == STROKE_M
     assert any(
-        "attempt 1 of 3 failed: iteration 1/1, step 2.1 of 3: the fingers have closed" in each
+        "attempt 1 of 3 failed: iteration 1/1, step 2.1 of 3: the gripper has closed on nothing" in each
         for each in lines
     )
     assert not any("attempt 2" in line for line in lines)
