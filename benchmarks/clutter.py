@@ -22,7 +22,7 @@ from cobot.planners.goals import joint_goals
 from cobot.planners.rrt_connect import connect
 from cobot.planners.search.detours import length, without_detours
 from cobot.planners.search.sampling import ATTEMPTS, RANGE_RAD, SHARES, find_path, room
-from cobot.planners.shortcut import shortened
+from cobot.planners.shortcut import shorten
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import Array, PlannerName, Pose, Scaling
 
@@ -207,7 +207,7 @@ def _best(problem: Problem, run_s: float) -> float:
                     clearance, ends[0], ends[1:], *bounds, seed, left_s, RANGE_RAD, longest, attempts
                 )
                 if found is not None:
-                    paths.append(shortened(clearance, found, seed))
+                    paths.append(shorten(clearance, found, seed))
                     best = min(best, length(paths[-1]))
                 if len(paths) == PATHS:
                     best = min(best, length(without_detours(clearance, paths, ends[1:], bounds, seed)))

@@ -1,4 +1,4 @@
-"""The pages of docs/how-to/, block by block, beside `cobot run --cell examples/pick_and_place`.
+"""The pages of docs/how-to/, block by block, beside `cobot run` with the cell that each starts.
 
 Oracles: what each page says that its reader sees, in GET /cell and in what the commands print.
 """
@@ -21,9 +21,11 @@ from cobot_run import ROOT, WAIT_S, answering
 PAGES = sorted((ROOT / "docs" / "how-to").glob("*.md"))
 URL = "http://localhost:8007"
 BLOCK = re.compile(r"^```(bash|python)\n(.*?)\n```$", re.M | re.S)
+CELL = re.compile(r"^cobot run --cell (\S+)$", re.M)
 SAID = {
     "connect-a-gripper": ["simulated", "True", "allowed is 0 to 0.08 m|allows 0 to 0.08 m"],
     "count-with-a-light-barrier": ["something is in the light barrier", r'"stopped_by":"?.*gate'],
+    "insert-a-peg": [r"^depth 0\.5[45]\d* 0\.1[45]"],
     "pick-and-place": ['"held": ?"cube"', "^cube$"],
     "place-by-touch": ['"stopped_by"', r"^force .* 0\.2[01]|0\.2[01]"],
     "wire-digital-io": [r'"fired": ?true', "^(True|1|1.0)$"],
@@ -31,9 +33,15 @@ SAID = {
 """Patterns of what the reader sees, by page."""
 
 
+def cell_of(page: Path) -> Path:
+    found = CELL.search(page.read_text(encoding="utf-8"))
+    assert found, f"{page.name} starts no cell"
+    return ROOT / str(found.group(1))
+
+
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunOfCell]:
-    with answering(RunOfCell(tmp_path_factory.mktemp("cell"))) as made:
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunOfCell]:
+    with answering(RunOfCell(tmp_path_factory.mktemp("cell"), request.param)) as made:
         yield made
 
 
@@ -70,7 +78,11 @@ def outputs(page: Path, run: RunOfCell, folder: Path, capsys: pytest.CaptureFixt
     return "\n".join(printed)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    ("run", "page"),
+    [pytest.param(cell_of(page), page, id=page.stem) for page in PAGES],
+    indirect=["run"],
+)
 def test_each_block_of_a_how_to_does_what_it_says(
     page: Path, run: RunOfCell, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,4 +1,4 @@
-"""`cobot run --cell examples/pick_and_place`, and what becomes of its cube."""
+"""`cobot run --cell` with an example, and what becomes of the cube of pick_and_place."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ IN_TRAY = pytest.approx([0.55, 0.3, 0.235], abs=3e-3)
 class RunOfCell(Run):
     """With the cell, in real time."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, cell: Path = EXAMPLE) -> None:
+        self.cell = cell
         super().__init__(folder, clock="realtime")
 
     def command(self) -> list[str]:
-        return [*super().command(), "--cell", str(EXAMPLE)]
+        return [*super().command(), "--cell", str(self.cell)]
 
     def ask(self, method: str, path: str, **content: Any) -> Any:
         answer = httpx.request(method, f"{self.url}{path}", timeout=WAIT_S, **content)

@@ -56,6 +56,9 @@ LEAST_ROOM_N = 20.0
 """The default of `max_force` is at least this much above `force`, N."""
 MOVED_RAD = 1e-3
 """The arm may have moved by no more while the path of a motion was planned."""
+INSERT_SHARE = 0.2
+"""Stiffness of the TCP of an insertion against a push from aside, as a share of the nominal one: a peg
+whose edge is caught by the hole must not turn in the hand."""
 LET_GO = "the motion with force has ended"
 
 
@@ -108,7 +111,7 @@ class ForceMotionService:
         in_tool = body.frame == "tool"
         axis = start.rotation @ direction if in_tool else direction
         most_n = _max_force(body)
-        gain = force_gain(self._streams.info["cartesian_stiffness"])
+        gain = force_gain(self._stiffness(body))
         approach_n = min(body.speed / gain, 0.5 * (body.force + most_n)) if gain else body.force
         push = Push(start, axis, body.force, approach_n, body.max_distance)
         work = ForceRun(self._link, self._ownership, push, body, caller)
@@ -214,9 +217,16 @@ class ForceMotionService:
         request["force_in_tcp"] = turns
         request["force_frame"][3:] = _frame_along(direction if turns else axis)
         request["max_contact_wrench"][:3] = _max_force(body) + np.abs(free_n)
-        if isinstance(body, InsertMotion):
-            request["cartesian_stiffness"][3:] *= body.compliance
+        request["cartesian_stiffness"] = self._stiffness(body)
         return request
+
+    def _stiffness(self, body: AnyForceMotion) -> Array:
+        """Stiffness of the TCP, shape (6,), N/m and N·m/rad."""
+        stiffness: Array = self._streams.info["cartesian_stiffness"].copy()
+        if isinstance(body, InsertMotion):
+            stiffness[:3] *= INSERT_SHARE
+            stiffness[3:] *= body.compliance
+        return stiffness
 
 
 def _max_force(body: AnyForceMotion) -> float:

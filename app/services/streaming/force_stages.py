@@ -27,6 +27,8 @@ RETRACT_S = 20.0
 AT_REST_S = 0.5
 """A push that does not advance for this time has come to its end."""
 AT_REST_M = 2e-4
+GIVE_WAY_PER_S = 5.0
+"""Rate at which an insertion takes away what pushes and turns the TCP across the push."""
 GETTING_UP_S = 0.3
 """A search gets up to its speed in this time."""
 
@@ -80,6 +82,11 @@ class Push:
     def distance_m(self, pose: Pose) -> float:
         """How far a pose is from the start along the axis."""
         return float((pose.position - self.start.position) @ self.axis)
+
+    def beside(self, position: Array) -> Array:
+        """A place, moved along the axis to where the start is, shape (3,)."""
+        moved: Array = position - float((position - self.start.position) @ self.axis) * self.axis
+        return moved
 
     def shifted(self, offset: Offset) -> Pose:
         """The start, moved and leant over across the push."""
@@ -227,10 +234,13 @@ def search(
 
 
 def insert(push: Push, touched: Sample, found: Sample, body: InsertMotion) -> Stage:
-    """Push on where the search has ended, until the depth is reached."""
+    """Push on where the search has ended, until the depth is reached.
+
+    The commanded pose gives way to the walls: a peg that is held by the spring of the wrong place or of the
+    wrong direction wedges.
+    """
     touched_m = push.distance_m(touched.pose)
-    ahead = float((found.pose.position - push.start.position) @ push.axis)
-    aim = Pose(found.pose.position - ahead * push.axis, push.start.quaternion)
+    first = aim = Pose(push.beside(found.pose.position), push.start.quaternion)
     farthest_m, rested_s = push.distance_m(found.pose), 0.0
     while True:
         sample = yield Aim(aim, push.force_n)
@@ -238,6 +248,7 @@ def insert(push: Push, touched: Sample, found: Sample, body: InsertMotion) -> St
         if here_m - touched_m >= body.depth:
             return sample
         _require_near(push, sample)
+        aim = _given_way(push, first, aim, sample, body)
         rested_s += sample.step_s
         if here_m > farthest_m + AT_REST_M:
             farthest_m, rested_s = here_m, 0.0
@@ -247,6 +258,19 @@ def insert(push: Push, touched: Sample, found: Sample, body: InsertMotion) -> St
                 f"the TCP has come to rest {1e3 * (here_m - touched_m):.1f} mm beyond the contact at "
                 f"{sample.force_n:.1f} N; the depth asked for is {1e3 * body.depth:g} mm",
             )
+
+
+def _given_way(push: Push, first: Pose, aim: Pose, sample: Sample, body: InsertMotion) -> Pose:
+    """The commanded pose, nearer to the measured one: no further than `radius` and `angle` from the first."""
+    share = 1.0 - np.exp(-GIVE_WAY_PER_S * sample.step_s)
+    position = aim.position + share * (push.beside(sample.pose.position) - aim.position)
+    way = position - first.position
+    position = first.position + way * min(1.0, body.radius / max(float(np.linalg.norm(way)), 1e-12))
+    measured = sample.pose.quaternion * (1.0 if sample.pose.quaternion @ aim.quaternion > 0.0 else -1.0)
+    quaternion = aim.quaternion + share * (measured - aim.quaternion)
+    quaternion /= np.linalg.norm(quaternion)
+    turned = 2.0 * np.arccos(min(abs(float(quaternion @ first.quaternion)), 1.0))
+    return Pose(position, quaternion if turned <= body.angle else aim.quaternion)
 
 
 def let_go(push: Push, last: Sample, aim: Aim, retract_m: float) -> Stage:

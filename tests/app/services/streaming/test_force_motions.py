@@ -27,8 +27,9 @@ STIFFNESS = 20_000.0
 """Of the table, N/m."""
 HEIGHT_M = 0.03
 """The table's surface is so far below where the TCP starts."""
-WALL_FROM_M, WALL_TO_M = 3e-4, 2e-3
-"""A TCP that is so far below the surface, and no further outside of the hole, is in the hole."""
+WALL_FROM_M, WALL_TO_M = 1e-3, 2e-3
+"""A TCP that is so far below the surface, and no further outside of the hole, is in the hole. A push of 15 N
+makes the surface give way by less."""
 START = {"x": 0.5, "y": 0.0, "z": 0.4, "a": 0.0, "b": 3.14159265, "c": 0.0, "speed": 1.0}
 DOWN = {"direction": {"x": 0.0, "y": 0.0, "z": -1.0}, "frame": "base"}
 
