@@ -260,8 +260,9 @@ class MotionQueue:
         if left is None:
             return
         moves = left.moves
-        if left.begun and not moves[0].request.midway:
-            given_up, moves = [*moves, *self._line.clear()], []
+        if left.begun is not None and not left.begun.request.midway:
+            at = next(index for index, move in enumerate(moves) if move is left.begun)
+            given_up, moves = [*moves[at:], *self._line.clear()], moves[:at]
             error = ConflictError(f"{given_up[0].name}: it cannot be begun once more amid its path")
             self._jobs.give_up(given_up, error)
         self._line.put_first(moves, left.start)

@@ -18,7 +18,7 @@ from app.services.motion.execution import MotionService
 from app.services.motion.queue_chains import joinable, to_go
 from app.services.motion.queue_jobs import QueueJobs, report_stops
 from app.services.motion.queue_line import QueueLine
-from app.services.motion.queue_moves import PLAN_TIMEOUT_S, Left, MovePlanner, QueuedMove
+from app.services.motion.queue_moves import PLAN_TIMEOUT_S, Left, MovePlanner, QueuedMove, passed
 from app.services.motion.queue_placement import QueueSignals
 from app.services.motion.queue_runs import Run, Runs
 from app.services.rights.claims import Claim
@@ -124,7 +124,7 @@ class QueueMotion:
                 raise
             self._follow_jobs(claim)
             has_moved = self._runs.place()[1] > 0.0 or len(self._runs.all) > 1
-            return await self._cut_off(self.moves[0] if has_moved else None)
+            return await self._cut_off(self._under_way if has_moved else None)
 
     async def _plan(self, claim: Claim, legs: Sequence[Leg], radii: Sequence[float]) -> Stretch | None:
         """Plan a stretch through these legs; None if there are none."""
@@ -192,7 +192,7 @@ class QueueMotion:
             await self._motion.retract(
                 claim, running.stretch.trajectory, follower, PLAN_TIMEOUT_S, begin_s=begin_s
             )
-        return Left([], False, (await self._motion.require_ready()).commanded_position)
+        return Left([], None, (await self._motion.require_ready()).commanded_position)
 
     async def _cut_off(self, begun: QueuedMove | None) -> Left:
         """The arm rests because moves were dropped, which end now; `begun` is the one that it was on.
@@ -206,10 +206,23 @@ class QueueMotion:
         start = (await self._motion.require_ready()).commanded_position
         self._end_dropped()  # perhaps more of them
         left, self.moves = self.moves, []
-        is_begun = bool(left) and left[0] is begun
-        if is_begun:
-            self._signals.keep_rest(left[0], self._runs.place()[1])
-        return Left(left, is_begun, start)
+        if not any(each is begun for each in left):
+            begun = None
+        if begun is not None:
+            self._signals.keep_rest(begun, self._runs.place()[1])
+        behind = {move.number for move in self._passed}
+        return Left([passed(each) if each.number in behind else each for each in left], begun, start)
+
+    @property
+    def _passed(self) -> list[QueuedMove]:
+        """The moves whose ends the arm has passed while it came to rest, and that have actions left."""
+        return [move for move in self._runs.passed() if move.signals.pending]
+
+    @property
+    def _under_way(self) -> QueuedMove | None:
+        """The first move whose end the arm has not passed."""
+        over = {move.number for move in self._runs.passed()}
+        return next((move for move in self.moves if move.number not in over), None)
 
     def _end_dropped(self) -> None:
         for move, error in self._dropped:
@@ -260,6 +273,8 @@ class QueueMotion:
         for move in list(self.moves[:-1]):
             if ends.get(move.number, now_s) > now_s:
                 break
+            if self._dropped and self._signals.has_left(move):
+                continue  # it is done where the arm rests
             self._end(move)
         move = self.moves[0]
         job, left_s = move.request.job, ends.get(move.number, now_s) - now_s

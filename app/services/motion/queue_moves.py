@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from itertools import accumulate
 from typing import TypeVar
@@ -147,18 +147,25 @@ class QueuedMove:
         return not self.legs or self.request.exact
 
 
+def passed(move: QueuedMove) -> QueuedMove:
+    """A move whose end the arm has passed: what it still has to do is done where the arm is."""
+    move.signals.keep_passed()
+    request = replace(move.request, parts=[lambda start: None], inner_radii_m=(), anywhere=True, exact=False)
+    return replace(move, request=request, legs=(), radii_m=(), parts=(0,))
+
+
 @dataclass(frozen=True, slots=True)
 class Left:
     """What is left of a motion that was cut off.
 
     Attributes:
         moves: in their order.
-        begun: whether the first of them has begun.
+        begun: the one of them that was cut off amid its path; None if none was.
         start: where the arm rests, shape (dof,), rad.
     """
 
     moves: list[QueuedMove]
-    begun: bool
+    begun: QueuedMove | None
     start: Array
 
 

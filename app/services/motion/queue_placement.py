@@ -125,6 +125,12 @@ class QueueSignals:
             now_s, end_s = at.offset_s + path_time_s, at.times_s[move.number][-1]
             move.signals.keep_rest(placed, now_s, end_s, at.way)
 
+    def has_left(self, move: QueuedMove) -> bool:
+        """Whether a move has actions that are not known to have fired."""
+        if move.signals.follower is not None:
+            move.signals.follower.look()
+        return move.signals.pending > 0
+
     def _tell(self) -> None:
         """Tell the followers of the moves where their signals are."""
         for move in self._moves:

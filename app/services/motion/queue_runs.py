@@ -52,6 +52,13 @@ class Runs:
         left = [move for move, end_s in zip(run.moves, run.stretch.ends_s, strict=True) if now_s < end_s]
         return left or run.moves[-1:]
 
+    def passed(self) -> list[QueuedMove]:
+        """The moves whose ends the arm has passed, but for the last one."""
+        if not self.all:
+            return []
+        left = {move.number for move in self.left()}
+        return [move for move in self.all[0].moves if move.number not in left]
+
     def left_s(self) -> float:
         """Path time to the end of the motion under way."""
         with contextlib.suppress(UnavailableError):

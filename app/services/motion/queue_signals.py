@@ -12,8 +12,10 @@ from dataclasses import replace
 from app.services.motion.signal_follower import SignalFollower
 from app.services.rights.signal_results import NO_RESULTS, SignalResults
 from cobot.motions.signal_places import TcpWay, place_signals, rest_of
-from cobot.motions.signals import NO_PLACED, PathSignals, Placed
+from cobot.motions.signals import NO_PLACED, PathPlace, PathSignals, Placed
 from cobot.types import MAX_ACTIONS
+
+AT_ONCE = PathPlace("fraction", 0.0)
 
 
 class MoveSignals:
@@ -91,6 +93,12 @@ class MoveSignals:
         ordered = sorted(placed.actions, key=lambda each: each.number)
         times_s = [each.path_time_s for each in ordered]
         self._segments = (rest_of(self._segments[0], times_s, now_s, end_s, way),)
+
+    def keep_passed(self) -> None:
+        """The arm has passed the end of the move: what has not fired is due at once."""
+        ordered = sorted(self.placed.actions, key=lambda each: each.number)
+        self._exact = NO_PLACED
+        self._segments = (PathSignals(tuple(replace(each.action, place=AT_ONCE) for each in ordered)),)
 
     def end(self) -> None:
         """The move has ended."""

@@ -409,3 +409,32 @@ def test_a_rejected_output_that_stops_its_motion_empties_the_queue(queue: Queue)
     assert "the valve block is off" in queue.job(first)["error"]["detail"]
     assert queue.job(first)["actions"][0]["problem"] == "the valve block is off"
     assert queue.fates(second) == [False]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_whatever_comes_and_is_taken_out_nothing_fires_twice_and_nothing_is_lost(
+    queue: Queue, seed: int
+) -> None:
+    """Random motions, radii, overrides and cancels. Every job that finishes has fired all of its actions."""
+    random, run = np.random.default_rng(seed), queue.run
+    jobs: dict[str, list[float]] = {}
+    for number in range(1, 9):
+        goal = [random.uniform(-0.6, 0.6), random.uniform(-0.3, 0.5), *HOME[2:]]
+        values = [10.0 * number + n for n in range(3)]
+        actions = [setting(value, fraction=float(random.uniform())) for value in values]
+        actions.append(setting(10.0 * number + 9.0, **{"distance_m": 0.0, "from": "end"}))
+        job = queue.add(goal, float(random.choice([0.0, 0.03, 0.1])), actions=actions)
+        jobs[job] = [*values, 10.0 * number + 9.0]
+        run.sleep(float(random.uniform(0.0, 0.6)))
+        run.post("/robot/speed_override", {"fraction": float(random.choice([0.3, 1.0, 1.0]))})
+        if random.uniform() < 0.3:
+            run.post(f"/jobs/{random.choice(list(jobs))}/cancel")
+    run.until(lambda: all(queue.job(job)["ended_at"] for job in jobs))
+    assert len(set(queue.values)) == len(queue.values), "none fires twice"
+    for job, values in jobs.items():
+        record = queue.job(job)
+        assert [value in queue.values for value in values] == queue.fates(job)
+        assert record["state"] in ("finished", "cancelled"), record["error"]
+        if record["state"] == "finished":
+            assert queue.fates(job) == [True] * 4
+    assert "finished" in queue.states(*jobs)
