@@ -149,7 +149,7 @@ class QueuedMove:
 
 def passed(move: QueuedMove) -> QueuedMove:
     """A move whose end the arm has passed: what it still has to do is done where the arm is."""
-    move.signals.keep_passed()
+    move.signals.make_due()
     request = replace(move.request, parts=[lambda start: None], inner_radii_m=(), anywhere=True, exact=False)
     return replace(move, request=request, legs=(), radii_m=(), parts=(0,))
 

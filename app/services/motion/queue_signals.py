@@ -94,7 +94,7 @@ class MoveSignals:
         times_s = [each.path_time_s for each in ordered]
         self._segments = (rest_of(self._segments[0], times_s, now_s, end_s, way),)
 
-    def keep_passed(self) -> None:
+    def make_due(self) -> None:
         """The arm has passed the end of the move: what has not fired is due at once."""
         ordered = sorted(self.placed.actions, key=lambda each: each.number)
         self._exact = NO_PLACED
