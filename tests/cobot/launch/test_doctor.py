@@ -159,9 +159,9 @@ def test_shared_memory_that_is_too_small_is_a_problem_with_the_size_that_would_d
     assert finding.verdict is PROBLEM
     assert "64 MB of 64 MB free, 130 MB needed" in finding.found
     assert "rt.trajectory_capacity" in finding.found
-    assert finding.remedy == f"sudo mount -o remount,size=257M {tmp_path}"
+    assert finding.remedy == f"sudo mount -o remount,size=260M {tmp_path}"
     in_container = module.shared_memory(settings, tmp_path, machine(tmp_path, {"/.dockerenv": ""}))
-    assert "docker run --shm-size=257M" in in_container.remedy
+    assert "docker run --shm-size=260M" in in_container.remedy
 
 
 @pytest.mark.parametrize(("free", "verdict"), [(10**9, OK), (10**8, WARNING), (10**7, PROBLEM)])
