@@ -92,7 +92,7 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: OwnHand
     _make_contacts_stiff(spec)
     base_pose = _base_pose(robot.mj, base)
     frames = robot.frame_names
-    for name in (HAND, *cell.parts, *cell.fixtures, *cell.belts):
+    for name in (*_added_by(hand), *cell.parts, *cell.fixtures, *cell.belts):
         if name in frames:
             raise ConfigError(f"the arm has a body or site named {name!r}: rename that of the cell")
     if cell.floor_m is not None:
@@ -131,6 +131,11 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: OwnHand
     )
 
 
+def _added_by(hand: Hand | OwnHand | None) -> tuple[str, ...]:
+    """The names that a hand adds to the model; the arm's own hand adds none."""
+    return (HAND, *FINGERS) if isinstance(hand, Hand) else ()
+
+
 def check_start(plant: Plant, joints: Array) -> None:
     """See that nothing overlaps at the start.
 
@@ -145,7 +150,7 @@ def check_start(plant: Plant, joints: Array) -> None:
     data.qpos[:] = plant.start
     data.qpos[: len(joints)] = joints
     mujoco.mj_fwdPosition(mj, data)
-    new = {*plant.cell.parts, *plant.cell.fixtures, *plant.cell.belts, HAND, *FINGERS, FLOOR}
+    new = {*plant.cell.parts, *plant.cell.fixtures, *plant.cell.belts, *_added_by(plant.hand), FLOOR}
     for contact in data.contact:
         names = [_name_of_geom(mj, geom) for geom in (contact.geom1, contact.geom2)]
         if contact.dist < -OVERLAP_M and not new.isdisjoint(names):

@@ -44,7 +44,7 @@ CAREFUL = """
 local allowed, why = pcall(robot.call, "RobotConfig", "resetLimits")
 textmsg("limits", allowed, why)
 textmsg("dof", robot.call("RobotConfig", "getDof"))
-require("ros_bind").ros_subscriber_factory("/rosout", "std_msgs/msg/String")
+require("ros_bind").ros_subscriber_factory("/rosout", "rcl_interfaces/msg/Log")
 textmsg("subscribed")
 """
 

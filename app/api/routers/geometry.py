@@ -6,7 +6,7 @@ import asyncio
 import hashlib
 import secrets
 import zlib
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Path, Request, Response
 from pydantic import BaseModel, Field
@@ -25,13 +25,16 @@ PROCESS = secrets.token_hex(4)
 router = EndpointRouter(tags=["scene"])
 
 
+GLB_TYPE = "model/gltf-binary"
 Mesh = Annotated[int, Path(description="Its number in GET /robot/visuals, from 0 on.")]
 
 
-class GlbResponse(Response):
-    """A mesh in the binary form of glTF 2.0."""
-
-    media_type = "model/gltf-binary"
+GLB: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "A mesh, as GLB (glTF 2.0).",
+        "content": {GLB_TYPE: {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
 
 
 class PoseIn(BaseModel):
@@ -155,13 +158,13 @@ async def visuals(request: Request) -> Response:
     "GET /robot/visuals/{mesh}",
     Role.OBSERVER,
     timeout_s=5.0,
-    response_class=GlbResponse,
-    responses=responses(404, 422, 503),
+    response_class=Response,
+    responses=responses(404, 422, 503) | GLB,
 )
 async def visual_mesh(request: Request, mesh: Mesh) -> Response:
     """A mesh of /robot/visuals as GLB, with an `ETag`."""
     found = await asyncio.to_thread(visuals_of, Call(request).services.robot.model_file)
-    return tagged(request, await asyncio.to_thread(found.read_mesh, mesh), "model/gltf-binary")
+    return tagged(request, await asyncio.to_thread(found.read_mesh, mesh), GLB_TYPE)
 
 
 def tagged(request: Request, content: bytes, media_type: str) -> Response:

@@ -58,7 +58,7 @@ class RobotState:
 
     position, velocity, effort, commanded_position = _Vector(), _Vector(), _Vector(), _Vector()
     tcp, wrench, external_effort = _Vector(), _Vector(), _Vector()
-    motion_id, session, stops_seen = _Scalar[int](), _Scalar[int](), _Scalar[int]()
+    cycle, motion_id, session, stops_seen = _Scalar[int](), _Scalar[int](), _Scalar[int](), _Scalar[int]()
     path_time_s, path_duration_s, path_rate = _Scalar[float](), _Scalar[float](), _Scalar[float]()
     points_taken, points_dropped, points_buffered = _Scalar[int](), _Scalar[int](), _Scalar[int]()
     underruns, overruns, torn_reads = _Scalar[int](), _Scalar[int](), _Scalar[int]()

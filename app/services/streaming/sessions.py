@@ -33,6 +33,8 @@ from cobot.ipc.stream_writer import StreamWriter
 from cobot.types import RESTING, LoopMode
 
 MAX_CONNECTIONS = 32
+SHOWN_CYCLES = 2
+"""Cycles after which a state shows a session that rtloop has agreed to, unless it has ended by then."""
 
 log = logging.getLogger("cobot.streams")
 
@@ -271,13 +273,17 @@ class StreamService:
             task.cancel()
 
     async def _begin(self, number: int, timeout_s: float) -> None:
-        """Wait until rtloop has agreed, and a state shows it."""
+        """Wait until rtloop has agreed, and a state shows it: the session, or that it has ended already."""
         deadline_s = self._link.clock.now_s() + timeout_s
-        answer: str | None = None
-        while answer is None or self._link.state().session != number:
-            answer = self._writer.answer(number)
+        agreed_cycle: int | None = None
+        while True:
+            answer, state = self._writer.answer(number), self._link.state()
             if answer:
                 raise ExecutionError(answer)
+            if answer is not None:
+                agreed_cycle = state.cycle if agreed_cycle is None else agreed_cycle
+                if state.session == number or state.cycle > agreed_cycle + SHOWN_CYCLES:
+                    return
             if self._link.clock.now_s() > deadline_s:
                 raise UnavailableError(f"rtloop has not answered for {timeout_s:g} s")
             await asyncio.sleep(POLL_S / 2)

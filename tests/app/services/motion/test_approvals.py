@@ -50,7 +50,7 @@ class World:
             raise NotFoundError(f"there is no plan {plan_id}")
         return self.plans[plan_id]
 
-    def kept(self) -> list[Plan]:
+    def list_valid(self) -> list[Plan]:
         return list(self.plans.values())
 
 

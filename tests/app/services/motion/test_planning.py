@@ -216,7 +216,7 @@ def test_a_task_that_nobody_has_begun_outlives_as_many_workers_as_die_before(
     runner: asyncio.Runner, planning: PlanningService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They die as the task is on its way to them, which is no fault of the task."""
-    free, killed = planning._pool._free, []
+    free, killed = planning._pool._wait_for_worker, []
 
     async def dying() -> Any:
         worker = await free()
@@ -225,7 +225,7 @@ def test_a_task_that_nobody_has_begun_outlives_as_many_workers_as_die_before(
             worker.process.kill()
         return worker
 
-    monkeypatch.setattr(planning._pool, "_free", dying)
+    monkeypatch.setattr(planning._pool, "_wait_for_worker", dying)
     found = runner.run(planning.compute(light_planner.pid, WAIT_S))
     assert len(killed) == 3
     assert found not in killed
