@@ -255,6 +255,16 @@ def test_the_largest_force_stops_the_arm_in_the_cycle(service: VirtualService, t
     assert service.health()["robot"]["mode"] == "HOLD"
 
 
+@pytest.mark.usefixtures("table")
+def test_a_bound_that_is_met_at_once_is_answered(service: VirtualService) -> None:
+    """Not as a silent rtloop: the service may never see a state of a session that ends in its first cycle."""
+    for _ in range(3):
+        found = done(service.post("/robot/force/press", {**DOWN, "force": 1e-300, "max_force": 1e-200}))
+        assert not found["success"]
+        assert "allowed are" in found["message"], found
+        assert service.health()["robot"]["mode"] == "HOLD"
+
+
 def test_a_job_is_paused_resumed_and_cancelled(service: VirtualService, table: Table) -> None:
     body = {**DOWN, "force": 8.0, "radius": 0.02, "pitch": 0.0008, "max_time_s": 600.0}
     accepted = service.post("/robot/force/search?wait=false", body)
