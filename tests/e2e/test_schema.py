@@ -130,6 +130,7 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
     with httpx.Client(base_url=service.url, timeout=WAIT_S, **service.asking) as client:
         for path in ("/scene", "/robot/tool"):
             client.post(path, json={"clear": True})
+        client.post("/robot/speed_override", json={"fraction": 1.0})  # at 0 nothing would come to its end
         for each in client.get("/robot/positions").raise_for_status().json():
             if each["taught"]:
                 client.delete(f"/robot/positions/{each['name']}")
