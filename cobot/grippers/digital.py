@@ -58,8 +58,6 @@ class DigitalGripper(TwoPositions):
     """
 
     Options = DigitalOptions
-    LATE = 3.0
-    """Multiple of the time after which fingers that have not arrived are a fault."""
 
     def __init__(self, options: DigitalOptions, port: IoPort, clock: Now = SYSTEM) -> None:
         super().__init__(port, (options.closed_width, options.open_width), clock)

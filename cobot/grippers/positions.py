@@ -33,6 +33,9 @@ class TwoPositions:
         goal: of the last command.
     """
 
+    LATE = 3.0
+    """Multiple of its time after which a command that has had no effect is a fault."""
+
     def __init__(self, port: IoPort, width_m: Range | None, clock: Now = SYSTEM) -> None:
         self._port = port
         self._width_m = width_m

@@ -76,8 +76,6 @@ class VacuumGripper(TwoPositions):
     """
 
     Options = VacuumOptions
-    LATE = 3.0
-    """Multiple of `release_time_s` after which vacuum that has not gone is a fault."""
 
     def __init__(self, options: VacuumOptions, port: IoPort, clock: Now = SYSTEM) -> None:
         super().__init__(port, None, clock)

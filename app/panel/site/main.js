@@ -121,6 +121,7 @@ class Panel {
     this.stream.open();
     this.log.clear();
     this.live.clear();
+    this.viewTools.clear();
     this.events.open(); // their first one has all parts look
   }
 
@@ -149,6 +150,7 @@ class Panel {
   // The surroundings of the arm, its tool and its limits may change at any time.
   async look() {
     const { robot } = this.api;
+    if (robot && !this.looks) this.dress(robot);
     const found = robot && (await this.api.geometry(this.tag).catch(() => null));
     if (!found || robot !== this.api.robot) return;
     this.tag = found.tag;
@@ -158,7 +160,6 @@ class Panel {
     this.setup.describe(found.geometry.joints);
     this.view?.describe(found.geometry);
     if (this.state) this.show(this.state);
-    if (!this.looks) this.dress(robot);
   }
 
   // The arm is drawn by its collision shapes until its looks are here.
@@ -166,8 +167,10 @@ class Panel {
     if (!this.view) return;
     this.looks = new Map();
     const { loadLooks } = await import("./shapes.js");
-    const looks = await loadLooks(this.api).catch(() => new Map());
-    if (robot === this.api.robot) this.view.wear(looks);
+    const looks = await loadLooks(this.api).catch(() => null);
+    if (robot !== this.api.robot) return;
+    if (looks) this.view.wear(looks);
+    else this.looks = null; // asked for again with the next look
   }
 
   async draw() {

@@ -7,7 +7,7 @@ import { inEachLanguage, word } from "./words.js";
 
 const SAMPLES = 100;
 const SAMPLES_OF_MANY = 400;
-const SELF_NEAR_M = 0.01; // twice the margin of the plans
+const SELF_NEAR_M = 0.01; // an arm is always near to itself: only this little is worth a sentence
 const MADE = "cobot.plans"; // the plans of this tab, also after it was loaded again
 const element = (id) => document.getElementById(id);
 

@@ -5,6 +5,14 @@ import { word } from "./words.js";
 const POSE = ["x", "y", "z", "c", "b", "a"]; // in the order of the rows
 const MM = 1000;
 const RAD = Math.PI / 180;
+const NUMBER = /^[+−-]?\d+(?:[.,]\d+)?(?: *(mm|°))?$/; // one comma or point: "1.234,5" could mean two numbers
+
+// The number, or NaN for any other text, and for one with another unit than the field's.
+export function numberOf(text, unit) {
+  const found = NUMBER.exec(text.trim());
+  if (!found || (found[1] ?? unit) !== unit) return NaN;
+  return Number.parseFloat(text.trim().replace(",", ".").replace("−", "-"));
+}
 
 export class Typed {
   // now: {state, geometry}, of which one may be missing.
@@ -22,14 +30,14 @@ export class Typed {
 
   async enter(field) {
     const { value: kind, index } = field.dataset;
-    const typed = Number.parseFloat(field.value.replace(",", ".").replace("−", "-"));
+    const { state, geometry } = this.now();
+    const typed = numberOf(field.value, this.unit(kind, Number(index), geometry));
     const asked = [kind, index, typed].join();
     if (asked === this.planned && this.motions.plan) {
       field.blur();
       await this.motions.execute();
       return;
     }
-    const { state, geometry } = this.now();
     if (!state || !geometry || !Number.isFinite(typed)) {
       this.motions.say(() => word(state && geometry ? "typed_no_number" : "silence", { text: field.value }));
       return;
@@ -38,6 +46,11 @@ export class Typed {
     const name = `${field.closest(".row").firstElementChild.title} ${field.value}`;
     if (kind === "joint") await this.motions.toJoints(name, this.joints(state, geometry, Number(index), typed));
     else await this.motions.toPose(name, this.pose(state, geometry, Number(index), typed));
+  }
+
+  unit(kind, index, geometry) {
+    const isLength = kind === "joint" ? geometry?.joints[index].slides : index < 3;
+    return isLength ? "mm" : "°";
   }
 
   joints(state, geometry, index, typed) {

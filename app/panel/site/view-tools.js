@@ -24,6 +24,12 @@ export class ViewTools {
     inEachLanguage(() => this.write());
   }
 
+  // For another robot: its TCP has left no trace yet, and its clock is another one.
+  clear() {
+    this.last = null;
+    if (element("view-trace").getAttribute("aria-pressed") === "true") element("view-trace").click();
+  }
+
   // The TCP's speed, m/s, from its places and the robot's own clock.
   show({ tcp, robot_time_s: time }) {
     const seconds = this.last ? time - this.last.time : 0;

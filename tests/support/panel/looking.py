@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import httpx
 import numpy as np
 from cobot_run import WAIT_S, until
@@ -93,6 +95,17 @@ def test_a_typed_value_is_planned_and_a_second_enter_runs_it(panel: Panel) -> No
     panel.until("document.querySelector('#plan').innerText.includes('is not a number')")
     panel.page.run(f"{FIELD.format(first)}.blur()")
     panel.until(f"{FIELD.format(first)}.value === '11.5 °'")
+
+
+def test_only_one_plain_number_in_the_unit_of_its_field_is_taken(panel: Panel) -> None:
+    """Any other text is none: a wrong number would move the arm to a wrong place."""
+    given = {
+        "11,5": 11.5, "-20": -20.0, "−0.5 °": -0.5, " 7 ": 7.0, "90°": 90.0,
+        "1.234,5": None, "1,234.5": None, "20 mm": None, "1e3": None, "20abc": None, "": None,
+    }  # fmt: skip
+    for text, number in given.items():
+        call = f"import('/panel/typed.js').then((all) => all.numberOf({json.dumps(text)}, '°'))"
+        assert panel.page.run(f"{call}.then((found) => Number.isNaN(found) ? null : found)") == number, text
 
 
 def test_joint_names_are_shortened_to_what_is_different(panel: Panel) -> None:
