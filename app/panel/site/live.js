@@ -1,5 +1,5 @@
-// The last 20 s: position, velocity, torque or tracking error of each joint, what the surroundings exert at the
-// TCP, or how long the cycles are. Drawn as long as somebody can see it.
+// The last 20 s: position, velocity, torque or tracking error of each joint, the external wrench at the TCP, or the
+// cycle times. It is drawn only while it is visible.
 import { inEachLanguage, word } from "./words.js";
 
 const SPAN_S = 20;
@@ -117,6 +117,7 @@ export class Live {
       pen.lineTo(width * (1 - (end - this.states[point].time) / SPAN_S), HEIGHT * down(each));
     });
     pen.stroke();
-    value.textContent = `${values.at(-1).toFixed(unit ? digits : 0)} ${unit}`;
+    const shown = values.at(-1).toFixed(unit ? digits : 0).replace(/^-(0(?:\.0+)?)$/, "$1"); // never -0.0
+    value.textContent = `${shown} ${unit}`;
   }
 }
