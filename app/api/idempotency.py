@@ -71,7 +71,7 @@ async def answer_once(request: Request, key: str, handler: Handler) -> Response:
 
     Raises:
         InputError: the key is that of another request.
-        ConflictError: the service ended before it answered the first request.
+        ConflictError: the first request has no answer: its client had gone, or the service was killed.
         UnavailableError: the key cannot be kept; nothing has begun.
         And what the handler raises.
     """
@@ -116,9 +116,9 @@ def _again(noted: Noted, same: bytes, key: str) -> Response:
         )
     if noted.answer is None:
         raise ConflictError(
-            f"{IDEMPOTENCY_KEY} {shown(key)}: the service ended before it answered this request, and does "
-            f"not carry it out again: see GET /jobs/{noted.job}, or GET /jobs if there is no such job; use a "
-            "new key to repeat the request"
+            f"{IDEMPOTENCY_KEY} {shown(key)}: the first request with this key ended without an answer: "
+            "its client had gone, or the service had ended. It is not carried out again: see "
+            f"GET /jobs/{noted.job}, or GET /jobs if there is no such job. To repeat it, use a new key"
         )
     audit.add_details(replayed=True)
     headers = {REPLAYED: "true"} | ({"Location": noted.answer.location} if noted.answer.location else {})

@@ -1,7 +1,7 @@
 """Keys of requests that begin a job, so that a request that is sent again begins nothing again.
 
 A key is noted on disk before its request is carried out, and the answer is added afterwards. So a key that
-has no answer when the service starts belongs to a request that the end of the service interrupted.
+has no answer belongs to a request that its client, or the end of the service, has interrupted.
 
 The store is a SQLite file, private to the user, bounded in keys, bytes and time. It has digests of the keys.
 """
@@ -61,7 +61,7 @@ class Noted:
     Attributes:
         request: digest of the request.
         job: the id that its job has, if it came to have one.
-        answer: None if the service ended before it answered.
+        answer: None if the request ended without one.
     """
 
     request: bytes
