@@ -128,7 +128,7 @@ export class View {
   // From this side, as far away as the size of the arm needs; "fit": from where the camera is.
   look(view) {
     if (!this.arm) return;
-    const box = new THREE.Box3().setFromObject(this.arm.groups[1] ?? this.arm.root);
+    const box = new THREE.Box3().setFromObject(this.arm.groups[this.geometry.base]);
     if (box.isEmpty()) return;
     this.framed = true;
     const from = VIEWS[view] ? new THREE.Vector3(...VIEWS[view]) : this.camera.position.clone().sub(this.controls.target);

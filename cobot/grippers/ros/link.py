@@ -112,7 +112,7 @@ class ActionProcess:
         if self._process is not None and self._process.poll() is None:
             return
         self.close()
-        command = [sys.executable, "-m", "cobot.dds.action_client", json.dumps(self._settings)]
+        command = [sys.executable, "-P", "-m", "cobot.dds.action_client", json.dumps(self._settings)]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
