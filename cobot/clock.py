@@ -70,3 +70,41 @@ class SystemClock:
 
 
 SYSTEM = SystemClock()
+
+
+class WallTime:
+    """Turns times on CLOCK_MONOTONIC into times of day.
+
+    The two clocks cannot be read at the same moment, and a thread may be interrupted between the readings.
+    Stamps that were calculated from a new pair of readings each time would therefore jitter by that delay
+    and could go back. The offset is kept instead, until readings prove that it is wrong: Linux slews both
+    clocks alike, so the offset changes only when the time of day is set.
+    """
+
+    READINGS = 5
+    """A new offset comes from the fastest of this many readings."""
+
+    def __init__(self, clock: Clock = SYSTEM) -> None:
+        self._clock = clock
+        self._ahead_ns = self._measured_ahead_ns()
+
+    def at(self, now_ns: int) -> int:
+        """The time of day in ns since 1970 at a time on CLOCK_MONOTONIC in ns."""
+        return now_ns + self.ahead_ns()
+
+    def ahead_ns(self) -> int:
+        """The time of day less CLOCK_MONOTONIC, in ns."""
+        least, most = self._read()
+        if not least <= self._ahead_ns <= most:
+            self._ahead_ns = self._measured_ahead_ns()
+        return self._ahead_ns
+
+    def _read(self) -> tuple[int, int]:
+        """The least and the largest offset that agree with one reading of both clocks, in ns."""
+        before_ns = self._clock.now_ns()
+        wall_ns = self._clock.wall_ns()
+        return wall_ns - self._clock.now_ns(), wall_ns - before_ns
+
+    def _measured_ahead_ns(self) -> int:
+        least, most = min((self._read() for _ in range(self.READINGS)), key=lambda each: each[1] - each[0])
+        return (least + most) // 2

@@ -11,6 +11,7 @@ import numpy as np
 
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
+from cobot.clock import WallTime
 from cobot.errors import UnavailableError
 from cobot.ipc.records import record_dtype
 from cobot.ipc.state_fields import GRIPPER, RECORDED
@@ -46,7 +47,7 @@ class Channels:
         from cobot.recording.messages import TOPICS
 
         names = tuple(robot.limits.names)
-        self._link = link
+        self._link, self._wall_time = link, WallTime(link.clock)
         self._messages = _messages(names, robot.base_frame, link.memory.period_s)
         self.schemas = {
             topic: (kind, self._messages.definition(kind))
@@ -68,7 +69,7 @@ class Channels:
         record["number"] = state.record["cycle"]
         record["fresh"] = state.measured_age_s < LATE_S
         record["interventions"] = self._interventions(state)
-        ahead_ns = self._ahead_ns()
+        ahead_ns = self._wall_time.ahead_ns()
         moment_ns = int(record["monotonic_ns"][0]) + ahead_ns
         return {
             topic: (moment_ns, content) for topic, (content, _) in self._messages.of(record, ahead_ns).items()
@@ -87,11 +88,7 @@ class Channels:
             pass
         now_ns = self._link.clock.now_ns()
         made = Event(cycle, now_ns, event["type"], mode, json.dumps(event["data"]))
-        return self._link.clock.wall_ns(), self._messages.event(made, self._ahead_ns())
-
-    def _ahead_ns(self) -> int:
-        clock = self._link.clock
-        return clock.wall_ns() - clock.now_ns()
+        return self._wall_time.at(now_ns), self._messages.event(made, self._wall_time.ahead_ns())
 
     def _interventions(self, state: RobotState) -> int:
         """A bit for each kind that has been counted since the last message."""

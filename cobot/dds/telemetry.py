@@ -252,5 +252,4 @@ class Telemetry:
             template = self._encode(JOINT_STATES, self._messages.joint_state(state, fingers))
             joints = self._dof + (0 if fingers is None else len(FINGER_JOINTS))
             self._template = JointStates(template, joints)
-        ago_ns = now_ns - int(state["measured_monotonic_ns"])
-        return self._template.cdr(state, time.time_ns() - ago_ns, fingers)
+        return self._template.cdr(state, self._messages.measured_at(state), fingers)

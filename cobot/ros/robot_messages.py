@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cobot.client.states import Values, cartesian_state
-from cobot.clock import SYSTEM, Clock
+from cobot.clock import SYSTEM, Clock, WallTime
 from cobot.ipc.layout import text
 from cobot.robot.model import RobotModel
 from cobot.robot.quaternion import conjugate, product, rotated
@@ -41,7 +41,7 @@ class RobotMessages:
     def __init__(
         self, model: RobotModel, base: str, tcp: str, prefix: str = "", clock: Clock = SYSTEM
     ) -> None:
-        self._clock = clock
+        self._clock, self._wall_time = clock, WallTime(clock)
         self._model = model.mj
         self._data = mujoco.MjData(model.mj)
         self._limits = model.limits
@@ -108,6 +108,10 @@ class RobotMessages:
         """std_msgs/msg/String for /robot_description: a URDF."""
         return {"data": urdf(self._model, self._limits, self._tcp_site)}
 
+    def measured_at(self, state: np.ndarray) -> int:
+        """The time of day of a state's measurement, in ns since 1970."""
+        return self._wall_time.at(int(state["measured_monotonic_ns"]))
+
     def _place(self, joints: Array) -> None:
         self._data.qpos[:] = joints
         mujoco.mj_kinematics(self._model, self._data)
@@ -120,9 +124,7 @@ class RobotMessages:
         return _transform(self._name(parent), self._name(body), list(position), list(turn), stamp)
 
     def _header(self, state: np.ndarray, frame: str) -> Message:
-        """With the moment of the measurement, on the clock of the wall."""
-        ago_ns = self._clock.now_ns() - int(state["measured_monotonic_ns"])
-        return {"stamp": ros_time(self._clock.wall_ns() - ago_ns), "frame_id": frame}
+        return {"stamp": ros_time(self.measured_at(state)), "frame_id": frame}
 
     def _name(self, body: int) -> str:
         return WORLD if body == 0 else self._prefix + link_name(self._model, body)

@@ -6,7 +6,7 @@ import logging
 from datetime import UTC, datetime
 
 from app.services.state.robot_state import RobotState
-from cobot.clock import SYSTEM, Clock
+from cobot.clock import SYSTEM, Clock, WallTime
 from cobot.ipc.layout import Intervention
 
 EPISODE_S = 1.0
@@ -20,7 +20,7 @@ class InterventionLog:
 
     def __init__(self, label: str = "", clock: Clock = SYSTEM) -> None:
         self._label = label
-        self._clock = clock
+        self._wall_time = WallTime(clock)
         self._counts: list[int] = []
         self._last_ns = [0] * len(Intervention)
 
@@ -31,8 +31,7 @@ class InterventionLog:
             if count <= before:
                 continue
             if moment_ns - self._last_ns[kind] > EPISODE_S * 1e9:
-                wall_ns = self._clock.wall_ns() - (self._clock.now_ns() - moment_ns)
-                moment = datetime.fromtimestamp(wall_ns * 1e-9, UTC).astimezone()
+                moment = datetime.fromtimestamp(self._wall_time.at(moment_ns) * 1e-9, UTC).astimezone()
                 when = moment.isoformat(timespec="milliseconds")
                 name = kind.name.lower()
                 log.warning("%sintervention %s at %s, %d so far", self._label, name, when, count)

@@ -108,6 +108,26 @@ def test_a_measurement_is_sent_once(silent: Silent) -> None:
     assert sent == measured[1:]
 
 
+def test_stamps_follow_the_measurements_while_messages_are_first_made(
+    silent: Silent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    telemetry, store = silent.telemetry, get_typestore(Stores.ROS2_HUMBLE)
+    encode = telemetry._encode
+
+    def encode_slowly(type_: str, content: dict[str, object]) -> bytes:
+        time.sleep(0.02)  # five periods of joint states at 250 Hz
+        return encode(type_, content)
+
+    monkeypatch.setattr(telemetry, "_encode", encode_slowly)
+    measured, stamps = [], []
+    for _ in range(3):
+        measured.append(silent.measure())
+        message = telemetry.joint_states.make(silent.memory.state.read())
+        stamp = store.deserialize_cdr(message, JOINT_STATES).header.stamp
+        stamps.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
+    assert np.diff(stamps) == pytest.approx(np.diff(measured), abs=100_000)
+
+
 def test_the_tcp_is_that_of_the_tool_that_rtloop_carries(settings: Settings, tmp_path: Path) -> None:
     kept = settings.model_copy(update={"logs": tmp_path})
     with own_domain() as domain, NodeRig(domain) as rig:
