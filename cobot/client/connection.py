@@ -13,8 +13,11 @@ from cobot.addresses import DEFAULT_URL, PREFER, STRICT_STATUS, address, check_u
 from cobot.client.tls import Verify, advice, tls_context, token_from_environment
 from cobot.errors import BY_CODE, CobotError, ExecutionError, InputError, UnavailableError
 
-MOTION_TIMEOUT_S = 90.0
-"""Timeout for the answer to a motion, in seconds. It is longer than the service's default timeouts."""
+MOTION_TIMEOUT_S = 100.0
+"""Timeout for the answer to a motion, in seconds. It is longer than the service's default timeouts, after
+which the service waits a few seconds for the arm to stop."""
+LONG_TIMEOUTS_S = {"/robot/move/sequence": 630.0, "/recordings": 150.0}
+"""Paths whose answer may take longer than that of one motion, and the least timeout for it, s."""
 Json = dict[str, Any]
 
 
@@ -84,10 +87,13 @@ class Connection:
     def _post_motion(self, path: str, body: Json) -> Json:
         """Send a motion and wait for its end. One that does not arrive is answered like any other error."""
         strict = {PREFER: STRICT_STATUS}
-        answer = self._json("POST", path, json=body, timeout=self._motion_timeout_s, headers=strict)
+        answer = self._json("POST", path, json=body, timeout=self._answer_timeout_s(path), headers=strict)
         if not answer["success"]:  # a proxy has removed the header
             raise _error_of(answer)
         return answer
+
+    def _answer_timeout_s(self, path: str) -> float:
+        return max(self._motion_timeout_s, LONG_TIMEOUTS_S.get(path, 0.0))
 
     def _json(self, method: str, path: str, **request: Any) -> Json:
         answer = self._request(method, path, **request)

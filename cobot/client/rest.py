@@ -34,6 +34,7 @@ class Client(ForceMoves, Steps, EventConnection):
         robot: name of the robot, if it is not the default one.
         timeout_s: for all requests that are answered at once.
         motion_timeout_s: for motions, which are answered on arrival; longer than the service's own timeouts.
+            A sequence is waited for at least 630 s, a recording 150 s.
         token: made with `cobot token create`, for a service that requires one; default: `COBOT_TOKEN`.
         verify: which certificates to trust, see `cobot.client.tls.tls_context`.
         motion_token: token of a sequence, for the sequence's own motions.
@@ -176,8 +177,8 @@ class Client(ForceMoves, Steps, EventConnection):
         Returns:
             The names of the files; for "start", the beginning of the names.
         """
-        body = {"action": action, "seconds": seconds}
-        return list(self._json("POST", "/recordings", json=body, timeout=self._motion_timeout_s)["names"])
+        body, path = {"action": action, "seconds": seconds}, "/recordings"
+        return list(self._json("POST", path, json=body, timeout=self._answer_timeout_s(path))["names"])
 
     def fetch_recording(self, name: str, path: str | Path) -> None:
         """Download a recording to a local file."""

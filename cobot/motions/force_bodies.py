@@ -34,13 +34,14 @@ class ForceMotion(RequestModel):
     frame: Literal["tool", "base"] = Field(
         "tool", description="Frame of `direction`: that of the TCP, or that of the robot's base."
     )
-    force: Finite = Field(gt=0.0, le=1000.0, description="Force that the TCP exerts, N.")
+    force: Finite = Field(ge=0.1, le=1000.0, description="Force that the TCP exerts, N.")
     max_force: Finite | None = Field(
         None,
-        gt=0.0,
+        ge=1.0,
         le=10_000.0,
         description="Beyond this external force along an axis of the base frame the real-time loop stops the "
-        "arm, in every cycle, N. Default: twice `force`, at least 20 N more.",
+        "arm, in every cycle, N. Default: twice `force`, at least 20 N more. Less than 1 N is within the "
+        "noise of the measurement.",
     )
     speed: Finite = Field(0.02, ge=0.001, le=0.1, description="Maximum speed towards the contact, m/s.")
     max_distance: Finite = Field(

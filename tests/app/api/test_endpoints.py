@@ -14,7 +14,9 @@ from virtual_service import VirtualService
 from app.api.endpoints import Endpoint
 from app.api.route import CobotRoute, EndpointRouter
 from app.routes import ENDPOINTS
+from app.services.motion.execution import REST_TIMEOUT_S
 from cobot.access.roles import Role
+from cobot.client.connection import LONG_TIMEOUTS_S, MOTION_TIMEOUT_S
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.5, *HOME[1:]]
@@ -159,3 +161,11 @@ def test_a_declaration_that_would_be_ignored_is_an_error(
 
     with pytest.raises(ValueError, match=reason):
         EndpointRouter().endpoint(name, Role.OBSERVER, 1.5, **options)(serve)
+
+
+def test_the_client_waits_longer_than_the_service_takes() -> None:
+    for endpoint in ENDPOINTS.values():
+        method, path = endpoint.name.split(" ")
+        if method == "POST" and (endpoint.control or path in LONG_TIMEOUTS_S):
+            wait_s = max(MOTION_TIMEOUT_S, LONG_TIMEOUTS_S.get(path, 0.0))
+            assert wait_s > endpoint.timeout_s + REST_TIMEOUT_S, endpoint.name

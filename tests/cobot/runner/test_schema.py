@@ -239,7 +239,7 @@ def test_every_kind_of_step_is_valid_for_both(tmp_path: Path, validator: Any, st
         ({"gripper": {"command": "stop", "width": 0}}, "steps[0].gripper: unknown key 'width'"),
         ({"press": {}}, "steps[0].press.force: is missing"),
         ({"press": 10}, "steps[0].press: must be an object"),
-        ({"press": {"force": 0}}, "steps[0].press.force: must be greater than 0, got 0"),
+        ({"press": {"force": 0}}, "steps[0].press.force: must be greater than or equal to 0.1, got 0"),
         ({"press": {**PUSH, "depth": 1}}, "steps[0].press: unknown key 'depth'"),
         ({"press": PUSH, "follow": PUSH}, "steps[0]: unknown key 'follow'"),
         ({"follow": PUSH}, "steps[0].follow.motion: is missing"),
