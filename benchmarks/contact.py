@@ -160,12 +160,12 @@ def _way(
 
 
 def _contact_force(backend: CellBackend) -> float:
-    """Sum of the normal forces that MuJoCo finds in all contacts, N."""
-    data, force, total = backend._plant_data, np.zeros(6), 0.0
+    """The resultant that MuJoCo finds of all contacts, friction included, N. Only the tool touches the wall."""
+    data, force, total = backend._plant_data, np.zeros(6), np.zeros(3)
     for index in range(data.ncon):
         mujoco.mj_contactForce(backend.plant.mj, data, index, force)
-        total += force[0]
-    return total
+        total += data.contact[index].frame.reshape(3, 3).T @ force[:3]
+    return float(np.linalg.norm(total))
 
 
 def _judged(
