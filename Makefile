@@ -14,6 +14,10 @@ MCP1_STAMP := $(VENV)/.mcp1-stamp
 CORPUS       := $(VENV)/corpus
 CORPUS_STAMP := $(VENV)/.corpus-stamp
 
+# The manual, which the service has at /manual, and what it is built from besides the code.
+MANUAL := app/panel/manual_site/index.html
+PAGES  := $(shell find docs -type f -not -name '*.pyc') README.md CHANGELOG.md LICENSE
+
 # Environments of the other Pythons, for `make test-pythons` alone.
 PYTHONS := 3.11 3.12 3.13
 
@@ -41,13 +45,14 @@ SETUP := setup-dev
 .PHONY: run setup setup-test setup-dev client-wheel test tests test-pythons lint bench corpus docs lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
+	@$(MAKE) --no-print-directory $(MANUAL) || echo "cobot: going on without the manual"
 	$(BIN)/cobot run
 
 setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` uses
 
 setup-test: setup $(VENV)/.dev-stamp ## add what unit tests need
 
-setup-dev: setup-test $(ROS_STAMP) $(MCP1_STAMP) ## add what the other tests need: ROS 2 and a client of MCP 1.x
+setup-dev: setup-test $(MANUAL) $(ROS_STAMP) $(MCP1_STAMP) ## add what the other tests need: ROS 2 and a client of MCP 1.x
 
 client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./packages/cobot-client
@@ -88,10 +93,15 @@ bench: setup-test $(VENV)/.bench-stamp ## print the benchmark table
 corpus: setup-test $(CORPUS_STAMP) ## convert and move every robot description of the corpus, and print a table
 	$(BIN)/python -m benchmarks corpus
 
-docs: $(VENV)/.docs-stamp ## build the documents as a site in build/site, which needs no network and no web server
-	$(BIN)/python docs/make_site.py
-	$(BIN)/zensical build --strict --config-file build/zensical.toml
-	$(BIN)/python docs/make_site.py check
+docs: ## build the documents as a site, which the service has at /manual; it needs no network
+	@rm -f $(MANUAL)
+	@$(MAKE) --no-print-directory $(MANUAL)
+
+$(MANUAL): $(PAGES) | $(VENV)/.install-stamp $(VENV)/.docs-stamp
+	@echo "cobot: building the manual"
+	@$(BIN)/python docs/make_site.py
+	@$(BIN)/zensical build --strict --config-file build/zensical.toml > build/manual.log || { cat build/manual.log; exit 1; }
+	@$(BIN)/python docs/make_site.py publish
 
 COMPILE_LOCK = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate $(UPGRADE)
 
@@ -107,7 +117,7 @@ lock: setup-test ## resolve versions and hashes anew; UPGRADE=--upgrade for the 
 	$(COMPILE_LOCK) --no-deps --group corpus -o requirements/corpus.lock
 
 clean:
-	rm -rf $(VENV) .cache build dist *.egg-info packages/cobot-client/build packages/cobot-client/*.egg-info
+	rm -rf $(VENV) .cache build dist $(dir $(MANUAL)) *.egg-info packages/cobot-client/build packages/cobot-client/*.egg-info
 	find $(PACKAGES) -name '*.so' -delete
 
 help:
@@ -116,6 +126,7 @@ help:
 $(VENV)/.run-stamp: requirements/run.lock requirements/build.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("cobot needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else 0'
 	@$(PYTHON) setup.py preflight
+	@[ ! -L $(VENV) ] || { echo "cobot: $(VENV) is a link and is not replaced, because others may use what it leads to; remove the link"; exit 1; }
 	@echo "cobot: making $(VENV)"
 	@$(PYTHON) -m venv --clear $(VENV)
 	@echo "cobot: installing $$(cat requirements/run.lock requirements/build.lock | sed -n 's/==.*//p' | sort -u | wc -l) packages (about a minute)"

@@ -32,7 +32,7 @@ from app.api.versions import Versions
 from app.aubo import http as vendor
 from app.lifetime import Lifetime
 from app.mcp.endpoint import McpEndpoint
-from app.panel import pages
+from app.panel import manual, pages
 from app.reloading import Reloading
 from app.robot_services import Planner, SharedParts
 from app.services.events.ring import Events
@@ -104,6 +104,7 @@ def create_app(
         _document_vendor(app, list(robots), table if required else None)
     routes.install(app, endpoints, list(robots), agents if settings.mcp.enabled else None)
     pages.install(app)
+    manual.install(app)
     guard(app.routes, table)
     return app
 

@@ -160,7 +160,7 @@ def _way(
 
 
 def _contact_force(backend: CellBackend) -> float:
-    """The resultant that MuJoCo finds of all contacts, friction included, N. Only the tool touches the wall."""
+    """Resultant of all contacts in MuJoCo, friction included, N. Only the tool touches the wall."""
     data, force, total = backend._plant_data, np.zeros(6), np.zeros(3)
     for index in range(data.ncon):
         mujoco.mj_contactForce(backend.plant.mj, data, index, force)

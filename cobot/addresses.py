@@ -25,6 +25,8 @@ IDEMPOTENCY_KEY = "Idempotency-Key"
 ROBOTS = "/robots"
 MCP = "/mcp/mcp"
 """Where agents reach the service."""
+MANUAL = "/manual"
+"""Where the service has its manual."""
 _PLAIN = "/robot"
 
 

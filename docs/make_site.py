@@ -2,7 +2,8 @@
 
     python docs/make_site.py            lays out all pages in one folder, with what else they link to and the
                                         pages that are made of the code (reference.py)
-    python docs/make_site.py check      looks whether the site that was built of it is whole
+    python docs/make_site.py publish    checks that the site that was built of it is whole, and moves it to
+                                        where the service finds it for /manual
 
 On a site there is nothing beside it: a link out of `docs/` leads to a copy. Nothing is fetched from
 elsewhere.
@@ -21,6 +22,7 @@ from urllib.parse import unquote, urlsplit
 ROOT = Path(__file__).resolve().parents[1]
 STAGE = ROOT / "build" / "site-source"
 SITE = ROOT / "build" / "site"
+PUBLISHED = ROOT / "app" / "panel" / "manual_site"
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)\s#]+)")
 
 
@@ -114,13 +116,16 @@ def problems(site: Path) -> Iterator[str]:
 
 def main() -> int:
     """The exit status."""
-    if sys.argv[1:] != ["check"]:
+    if sys.argv[1:] != ["publish"]:
         stage(STAGE)
         shutil.copyfile(ROOT / "docs" / "zensical.toml", ROOT / "build" / "zensical.toml")  # next to the site
         return 0
-    found = list(problems(SITE))
-    print("\n".join(found) or f"cobot: open {(SITE / 'index.html').relative_to(ROOT)}")
-    return 1 if found else 0
+    if found := list(problems(SITE)):
+        print("\n".join(found))
+        return 1
+    shutil.rmtree(PUBLISHED, ignore_errors=True)
+    SITE.rename(PUBLISHED)
+    return 0
 
 
 if __name__ == "__main__":

@@ -180,7 +180,7 @@ def test_each_block_of_code_can_be_read() -> None:
 
 def test_each_address_that_people_are_told_to_ask_is_one() -> None:
     known = {name.split(" ")[1] for name in ENDPOINTS} | {
-        *("/mcp/mcp", "/docs", "/docs/samples/{name}", "/openapi"),
+        *("/mcp/mcp", "/docs", "/docs/samples/{name}", "/openapi", "/manual"),
         "/",
     }
     known |= {re.sub("^/robot(?=/)", "", path) for path in known}

@@ -24,7 +24,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from app.api.explain_schemas import Explain, explain_of
 from app.api.versions import BELOW
 from cobot import audit, errors
-from cobot.addresses import VERSION
+from cobot.addresses import MANUAL, VERSION
 from cobot.errors import CobotError, exhausted
 from cobot.logs import log_context
 from cobot.strict import sentence, shown
@@ -67,7 +67,7 @@ OF_HTTP = ("method_not_allowed", "http", "timeout", "interrupted")
 ErrorCode = Annotated[str, Field(json_schema_extra={"enum": sorted({*errors.BY_CODE, *OF_HTTP})})]
 """A code, with all that there are in the schema. A client accepts others too, of a newer service."""
 PROBLEM = "application/problem+json"
-MANUAL = "docs/api.md#errors"
+ERRORS_PAGE = f"{MANUAL}/api.html#errors"
 """Page and anchor of the manual about errors."""
 
 
@@ -124,7 +124,7 @@ class ErrorResponse(JSONResponse):
                 "title": HTTPStatus(self.status_code).phrase,
                 "status": self.status_code,
                 "request_id": log_context.get().get("request", ""),
-                "manual": MANUAL,
+                "manual": ERRORS_PAGE,
             }
             self.body = self.render(problem | self._content)
             self.headers["content-type"] = PROBLEM

@@ -17,7 +17,7 @@ from app.api.samples import SAMPLES_PATH
 from cobot import audit
 from cobot.access.authentication import is_loopback
 from cobot.access.roles import Identity, Role, require
-from cobot.addresses import MCP
+from cobot.addresses import MANUAL, MCP
 from cobot.errors import CobotError
 
 STOP = "POST /stop"
@@ -30,6 +30,7 @@ PUBLIC_PATHS = (
     PANEL,
     PANEL_PLANNERS,
     THREE,
+    MANUAL,
     "/docs",
     "/docs/oauth2-redirect",
     f"{SAMPLES_PATH}/{{name}}",
@@ -42,8 +43,8 @@ PUBLIC_PATHS = (
     documentation.VENDOR_SCHEMA,
     documentation.STATIC,
 )
-"""The panel and the documentation, in which a token can be entered, are open to all: they tell nothing about
-this robot but its joints' limits and its name."""
+"""The panel, the manual and the documentation, in which a token can be entered, are open to all: they tell
+nothing about this robot but its joints' limits and its name."""
 
 
 def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dict[str, Role]:

@@ -7,8 +7,10 @@ ifc-console-viewer and are served from its folder. The package itself is not imp
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from fastapi import FastAPI
 from fastapi.responses import FileResponse, Response
@@ -25,38 +27,56 @@ THREE_PACKAGE = "ifc_console_viewer"
 THREE_FOLDER = Path("static", "vendor")
 THREE_MODULES = ("three.core.min.js", "three.module.min.js", "OrbitControls.js")
 """Files of three.js that the panel uses. They import each other by these names."""
-POLICY = "; ".join(
-    (
+
+
+def page_headers(scripts: Sequence[str] = (), styles: Sequence[str] = ()) -> dict[str, str]:
+    """The headers of static pages.
+
+    Args:
+        scripts: sources of scripts that are allowed besides the service's own files, as a
+            Content-Security-Policy has them.
+        styles: the same for styles.
+    """
+    policy = (
         "default-src 'none'",
-        "script-src 'self'",
-        "style-src 'self'",
+        " ".join(("script-src 'self'", *scripts)),
+        " ".join(("style-src 'self'", *styles)),
         "img-src 'self' data:",
         "connect-src 'self'",
         "base-uri 'none'",
         "form-action 'none'",
         "frame-ancestors 'none'",
     )
-)
-HEADERS = {
-    "Content-Security-Policy": POLICY,
-    "X-Frame-Options": "DENY",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-cache",  # a browser asks whether its copy is still the newest
-}
+    return {
+        "Content-Security-Policy": "; ".join(policy),
+        "X-Frame-Options": "DENY",
+        "X-Content-Type-Options": "nosniff",
+        "Referrer-Policy": "no-referrer",
+        "Cache-Control": "no-cache",  # a browser asks whether its copy is still the newest
+    }
 
 
-class _Site(StaticFiles):
-    """With `HEADERS`."""
+HEADERS = page_headers()
+
+
+class Site(StaticFiles):
+    """Static files with headers of their own.
+
+    Args:
+        options: see `StaticFiles`.
+    """
+
+    def __init__(self, headers: Mapping[str, str], **options: Any) -> None:
+        super().__init__(**options)
+        self._headers = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        async def send_and_compress(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                added = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
-                message = {**message, "headers": [*message.get("headers", ()), *added]}
+                message = {**message, "headers": [*message.get("headers", ()), *self._headers]}
             await send(message)
 
-        await super().__call__(scope, receive, send_and_compress)
+        await super().__call__(scope, receive, send_with_headers)
 
 
 def find_three(name: str) -> Path:
@@ -108,4 +128,4 @@ def install(app: FastAPI) -> None:
     async def planners() -> Response:
         return Response(planners_module(), media_type="text/javascript", headers=HEADERS)
 
-    app.mount(PANEL, _Site(directory=SITE))
+    app.mount(PANEL, Site(HEADERS, directory=SITE))

@@ -1,6 +1,6 @@
 // STOP, on every page: the button, Space and Escape. It asks no question and waits for nothing. It is a script of
 // its own, is loaded first and needs no other script, so that an error elsewhere cannot disable it.
-const WRITING = "input:not([type=range]), textarea, [contenteditable]";
+export const WRITING = "input:not([type=range]), textarea, [contenteditable]";
 const UNSURE_MS = 3000; // an arm comes to rest sooner
 const GIVE_UP_MS = 11_000; // the service gives itself 10 s
 const SHOWN_MS = 2000; // the confirmation, on the button

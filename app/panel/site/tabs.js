@@ -1,4 +1,5 @@
 // Lists of tabs: one with the robots, one with the pages of the panel. Left and right, Home and End move the focus.
+import { WRITING } from "./stop.js";
 import { keep, keptText } from "./store.js";
 
 const STEPS = { ArrowLeft: -1, ArrowRight: 1 };
@@ -56,7 +57,7 @@ export class Robots extends Tabs {
   }
 }
 
-// Move, Program, Run, Diagnose, Setup. The browser keeps which one was open.
+// Move, Program, Run, Diagnose, Setup, each with its chapter of the manual. The browser keeps which one was open.
 export class Pages extends Tabs {
   // changed: called after another page is shown.
   constructor(changed) {
@@ -64,8 +65,12 @@ export class Pages extends Tabs {
     super(list, [...list.children], (tab) => {
       for (const each of this.tabs) element(each.getAttribute("aria-controls")).hidden = each !== tab;
       document.body.dataset.page = tab.dataset.page;
+      element("help").href = `/manual/panel.html#${tab.dataset.page}`;
       keep("localStorage", PAGE, tab.dataset.page);
       changed();
+    });
+    document.addEventListener("keydown", (event) => {
+      if (event.key === "?" && !event.target.closest?.(WRITING)) element("help").click();
     });
     const kept = keptText("localStorage", PAGE);
     this.select(this.tabs.find((tab) => tab.dataset.page === kept) ?? this.tabs[0]);

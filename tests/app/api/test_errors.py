@@ -75,7 +75,9 @@ def test_an_error_has_the_form_of_rfc_9457_for_clients_that_accept_it(
             assert (found["status"], found["request_id"]) == (status, "mine")
             assert found["type"] == f"urn:cobot:error:{plain['code']}"
             assert isinstance(found["title"], str)
-            assert (ROOT / found["manual"].partition("#")[0]).is_file()
+            page, _, place = found["manual"].removeprefix("/manual/").partition("#")
+            source = (ROOT / "docs" / page).with_suffix(".md").read_text(encoding="utf-8")
+            assert f"\n## {place}\n" in source.lower() or f"\n### {place}\n" in source.lower()
         else:
             assert found == plain
 
