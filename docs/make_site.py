@@ -51,12 +51,17 @@ def stage(folder: Path) -> None:
 
 
 def staged(source: Path) -> str:
-    """Where a file of the repository is on the site, whose pages are all in one folder."""
+    """Where a file of the repository is on the site, whose pages are all in one folder.
+
+    Python files are text there: browsers show it, and no tool takes the copies for the project's code.
+    """
     path = source.relative_to(ROOT)
     if path.name == "README.md":  # a site's first page, which is docs/index.md
         return "about.md"
     page = len(path.parts) == 1 and path.suffix == ".md"
-    return path.name.lower() if page or path.parts[0] == "docs" else f"files/{path}"
+    if page or path.parts[0] == "docs":
+        return path.name.lower()
+    return f"files/{path}.txt" if path.suffix == ".py" else f"files/{path}"
 
 
 def _with_links(page: Path, folder: Path) -> str:
