@@ -40,6 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.execv(RUN_MODULE[0], [*RUN_MODULE, "rtloop.contract", *chosen.options])
     if chosen.command == "gripper":
         os.execv(RUN_MODULE[0], [*RUN_MODULE, "cobot.grippers.contract", *chosen.options])
+    if chosen.command == "study":
+        os.execv(RUN_MODULE[0], [*RUN_MODULE, "cobot.studies", *chosen.options])
     if options.for_service(chosen, parser):
         from cobot.commands import actions
 

@@ -25,6 +25,7 @@ A robot arm behind a REST service.
   cobot backend  list, make and test what drives a robot, see docs/your-backend.md
   cobot gripper  list, make and test what drives a gripper, see docs/your-gripper.md
   cobot new-robot   make the configuration of another arm from its URDF or MJCF, see docs/your-robot.md
+  cobot study    answer a question that needs thousands of computations, see docs/studies.md
   cobot stop     bring every arm of this computer to rest, whatever has become of the service
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
@@ -128,6 +129,13 @@ def _add_simulate_and_backend(commands: Any) -> None:
         nargs=argparse.REMAINDER,
         metavar="...",
         help="its own; cobot simulate fri --help lists them",
+    )
+    study = commands.add_parser("study", help="answer a question that needs thousands of computations")
+    study.add_argument(
+        "options",
+        nargs=argparse.REMAINDER,
+        metavar="...",
+        help="FILE.yaml or show FOLDER; each says more with --help",
     )
     for name, text in (
         ("backend", "list, make and test what drives a robot"),

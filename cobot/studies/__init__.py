@@ -1,0 +1,35 @@
+"""Studies: questions about a robot that need thousands of computations, on any `concurrent.futures.Executor`.
+
+A study is a question, a space of parameters, a seed and a metric. Its tasks are numbered and independent, so
+the results do not depend on the number of workers or on their order. Finished chunks of tasks are files in a
+folder: a run that was killed continues where it ended.
+
+    from cobot.studies import load_study, run_study
+
+    result = run_study(load_study("reach.yaml"), "reach-result")
+    print(result.answer)
+"""
+
+from __future__ import annotations
+
+from cobot.studies.chunks import Columns
+from cobot.studies.local_pool import LocalPool, WorkerLost
+from cobot.studies.orders import ForeignWorkerError
+from cobot.studies.results_folder import ResultsFolder
+from cobot.studies.running import Advance, StudyResult, run_study
+from cobot.studies.study import Study
+from cobot.studies.study_file import load_study, study_of
+
+__all__ = [
+    "Advance",
+    "Columns",
+    "ForeignWorkerError",
+    "LocalPool",
+    "ResultsFolder",
+    "Study",
+    "StudyResult",
+    "WorkerLost",
+    "load_study",
+    "run_study",
+    "study_of",
+]

@@ -1,0 +1,90 @@
+"""Results of consecutive tasks as columns, and their bytes.
+
+The same results always have the same bytes, so a hash of them names the file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cobot.errors import InputError
+
+Column = npt.NDArray[np.generic]
+Columns = Mapping[str, Column]
+"""One array per result, with one element per task: bool, int64, float64 or text."""
+
+FAILURE = "failure"
+"""Name of the column with the reason why a task has no results; empty if it has."""
+KINDS = {"b": np.dtype(bool), "i": np.dtype(np.int64), "u": np.dtype(np.int64), "f": np.dtype(np.float64)}
+"""Types of columns by NumPy's kinds; texts have a type for each length."""
+
+
+def as_columns(columns: Mapping[str, npt.ArrayLike], tasks: int) -> dict[str, Column]:
+    """Columns with the few types that a chunk has.
+
+    Raises:
+        InputError: a column has another type or another number of elements.
+    """
+    found = {name: _typed(name, np.asarray(values), tasks) for name, values in columns.items()}
+    return {name: found[name] for name in sorted(found)}
+
+
+def _typed(name: str, values: Column, tasks: int) -> Column:
+    if values.shape != (tasks,):
+        raise InputError(f"result {name!r}: has shape {values.shape}, must have {tasks} elements")
+    if values.dtype.kind == "U":
+        return values
+    if values.dtype.kind not in KINDS:
+        raise InputError(f"result {name!r}: is {values.dtype}, must be a number, true or false, or a text")
+    return values.astype(KINDS[values.dtype.kind])
+
+
+def to_bytes(columns: Columns) -> bytes:
+    """The columns as an NPZ file, whose time stamps NumPy fixes."""
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **{name: columns[name] for name in sorted(columns)})
+    return file.getvalue()
+
+
+def from_bytes(content: bytes) -> dict[str, Column]:
+    """Raises:
+    ValueError, OSError, KeyError: the bytes are not those of a chunk.
+    """
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        return {name: file[name] for name in sorted(file.files)}
+
+
+def digest(content: bytes) -> str:
+    """SHA-256, as hexadecimal text."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def joined(parts: Sequence[Columns]) -> dict[str, Column]:
+    """The columns of all parts, one after the other. What a part lacks is NaN, 0, false or ""."""
+    names = sorted({name for part in parts for name in part})
+    return {name: np.concatenate([_column(part, name, parts) for part in parts]) for name in names}
+
+
+def _column(part: Columns, name: str, parts: Sequence[Columns]) -> Column:
+    if name in part:
+        return part[name]
+    tasks = len(next(iter(part.values())))
+    kind = next(each[name].dtype for each in parts if name in each)
+    return np.full(tasks, np.nan) if kind.kind == "f" else np.zeros(tasks, kind)
+
+
+def failures(count: int, reason: str) -> dict[str, Column]:
+    """The columns of tasks that have no results."""
+    return {FAILURE: np.full(count, reason)}
+
+
+def has_result(columns: Columns) -> npt.NDArray[np.bool_]:
+    """Whether each task has results."""
+    reasons = columns.get(FAILURE)
+    tasks = len(next(iter(columns.values()))) if columns else 0
+    return np.ones(tasks, bool) if reasons is None else reasons == ""

@@ -1,0 +1,31 @@
+"""Colours of maps: a scale from dark blue over green to yellow, and grey for what has no value."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.types import Array
+
+SCALE = np.array([[59, 40, 110], [45, 105, 142], [33, 158, 137], [120, 205, 84], [250, 228, 45]], dtype=float)
+"""Colours at even distances, RGB; each is brighter than the one before, so the order survives in grey."""
+NOTHING = np.array([205, 208, 212])
+"""Colour of places that are not reached."""
+
+
+def colours_of(values: Array, low: float, high: float) -> np.ndarray:
+    """uint8, shape (n, 3). Values that are not finite have no value."""
+    known = np.isfinite(values)
+    share = np.clip((np.where(known, values, low) - low) / max(high - low, 1e-12), 0.0, 1.0)
+    places = np.linspace(0.0, 1.0, len(SCALE))
+    mixed = np.column_stack([np.interp(share, places, SCALE[:, channel]) for channel in range(3)])
+    return np.where(known[:, None], np.rint(mixed), NOTHING).astype(np.uint8)
+
+
+def range_of(values: Array) -> tuple[float, float]:
+    """The range of the finite values for a scale: from 0 if none is negative; 0 to 1 without any."""
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return 0.0, 1.0
+    low = min(0.0, float(finite.min()))
+    high = float(finite.max())
+    return low, high if high > low else low + 1.0

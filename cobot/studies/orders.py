@@ -1,0 +1,119 @@
+"""What a worker is asked to compute, and the check that it has the same cobot, models and scene."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import time
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cobot
+from cobot.errors import UnavailableError
+from cobot.studies.chunks import as_columns, to_bytes
+from cobot.studies.study import Kernel, Study
+from cobot.studies.study_file import study_of
+
+_KEPT = 2
+"""Number of studies whose models a worker keeps."""
+
+
+class ForeignWorkerError(UnavailableError):
+    """A worker has another version of cobot, or other files, so it computes nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A study for workers, which make it from its document. Picklable, also for other computers.
+
+    Attributes:
+        contents: hashes of everything that the results depend on, by names for people.
+        key: hash of the document and the contents.
+    """
+
+    document: dict[str, Any]
+    folder: str
+    contents: dict[str, str]
+    key: str
+
+    @classmethod
+    def of(cls, study: Study) -> Order:
+        contents = versions() | study.contents()
+        said = {name: value for name, value in study.document.items() if name != "question"}
+        whole = json.dumps([said, contents], sort_keys=True, allow_nan=False, default=str)
+        key = hashlib.sha256(whole.encode()).hexdigest()
+        return cls(study.document, str(study.folder), contents, key)
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """The results of consecutive tasks, as the bytes of their chunk, and the time that they took, s."""
+
+    content: bytes
+    busy_s: float
+
+
+_warm: dict[str, Kernel] = {}
+
+
+def fill(order: Order, first: int, last: int) -> Filled:
+    """Compute the tasks from `first` up to `last`, which is not included, in a worker.
+
+    The models of a study are built once per worker.
+
+    Raises:
+        ForeignWorkerError: this worker has another version or other files.
+        CobotError: the study cannot be computed here.
+    """
+    kernel = _warm.get(order.key)
+    if kernel is None:
+        kernel = _build(order)
+        while len(_warm) >= _KEPT:
+            del _warm[next(iter(_warm))]
+        _warm[order.key] = kernel
+    begin = time.perf_counter()
+    columns = as_columns(kernel(first, last), last - first)
+    busy_s = time.perf_counter() - begin
+    return Filled(to_bytes(columns), busy_s)
+
+
+def _build(order: Order) -> Kernel:
+    own = versions()
+    _require_same(order.contents, own)
+    study = study_of(order.document, order.folder)
+    _require_same(order.contents, own | study.contents())
+    return study.kernel()
+
+
+def _require_same(wanted: dict[str, str], own: dict[str, str]) -> None:
+    """Names that only `wanted` has are those of files, which are compared later."""
+    for name, value in own.items():
+        if wanted.get(name) != value:
+            import socket
+
+            raise ForeignWorkerError(
+                f"the worker on {socket.gethostname()} has another {name}: {value[:16]}, the study needs "
+                f"{wanted.get(name, 'none')[:16]}; install the same there, or use other workers"
+            )
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of the programs whose results enter a study's."""
+    found = {name: version(name) for name in ("cobot", "mujoco-core", "numpy", "scipy")}
+    python = ".".join(map(str, sys.version_info[:2]))
+    return {**found, "source of cobot": _source(), "python": python}
+
+
+def _source() -> str:
+    """Hash of cobot's Python files, because two checkouts may have one version."""
+    root = Path(cobot.__file__).parent
+    whole = hashlib.sha256()
+    for package in (root, root.parent / "rtloop"):
+        for path in sorted(package.rglob("*.py")):
+            whole.update(str(path.relative_to(root.parent)).encode() + b"\0" + path.read_bytes())
+    return whole.hexdigest()

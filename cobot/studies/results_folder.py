@@ -1,0 +1,194 @@
+"""The folder with the results of a study.
+
+    manifest.json      the question, the document, versions, hashes, seed
+    chunks/            results of consecutive tasks: FIRST-LAST-HASH.npz, renamed into place
+    results.sqlite     all results in one table, or results.parquet with the extra `study`
+    answer.json        the answer
+    map.png, map.html  the map, if the results are places
+
+All files but the chunks have the same bytes after any run of the same study. One process writes at a time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cobot.errors import ConfigError, ConflictError, UnavailableError, exhausted
+from cobot.robot.kept import keep
+from cobot.studies.chunks import Column, digest, from_bytes, joined
+from cobot.studies.orders import Order
+from cobot.studies.study import Study
+from cobot.studies.study_file import study_of
+from cobot.studies.tables import write_table
+
+MANIFEST, CHUNKS, ANSWER, LOCK = "manifest.json", "chunks", "answer.json", ".lock"
+FORMAT = 1
+_NAME = re.compile(r"(\d{9})-(\d{9})-([0-9a-f]{32})\.npz")
+
+
+class ChunkFile(NamedTuple):
+    """A finished chunk: the tasks from `first` up to `last`, which is not included."""
+
+    first: int
+    last: int
+    path: Path
+
+
+class ResultsFolder:
+    """One folder of results, which need not be complete."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+
+    @contextmanager
+    def writing(self, study: Study, order: Order) -> Iterator[None]:
+        """Own the folder for the results of a study.
+
+        Raises:
+            ConflictError: it has the results of another study, or another process is writing.
+            UnavailableError: it cannot be written.
+        """
+        try:
+            (self.path / CHUNKS).mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        except OSError as exc:
+            raise exhausted(exc) or UnavailableError(
+                f"{self.path}: cannot be written: {exc.strerror}"
+            ) from exc
+        try:
+            self._lock(descriptor)
+            self._settle_manifest(study, order)
+            yield
+        finally:
+            os.close(descriptor)
+
+    def _lock(self, descriptor: int) -> None:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as exc:
+            owner = os.pread(descriptor, 20, 0).decode("ascii", "replace") or "unknown"
+            raise ConflictError(
+                f"{self.path}: process {owner} is computing this study; wait for it, or give another --output"
+            ) from exc
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+
+    def _settle_manifest(self, study: Study, order: Order) -> None:
+        manifest = {
+            "format": FORMAT,
+            "question": study.question,
+            "kind": study.kind,
+            "seed": study.seed,
+            "tasks": study.tasks,
+            "key": order.key,
+            "document": study.document,
+            "contents": order.contents,
+        }
+        try:
+            old = self.manifest()
+        except ConfigError:
+            if any((self.path / CHUNKS).iterdir()):
+                raise
+            old = manifest
+        if old["key"] != order.key:
+            raise ConflictError(
+                f"{self.path}: has results of another study ({_difference(old, manifest)}); give another "
+                "--output, or remove the folder"
+            )
+        content = json.dumps(manifest, indent=1, sort_keys=True, default=str) + "\n"
+        keep(self.path / MANIFEST, content.encode(), "the study")
+
+    def manifest(self) -> dict[str, Any]:
+        """Raises:
+        ConfigError: the folder has no results of a study.
+        """
+        path = self.path / MANIFEST
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+            if found["format"] != FORMAT:
+                raise ConfigError(f"{path}: has format {found['format']}, this cobot reads {FORMAT}")
+            return dict(found)
+        except FileNotFoundError as exc:
+            raise ConfigError(f"{path}: no such file; `cobot study FILE.yaml` makes such a folder") from exc
+        except (OSError, ValueError, KeyError, TypeError) as exc:
+            raise ConfigError(f"{path}: is not the manifest of a study: {exc}") from exc
+
+    def study(self) -> Study:
+        """The study whose results are here, for its answer; its files need not exist any more."""
+        return study_of(self.manifest()["document"], self.path, str(self.path / MANIFEST))
+
+    def add(self, first: int, last: int, content: bytes) -> None:
+        """Keep a finished chunk; it is on disk when this returns.
+
+        Raises:
+            UnavailableError: the disk is full or cannot be written; earlier chunks are kept.
+        """
+        name = f"{first:09}-{last:09}-{digest(content)[:32]}.npz"
+        keep(self.path / CHUNKS / name, content, "the study")
+
+    def chunks(self) -> list[ChunkFile]:
+        """The finished chunks, in order and without overlaps. Files that are damaged are removed."""
+        found: list[ChunkFile] = []
+        with contextlib.suppress(FileNotFoundError):
+            for path in sorted((self.path / CHUNKS).iterdir()):
+                match = _NAME.fullmatch(path.name)
+                if match is None:
+                    continue
+                first, last = int(match[1]), int(match[2])
+                if found and first < found[-1].last:
+                    continue
+                if digest(path.read_bytes())[:32] == match[3]:
+                    found.append(ChunkFile(first, last, path))
+                else:
+                    path.unlink()
+        return found
+
+    def gaps(self, tasks: int) -> list[tuple[int, int]]:
+        """The ranges of tasks that are not finished."""
+        begin, gaps = 0, []
+        for chunk in self.chunks():
+            if chunk.first > begin:
+                gaps.append((begin, chunk.first))
+            begin = chunk.last
+        if begin < tasks:
+            gaps.append((begin, tasks))
+        return gaps
+
+    def columns(self) -> dict[str, Column]:
+        """All results so far, with the numbers of their tasks; empty if there are none."""
+        chunks = self.chunks()
+        if not chunks:
+            return {}
+        tasks = np.concatenate([np.arange(chunk.first, chunk.last) for chunk in chunks])
+        return {"task": tasks} | joined([from_bytes(chunk.path.read_bytes()) for chunk in chunks])
+
+    def write_results(self, answer: Mapping[str, Any], columns: Mapping[str, Column]) -> Path:
+        """Write the table and the answer; return the path of the table."""
+        content = json.dumps(answer, indent=1) + "\n"
+        keep(self.path / ANSWER, content.encode(), "the answer")
+        return write_table(self.path, columns)
+
+
+def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """The first key of the documents or contents that differs."""
+    for part in ("document", "contents"):
+        for name in sorted(old[part].keys() | new[part].keys()):
+            before, now = old[part].get(name), new[part].get(name)
+            if before != now and name != "question":
+                return f"{name} was {_brief(before)} and is {_brief(now)}"
+    return "its key differs"
+
+
+def _brief(value: object) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 40 else text[:40] + "..."

@@ -1,0 +1,205 @@
+"""The robot of a study: settings, objects around it and its tool, and hashes of their content."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import mujoco
+import numpy as np
+from pydantic import Field
+
+from cobot.config import Location, Settings, load_settings
+from cobot.errors import ConfigError, InputError
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.scene import Numbers3, Scene, SceneFile, SceneObject
+from cobot.robot.tool import BARE, Tool, check_tool
+from cobot.strict import StrictModel, unknown_key
+from cobot.types import Array, Numbers7
+
+SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
+UNIT = 1e-3
+"""How much the length of a quaternion may differ from 1."""
+Positive = Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False)]
+
+
+class StudyObject(StrictModel):
+    """A solid around the robot; see `cobot.robot.scene.SceneObject`.
+
+    Attributes:
+        pose: x, y, z (m) and w, x, y, z of its middle in the base frame.
+    """
+
+    shape: Annotated[str, Field(pattern="^(box|sphere|cylinder|capsule)$")]
+    size: Annotated[list[Positive], Field(min_length=1, max_length=3)]
+    pose: Annotated[list[Finite], Field(min_length=7, max_length=7)]
+
+    def solid(self, name: str) -> SceneObject:
+        """Raises:
+        InputError: size or pose are not those of such a solid.
+        """
+        if len(self.size) != SIZES[self.shape]:
+            raise InputError(
+                f"robot.objects.{name}.size: a {self.shape} has {SIZES[self.shape]} numbers, "
+                f"got {len(self.size)}"
+            )
+        pose = numbers7(self.pose, f"robot.objects.{name}.pose")
+        return SceneObject(self.shape, tuple(self.size), pose)  # type: ignore[arg-type]
+
+
+class StudyTool(StrictModel):
+    """A tool on the flange; see `cobot.robot.tool.Tool`."""
+
+    mass: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 0.0
+    centre: Annotated[list[Finite], Field(min_length=3, max_length=3)] = Field(
+        default_factory=lambda: [0.0, 0.0, 0.0]
+    )
+    tcp: Annotated[list[Finite], Field(min_length=7, max_length=7)] | None = None
+
+    def tool(self) -> Tool:
+        """Raises:
+        InputError: the pose of the TCP has no unit quaternion.
+        """
+        tcp = None if self.tcp is None else numbers7(self.tcp, "robot.tool.tcp")
+        return Tool(version=1, mass=self.mass, centre=numbers3(self.centre), tcp=tcp)
+
+
+class RobotChoice(StrictModel):
+    """Which robot, with what around it and on its flange.
+
+    Attributes:
+        settings: file of the settings; None: those shipped with cobot.
+        name: of a robot of the settings; None: the default one.
+        scene: file with a scene, as the service keeps it.
+        objects: further objects, by name.
+    """
+
+    settings: Location | None = None
+    name: str | None = None
+    scene: Location | None = None
+    objects: dict[str, StudyObject] = Field(default_factory=dict)
+    tool: StudyTool | None = None
+
+    def load_settings(self) -> Settings:
+        """Raises:
+        ConfigError: the settings are invalid or have no robot of this name.
+        """
+        whole = load_settings(self.settings)
+        each = {settings.robot.name: settings for settings in whole.robots or (whole,)}
+        if self.name is None:
+            return whole
+        if self.name not in each:
+            raise ConfigError(f"robot.name: {unknown_key(self.name, list(each)).replace('key', 'robot', 1)}")
+        return each[self.name]
+
+    def load(self) -> RobotDescription:
+        """The robot with its tool in its scene.
+
+        Raises:
+            CobotError: a file is invalid, or the robot rejects the tool or the objects.
+        """
+        settings = self.load_settings()
+        robot = load_robot(settings)
+        scene, tool = self._scene(), BARE if self.tool is None else self.tool.tool()
+        if self.tool is not None:
+            check_tool(tool, settings.robot.max_payload_kg, robot.model.file_gravity)
+        robot.model.carry(tool, scene)
+        robot.collision.surround(scene, tool)
+        return robot
+
+    def _scene(self) -> Scene:
+        if self.scene is not None and not self.scene.is_file():
+            raise ConfigError(f"robot.scene: {self.scene}: no such file")
+        scene = Scene() if self.scene is None else SceneFile(self.scene).read()
+        solids = {name: each.solid(name) for name, each in self.objects.items()}
+        twice = sorted(scene.objects.keys() & solids.keys())
+        if twice:
+            raise InputError(f"robot.objects.{twice[0]}: is also in {self.scene}; rename one of them")
+        return replace(scene, objects=scene.objects | solids)
+
+
+def hashes_of(robot: RobotDescription) -> dict[str, str]:
+    """Hashes of the content of a robot, by names for people; the places of its files do not matter."""
+    limits = robot.limits
+    rates = (limits.max_velocity, limits.max_acceleration, limits.max_jerk, limits.max_effort)
+    ranges = (limits.min_position, limits.max_position)
+    checker = robot.collision
+    return {
+        "model of the robot": _hash(_compiled(robot.model.mj)),
+        "joint limits": _hash(*(np.ascontiguousarray(each).tobytes() for each in (*ranges, *rates))),
+        "planning limits": _hash(repr((robot.cartesian_limits, checker.margin_m)).encode()),
+        "named positions": _hash(repr(sorted(robot.positions.items())).encode()),
+        "allowed contacts": _hash(repr(sorted(map(sorted, checker.disabled))).encode()),
+        "scene": _hash(repr(checker.scene).encode()),
+        "tool": _hash(repr(checker.tool).encode()),
+    }
+
+
+def _compiled(mj: mujoco.MjModel) -> bytes:
+    content = np.empty(mujoco.mj_sizeModel(mj), np.uint8)
+    mujoco.mj_saveModel(mj, None, content)
+    return content.tobytes()
+
+
+def hash_of_files(paths: Iterator[Path]) -> str:
+    """Hash of the content of files.
+
+    Raises:
+        ConfigError: a file cannot be read.
+    """
+    found = []
+    for path in paths:
+        try:
+            found.append(path.read_bytes())
+        except OSError as exc:
+            raise ConfigError(f"{path}: cannot be read: {exc.strerror}") from exc
+    return _hash(*found)
+
+
+def _hash(*parts: bytes) -> str:
+    whole = hashlib.sha256(json.dumps([len(part) for part in parts]).encode())
+    for part in parts:
+        whole.update(part)
+    return whole.hexdigest()
+
+
+def numbers3(values: list[float]) -> Numbers3:
+    x, y, z = map(float, values)
+    return x, y, z
+
+
+def numbers7(values: list[float], place: str) -> Numbers7:
+    """A pose with a unit quaternion.
+
+    Raises:
+        InputError: its quaternion has another length.
+    """
+    turn: Array = np.array(values[3:], dtype=float)
+    length = float(np.linalg.norm(turn))
+    if abs(length - 1.0) > UNIT:
+        raise InputError(f"{place}: the quaternion w, x, y, z has length {length:.4g}, must be 1")
+    x, y, z, *_ = map(float, values)
+    w, i, j, k = (turn / length).tolist()
+    return x, y, z, w, i, j, k
+
+
+def joints_at(robot: RobotDescription, where: str | list[float], place: str) -> Array:
+    """Joint angles of a named position or a list, rad.
+
+    Raises:
+        InputError: there is no such position, or the list has another number of joints.
+    """
+    if isinstance(where, str):
+        if where not in robot.positions:
+            raise InputError(
+                f"{place}: {unknown_key(where, list(robot.positions)).replace('key', 'position', 1)}"
+            )
+        return np.array(robot.positions[where].joints, dtype=float)
+    if len(where) != robot.limits.dof:
+        raise InputError(f"{place}: has {len(where)} angles, the arm has {robot.limits.dof} joints")
+    return np.array(where, dtype=float)

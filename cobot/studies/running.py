@@ -1,0 +1,247 @@
+"""Runs a study on an executor, chunk by chunk, into its folder."""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cobot.errors import UnavailableError
+from cobot.studies.chunks import FAILURE, Columns, failures, has_result, to_bytes
+from cobot.studies.local_pool import LocalPool, WorkerLost
+from cobot.studies.orders import Filled, Order, fill
+from cobot.studies.results_folder import ResultsFolder
+from cobot.studies.study import Study
+
+CHUNK_S = 1.0
+"""Duration of the work in a chunk that is aimed for."""
+GROWTH = 8
+"""Maximum ratio of the sizes of consecutive chunks, because the first tasks may be unusual."""
+IN_FLIGHT = 2
+"""Number of chunks per worker that are submitted, so that no worker waits for the next one."""
+TRIES = 3
+"""Number of times that a worker may die with one task before the task is given up."""
+POLL_S = 0.2
+DEATHS = ("KilledWorker", "WorkerLost")
+"""Names of the errors by which executors report that the workers of one call have died."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advance:
+    """How far a run is.
+
+    Attributes:
+        rate_hz: tasks per second of this run; 0 before the first chunk.
+        left_s: estimated remaining time; infinite before the first chunk.
+    """
+
+    done: int
+    tasks: int
+    rate_hz: float
+    left_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class StudyResult:
+    """The results so far.
+
+    Attributes:
+        answer: by names for people; partial if not all tasks are done.
+        computed: number of tasks that this run has computed.
+        duration_s: of this run.
+        kernel_share: the time that the workers spent in tasks, as a share of their whole time.
+        lost: number of times that a worker died.
+    """
+
+    folder: Path
+    table: Path | None
+    answer: dict[str, Any]
+    done: int
+    tasks: int
+    computed: int
+    duration_s: float
+    kernel_share: float
+    lost: int
+
+    @property
+    def complete(self) -> bool:
+        return self.done == self.tasks
+
+
+@dataclass(slots=True)
+class _Run:
+    folder: ResultsFolder
+    order: Order
+    tasks: int
+    workers: int
+    gaps: list[tuple[int, int]]
+    size: int
+    done: int = 0
+    computed: int = 0
+    busy_s: float = 0.0
+    lost: int = 0
+    begin_s: float = field(default_factory=time.monotonic)
+    tries: dict[tuple[int, int], int] = field(default_factory=dict)
+
+    def next_range(self) -> tuple[int, int] | None:
+        if not self.gaps:
+            return None
+        first, last = self.gaps.pop(0)
+        if (first, last) in self.tries:  # not joined with others: this range has killed a worker
+            return first, last
+        left = last - first + sum(end - begin for begin, end in self.gaps)
+        size = min(self.size, math.ceil(left / self.workers), last - first)
+        if first + size < last:
+            self.gaps.insert(0, (first + size, last))
+        return first, first + size
+
+    def keep(self, first: int, last: int, filled: Filled) -> None:
+        self.folder.add(first, last, filled.content)
+        self.done += last - first
+        self.computed += last - first
+        self.busy_s += filled.busy_s
+        wanted = round((last - first) * CHUNK_S / max(filled.busy_s, 1e-6))
+        self.size = min(max(wanted, 1), GROWTH * max(self.size, last - first))
+
+    def give_back(self, first: int, last: int, reason: BaseException) -> None:
+        """Try a range again whose worker has died, in halves to find the task that kills workers."""
+        self.lost += 1
+        tries = self.tries.pop((first, last), 0) + 1
+        if last - first > 1 and tries > 1:
+            middle = (first + last) // 2
+            self.gaps[:0] = [(first, middle), (middle, last)]
+            self.tries |= {(first, middle): 1, (middle, last): 1}
+        elif tries < TRIES:
+            self.gaps.insert(0, (first, last))
+            self.tries[first, last] = tries
+        else:
+            text = f"{TRIES} workers died with this task, the last one because {reason}"
+            self.keep(first, last, Filled(to_bytes(failures(1, text)), 0.0))
+
+    def advance(self) -> Advance:
+        rate = self.computed / max(time.monotonic() - self.begin_s, 1e-9)
+        left = (self.tasks - self.done) / rate if rate else math.inf
+        return Advance(self.done, self.tasks, rate, left)
+
+
+def run_study(
+    study: Study,
+    folder: Path | str,
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    niceness: int = 0,
+    report: Callable[[Advance], None] | None = None,
+    cancel: threading.Event | None = None,
+) -> StudyResult:
+    """Compute what is missing in a folder, and answer from all results.
+
+    Args:
+        folder: of the results; a new one, or one of an earlier run of the same study.
+        executor: where to compute; None: a `LocalPool` for this run.
+        workers: number of the executor's workers; None: all cores of this computer.
+        niceness: of the workers of the `LocalPool`.
+        report: called after each chunk, and at least five times a second.
+        cancel: when it is set, the run ends with a partial answer.
+
+    Raises:
+        ForeignWorkerError: a worker has another cobot or other files.
+        UnavailableError: the folder cannot be written or the executor is broken; finished chunks are kept.
+        CobotError: the study contradicts the robot or a file.
+    """
+    count = workers or len(os.sched_getaffinity(0))
+    if executor is None:
+        study.kernel()  # errors of the study appear here, in the caller's process
+    order = Order.of(study)
+    results = ResultsFolder(folder)
+    with results.writing(study, order):
+        gaps = results.gaps(study.tasks)
+        missing = sum(last - first for first, last in gaps)
+        run = _Run(results, order, study.tasks, count, gaps, study.first_chunk, study.tasks - missing)
+        if missing:
+            with (
+                _local_pool(min(count, missing), niceness)
+                if executor is None
+                else nullcontext(executor) as used
+            ):
+                _compute(run, used, report, cancel or threading.Event())
+        duration_s = time.monotonic() - run.begin_s
+        columns = results.columns()
+        answer = answer_of(study, columns, run.tasks)
+        table = results.write_results(answer, columns) if columns else None
+    share = run.busy_s / max(duration_s * count, 1e-9)
+    return StudyResult(
+        results.path, table, answer, run.done, run.tasks, run.computed, duration_s, share, run.lost
+    )
+
+
+@contextmanager
+def _local_pool(workers: int, niceness: int) -> Iterator[Executor]:
+    """A pool whose running calls end with the block, because their results would be lost."""
+    pool = LocalPool(workers, niceness)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def answer_of(study: Study, columns: Columns, tasks: int) -> dict[str, Any]:
+    """The answer from the results that exist, which may be none."""
+    known = has_result(columns)
+    answer: dict[str, Any] = {"done": len(known), "tasks": tasks}
+    if not known.all():
+        first = int(np.flatnonzero(~known)[0])
+        answer |= {
+            "failed tasks": int((~known).sum()),
+            "first failure": f"task {int(columns['task'][first])}: {columns[FAILURE][first]}",
+        }
+    if known.any():
+        answer |= study.answer({name: values[known] for name, values in columns.items()})
+    return answer
+
+
+def _compute(
+    run: _Run, executor: Executor, report: Callable[[Advance], None] | None, cancel: threading.Event
+) -> None:
+    waiting: dict[Future[Filled], tuple[int, int]] = {}
+    try:
+        while not cancel.is_set():
+            while len(waiting) < IN_FLIGHT * run.workers and (piece := run.next_range()):
+                waiting[executor.submit(fill, run.order, *piece)] = piece
+            if not waiting:
+                return
+            for future in wait(waiting, POLL_S, FIRST_COMPLETED).done:
+                _take(run, future, waiting.pop(future))
+            if report is not None:
+                report(run.advance())
+    except BrokenExecutor as exc:
+        raise UnavailableError(
+            f"the executor is broken: {exc}; {run.done} of {run.tasks} tasks are kept in {run.folder.path}, "
+            "run the study again to continue"
+        ) from exc
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _take(run: _Run, future: Future[Filled], piece: tuple[int, int]) -> None:
+    try:
+        filled = future.result()
+    except BrokenExecutor:
+        raise
+    except Exception as exc:
+        if not isinstance(exc, WorkerLost) and type(exc).__name__ not in DEATHS:
+            raise
+        run.give_back(*piece, exc)
+        return
+    run.tries.pop(piece, None)
+    run.keep(*piece, filled)

@@ -1,0 +1,133 @@
+"""Studies whose tasks are the points of a space of parameters, and what their results say."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from statistics import NormalDist
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from cobot.errors import InputError
+from cobot.strict import unknown_key
+from cobot.studies.chunks import FAILURE, Column, Columns
+from cobot.studies.parameters import Axis, Design, ParameterSpace, Value
+from cobot.studies.study import Study
+
+SHOWN_POINTS = 20
+"""Maximum number of points of the grid in an answer; the table has all."""
+
+
+def wilson(successes: int, tries: int, confidence: float) -> tuple[float, float]:
+    """Wilson's score interval of a share (Wilson 1927, doi 10.1080/01621459.1927.10502953).
+
+    Args:
+        confidence: probability that the interval contains the true share, between 0 and 1.
+    """
+    z = NormalDist().inv_cdf(0.5 * (1.0 + confidence))
+    share, scale = successes / tries, 1.0 + z * z / tries
+    middle = (share + z * z / (2.0 * tries)) / scale
+    half = z * math.sqrt(share * (1.0 - share) / tries + z * z / (4.0 * tries * tries)) / scale
+    low = 0.0 if successes == 0 else max(0.0, middle - half)
+    return low, 1.0 if successes == tries else min(1.0, middle + half)
+
+
+class SampledStudy(Study):
+    """A study over a space of parameters.
+
+    Attributes:
+        space: parameters by name.
+        samples: number of samples of the random parameters, at each point of the grid.
+        design: of the samples: independent, or one of `scipy.stats.qmc`.
+        goal: which value of the metric is the best.
+        confidence: of intervals.
+    """
+
+    space: Annotated[dict[str, Axis], Field(max_length=50)]
+    samples: Annotated[int, Field(ge=1, le=10_000_000)] | None = None
+    design: Design = "random"
+    goal: Literal["max", "min"] = "max"
+    confidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
+
+    @property
+    def measure(self) -> str:
+        """Name of the result that the answer is about."""
+        raise NotImplementedError
+
+    @cached_property
+    def points(self) -> ParameterSpace:
+        return ParameterSpace.of(self.space, self.samples, self.design, self.seed)
+
+    @property
+    def tasks(self) -> int:
+        return self.points.tasks
+
+    def parameters(self, first: int, last: int) -> dict[str, Column]:
+        """The parameters of tasks, as columns."""
+        rows = [self.points.at(task) for task in range(first, last)]
+        return {name: np.array([row[name] for row in rows]) for name in self.space}
+
+    def answer(self, columns: Columns) -> dict[str, Any]:
+        if self.measure not in columns:
+            names = [name for name in columns if name not in {"task", FAILURE, *self.space}]
+            raise InputError(f"metric: {unknown_key(self.measure, names).replace('key', 'result', 1)}")
+        values, points = (
+            columns[self.measure],
+            np.asarray(columns["task"], dtype=np.int64) // self.points.count,
+        )
+        if values.dtype.kind == "U":
+            raise InputError(f"metric: {self.measure!r} is a text, must be a number or true or false")
+        found = [(int(point), values[points == point]) for point in np.unique(points)]
+        if values.dtype.kind == "b":
+            return self._shares(found)
+        return self._numbers(columns, found)
+
+    def _shares(self, found: list[tuple[int, Column]]) -> dict[str, Any]:
+        """The share of successes with its interval, in total and at each point of the grid."""
+        if len(found) == 1:
+            return {self.measure: self._share(found[0][1])}
+        # The samples at the points are the same, so there is no interval for all of them together.
+        answer: dict[str, Any] = {
+            f"mean {self.measure}": float(np.mean(np.concatenate([each for _, each in found])))
+        }
+        if found:
+            order = sorted(found, key=lambda item: -item[1].mean() if self.goal == "max" else item[1].mean())
+            for point, each in order[:SHOWN_POINTS]:
+                answer[f"{self.measure} at {_words(self.points.at_grid(point))}"] = self._share(each)
+        return answer
+
+    def _share(self, values: Column) -> str:
+        successes, tries = int(np.count_nonzero(values)), len(values)
+        low, high = wilson(successes, tries, self.confidence)
+        return (
+            f"{successes / tries:.4g} ({successes} of {tries}), "
+            f"{100.0 * self.confidence:.4g} % interval {low:.4g} to {high:.4g}"
+        )
+
+    def _numbers(self, columns: Columns, found: list[tuple[int, Column]]) -> dict[str, Any]:
+        """The distribution, and the best point of the grid by its mean; without samples by its value."""
+        values = np.asarray(columns[self.measure], dtype=float)
+        finite = values[np.isfinite(values)]
+        if not len(finite):
+            return {self.measure: "no task has a finite value"}
+        answer: dict[str, Any] = {
+            f"mean {self.measure}": float(finite.mean()),
+            "standard deviation": float(finite.std(ddof=1)) if len(finite) > 1 else 0.0,
+            "least": float(finite.min()),
+            "greatest": float(finite.max()),
+        }
+        means = [(float(np.asarray(each, float).mean()), point) for point, each in found]
+        known = [item for item in means if math.isfinite(item[0])]
+        if len(known) > 1:
+            best, point = min(known, key=lambda item: (-item[0] if self.goal == "max" else item[0], item[1]))
+            answer |= {f"best {self.measure}": best, "at": _words(self.points.at_grid(point))}
+        return answer
+
+
+def _words(values: dict[str, Value]) -> str:
+    return ", ".join(
+        f"{name} {value:.6g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in values.items()
+    )

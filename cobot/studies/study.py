@@ -1,0 +1,79 @@
+"""The base of all kinds of studies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+from pydantic import ConfigDict, Field, PrivateAttr
+
+from cobot.strict import StrictModel
+from cobot.studies.chunks import Columns
+
+Kernel = Callable[[int, int], Columns]
+"""Computes the results of the tasks from the first number up to the second, which is not included.
+
+A worker keeps it, so it may hold models. It must be pure: the same tasks always give the same results.
+"""
+MAX_TASKS = 100_000_000
+
+
+class Study(StrictModel):
+    """A question, a space of parameters, a seed and a metric; validated when it is made.
+
+    Attributes:
+        first_chunk: number of tasks in the first chunk; later ones follow from the measured rate.
+        maps: whether the results are places in space, which `cobot study show` draws.
+    """
+
+    model_config = ConfigDict(frozen=True, defer_build=True)
+    first_chunk: ClassVar[int] = 1
+    maps: ClassVar[bool] = False
+
+    question: Annotated[str, Field(min_length=1, max_length=500)]
+    kind: str
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+
+    _document: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _folder: Path = PrivateAttr(default_factory=Path)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The study as its file has it."""
+        return self._document
+
+    @property
+    def folder(self) -> Path:
+        """The folder against which paths in the file are resolved."""
+        return self._folder
+
+    def come_from(self, document: dict[str, Any], folder: Path) -> None:
+        """Keep what the study was made from, which workers make it from again."""
+        self._document, self._folder = document, folder
+
+    @property
+    def tasks(self) -> int:
+        """Number of tasks."""
+        raise NotImplementedError
+
+    def contents(self) -> dict[str, str]:
+        """Hashes of everything outside the document that the results depend on, by names for people."""
+        raise NotImplementedError
+
+    def kernel(self) -> Kernel:
+        """Build what the tasks need.
+
+        Raises:
+            CobotError: the study contradicts the robot or a file.
+        """
+        raise NotImplementedError
+
+    def answer(self, columns: Columns) -> dict[str, Any]:
+        """The answer from the results that exist, by names for people. May be empty."""
+        raise NotImplementedError
+
+    @property
+    def metric_of_map(self) -> str:
+        """Name of the column that colours a map."""
+        raise NotImplementedError

@@ -1,0 +1,55 @@
+"""Reads the YAML file of a study."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+
+from cobot.config.section import parse
+from cobot.errors import ConfigError
+from cobot.strict import shown
+from cobot.studies.study import Study
+from cobot.yaml_file import read_mapping
+
+KINDS: Mapping[str, str] = {
+    "reach": "reach:ReachStudy",
+    "python": "function_study:FunctionStudy",
+}
+"""Module and class of each kind; only those of a used kind are imported."""
+
+
+def load_study(path: Path | str) -> Study:
+    """Read a study.
+
+    Raises:
+        ConfigError: the file is missing or invalid. It names the file, the key, the value and what is valid.
+    """
+    path = Path(path)
+    return study_of(read_mapping(path), path.resolve().parent, str(path))
+
+
+def study_of(document: dict[str, Any], folder: Path | str = ".", name: str = "study") -> Study:
+    """Make a study from the content of a file.
+
+    Args:
+        folder: for relative paths.
+        name: of the document, for errors.
+
+    Raises:
+        ConfigError: as `load_study`.
+    """
+    kind = document.get("kind")
+    if "kind" not in document:
+        raise ConfigError(f"{name}: kind: is missing; valid are: {', '.join(KINDS)}")
+    if not isinstance(kind, str) or kind not in KINDS:
+        guess = difflib.get_close_matches(str(kind), list(KINDS), 1)
+        hint = f" (did you mean {guess[0]!r}?)" if guess else ""
+        raise ConfigError(f"{name}: kind: unknown kind {shown(kind)}{hint}; valid are: {', '.join(KINDS)}")
+    module, class_name = KINDS[kind].split(":")
+    cls = cast(type[Study], getattr(import_module(f"cobot.studies.{module}"), class_name))
+    study = parse(cls, Path(folder).resolve() / Path(name).name, document)
+    study.come_from(document, Path(folder).resolve())
+    return study

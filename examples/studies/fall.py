@@ -1,0 +1,14 @@
+"""A function for examples/studies/fall.yaml: it computes a number from numbers, and changes nothing else."""
+
+from __future__ import annotations
+
+G = 9.81
+
+
+def drop(height_m: float, drag: float, mass_kg: float) -> dict[str, float | bool]:
+    """A part that a gripper loses: its speed at the floor, and whether it survives."""
+    speed, position, step_s = 0.0, height_m, 1e-3
+    while position > 0.0:
+        speed += (G - drag * speed * speed / mass_kg) * step_s
+        position -= speed * step_s
+    return {"speed": speed, "survives": 0.5 * mass_kg * speed * speed < 2.0}
