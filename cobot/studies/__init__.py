@@ -13,7 +13,7 @@ folder: a run that was killed continues where it ended.
 from __future__ import annotations
 
 from cobot.studies.chunks import Columns
-from cobot.studies.local_pool import LocalPool, WorkerLost
+from cobot.studies.local_pool import LocalPool, LostWorkerError
 from cobot.studies.orders import ForeignWorkerError
 from cobot.studies.results_folder import ResultsFolder
 from cobot.studies.running import Advance, StudyResult, run_study
@@ -28,7 +28,7 @@ __all__ = [
     "ResultsFolder",
     "Study",
     "StudyResult",
-    "WorkerLost",
+    "LostWorkerError",
     "load_study",
     "run_study",
     "study_of",

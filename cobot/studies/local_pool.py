@@ -36,7 +36,7 @@ Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 
-class WorkerLost(UnavailableError):
+class LostWorkerError(UnavailableError):
     """The process that was computing a call has died; the call may be made again."""
 
 
@@ -246,7 +246,7 @@ class LocalPool(Executor):
             self._failed_starts += not worker.ready
             return
         how = f"signal {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"
-        call.future.set_exception(WorkerLost(f"the worker process {worker.process.pid} died ({how})"))
+        call.future.set_exception(LostWorkerError(f"the worker process {worker.process.pid} died ({how})"))
 
     def _end(self, workers: list[_Worker], waiting: deque[_Call]) -> None:
         with self._lock:
@@ -257,13 +257,13 @@ class LocalPool(Executor):
             if error is None and not call.begun:
                 call.future.cancel()
             if call.begun or call.future.set_running_or_notify_cancel():
-                call.future.set_exception(error or WorkerLost("the pool was shut down"))
+                call.future.set_exception(error or LostWorkerError("the pool was shut down"))
         for worker in workers:
             worker.connection.close()
             worker.process.kill()
             worker.process.wait()
             if worker.call is not None:
-                worker.call.future.set_exception(error or WorkerLost("the pool was shut down"))
+                worker.call.future.set_exception(error or LostWorkerError("the pool was shut down"))
         self._pids = []
         self._wake_reader.close()
         self._wake_writer.close()

@@ -153,19 +153,16 @@ class _ReachKernel:
         grid = arm.grid(poses, ARM_ANGLES) if isinstance(arm, SrsArm) else None
         solved, reached, best, redundancy, gap = 0, 0, np.nan, np.nan, np.inf
         for index, pose in enumerate(poses):
-            rows, angles = self._on_grid(grid, index)
-            usable = self._usable(rows)
-            if not usable.any():  # the grid may have missed a narrow range of arm angles
-                more = self._solutions(pose, task)
-                rows, angles, usable = more, np.zeros(0, int), self._usable(more)
+            rows, angles = self._solutions(pose, task, grid, index)
             if not len(rows):
                 gap = min(gap, arm.gap(pose))
                 continue
-            solved, gap = solved + 1, 0.0
+            solved, gap, usable = solved + 1, 0.0, self._usable(rows)
             if usable.any() and (self.method != "lin" or self._is_on_line(pose)):
                 reached += 1
                 best = np.fmax(best, max(arm.manipulability(row) for row in rows[usable]))
-                width = usable.sum() if grid is None else len(np.unique(angles[usable])) / len(ARM_ANGLES)
+                angles = angles[usable]
+                width = len(angles) if grid is None else len(np.unique(angles[angles >= 0])) / len(ARM_ANGLES)
                 redundancy = np.fmax(redundancy, width)
         count = len(poses)
         return count, solved, reached, reached / count, float(best), float(redundancy), float(gap)
@@ -177,19 +174,20 @@ class _ReachKernel:
             self.same = orientations(self.approach, self.spins, None if normals is None else normals[task])
         return self.same
 
-    def _on_grid(self, grid: Array | None, index: int) -> tuple[Array, Indices]:
-        """Joints at a pose, shape (n, dof), and the number of the arm angle of each."""
-        if grid is None:
-            return np.zeros((0, self.robot.limits.dof)), np.zeros(0, int)
-        angles, branches = np.nonzero(np.isfinite(grid[index, ..., 0]))
-        return grid[index, angles, branches], angles
-
-    def _solutions(self, pose: Array, task: int) -> Array:
-        """Joints at a pose that the arm's inverse kinematics finds, shape (n, dof)."""
+    def _solutions(self, pose: Array, task: int, grid: Array | None, index: int) -> tuple[Array, Indices]:
+        """Joints at a pose, shape (n, dof): the best of each branch, and those on the grid of arm angles. And
+        the number of the arm angle of each, -1 for those that are not on the grid.
+        """
         limits = self.robot.limits
         arm, middle = self.robot.model.inverse_kinematics, 0.5 * (limits.min_position + limits.max_position)
         found = arm.solve_all(pose, middle, MANIPULABILITY, BRANCHES, (self.seed + task) % 2**31)
-        return np.array(found).reshape(-1, limits.dof)
+        if not found:
+            return np.zeros((0, limits.dof)), np.zeros(0, int)
+        if grid is None:
+            return np.array(found), np.full(len(found), -1)
+        angles, branches = np.nonzero(np.isfinite(grid[index, ..., 0]))
+        marks = np.concatenate([np.full(len(found), -1), angles])
+        return np.vstack([found, grid[index, angles, branches]]), marks
 
     def _usable(self, rows: Array) -> npt.NDArray[np.bool_]:
         """Whether each of the solutions is free of collision, if the method asks for that."""

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from cobot.errors import UnavailableError
+from cobot.errors import CobotError, UnavailableError
+from cobot.foreign import plain_error
 from cobot.studies.chunks import FAILURE, Columns, failures, has_result, to_bytes
-from cobot.studies.local_pool import LocalPool, WorkerLost
+from cobot.studies.local_pool import LocalPool, LostWorkerError
 from cobot.studies.orders import Filled, Order, fill
 from cobot.studies.results_folder import ResultsFolder
 from cobot.studies.study import Study
@@ -31,7 +32,7 @@ IN_FLIGHT = 2
 TRIES = 3
 """Number of times that a worker may die with one task before the task is given up."""
 POLL_S = 0.2
-DEATHS = ("KilledWorker", "WorkerLost")
+DEATHS = ("KilledWorker", "LostWorkerError")
 """Names of the errors by which executors report that the workers of one call have died."""
 
 
@@ -239,8 +240,11 @@ def _take(run: _Run, future: Future[Filled], piece: tuple[int, int]) -> None:
     except BrokenExecutor:
         raise
     except Exception as exc:
-        if not isinstance(exc, WorkerLost) and type(exc).__name__ not in DEATHS:
+        if isinstance(exc, CobotError) and not isinstance(exc, LostWorkerError):
             raise
+        if type(exc).__name__ not in DEATHS:
+            place = f"tasks {piece[0]} to {piece[1] - 1}"
+            raise UnavailableError(f"a worker could not compute {place}: {plain_error(exc)}") from exc
         run.give_back(*piece, exc)
         return
     run.tries.pop(piece, None)
