@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from cobot_run import Run
@@ -111,10 +112,14 @@ def stopped(run: Run) -> Iterator[None]:
 
 
 class Moving:
-    """Keeps the arm moving between two positions, whatever becomes of single motions."""
+    """Keeps the arm moving between two positions, whatever becomes of single motions.
 
-    def __init__(self, run: Run) -> None:
-        self._url = run.url
+    Args:
+        how: more fields of each motion.
+    """
+
+    def __init__(self, run: Run, **how: Any) -> None:
+        self._url, self._how = run.url, how
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._move, daemon=True)
 
@@ -130,6 +135,6 @@ class Moving:
             while not self._end.is_set():
                 for name in ("work", "home"):
                     try:
-                        robot.move_named(name, speed=0.3)
+                        robot.move_named(name, speed=0.3, **self._how)
                     except CobotError:
                         time.sleep(0.1)  # stopped while rtloop was: the next one follows

@@ -113,7 +113,8 @@ class SimulatedGripper:
         }
         self._asked_s = self._clock.now_s()
         for name, value in self._asked.items():
-            self._port.set(name, value)
+            if self._port.read(name) != value:  # each output takes rtloop a few cycles
+                self._port.set(name, value)
 
     def grasp(self, grasp: Grasp) -> None:
         present_m = self._port.read(MEASURED_WIDTH)
