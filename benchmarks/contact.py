@@ -6,6 +6,7 @@ joints' limits, which numpy checks. The wall is a body in MuJoCo, and its oracle
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -56,7 +57,8 @@ class Stop:
     """How an approach ended.
 
     Attributes:
-        excess: how much further than with the shortest stop the TCP was commanded, in cycles of travel.
+        excess: how much further than with the shortest stop the TCP was commanded, in cycles of travel; NaN
+            if there is no such stop.
         shortest_mm: the way of the shortest stop.
         latency: cycles from MuJoCo's contact force above the threshold to the reaction.
         met: whether the motion ended at the contact.
@@ -73,14 +75,16 @@ def contact(approaches: int) -> Iterator[Row]:
     for fast in (True, False):
         found = [approach(seed, fast) for seed in range(approaches)]
         stops = [stop for stop in found if stop.met]
+        judged = [stop for stop in stops if not math.isnan(stop.excess)]
         name = "fast" if fast else "path"
         yield row(
             f"contact, stop {name}: beyond the shortest stop, in cycles of travel, {len(stops)} of "
-            f"{approaches} approaches ended at the wall",
+            f"{approaches} approaches ended at the wall, {len(judged)} have such a stop, "
+            f"{sum(stop.excess > 1.0 for stop in judged)} went on for more than one cycle's travel",
             "median / p99 / max",
-            _spread([stop.excess for stop in stops]),
+            _spread([stop.excess for stop in judged]),
             f"Ruckig: the shortest stop{'' if fast else ' on the path'}, mm",
-            _spread([stop.shortest_mm for stop in stops]),
+            _spread([stop.shortest_mm for stop in judged]),
             columns=("median", "p99", "max"),
             aim="≤ 1",
         )
@@ -189,7 +193,7 @@ def _judged(
         return float((forward(joints).position - begin) @ ahead)
 
     rest = rest_of_joints(before, rig.limits) if fast else rest_on_path(path, met.path_time_s, rig.limits)
-    shortest_m = depth(rest) - depth(before[0])
+    shortest_m = math.nan if rest is None else depth(rest) - depth(before[0])
     # With `fast` the arm may give way at the end: the way counts to the furthest command.
     way_m = max(depth(command[0]) for command in commands[cycle - 1 :]) - depth(before[0])
     exceeded = next(n for n, force in enumerate(pushed) if force > THRESHOLD_N)

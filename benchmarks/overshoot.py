@@ -84,12 +84,15 @@ def beyond(way: Array, targets: Array) -> tuple[float, float]:
 def beyond_steps(way: Array, targets: Array, arrivals_s: Array) -> tuple[float, float]:
     """How far the way leads beyond the targets of `steps` as it settles on each, and the targets' range.
 
-    The last step goes down: what is below its target counts from its arrival on, and from the peak before.
+    The last step goes down: what is below its target counts from its arrival on, and from each joint's peak,
+    because a joint may still be on its way up when the step arrives.
     """
-    last = round(1000 * arrivals_s[np.flatnonzero(targets != targets[-1])[-1] + 1])
-    last = max(last, int(way.argmax(axis=0).min()))
-    too_high, too_low = way.max() - targets.max(), -way[:last].min(initial=0.0)
-    return max(too_high, too_low, targets[-1] - way[last:].min()), float(np.ptp(targets))
+    arrived = round(1000 * arrivals_s[np.flatnonzero(targets != targets[-1])[-1] + 1])
+    too_far = way.max() - targets.max()
+    for joint in way.T:
+        last = max(arrived, int(joint.argmax()))
+        too_far = max(too_far, -joint[:last].min(initial=0.0), targets[-1] - joint[last:].min())
+    return too_far, float(np.ptp(targets))
 
 
 def joints(kind: Interpolation) -> Follow:

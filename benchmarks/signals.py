@@ -36,7 +36,7 @@ def actions(places: int) -> Iterator[Row]:
         seed += 1
     wrong = np.abs(off)
     yield row(
-        f"output on the path: cycles beside the planned one, {len(off)} places",
+        f"output on the path: cycles off the planned one, {len(off)} places",
         "cycles",
         (float(np.median(wrong)), float(np.percentile(wrong, 99)), float(wrong.max())),
         "numpy: where the commanded joints reach the place",

@@ -347,7 +347,9 @@ def test_a_stop_on_the_path_is_as_short_as_the_limits_permit(
     for rates in rig.rates():
         assert rates.max() <= 1.011
     forward = robot.model.forward
-    shortest = forward(rest_on_path(motion, met.path_time_s, rig.limits)).position[2]
+    rest = rest_on_path(motion, met.path_time_s, rig.limits)
+    assert rest is not None
+    shortest = forward(rest).position[2]
     assert abs(shortest - forward(rig.commanded[-1]).position[2]) <= speed_m_s * rig.settings.rt.period_s
 
 

@@ -23,9 +23,10 @@ def rest_of_joints(state: Array, limits: JointLimits) -> Array:
     return _end(_stop(state, limits.max_acceleration, limits.max_jerk))
 
 
-def rest_on_path(path: Trajectory, path_time_s: float, limits: JointLimits) -> Array:
+def rest_on_path(path: Trajectory, path_time_s: float, limits: JointLimits) -> Array | None:
     """Where the arm rests, shape (dof,), rad, that brakes on its path from full rate, by the shortest stop
-    of path time with one bound for its jerk with which every joint keeps its limits all along.
+    of path time with one bound for its jerk with which every joint keeps its limits all along; None if there
+    is no such stop.
     """
     velocity = np.abs(path.sample([path_time_s], 1)[0]) + 1e-12
     acceleration, jerk = (
@@ -36,7 +37,7 @@ def rest_on_path(path: Trajectory, path_time_s: float, limits: JointLimits) -> A
         stop = _stop(start, share * acceleration, share * jerk)
         if _keeps(stop, path, limits):
             return path.sample(_end(stop))[0]
-    raise AssertionError("no stop on the path keeps the limits")
+    return None
 
 
 def _stop(state: Array, acceleration: Array, jerk: Array) -> ruckig.Trajectory:
