@@ -10,6 +10,7 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Protocol
 
 import numpy as np
 
@@ -31,28 +32,55 @@ LOADING_CYCLES = 10_000
 """Enough cycles to load the longest motion."""
 LONGEST_SETTLING_S = 30.0
 """Longer than the settling time after which the cycle ends any motion."""
+RESTING_S = 0.2
+"""Time for which a disturbance acts on the resting arm before the motion begins."""
 ROWS = 2000
 """Number of measured positions that are kept, evenly over a motion's duration."""
 SATURATED = 0.999
 
 
+class Disturbance(Protocol):
+    """What the simulated arm meets in a dry run and the cycle does not know."""
+
+    def prepare(self, backend: MujocoBackend) -> None:
+        """Change the arm before the motion begins."""
+        ...
+
+    def act(self, backend: MujocoBackend, time_s: float) -> None:
+        """Act on the arm before each cycle.
+
+        Args:
+            time_s: time since the motion began; 0 before that.
+        """
+        ...
+
+
 def rehearse(
-    settings: Settings, robot: RobotDescription, start: Array, trajectory: Trajectory
+    settings: Settings,
+    robot: RobotDescription,
+    start: Array,
+    trajectory: Trajectory,
+    disturbance: Disturbance | None = None,
 ) -> SimulatedRun:
     """Simulate a motion from its start, at rest, shape (dof,), rad, with the tool and the attached objects.
 
     Raises:
         PlanningError: the cycle rejects the motion, with the reason.
     """
-    with _loop(settings, robot, start, trajectory) as (loop, memory):
+    with _loop(settings, robot, start, trajectory) as (loop, memory, backend):
+        if disturbance is not None:
+            disturbance.prepare(backend)
+            for _ in range(round(RESTING_S / settings.rt.period_s)):
+                disturbance.act(backend, 0.0)
+                loop.step()
         _begin(loop, memory, robot.model.carried.version)
-        return _follow(loop, memory, robot.limits, trajectory)
+        return _follow(loop, memory, robot.limits, trajectory, backend, disturbance)
 
 
 @contextmanager
 def _loop(
     settings: Settings, robot: RobotDescription, start: Array, trajectory: Trajectory
-) -> Iterator[tuple[ControlLoop, RobotMemory]]:
+) -> Iterator[tuple[ControlLoop, RobotMemory, MujocoBackend]]:
     rt, names, limits = settings.rt, settings.robot, robot.limits
     alone = settings.model_copy(
         update={"rt": rt.model_copy(update={"trajectory_capacity": trajectory.segments})}
@@ -69,7 +97,7 @@ def _loop(
         backend = MujocoBackend(alone, limits)
         loop = ControlLoop(alone, model, memory, backend, FastClock(rt.period_s))
         loop.open(start, robot.model.carried)
-        yield loop, memory
+        yield loop, memory, backend
         loop.close()
     finally:
         memory.close()
@@ -93,7 +121,12 @@ def _begin(loop: ControlLoop, memory: RobotMemory, tool: int) -> None:
 
 
 def _follow(
-    loop: ControlLoop, memory: RobotMemory, limits: JointLimits, trajectory: Trajectory
+    loop: ControlLoop,
+    memory: RobotMemory,
+    limits: JointLimits,
+    trajectory: Trajectory,
+    backend: MujocoBackend,
+    disturbance: Disturbance | None,
 ) -> SimulatedRun:
     period_s, state = memory.period_s, memory.state.data
     most = round((trajectory.duration_s + LONGEST_SETTLING_S) / period_s)
@@ -104,6 +137,8 @@ def _follow(
     controller = loop.controller
     with np.errstate(all="ignore"):  # comparisons find values that are not finite, and report them
         while controller.moving and cycle < most:
+            if disturbance is not None:
+                disturbance.act(backend, cycle * period_s)
             cycle += 1
             loop.step()
             share = np.abs(state["effort"]) / limits.max_effort

@@ -141,9 +141,15 @@ def _tell(chosen: argparse.Namespace, question: str, answer: dict[str, Any], fil
     show(question, "bold")
     width = max(map(len, answer))
     for name, value in answer.items():
-        show(f"  {name:{width}}  {value:.4g}" if isinstance(value, float) else f"  {name:{width}}  {value}")
+        show(f"  {name:{width}}  {_words(value)}")
     for path in files:
         show(f"  {path}")
+
+
+def _words(value: object) -> str:
+    if isinstance(value, dict):
+        return "; ".join(f"{name}: {_words(each)}" for name, each in value.items())
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _tell_run(result: StudyResult, workers: int) -> None:

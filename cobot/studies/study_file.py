@@ -17,6 +17,8 @@ from cobot.yaml_file import read_mapping
 KINDS: Mapping[str, str] = {
     "reach": "reach:ReachStudy",
     "python": "function_study:FunctionStudy",
+    "robustness": "robustness:RobustnessStudy",
+    "compare": "compare:CompareStudy",
 }
 """Module and class of each kind; only those of a used kind are imported."""
 

@@ -1,0 +1,106 @@
+"""The program of a study: motions from one position to the next, planned once and simulated in each task."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from cobot.errors import CobotError, InputError
+from cobot.motions.planners import PlannerName
+from cobot.motions.requests import MotionRequest
+from cobot.robot.description import RobotDescription
+from cobot.strict import StrictModel
+from cobot.studies.robot_choice import Finite, joints_at, numbers7
+from cobot.trajectory import Trajectory
+from cobot.types import Array, Pose, Scaling
+
+MIN_SPEED = 0.01
+
+
+class StudyMove(StrictModel):
+    """One motion. The first entry of a program is where it starts.
+
+    Attributes:
+        to: a named position or joint angles, rad.
+        pose: x, y, z (m) and w, x, y, z of the TCP in the base frame, instead of `to`.
+        tolerance_m: the TCP works on a part here, and may miss it by at most this distance.
+    """
+
+    to: str | list[float] | None = None
+    pose: Annotated[list[Finite], Field(min_length=7, max_length=7)] | None = None
+    planner: Annotated[str, Field(pattern="^(ptp|lin|ompl|auto)$")] = "ptp"
+    speed: Annotated[float, Field(ge=MIN_SPEED, le=1.0)] = 0.5
+    tolerance_m: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
+
+    @model_validator(mode="after")
+    def _require_one_goal(self) -> Self:
+        if (self.to is None) == (self.pose is None):
+            raise ValueError("must have either to or pose")
+        return self
+
+
+Program = Annotated[list[StudyMove], Field(min_length=2, max_length=1000)]
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedMove:
+    """A planned motion of a program.
+
+    Attributes:
+        number: its place in the program; 0 is the start.
+        trajectory: None if the arm is at the goal already.
+        goal: pose of the TCP at the end.
+    """
+
+    number: int
+    start: Array
+    trajectory: Trajectory | None
+    goal: Pose
+    tolerance_m: float | None
+
+
+def plan_program(
+    robot: RobotDescription, program: Sequence[StudyMove], speed: float, seed: int
+) -> list[PlannedMove]:
+    """Plan all motions, each from where the one before ends.
+
+    Args:
+        speed: factor on the speeds.
+
+    Raises:
+        CobotError: a motion cannot be planned; with its number.
+    """
+    from cobot.planners import plan
+
+    first = program[0]
+    if first.to is None:
+        raise InputError("program[0]: must have to: the start is a named position or joint angles")
+    joints = joints_at(robot, first.to, "program[0].to")
+    robot.collision.check_position(joints, "program[0]")
+    planned = []
+    for number, move in enumerate(program[1:], start=1):
+        place = f"program[{number}]"
+        scaling = Scaling(min(1.0, max(MIN_SPEED, move.speed * speed)))
+        try:
+            request = MotionRequest(
+                joints, _goal(robot, move, place), PlannerName(move.planner), scaling, seed=seed % 2**31
+            )
+            trajectory = plan(robot, request)
+        except CobotError as exc:
+            text = str(exc)
+            raise exc.with_message(text if text.startswith(place) else f"{place}: {text}") from exc
+        end = joints if trajectory is None else trajectory.end
+        planned.append(PlannedMove(number, joints, trajectory, robot.model.forward(end), move.tolerance_m))
+        joints = np.array(end)
+    return planned
+
+
+def _goal(robot: RobotDescription, move: StudyMove, place: str) -> Array | Pose:
+    if move.pose is not None:
+        return Pose.from_numbers(numbers7(move.pose, f"{place}.pose"))
+    assert move.to is not None
+    return joints_at(robot, move.to, f"{place}.to")
