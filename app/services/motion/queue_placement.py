@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from app.services.motion.execution import MotionService
 from app.services.motion.queue_moves import QueuedMove
@@ -144,36 +144,47 @@ class QueueSignals:
         signalling = [move for move in moves if move.signals]
         if not signalling:
             return Placement(offset_s)
-        times_s = _times_s(before, run, offset_s)
+        times_s = _times_s(before, run, offset_s, signalling)
         from_s = min(times_s[move.number][0] for move in signalling)
         way = (await self._motion.way(run.stretch.trajectory)).behind(before.way, offset_s, from_s)
         placed = {}
         for move in signalling:
             begin_s, ends_s = times_s[move.number][0], [times_s[move.number][count] for count in move.parts]
             placed[move.number] = move.signals.place(move.number, begin_s, ends_s, way, is_cut=True)
-        return Placement(offset_s, times_s, placed, way, _together(signalling, placed, offset_s))
+        signals = _together(signalling, placed, offset_s, run.stretch.trajectory.duration_s)
+        return Placement(offset_s, times_s, placed, way, signals)
 
 
-def _times_s(before: Placement, run: Run, offset_s: float) -> dict[int, list[float]]:
-    """When each move with signals begins, and each of its legs ends."""
-    found: dict[int, list[float]] = {}
+def _times_s(
+    before: Placement, run: Run, offset_s: float, signalling: Sequence[QueuedMove]
+) -> dict[int, list[float]]:
+    """When each move with signals begins, and each of its legs ends.
+
+    A move that has not ended may have no end on the trajectory: the arm passes it before that takes over.
+    """
+    known = before.times_s
+    found = {each.number: list(known[each.number]) for each in signalling if each.number in known}
     ends_s = run.stretch.ends_s
     numbers = [move.number for move in run.moves]
     for index, (move, end_s) in enumerate(zip(run.moves, ends_s, strict=True)):
         if not move.signals:
             continue
         left = numbers[index:].count(move.number)
-        if move.number not in found:
-            known = before.times_s.get(move.number)
-            found[move.number] = list(known) if known else [offset_s] * (len(move.legs) + 1)
+        if numbers.index(move.number) == index:
+            found.setdefault(move.number, [offset_s] * (len(move.legs) + 1))
             if index > 0:
                 found[move.number][-1 - left] = offset_s + ends_s[index - 1]
         found[move.number][-left] = offset_s + end_s
     return found
 
 
-def _together(moves: Sequence[QueuedMove], placed: dict[int, Placed], offset_s: float) -> Placed:
-    """The signals of all of them, at path times of a trajectory that begins at `offset_s`."""
+def _together(
+    moves: Sequence[QueuedMove], placed: dict[int, Placed], offset_s: float, duration_s: float
+) -> Placed:
+    """The signals of all of them, at path times of a trajectory that begins at `offset_s`.
+
+    Actions at its end are not behind it by a rounding: they would never fire.
+    """
     each = [placed[move.number] for move in moves]
     settled = frozenset[int]().union(*(move.signals.settled for move in moves))
     actions = [action for one in each for action in one.actions if action.number not in settled]
@@ -187,4 +198,6 @@ def _together(moves: Sequence[QueuedMove], placed: dict[int, Placed], offset_s: 
         until.until,
         until.until_s,
     )
-    return later(found, -offset_s)
+    found = later(found, -offset_s)
+    actions = (replace(each, path_time_s=min(each.path_time_s, duration_s)) for each in found.actions)
+    return replace(found, actions=tuple(actions))

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from cobot.errors import PlanningError
+from cobot.errors import InputError, PlanningError
 from cobot.motions.stretches import Corner, Leg, Stretch
 from cobot.planners.blending.going_over import LimitedPath, Timing, make_transition
 from cobot.planners.blending.joined import Part, check_radii, corners_of, part_of, with_stops
@@ -117,11 +117,14 @@ def _part(
     reserve: bool,
     one_law: bool,
 ) -> Part:
-    """The motions, without stops where possible."""
+    """The motions, without stops where possible.
+
+    The path of a very short leg may have segments in which roundings look like jumps; it has stops too.
+    """
     slower = [_reserved(robot, leg) for leg in legs] if reserve else legs
     try:
         return part_of(robot, slower, paths, corners, one_law=one_law)
-    except PlanningError:
+    except (PlanningError, InputError):
         return Part(with_stops(legs))
 
 
