@@ -199,5 +199,5 @@ def _together(
         until.until_s,
     )
     found = later(found, -offset_s)
-    actions = (replace(each, path_time_s=min(each.path_time_s, duration_s)) for each in found.actions)
-    return replace(found, actions=tuple(actions))
+    within = (replace(each, path_time_s=min(each.path_time_s, duration_s)) for each in found.actions)
+    return replace(found, actions=tuple(within))
