@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from cobot.cell import OwnHand, SlidingFinger
+from cobot.launch.new_robot.masses import set_ball
 from cobot.launch.robot_file.mjcf import has_bounds
 from cobot.launch.robot_file.tree import Node
 from cobot.robot.quaternion import from_matrix
@@ -24,6 +25,8 @@ FORCES_N, SPEEDS_M_S = (1.0, 2000.0), (0.01, 1.0)
 OPPOSITE = 0.9
 """Cosine of the angle from which on two fingers move towards each other."""
 APART_M = 1e-4
+LIGHT_KG, LIGHT_M = 0.02, 0.01
+"""Mass and radius of the ball that stands for a finger without a mass: it slides, so it needs one."""
 TCP = "between_fingers"
 FROM_TIP_M, FROM_TIP_SHARE = 0.01, 0.25
 """The TCP is so far from the fingertips, at most this share of the fingers' length."""
@@ -76,7 +79,7 @@ class FingerPair:
         signs = self._opening(axes, [_middle(mj, data, each.body) for each in self.slides])
         if float(signs[0] * axes[0] @ (signs[1] * axes[1])) > -OPPOSITE:
             return "its fingers do not slide towards each other"
-        fingers, places = [], []
+        fingers, places, light = [], [], []
         for each, sign in zip(self.slides, signs, strict=True):
             opens = each.high if sign * (each.high - each.low) > 0.0 else each.low
             body = spec.body(each.body)
@@ -88,6 +91,9 @@ class FingerPair:
                 SlidingFinger(body=each.body, axis=tuple(axis.tolist()), travel_m=abs(each.high - each.low))
             )
             places.append(f"{each.name} at {opens:.4g} m")
+            if mj.body(each.body).mass[0] <= 0.0:
+                set_ball(body, LIGHT_KG, LIGHT_M)
+                light.append(each.body)
         velocity, effort = self.rate
         speed = velocity * sum(each.travel_m for each in fingers) / max(each.travel_m for each in fingers)
         known: dict[str, float] = {}
@@ -100,6 +106,7 @@ class FingerPair:
             f"gripper found; robot.gripper is simulated, {1e3 * hand.stroke_m:g} mm wide, "
             f"{hand.max_force_n:g} N, {hand.max_speed_m_s:g} m/s; motions are planned with open fingers: "
             + ", ".join(places)
+            + (f"; mass {LIGHT_KG:g} kg assumed of {', '.join(light)}" if light else "")
         )
 
     def _opening(self, axes: Sequence[Array], middles: Sequence[Array | None]) -> list[float]:

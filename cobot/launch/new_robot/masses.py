@@ -180,7 +180,7 @@ class _Settling:
             self._say(link, f"{self._origin(link, mass)}: {why}")
         elif stated and stated.mass:
             radius = self._ball_radius()
-            _set_ball(link.body, stated.mass, radius)
+            set_ball(link.body, stated.mass, radius)
             self._say(link, f"{stated.mass:g} kg as in the file, in a ball of {1e3 * radius:.3g} mm: {why}")
 
     def _origin(self, link: _Link, mass: float) -> str:
@@ -223,7 +223,7 @@ class _Settling:
                 continue
             radius = self._ball_radius()
             mass = self._density * 4.0 / 3.0 * math.pi * radius**3
-            _set_ball(link.body, mass, radius)
+            set_ball(link.body, mass, radius)
             self.assumed |= self._is_open(link)
             self._say(
                 link,
@@ -255,7 +255,7 @@ class _Settling:
             self._said.append(f"{link.name}: mass {mass:g} kg by --mass, and its {whose} in proportion")
             return
         radius = (3.0 * mass / (4.0 * math.pi * self._density)) ** (1.0 / 3.0)
-        _set_ball(body, mass, radius)
+        set_ball(body, mass, radius)
         self._said.append(
             f"{link.name}: mass {mass:g} kg by --mass, in a ball of {1e3 * radius:.3g} mm as it has no shape"
         )
@@ -289,7 +289,8 @@ def _set_inertial(
     body.fullinertia = np.array([math.nan, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
-def _set_ball(body: mujoco.MjsBody, mass: float, radius: float) -> None:
+def set_ball(body: mujoco.MjsBody, mass: float, radius: float) -> None:
+    """Give a body the mass and the inertia of a ball around its origin, kg and m."""
     _set_inertial(body, mass, np.zeros(3), np.full(3, 0.4 * mass * radius**2))
 
 

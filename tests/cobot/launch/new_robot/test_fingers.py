@@ -12,7 +12,7 @@ import pytest
 import yaml
 from physical_cell import CellArm, write_cell
 from plant_service import ServiceOfPlant
-from urdf_arms import ARMS, link, urdf
+from urdf_arms import ARMS, BOX, INERTIAL, link, urdf
 
 from cobot.cell import OwnHand, cell_of, hand_of
 from cobot.config import Settings, load_settings
@@ -141,6 +141,16 @@ def test_a_follower_that_turns_its_axis_is_the_other_finger(tmp_path: Path) -> N
     assert [finger.axis for finger in hand.fingers] == [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]
     assert (hand.stroke_m, hand.max_force_n, hand.max_speed_m_s) == (0.08, 20.0, 1.0)
     assert "motions are planned with open fingers: finger1 at 0.04 m, finger2 at -0.04 m" in said
+
+
+def test_fingers_without_masses_get_light_ones(tmp_path: Path) -> None:
+    bare = OPPOSITE.replace(INERTIAL, "").replace(BOX, "")
+    folder, said = made(tmp_path / "arm.urdf", urdf(ARMS["ur"], bare))
+    assert "mass 0.02 kg assumed of f1, f2" in said
+    settings = settings_of(folder)
+    masses = load_robot(settings).model.mj
+    assert [masses.body(name).mass[0] for name in ("f1", "f2")] == [0.02, 0.02]
+    make_backend(settings, load_robot(settings).limits)
 
 
 @pytest.mark.parametrize(
