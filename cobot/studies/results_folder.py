@@ -128,13 +128,19 @@ class ResultsFolder:
         return study_of(self.manifest()["document"], self.path, str(self.path / MANIFEST))
 
     def add(self, first: int, last: int, content: bytes) -> None:
-        """Keep a finished chunk; it is on disk when this returns.
+        """Keep a finished chunk. It is not flushed to the disk, which would take longer than many a chunk: a
+        file that a power cut has spoiled is noticed by its hash.
 
         Raises:
             UnavailableError: the disk is full or cannot be written; earlier chunks are kept.
         """
-        name = f"{first:09}-{last:09}-{digest(content)[:32]}.npz"
-        keep(self.path / CHUNKS / name, content, "the study")
+        path = self.path / CHUNKS / f"{first:09}-{last:09}-{digest(content)[:32]}.npz"
+        new = self.path / CHUNKS / "next.new"
+        try:
+            new.write_bytes(content)
+            os.replace(new, path)
+        except OSError as exc:
+            raise exhausted(exc) or UnavailableError(f"{path}: cannot be written: {exc.strerror}") from exc
 
     def chunks(self) -> list[ChunkFile]:
         """The finished chunks, in order and without overlaps. Files that are damaged are removed."""

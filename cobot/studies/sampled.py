@@ -79,7 +79,9 @@ class SampledStudy(Study):
         )
         if values.dtype.kind == "U":
             raise InputError(f"metric: {self.measure!r} is a text, must be a number or true or false")
-        found = [(int(point), values[points == point]) for point in np.unique(points)]
+        order = np.argsort(points, kind="stable")
+        known, begins = np.unique(points[order], return_index=True)
+        found = list(zip(known.tolist(), np.split(values[order], begins[1:]), strict=True))
         if values.dtype.kind == "b":
             return self._shares(found)
         return self._numbers(columns, found)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import random
 import sqlite3
 import threading
@@ -191,16 +193,16 @@ def test_a_broken_executor_keeps_what_is_finished(tmp_path: Path) -> None:
 def test_a_full_disk_ends_the_run_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study, folder = function_study(tmp_path), ResultsFolder(tmp_path / "out")
 
-    def keep(path: Path, content: bytes, what: str) -> None:
-        if path.parent.name == CHUNKS and _take(left) < 0:
-            raise UnavailableError("a disk is full: make room, see df")
-        real(path, content, what)
+    def replace(source: Path, target: Path) -> None:
+        if target.parent.name == CHUNKS and _take(left) < 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(source, target)
 
-    left, real = [2], cobot.studies.results_folder.keep
-    monkeypatch.setattr(cobot.studies.results_folder, "keep", keep)
+    left, real = [2], os.replace
+    monkeypatch.setattr(os, "replace", replace)
     with pytest.raises(UnavailableError, match="disk is full"):
         run_study(study, folder.path, executor=ThreadPoolExecutor(1), workers=1)
-    monkeypatch.setattr(cobot.studies.results_folder, "keep", real)
+    monkeypatch.setattr(os, "replace", real)
     kept = sum(last - first for first, last, _ in folder.chunks())
     assert kept > 0
     assert run_study(study, folder.path, executor=ThreadPoolExecutor(1)).computed == 20 - kept
