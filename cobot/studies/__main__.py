@@ -117,6 +117,8 @@ def _run(chosen: argparse.Namespace) -> int:
     _tell(chosen, study.question, result.answer, files)
     if not chosen.json:
         _tell_run(result, used.workers)
+    if result.done and result.answer.get("failed tasks") == result.done:
+        return EXIT_FAILED
     return EXIT_OK if result.complete else EXIT_INTERRUPTED
 
 

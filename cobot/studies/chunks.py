@@ -67,6 +67,10 @@ def digest(content: bytes) -> str:
 def joined(parts: Sequence[Columns]) -> dict[str, Column]:
     """The columns of all parts, one after the other. What a part lacks is NaN, 0, false or ""."""
     names = sorted({name for part in parts for name in part})
+    for name in names:
+        texts = {part[name].dtype.kind == "U" for part in parts if name in part}
+        if len(texts) > 1:
+            raise InputError(f"result {name!r}: is a text in some tasks and a number in others")
     return {name: np.concatenate([_column(part, name, parts) for part in parts]) for name in names}
 
 

@@ -8,7 +8,7 @@ import inspect
 import sys
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from numbers import Number
+from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -120,22 +120,26 @@ class FunctionStudy(SampledStudy):
             parameters[SEED] = seed_of(self.seed, task)
         try:
             found = function(**parameters)
-        except Exception as exc:  # noqa: BLE001 - a foreign function may raise anything; the others go on
+        except BaseException as exc:  # noqa: BLE001 - a foreign function may raise anything; the others go on
             return {FAILURE: plain_error(exc, MAX_REASON)}
         return self._checked(found)
 
     def _checked(self, found: Any) -> dict[str, Any]:
         results = dict(found) if isinstance(found, Mapping) else {"value": found}
         for name, value in results.items():
-            if not isinstance(name, str) or name in {*self.space, "task", FAILURE}:
-                return {
-                    FAILURE: f"result {name!r}: is the name of a parameter or no name; return another one"
-                }
-            if not isinstance(value, bool | np.bool_ | str | Number) or isinstance(value, complex):
-                return {
-                    FAILURE: f"result {name!r}: is a {type(value).__name__}, must be a number, bool or text"
-                }
+            if reason := self._objection(name, value):
+                return {FAILURE: f"result {name!r}: {reason}"}
         return results
+
+    def _objection(self, name: Any, value: Any) -> str:
+        """Why a result cannot be kept; empty if it can."""
+        if not isinstance(name, str) or not name or name in {*self.space, "task", FAILURE}:
+            return "is the name of a parameter or no name; return another one"
+        if not isinstance(value, bool | np.bool_ | str | Real):
+            return f"is a {type(value).__name__}, must be a number, bool or text"
+        if isinstance(value, int) and abs(value) > sys.float_info.max:
+            return f"is an integer with {value.bit_length()} bits, which no float holds"
+        return ""
 
 
 def _columns(rows: list[dict[str, Any]]) -> dict[str, Column]:

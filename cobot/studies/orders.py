@@ -26,6 +26,10 @@ class ForeignWorkerError(UnavailableError):
     """A worker has another version of cobot, or other files, so it computes nothing."""
 
 
+ONLY_ANSWER = ("question", "metric", "goal", "confidence")
+"""Keys of a document that change its answer, but no result of a task."""
+
+
 @dataclass(frozen=True, slots=True)
 class Order:
     """A study for workers, which make it from its document. Picklable, also for other computers.
@@ -43,7 +47,7 @@ class Order:
     @classmethod
     def of(cls, study: Study) -> Order:
         contents = versions() | study.contents()
-        said = {name: value for name, value in study.document.items() if name != "question"}
+        said = {name: value for name, value in study.document.items() if name not in ONLY_ANSWER}
         whole = json.dumps([said, contents], sort_keys=True, allow_nan=False, default=str)
         key = hashlib.sha256(whole.encode()).hexdigest()
         return cls(study.document, str(study.folder), contents, key)

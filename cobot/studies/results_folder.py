@@ -26,7 +26,7 @@ import numpy as np
 from cobot.errors import ConfigError, ConflictError, UnavailableError, exhausted
 from cobot.robot.kept import keep
 from cobot.studies.chunks import Column, digest, from_bytes, joined
-from cobot.studies.orders import Order
+from cobot.studies.orders import ONLY_ANSWER, Order
 from cobot.studies.study import Study
 from cobot.studies.study_file import study_of
 from cobot.studies.tables import write_table
@@ -190,7 +190,7 @@ def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     for part in ("document", "contents"):
         for name in sorted(old[part].keys() | new[part].keys()):
             before, now = old[part].get(name), new[part].get(name)
-            if before != now and name != "question":
+            if before != now and name not in ONLY_ANSWER:
                 return f"{name} was {_brief(before)} and is {_brief(now)}"
     return "its key differs"
 

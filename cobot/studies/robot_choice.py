@@ -108,6 +108,11 @@ class RobotChoice(StrictModel):
         scene, tool = self._scene(), BARE if self.tool is None else self.tool.tool()
         if self.tool is not None:
             check_tool(tool, settings.robot.max_payload_kg, robot.model.file_gravity)
+        for name in self.objects:
+            if name in robot.model.frame_names:
+                raise InputError(
+                    f"robot.objects.{name}: is the name of a part of the robot; rename the object"
+                )
         robot.model.carry(tool, scene)
         robot.collision.surround(scene, tool)
         return robot

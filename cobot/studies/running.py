@@ -17,7 +17,7 @@ import numpy as np
 
 from cobot.errors import CobotError, UnavailableError
 from cobot.foreign import plain_error
-from cobot.studies.chunks import FAILURE, Columns, failures, has_result, to_bytes
+from cobot.studies.chunks import FAILURE, Columns, failures, from_bytes, has_result, to_bytes
 from cobot.studies.local_pool import LocalPool, LostWorkerError
 from cobot.studies.orders import Filled, Order, fill
 from cobot.studies.results_folder import ResultsFolder
@@ -80,6 +80,7 @@ class StudyResult:
 
 @dataclass(slots=True)
 class _Run:
+    study: Study
     folder: ResultsFolder
     order: Order
     tasks: int
@@ -167,7 +168,7 @@ def run_study(
     with results.writing(study, order):
         gaps = results.gaps(study.tasks)
         missing = sum(last - first for first, last in gaps)
-        run = _Run(results, order, study.tasks, count, gaps, study.first_chunk, study.tasks - missing)
+        run = _Run(study, results, order, study.tasks, count, gaps, study.first_chunk, study.tasks - missing)
         if missing:
             with (
                 _local_pool(min(count, missing), niceness)
@@ -248,4 +249,7 @@ def _take(run: _Run, future: Future[Filled], piece: tuple[int, int]) -> None:
         run.give_back(*piece, exc)
         return
     run.tries.pop(piece, None)
+    first = not run.computed
     run.keep(*piece, filled)
+    if first:  # a metric that does not exist is reported now and not at the end
+        answer_of(run.study, {"task": np.arange(*piece), **from_bytes(filled.content)}, run.tasks)

@@ -27,6 +27,17 @@ def dies_at_three(a, b):
         os.kill(os.getpid(), 9)
     return a + b
 
+def mixed(a, b):
+    return a if a < 2 else str(a)
+
+def strange(a, b):
+    import sys
+    if b == 1:
+        sys.exit(3)
+    if b == 2:
+        raise KeyboardInterrupt
+    return {"": 1} if a == 1 else {"a": 1} if a == 2 else 10**400 if a == 3 else None if a == 4 else 7
+
 def slow(a, b):
     time.sleep(0.02)
     return a * b

@@ -29,6 +29,18 @@ def test_a_seed_belongs_to_a_task_and_not_to_a_chunk(tmp_path: Path) -> None:
     assert len(set(np.asarray(whole) % 1.0)) == 3
 
 
+def test_whatever_a_function_does_is_a_reason_and_no_end(tmp_path: Path) -> None:
+    columns = function_study(tmp_path, "strange").kernel()(0, 20)
+    reasons = columns["failure"].reshape(5, 4)
+    assert set(reasons[:, 1]) == {"SystemExit: 3"}
+    assert set(reasons[:, 2]) == {"KeyboardInterrupt"}
+    assert reasons[0, 0] == ""
+    assert reasons[1, 0] == "result '': is the name of a parameter or no name; return another one"
+    assert reasons[2, 0].startswith("result 'a': is the name of a parameter")
+    assert reasons[3, 0] == "result 'value': is an integer with 1329 bits, which no float holds"
+    assert reasons[4, 0] == "result 'value': is a NoneType, must be a number, bool or text"
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [

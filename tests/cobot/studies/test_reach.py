@@ -225,6 +225,14 @@ def test_a_bad_study_names_the_key_and_what_is_valid(more: dict[str, Any], messa
         ({"robot": {"scene": "none.json"}}, "robot.scene: .*none.json: no such file"),
         ({"robot": {"tool": {"mass": 50.0}}}, "mass"),
         (
+            {
+                "robot": {
+                    "objects": {"link1": {"shape": "sphere", "size": [0.1], "pose": [0, 0, 2, 1, 0, 0, 0]}}
+                }
+            },
+            "robot.objects.link1: is the name of a part of the robot; rename the object",
+        ),
+        (
             {"robot": {"objects": {"a": {"shape": "box", "size": [1.0], "pose": [0] * 6 + [1]}}}},
             "a box has 3 numbers",
         ),

@@ -18,7 +18,7 @@ import pytest
 from study_functions import function_study, reach_study
 
 import cobot.studies.tables
-from cobot.errors import CobotError, ConflictError, UnavailableError
+from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
 from cobot.studies import Advance, ForeignWorkerError, LocalPool, ResultsFolder, run_study
 from cobot.studies.orders import Order, fill
 from cobot.studies.results_folder import CHUNKS
@@ -162,8 +162,26 @@ def test_a_folder_keeps_the_results_of_one_study(tmp_path: Path) -> None:
 
 def test_another_question_about_the_same_results_is_the_same_study(tmp_path: Path) -> None:
     run_study(function_study(tmp_path), tmp_path / "out", executor=ThreadPoolExecutor(1))
-    other = function_study(tmp_path, question="And now?")
-    assert run_study(other, tmp_path / "out", executor=_Nobody()).complete
+    other = function_study(tmp_path, question="And now?", metric="even", confidence=0.5)
+    result = run_study(other, tmp_path / "out", executor=_Nobody())
+    assert result.complete
+    assert "mean even" in result.answer
+    assert ResultsFolder(tmp_path / "out").study().question == "And now?"
+
+
+def test_a_metric_that_does_not_exist_is_reported_after_the_first_chunk(tmp_path: Path) -> None:
+    study = function_study(tmp_path, "slow", metric="vale")
+    with pytest.raises(InputError, match="metric: unknown result 'vale'"):
+        run_study(study, tmp_path / "out", executor=ThreadPoolExecutor(1), workers=1)
+    assert sum(last - first for first, last, _ in ResultsFolder(tmp_path / "out").chunks()) < 20
+
+
+def test_results_of_two_kinds_are_an_error(tmp_path: Path) -> None:
+    study = function_study(tmp_path, "mixed")
+    with pytest.raises(
+        InputError, match=r"result 'value': is a text in some (tasks|calls) and a number in others"
+    ):
+        run_study(study, tmp_path / "out", executor=ThreadPoolExecutor(1))
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
