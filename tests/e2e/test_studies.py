@@ -21,6 +21,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from certificates import certificate
 from study_functions import function_study
 
 ROOT = Path(__file__).parents[2]
@@ -170,7 +171,7 @@ def cluster(
         worker = [f"{dask[-1]}.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
         command = [*dask[:-1], *worker]
         started += [subprocess.Popen(command, cwd=folder, env=environment) for _ in range(workers)]
-        yield address.replace("tcp://", "dask://"), started[1:]
+        yield f"dask://{address.partition('://')[2]}", started[1:]
     finally:
         for process in reversed(started):
             process.kill()
@@ -196,6 +197,32 @@ def _has_workers(address: str, count: int) -> bool:
 
     with Client(address.replace("dask://", "tcp://"), set_as_default=False) as client:
         return len(client.scheduler_info(n_workers=-1)["workers"]) >= count
+
+
+@needs_dask
+def test_with_certificates_dask_serves_only_peers_that_have_one(tmp_path: Path) -> None:
+    """As docs/studies.md has it."""
+    file, pem = file_of(tmp_path, "product"), certificate(tmp_path, "own")
+    stranger = certificate(tmp_path, "other")
+    with cluster(tmp_path, 1, **_encrypted(pem)) as (address, _):
+        done = run(file, "--output", "out", "--engine", address, folder=tmp_path, **_encrypted(pem))
+        assert done.returncode == 0, done.stderr
+        for environment in ({}, _encrypted(stranger)):
+            done = run(file, "--output", "no", "--engine", address, folder=tmp_path, **environment)
+            assert done.returncode == 1
+            assert "does not answer" in done.stderr
+            assert "Traceback" not in done.stderr
+
+
+def _encrypted(pem: Path) -> dict[str, str]:
+    """Dask's variables for mutual TLS with one certificate, which is its own authority."""
+    tls = {"CA_FILE": pem} | {
+        f"{who}__{what}": pem if what == "CERT" else pem.with_suffix(".key")
+        for who in ("SCHEDULER", "WORKER", "CLIENT")
+        for what in ("CERT", "KEY")
+    }
+    found = {f"DASK_DISTRIBUTED__COMM__TLS__{name}": str(path) for name, path in tls.items()}
+    return found | {"DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "True"}
 
 
 @needs_dask
