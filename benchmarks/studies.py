@@ -82,7 +82,7 @@ class WorkersWithoutCost(Executor):
     """Answers at once, with the time that a worker would have taken."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        _, first, last = args
+        _, first, last, _ = args
         content = to_bytes(as_columns({"value": np.arange(first, last, dtype=float)}, last - first))
         future: Future[Any] = Future()
         future.set_result(Filled(content, TASK_S * (last - first)))

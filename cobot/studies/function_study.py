@@ -115,7 +115,7 @@ class FunctionStudy(SampledStudy):
         return seeded
 
     def _row(self, function: Callable[..., Any], task: int, seeded: bool) -> dict[str, Any]:
-        parameters: dict[str, Any] = self.points.at(task)
+        parameters: dict[str, Any] = dict(self.at(task))
         if seeded:
             parameters[SEED] = seed_of(self.seed, task)
         try:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -26,8 +27,10 @@ class ForeignWorkerError(UnavailableError):
     """A worker has another version of cobot, or other files, so it computes nothing."""
 
 
-ONLY_ANSWER = ("question", "metric", "goal", "confidence")
-"""Keys of a document that change its answer, but no result of a task."""
+def only_answer(document: Mapping[str, Any]) -> set[str]:
+    """Keys of a document that change its answer, but no result of a task."""
+    keys = {"question", "confidence"}
+    return keys if document.get("search") else keys | {"metric", "goal"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ class Order:
     @classmethod
     def of(cls, study: Study) -> Order:
         contents = versions() | study.contents()
-        said = {name: value for name, value in study.document.items() if name not in ONLY_ANSWER}
+        said = {name: study.document[name] for name in study.document.keys() - only_answer(study.document)}
         whole = json.dumps([said, contents], sort_keys=True, allow_nan=False, default=str)
         key = hashlib.sha256(whole.encode()).hexdigest()
         return cls(study.document, str(study.folder), contents, key)
@@ -61,36 +64,41 @@ class Filled:
     busy_s: float
 
 
-_warm: dict[str, Kernel] = {}
+_warm: dict[str, tuple[Study, Kernel]] = {}
 
 
-def fill(order: Order, first: int, last: int) -> Filled:
+def fill(order: Order, first: int, last: int, points: list[dict[str, Any]] | None = None) -> Filled:
     """Compute the tasks from `first` up to `last`, which is not included, in a worker.
 
     The models of a study are built once per worker.
+
+    Args:
+        points: see `cobot.studies.study.Round`.
 
     Raises:
         ForeignWorkerError: this worker has another version or other files.
         CobotError: the study cannot be computed here.
     """
-    kernel = _warm.get(order.key)
-    if kernel is None:
-        kernel = _build(order)
+    if order.key not in _warm:
+        built = _build(order)
         while len(_warm) >= _KEPT:
             del _warm[next(iter(_warm))]
-        _warm[order.key] = kernel
+        _warm[order.key] = built
+    study, kernel = _warm[order.key]
+    if points is not None:
+        study.take_points(first, points)
     begin = time.perf_counter()
     columns = as_columns(kernel(first, last), last - first)
     busy_s = time.perf_counter() - begin
     return Filled(to_bytes(columns), busy_s)
 
 
-def _build(order: Order) -> Kernel:
+def _build(order: Order) -> tuple[Study, Kernel]:
     own = versions()
     _require_same(order.contents, own)
     study = study_of(order.document, order.folder)
     _require_same(order.contents, own | study.contents())
-    return study.kernel()
+    return study, study.kernel()
 
 
 def _require_same(wanted: dict[str, str], own: dict[str, str]) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -91,7 +91,7 @@ class ReachStudy(Study):
         start = None if self.start is None else joints_at(robot, self.start, "start")
         if start is not None:
             robot.collision.check_position(start, "start")
-        return _ReachKernel(robot, places, self.approach, self.spins, self.method, start, self.seed)
+        return ReachKernel(robot, places, self.approach, self.spins, self.method, start, self.seed)
 
     @property
     def metric_of_map(self) -> str:
@@ -128,8 +128,20 @@ class ReachStudy(Study):
         return {"no place is reached": f"the nearest to it is {place}: {why}"}
 
 
+class Reached(NamedTuple):
+    """How an arm reaches one place; see docs/studies.md."""
+
+    orientations: int
+    solved: int
+    reached: int
+    share: float
+    manipulability: float
+    redundancy: float
+    gap_m: float
+
+
 @dataclass(slots=True)
-class _ReachKernel:
+class ReachKernel:
     robot: RobotDescription
     places: Places
     approach: Any
@@ -141,14 +153,27 @@ class _ReachKernel:
 
     def __call__(self, first: int, last: int) -> Columns:
         rows = [self._place(task) for task in range(first, last)]
-        names = ("orientations", "solved", "reached", "share", "manipulability", "redundancy", "gap_m")
         positions = self.places.positions[first:last]
-        found = {name: np.array(values) for name, values in zip(names, zip(*rows, strict=True), strict=True)}
+        found = {
+            name: np.array(values)
+            for name, values in zip(Reached._fields, zip(*rows, strict=True), strict=True)
+        }
         return {axis: positions[:, index] for index, axis in enumerate("xyz")} | found
 
-    def _place(self, task: int) -> tuple[int, int, int, float, float, float, float]:
+    def _place(self, task: int) -> Reached:
+        return self.evaluate(self.poses(task), task)
+
+    def poses(self, task: int) -> Array:
+        """The poses of the TCP at a place, shape (n, 7)."""
         turns = self._turns(task)
-        poses = np.column_stack([np.broadcast_to(self.places.positions[task], (len(turns), 3)), turns])
+        return np.column_stack([np.broadcast_to(self.places.positions[task], (len(turns), 3)), turns])
+
+    def evaluate(self, poses: Array, task: int) -> Reached:
+        """How an arm reaches the poses of one place.
+
+        Args:
+            task: for the random numbers of arms without a closed form.
+        """
         arm = self.robot.model.inverse_kinematics
         grid = arm.grid(poses, ARM_ANGLES) if isinstance(arm, SrsArm) else None
         solved, reached, best, redundancy, gap = 0, 0, np.nan, np.nan, np.inf
@@ -165,7 +190,7 @@ class _ReachKernel:
                 width = len(angles) if grid is None else len(np.unique(angles[angles >= 0])) / len(ARM_ANGLES)
                 redundancy = np.fmax(redundancy, width)
         count = len(poses)
-        return count, solved, reached, reached / count, float(best), float(redundancy), float(gap)
+        return Reached(count, solved, reached, reached / count, float(best), float(redundancy), float(gap))
 
     def _turns(self, task: int) -> Array:
         """The orientations at a place, which are the same everywhere unless they follow a surface."""

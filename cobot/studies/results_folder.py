@@ -26,8 +26,8 @@ import numpy as np
 from cobot.errors import ConfigError, ConflictError, UnavailableError, exhausted
 from cobot.robot.kept import keep
 from cobot.studies.chunks import Column, digest, from_bytes, joined
-from cobot.studies.orders import ONLY_ANSWER, Order
-from cobot.studies.study import Study
+from cobot.studies.orders import Order, only_answer
+from cobot.studies.study import MAX_TASKS, Study
 from cobot.studies.study_file import study_of
 from cobot.studies.tables import write_table
 
@@ -142,8 +142,10 @@ class ResultsFolder:
         except OSError as exc:
             raise exhausted(exc) or UnavailableError(f"{path}: cannot be written: {exc.strerror}") from exc
 
-    def chunks(self) -> list[ChunkFile]:
-        """The finished chunks, in order and without overlaps. Files that are damaged are removed."""
+    def chunks(self, begin: int = 0, end: int = MAX_TASKS) -> list[ChunkFile]:
+        """The finished chunks that begin with a task from `begin` up to `end`, in order and without overlaps.
+        Files that are damaged are removed.
+        """
         found: list[ChunkFile] = []
         with contextlib.suppress(FileNotFoundError):
             for path in sorted((self.path / CHUNKS).iterdir()):
@@ -151,7 +153,7 @@ class ResultsFolder:
                 if match is None:
                     continue
                 first, last = int(match[1]), int(match[2])
-                if found and first < found[-1].last:
+                if not begin <= first < end or (found and first < found[-1].last):
                     continue
                 if digest(path.read_bytes())[:32] == match[3]:
                     found.append(ChunkFile(first, last, path))
@@ -159,10 +161,13 @@ class ResultsFolder:
                     path.unlink()
         return found
 
-    def gaps(self, tasks: int) -> list[tuple[int, int]]:
-        """The ranges of tasks that are not finished."""
-        begin, gaps = 0, []
-        for chunk in self.chunks():
+    def gaps(self, tasks: int, first: int = 0) -> list[tuple[int, int]]:
+        """The ranges of tasks that are not finished, of those from `first` up to `tasks`.
+
+        A chunk has tasks of one round.
+        """
+        begin, gaps = first, []
+        for chunk in self.chunks(first, tasks):
             if chunk.first > begin:
                 gaps.append((begin, chunk.first))
             begin = chunk.last
@@ -170,9 +175,9 @@ class ResultsFolder:
             gaps.append((begin, tasks))
         return gaps
 
-    def columns(self) -> dict[str, Column]:
-        """All results so far, with the numbers of their tasks; empty if there are none."""
-        chunks = self.chunks()
+    def columns(self, first: int = 0, last: int = MAX_TASKS) -> dict[str, Column]:
+        """The results so far, with the numbers of their tasks; empty if there are none."""
+        chunks = self.chunks(first, last)
         if not chunks:
             return {}
         tasks = np.concatenate([np.arange(chunk.first, chunk.last) for chunk in chunks])
@@ -190,7 +195,7 @@ def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     for part in ("document", "contents"):
         for name in sorted(old[part].keys() | new[part].keys()):
             before, now = old[part].get(name), new[part].get(name)
-            if before != now and name not in ONLY_ANSWER:
+            if before != now and name not in only_answer(new["document"]):
                 return f"{name} was {_brief(before)} and is {_brief(now)}"
     return "its key differs"
 

@@ -55,6 +55,8 @@ class RobustnessStudy(SampledStudy):
                 raise ValueError(
                     f"space: {unknown_key(name, list(PARAMETERS)).replace('key', 'parameter', 1)}"
                 )
+        if self.search is not None:
+            raise ValueError("search: a robustness study computes shares and has nothing to search")
         if "speed" in self.space and self.space["speed"].is_random:
             raise ValueError("space.speed: must be an axis of the grid, because each speed is planned once")
         return self

@@ -21,7 +21,7 @@ from cobot.studies.chunks import FAILURE, Columns, failures, from_bytes, has_res
 from cobot.studies.local_pool import LocalPool, LostWorkerError
 from cobot.studies.orders import Filled, Order, fill
 from cobot.studies.results_folder import ResultsFolder
-from cobot.studies.study import Study
+from cobot.studies.study import Round, Study
 
 CHUNK_S = 1.0
 """Duration of the work in a chunk that is aimed for."""
@@ -85,9 +85,9 @@ class _Run:
     order: Order
     tasks: int
     workers: int
-    gaps: list[tuple[int, int]]
     size: int
     done: int = 0
+    gaps: list[tuple[int, int]] = field(default_factory=list)
     computed: int = 0
     busy_s: float = 0.0
     lost: int = 0
@@ -166,16 +166,15 @@ def run_study(
     order = Order.of(study)
     results = ResultsFolder(folder)
     with results.writing(study, order):
-        gaps = results.gaps(study.tasks)
-        missing = sum(last - first for first, last in gaps)
-        run = _Run(study, results, order, study.tasks, count, gaps, study.first_chunk, study.tasks - missing)
+        missing = sum(last - first for first, last in results.gaps(study.tasks))
+        run = _Run(study, results, order, study.tasks, count, study.first_chunk, study.tasks - missing)
         if missing:
             with (
                 _local_pool(min(count, missing), niceness)
                 if executor is None
                 else nullcontext(executor) as used
             ):
-                _compute(run, used, report, cancel or threading.Event())
+                _compute_rounds(run, used, report, cancel or threading.Event())
         duration_s = time.monotonic() - run.begin_s
         columns = results.columns()
         answer = answer_of(study, columns, run.tasks)
@@ -211,14 +210,39 @@ def answer_of(study: Study, columns: Columns, tasks: int) -> dict[str, Any]:
     return answer
 
 
-def _compute(
+def _compute_rounds(
     run: _Run, executor: Executor, report: Callable[[Advance], None] | None, cancel: threading.Event
+) -> None:
+    rounds = run.study.rounds()
+    turn = next(rounds)
+    while True:
+        run.gaps = run.folder.gaps(turn.last, turn.first)
+        _compute(run, executor, turn, report, cancel)
+        if cancel.is_set():
+            return
+        try:
+            turn = rounds.send({} if turn.points is None else run.folder.columns(turn.first, turn.last))
+        except StopIteration:
+            return
+
+
+def _compute(
+    run: _Run,
+    executor: Executor,
+    turn: Round,
+    report: Callable[[Advance], None] | None,
+    cancel: threading.Event,
 ) -> None:
     waiting: dict[Future[Filled], tuple[int, int]] = {}
     try:
         while not cancel.is_set():
             while len(waiting) < IN_FLIGHT * run.workers and (piece := run.next_range()):
-                waiting[executor.submit(fill, run.order, *piece)] = piece
+                points = (
+                    None
+                    if turn.points is None
+                    else turn.points[piece[0] - turn.first : piece[1] - turn.first]
+                )
+                waiting[executor.submit(fill, run.order, *piece, points)] = piece
             if not waiting:
                 return
             for future in wait(waiting, POLL_S, FIRST_COMPLETED).done:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
 from functools import cached_property
 from statistics import NormalDist
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, PrivateAttr, model_validator
 
 from cobot.errors import InputError
 from cobot.strict import unknown_key
-from cobot.studies.chunks import FAILURE, Column, Columns
+from cobot.studies.chunks import FAILURE, Column, Columns, has_result
 from cobot.studies.parameters import Axis, Design, ParameterSpace, Value
-from cobot.studies.study import Study
+from cobot.studies.search import OptunaSearch, SearchChoice
+from cobot.studies.study import Round, Study
 
 SHOWN_POINTS = 20
 """Maximum number of points of the grid in an answer; the table has all."""
@@ -43,6 +45,7 @@ class SampledStudy(Study):
         design: of the samples: independent, or one of `scipy.stats.qmc`.
         goal: which value of the metric is the best.
         confidence: of intervals.
+        search: search for the best parameters instead of computing all; None: compute all.
     """
 
     space: Annotated[dict[str, Axis], Field(max_length=50)]
@@ -50,6 +53,15 @@ class SampledStudy(Study):
     design: Design = "random"
     goal: Literal["max", "min"] = "max"
     confidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
+    search: SearchChoice | None = None
+
+    _given: dict[int, dict[str, Value]] = PrivateAttr(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _require_no_samples(self) -> Self:
+        if self.search is not None and self.samples is not None:
+            raise ValueError("samples: has no meaning for a search; give search.trials")
+        return self
 
     @property
     def measure(self) -> str:
@@ -62,29 +74,58 @@ class SampledStudy(Study):
 
     @property
     def tasks(self) -> int:
-        return self.points.tasks
+        return self.points.tasks if self.search is None else self.search.trials
+
+    def at(self, task: int) -> dict[str, Value]:
+        """All parameters of a task."""
+        return self.points.at(task) if self.search is None else self._given[task]
+
+    def rounds(self) -> Generator[Round, Columns, None]:
+        if self.search is None:
+            yield Round(0, self.tasks, None)
+            return
+        search = OptunaSearch(self.space, self.search, self.seed, self.goal)
+        for first in range(0, self.tasks, self.search.batch):
+            last = min(first + self.search.batch, self.tasks)
+            columns = yield Round(first, last, search.ask(last - first))
+            values = columns.get(self.measure, np.full(last - first, np.nan))
+            search.tell(np.where(has_result(columns), np.asarray(values, dtype=float), np.nan).tolist())
+
+    def take_points(self, first: int, points: list[dict[str, Any]]) -> None:
+        self._given = dict(enumerate(points, start=first))
 
     def parameters(self, first: int, last: int) -> dict[str, Column]:
         """The parameters of tasks, as columns."""
-        rows = [self.points.at(task) for task in range(first, last)]
+        rows = [self.at(task) for task in range(first, last)]
         return {name: np.array([row[name] for row in rows]) for name in self.space}
 
     def answer(self, columns: Columns) -> dict[str, Any]:
         if self.measure not in columns:
             names = [name for name in columns if name not in {"task", FAILURE, *self.space}]
             raise InputError(f"metric: {unknown_key(self.measure, names).replace('key', 'result', 1)}")
-        values, points = (
-            columns[self.measure],
-            np.asarray(columns["task"], dtype=np.int64) // self.points.count,
-        )
+        values = columns[self.measure]
         if values.dtype.kind == "U":
             raise InputError(f"metric: {self.measure!r} is a text, must be a number or true or false")
+        if self.search is not None:
+            return self._best_trial(columns)
+        points = np.asarray(columns["task"], dtype=np.int64) // self.points.count
         order = np.argsort(points, kind="stable")
         known, begins = np.unique(points[order], return_index=True)
         found = list(zip(known.tolist(), np.split(values[order], begins[1:]), strict=True))
         if values.dtype.kind == "b":
             return self._shares(found)
         return self._numbers(columns, found)
+
+    def _best_trial(self, columns: Columns) -> dict[str, Any]:
+        values = np.asarray(columns[self.measure], dtype=float)
+        if not np.isfinite(values).any():
+            return {self.measure: "no task has a finite value"}
+        best = int((np.nanargmax if self.goal == "max" else np.nanargmin)(values))
+        return {
+            f"best {self.measure}": float(values[best]),
+            "at": {name: columns[name][best].item() for name in self.space},
+            "trial": int(columns["task"][best]),
+        }
 
     def _shares(self, found: list[tuple[int, Column]]) -> dict[str, Any]:
         """The share of successes with its interval, in total and at each point of the grid."""

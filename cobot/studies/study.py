@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import ConfigDict, Field, PrivateAttr
 
@@ -17,6 +17,18 @@ Kernel = Callable[[int, int], Columns]
 A worker keeps it, so it may hold models. It must be pure: the same tasks always give the same results.
 """
 MAX_TASKS = 100_000_000
+
+
+class Round(NamedTuple):
+    """Tasks that can be computed in any order: from `first` up to `last`, which is not included.
+
+    Attributes:
+        points: parameters of each, if they depend on the results of earlier rounds.
+    """
+
+    first: int
+    last: int
+    points: list[dict[str, Any]] | None
 
 
 class Study(StrictModel):
@@ -55,6 +67,14 @@ class Study(StrictModel):
     @property
     def tasks(self) -> int:
         """Number of tasks."""
+        raise NotImplementedError
+
+    def rounds(self) -> Generator[Round, Columns, None]:
+        """The rounds in which the tasks are computed; those with points are sent their results."""
+        yield Round(0, self.tasks, None)
+
+    def take_points(self, first: int, points: list[dict[str, Any]]) -> None:
+        """Use these parameters for the tasks from `first` on."""
         raise NotImplementedError
 
     def contents(self) -> dict[str, str]:

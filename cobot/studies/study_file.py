@@ -16,6 +16,7 @@ from cobot.yaml_file import read_mapping
 
 KINDS: Mapping[str, str] = {
     "reach": "reach:ReachStudy",
+    "placement": "placement:PlacementStudy",
     "python": "function_study:FunctionStudy",
     "robustness": "robustness:RobustnessStudy",
     "compare": "compare:CompareStudy",

@@ -38,6 +38,10 @@ def strange(a, b):
         raise KeyboardInterrupt
     return {"": 1} if a == 1 else {"a": 1} if a == 2 else 10**400 if a == 3 else None if a == 4 else 7
 
+def bowl(a, b):
+    import math
+    return (a - 1) ** 2 + (b - 2) ** 2 + 0.1 * math.sin(5 * a)
+
 def slow(a, b):
     time.sleep(0.02)
     return a * b

@@ -7,9 +7,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from folders import ROOT
 from study_functions import function_study, reach_study
 
+from cobot.studies import load_study
 from cobot.studies.__main__ import main
+
+EXAMPLES = ROOT / "examples" / "studies"
 
 
 @pytest.fixture
@@ -48,6 +52,16 @@ def test_a_map_is_drawn(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (Path("out") / "map.png").unlink()
     assert main(["show", "out"]) == 0
     assert (Path("out") / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.yaml")))
+def test_each_example_can_begin(name: str) -> None:
+    study = load_study(EXAMPLES / name)
+    turn = next(study.rounds()) if "search" not in study.document else None
+    assert turn is None or turn.last == study.tasks > 1
+    kernel = study.kernel()
+    if turn is not None:
+        assert len(next(iter(kernel(0, 1).values()))) == 1
 
 
 def test_bad_input_is_one_line_on_standard_error(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
