@@ -27,6 +27,8 @@ class StudyMove(StrictModel):
     Attributes:
         to: a named position or joint angles, rad.
         pose: x, y, z (m) and w, x, y, z of the TCP in the base frame, instead of `to`.
+        stop: the arm stops here, and no blend passes the corner.
+        within_m: the pose may be moved along each axis by up to this distance, in a study of cycles.
         tolerance_m: the TCP works on a part here, and may miss it by at most this distance.
     """
 
@@ -34,6 +36,8 @@ class StudyMove(StrictModel):
     pose: Annotated[list[Finite], Field(min_length=7, max_length=7)] | None = None
     planner: Annotated[str, Field(pattern="^(ptp|lin|ompl|auto)$")] = "ptp"
     speed: Annotated[float, Field(ge=MIN_SPEED, le=1.0)] = 0.5
+    stop: bool = False
+    within_m: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     tolerance_m: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
 
     @model_validator(mode="after")
@@ -61,6 +65,8 @@ class PlannedMove:
     trajectory: Trajectory | None
     goal: Pose
     tolerance_m: float | None
+    request: MotionRequest
+    stop: bool
 
 
 def plan_program(
@@ -94,7 +100,11 @@ def plan_program(
             text = str(exc)
             raise exc.with_message(text if text.startswith(place) else f"{place}: {text}") from exc
         end = joints if trajectory is None else trajectory.end
-        planned.append(PlannedMove(number, joints, trajectory, robot.model.forward(end), move.tolerance_m))
+        planned.append(
+            PlannedMove(
+                number, joints, trajectory, robot.model.forward(end), move.tolerance_m, request, move.stop
+            )
+        )
         joints = np.array(end)
     return planned
 

@@ -68,9 +68,14 @@ class SampledStudy(Study):
         """Name of the result that the answer is about."""
         raise NotImplementedError
 
+    @property
+    def axes(self) -> dict[str, Axis]:
+        """All parameters: those of `space`, and those that follow from the rest of the study."""
+        return self.space
+
     @cached_property
     def points(self) -> ParameterSpace:
-        return ParameterSpace.of(self.space, self.samples, self.design, self.seed)
+        return ParameterSpace.of(self.axes, self.samples, self.design, self.seed)
 
     @property
     def tasks(self) -> int:
@@ -84,7 +89,7 @@ class SampledStudy(Study):
         if self.search is None:
             yield Round(0, self.tasks, None)
             return
-        search = OptunaSearch(self.space, self.search, self.seed, self.goal)
+        search = OptunaSearch(self.axes, self.search, self.seed, self.goal)
         for first in range(0, self.tasks, self.search.batch):
             last = min(first + self.search.batch, self.tasks)
             columns = yield Round(first, last, search.ask(last - first))
@@ -97,11 +102,11 @@ class SampledStudy(Study):
     def parameters(self, first: int, last: int) -> dict[str, Column]:
         """The parameters of tasks, as columns."""
         rows = [self.at(task) for task in range(first, last)]
-        return {name: np.array([row[name] for row in rows]) for name in self.space}
+        return {name: np.array([row[name] for row in rows]) for name in self.axes}
 
     def answer(self, columns: Columns) -> dict[str, Any]:
         if self.measure not in columns:
-            names = [name for name in columns if name not in {"task", FAILURE, *self.space}]
+            names = [name for name in columns if name not in {"task", FAILURE, *self.axes}]
             raise InputError(f"metric: {unknown_key(self.measure, names).replace('key', 'result', 1)}")
         values = columns[self.measure]
         if values.dtype.kind == "U":
@@ -123,7 +128,7 @@ class SampledStudy(Study):
         best = int((np.nanargmax if self.goal == "max" else np.nanargmin)(values))
         return {
             f"best {self.measure}": float(values[best]),
-            "at": {name: columns[name][best].item() for name in self.space},
+            "at": {name: columns[name][best].item() for name in self.axes},
             "trial": int(columns["task"][best]),
         }
 

@@ -18,6 +18,7 @@ KINDS: Mapping[str, str] = {
     "reach": "reach:ReachStudy",
     "placement": "placement:PlacementStudy",
     "python": "function_study:FunctionStudy",
+    "cycle": "cycle:CycleStudy",
     "robustness": "robustness:RobustnessStudy",
     "compare": "compare:CompareStudy",
 }
