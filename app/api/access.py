@@ -16,7 +16,7 @@ import contextlib
 from collections.abc import Awaitable, Mapping
 from functools import lru_cache
 from typing import cast
-from urllib.parse import parse_qsl, urlencode
+from urllib.parse import parse_qsl, unquote_to_bytes, urlencode
 
 from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import HTTPConnection
@@ -28,8 +28,9 @@ from app.api.strict import APPLIED
 from app.api.versions import plain_path
 from cobot.access.authentication import LOOK_AGAIN_S, Authenticator, Holder
 from cobot.access.roles import ANONYMOUS, Identity, Role, acting
-from cobot.addresses import IDEMPOTENCY_KEY, PREFER
+from cobot.addresses import CLIENT_NAME, IDEMPOTENCY_KEY, PREFER
 from cobot.errors import CobotError, MisdirectedError, PermissionDenied
+from cobot.logs.lines import printable
 
 IDENTITY = "cobot.identity"
 STILL_VALID = "cobot.still_valid"
@@ -41,6 +42,7 @@ HEADERS = (
     "X-Motion-Token",
     "X-Control-Token",
     "X-Request-Id",
+    CLIENT_NAME,
     PREFER,
     IDEMPOTENCY_KEY,
 )
@@ -57,8 +59,15 @@ FORWARDING = frozenset(
     (b"forwarded", b"via", b"x-forwarded-for", b"x-forwarded-host", b"x-forwarded-proto", b"x-real-ip")
 )
 """What a proxy adds. Nothing that it says is believed but that it is one."""
+NAME_PARAMETER = "client_name"
+"""The same as the header `CLIENT_NAME`, in the address of a WebSocket: browsers cannot set its headers."""
+MAX_NAME = 40
+"""Maximum length of a client's own name, in characters."""
+MAX_ENCODED = 12 * MAX_NAME + 1
+"""Maximum number of bytes of it that are looked at: a character has up to twelve, percent-encoded."""
+_NAME = CLIENT_NAME.lower().encode()
 _PICKED = FORWARDING.union(
-    (b"host", b"origin", b"authorization", b"sec-fetch-site", b"sec-fetch-mode", b"sec-fetch-dest")
+    (_NAME, b"host", b"origin", b"authorization", b"sec-fetch-site", b"sec-fetch-mode", b"sec-fetch-dest")
 )
 
 
@@ -102,7 +111,7 @@ class Access:
             True: Role.PUBLIC if required_of_proxies else Role.ADMIN,
         }
         self._anonymous = lru_cache(256)(
-            lambda address, forwarded: Identity(ANONYMOUS, role[forwarded], address, forwarded)
+            lambda name, address, forwarded: Identity(claimed(name), role[forwarded], address, forwarded)
         )
         self._known = lru_cache(256)(
             lambda who, address, forwarded: Identity(who.name, who.role, address, forwarded)
@@ -125,9 +134,12 @@ class Access:
         websocket = scope["type"] == "websocket"
         forwarded = not FORWARDING.isdisjoint(scope[_HEADERS])
         token, by_protocol = _token(scope, websocket)
+        name = scope[_HEADERS].get(_NAME, b"")
+        if websocket:
+            name = (_cut_off(scope, NAME_PARAMETER) or "").encode() or name
         holder = None if token is None else self._tokens.find(token)
         if token is None:
-            identity = self._anonymous(address, forwarded)
+            identity = self._anonymous(name[:MAX_ENCODED], address, forwarded)
         elif holder is None:  # a wrong token is an error even where none is needed
             identity = Identity(ANONYMOUS, Role.PUBLIC, address, forwarded)
         else:
@@ -194,7 +206,7 @@ def _token(scope: Scope, websocket: bool) -> tuple[str | None, bool]:
     """The token that a request shows, and whether as a subprotocol; "" for one that is no token at all."""
     headers: Mapping[bytes, bytes] = scope[_HEADERS]
     header = headers.get(b"authorization")
-    in_query = _cut_off(scope) if websocket else None
+    in_query = _cut_off(scope, "token") if websocket else None
     if header is not None:
         scheme, _, token = header.decode("latin-1").partition(" ")
         return (token.strip() if scheme.lower() == "bearer" else ""), False
@@ -206,14 +218,25 @@ def _token(scope: Scope, websocket: bool) -> tuple[str | None, bool]:
     return in_query, False
 
 
-def _cut_off(scope: Scope) -> str | None:
-    """The token of an address, which has none afterwards."""
+def claimed(encoded: bytes) -> str:
+    """The name that a client without a token gives itself, in quotes, which no token's name contains.
+
+    It is text of a stranger: in one line, bounded, and without characters that cannot be seen.
+    """
+    text = " ".join(unquote_to_bytes(encoded).decode("utf-8", "replace").split())
+    if not text:
+        return ANONYMOUS
+    return '"{}"'.format(printable(text, MAX_NAME).replace('"', "'"))
+
+
+def _cut_off(scope: Scope, parameter: str) -> str | None:
+    """The value of one parameter of an address, which has it no longer afterwards."""
     query = scope.get("query_string", b"").decode("latin-1")
-    if "token=" not in query:
+    if f"{parameter}=" not in query:
         return None
     pairs = parse_qsl(query, keep_blank_values=True)
-    scope["query_string"] = urlencode([pair for pair in pairs if pair[0] != "token"]).encode()
-    return next((value for name, value in pairs if name == "token"), None)
+    scope["query_string"] = urlencode([pair for pair in pairs if pair[0] != parameter]).encode()
+    return next((value for name, value in pairs if name == parameter), None)
 
 
 def _forbid_frames(send: Send) -> Send:

@@ -87,7 +87,9 @@ class ControlAnswer(BaseModel):
     """The client that controls the robot."""
 
     held: bool = Field(description="Whether a client has control.")
-    holder: str | None = Field(description="The name of the client's access token; anonymous without one.")
+    holder: str | None = Field(
+        description="Name of the client's access token; without one its own name in quotes, or anonymous."
+    )
     address: str | None = Field(description="Where they come from.")
     how: Literal["explicit", "implicit"] | None = Field(
         description="explicit: by a lease; implicit: by what moves the arm, for as long as it does."

@@ -26,7 +26,9 @@ class AuditEntry(BaseModel):
     model_config = ConfigDict(populate_by_name=True)
 
     time: datetime = Field(description="When, UTC.")
-    who: str = Field(description="The name of the access token; anonymous; the user, for the command line.")
+    who: str = Field(
+        description="Name of the access token; a client's own name in quotes; anonymous; a local user."
+    )
     from_: str = Field(alias="from", description="Address and port, or cli.")
     what: str = Field(description="Method and path; the vendor service; what a connection has done.")
     outcome: str = Field(description="HTTP's status, or ok, or what went wrong.")

@@ -12,7 +12,7 @@ class Client:
     """The client that sends a request: one for each request, and one for each WebSocket while it is open.
 
     Attributes:
-        name: of the access token, "anonymous" without one.
+        name: of the access token; without one the client's own name in quotes, or "anonymous".
         address: where it comes from, without a port.
         leases: the tokens of leases that it shows.
         sequence: the token of the sequence for which it speaks, if any.

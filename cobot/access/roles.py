@@ -25,7 +25,7 @@ class Identity:
     """The client that sends a request.
 
     Attributes:
-        name: name of its token; "anonymous" without one.
+        name: name of its token; without one the name that it gives itself, in quotes, or "anonymous".
         role: role that its token grants.
         address: peer address of its connection; "" for the service itself.
         forwarded: whether a proxy forwarded the request. If so, the address is the proxy's.

@@ -1,8 +1,10 @@
 // REST: one place for addresses, the token, errors and how long an answer is waited for. A browser has six
 // connections to a service: an answer that does not come shall not keep one for ever.
+import { keptText } from "./store.js";
 import { word } from "./words.js";
 
 const STORED = "cobot.token";
+export const PERSON = "cobot.name";
 const READ_MS = 10_000;
 const WRITE_MS = 30_000; // planning is given 20 s by the service
 export const LONG_MS = 130_000; // what writes or reads a long file
@@ -36,6 +38,11 @@ export class Api {
     }
   }
 
+  // What the person called themselves, see person.js. A token has a name of its own.
+  get name() {
+    return this.token ? "" : keptText("localStorage", PERSON) || "";
+  }
+
   // Of a WebSocket, which has no other place for a token.
   get protocols() {
     return this.token ? ["cobot", `cobot.token.${this.token}`] : [];
@@ -49,6 +56,7 @@ export class Api {
   async ask(method, address, body, { headers = {}, keepalive = false, waitMs = method === "GET" ? READ_MS : WRITE_MS } = {}) {
     const options = { method, headers: { ...headers }, keepalive, signal: AbortSignal.timeout(waitMs) };
     if (this.token) options.headers.Authorization = `Bearer ${this.token}`;
+    if (this.name) options.headers["X-Client-Name"] = encodeURIComponent(this.name);
     if (this.control && method !== "GET") options.headers["X-Control-Token"] = this.control;
     if (body instanceof FormData) options.body = body;
     else if (body !== undefined) {
@@ -91,6 +99,7 @@ export class Api {
 
   askForToken(why) {
     this.form.hidden = false;
+    document.getElementById("name-form").hidden = true;
     document.getElementById("token-why").textContent = why;
   }
 }

@@ -18,6 +18,7 @@ import { Log } from "./log.js";
 import { Lua } from "./lua.js";
 import { Motions } from "./motions.js";
 import { oneAtATime } from "./once.js";
+import { Person } from "./person.js";
 import { Planned } from "./plots.js";
 import { Queue } from "./queue.js";
 import { Readouts } from "./readouts.js";
@@ -74,6 +75,7 @@ class Panel {
     this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts, () => this);
     this.lease = new Lease(api, this.stream);
+    this.person = new Person(api, () => this.stream.connect());
     this.way = new Way(api, () => this.view);
     this.cell = new Cell(api, () => this.view);
     this.lookAgain = oneAtATime(() => this.look());

@@ -1,7 +1,7 @@
 // The head of the panel: the state in one word, the robot, and who has the control. Cycle times and the connection
 // are on the page Diagnose.
 import { oneAtATime } from "./once.js";
-import { inEachLanguage, word } from "./words.js";
+import { inEachLanguage, named, word } from "./words.js";
 
 const EVERY_MS = 5000; // no event tells of the cycle
 const CHANGES = ["hello", "lease", "motion", "session", "sequence", "job", "rtloop", "speed"];
@@ -73,7 +73,7 @@ export class Status {
       this.device.tell(device);
       element("simulation").hidden = !device || device.hardware;
       say("control", this.holder(control));
-      element("control").title = control.holder ? `${control.holder} (${control.address})` : "";
+      element("control").title = control.holder ? `${named(control.holder)} (${control.address})` : "";
       const { total } = health.cycle_us ?? {};
       const level = health.rtloop?.alive ? "good" : "bad";
       say("cycle", total ? word("cycle_times", { p99: total.p99_us, late: health.rtloop.overruns }) : "?", level);
@@ -87,6 +87,6 @@ export class Status {
   holder({ held, holder, what }) {
     if (!held) return word("nobody");
     if (this.api.control) return word("you");
-    return holder ?? what ?? "";
+    return named(holder ?? what ?? "");
   }
 }

@@ -34,7 +34,9 @@ function fail(press, reason) {
 function headers() {
   try {
     const token = sessionStorage.getItem("cobot.token");
-    return token ? { Authorization: `Bearer ${token}` } : {};
+    if (token) return { Authorization: `Bearer ${token}` };
+    const name = localStorage.getItem("cobot.name");
+    return name ? { "X-Client-Name": encodeURIComponent(name) } : {};
   } catch {
     return {}; // a browser that keeps nothing
   }

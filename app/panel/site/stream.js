@@ -40,6 +40,7 @@ export class Stream {
     before?.close();
     const address = new URL(this.api.address("/stream"), location.href);
     address.protocol = address.protocol.replace("http", "ws");
+    if (this.api.name) address.searchParams.set("client_name", this.api.name);
     const socket = new WebSocket(address, this.api.protocols);
     this.socket = socket;
     socket.addEventListener("open", () => {

@@ -9,7 +9,13 @@ const listeners = new Set();
 
 export function word(name, values = {}, otherwise = name) {
   const text = catalogue[language]?.[name] ?? catalogue.en[name] ?? otherwise;
-  return text.replace(/\{(\w+)\}/g, (whole, key) => values[key] ?? whole);
+  return text.replace(/\{(\w+)\}/g, (whole, key) => named(values[key] ?? whole));
+}
+
+// The service calls a client without a token and a name "anonymous from ADDRESS".
+export function named(text) {
+  if (typeof text !== "string") return text;
+  return text.replace(/\banonymous(?: from ([\w.:]+))?/g, (_, address) => word(address ? "unnamed_at" : "unnamed", { address }));
 }
 
 // Called now and whenever another language is chosen.

@@ -99,7 +99,7 @@ def test_motions_are_slowed_paused_and_followed(panel: Panel) -> None:
         slowly(panel)
         panel.until("document.querySelector('#progress').value > 0.001")
         panel.until("/^[0-9]+ s left[.]$/.test(document.querySelector('#job-left').innerText)")
-        assert panel.text("#job").startswith("Running (requested by anonymous")
+        assert panel.text("#job").startswith("Running (requested by an unnamed client")
         panel.page.run("document.querySelector('#pause').focus()")
         panel.page.key("Enter", "Enter", "\r")
         panel.until("document.querySelector('#pause').innerText === 'Resume'")

@@ -54,6 +54,15 @@ for (const kind of ["error", "warn"]) {
 """
 
 
+UNNAMED = """
+try {
+    const asked = sessionStorage.getItem("askName") || localStorage.getItem("cobot.name") !== null;
+    if (!asked) localStorage.setItem("cobot.name", "");
+} catch { /* a page without a storage */ }
+"""
+"""Has the page not ask for the person's name."""
+
+
 CONTROLS = """
 (() => {
     const controls = "button, input, select, textarea, summary";
@@ -101,7 +110,7 @@ class Panel:
         self.page, self.run = page, run
         size(self, *SIZE)
         page.ask("Page.enable")
-        page.ask("Page.addScriptToEvaluateOnNewDocument", source=DRAW_SELDOM + WATCH + CONTROLS)
+        page.ask("Page.addScriptToEvaluateOnNewDocument", source=DRAW_SELDOM + UNNAMED + WATCH + CONTROLS)
         page.bind("toldOperated", OPERATED.add)
         page.bind("toldSeen", SEEN.add)
         self.load()

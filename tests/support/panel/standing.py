@@ -19,6 +19,37 @@ from panel.page import (
 )
 
 
+def test_a_person_is_asked_once_for_a_name_and_others_see_it(panel: Panel) -> None:
+    control = f"{panel.run.url}/robot/control"
+    try:
+        panel.page.run("sessionStorage.setItem('askName', '1')")
+        panel.page.run("localStorage.removeItem('cobot.name')")
+        panel.load()
+        panel.until("document.querySelector('#name-form').checkVisibility()")
+        assert panel.page.run("document.documentElement.scrollHeight <= innerHeight")
+        panel.page.click("#no-name")
+        assert not panel.page.run("document.querySelector('#name-form').checkVisibility()")
+        panel.load()
+        assert not panel.page.run("document.querySelector('#name-form').checkVisibility()"), "asked once"
+        panel.page.run("localStorage.removeItem('cobot.name')")
+        panel.load()
+        panel.page.write("#person", "<b>Jürgen</b> 李")
+        panel.page.click("#use-name")
+        panel.until("cobotPanel.stream.ready")
+        panel.page.click("#take")
+        panel.until("document.querySelector('#control').innerText === 'You'")
+        assert httpx.get(control, timeout=WAIT_S).json()["holder"] == '"<b>Jürgen</b> 李"'
+        panel.page.run("cobotPanel.api.control = ''")  # as another page sees it
+        panel.page.run("cobotPanel.status.look()")
+        panel.until("""document.querySelector('#control').innerText === '"<b>Jürgen</b> 李"'""")
+        panel.page.run("cobotPanel.stream.send({ type: 'release' })")
+        until(lambda: not httpx.get(control, timeout=WAIT_S).json()["held"])
+    finally:
+        panel.page.run("sessionStorage.removeItem('askName')")
+        panel.page.run("localStorage.removeItem('cobot.name')")
+        panel.load()
+
+
 def test_it_shows_the_arm_where_it_is_and_asks_nobody_else(panel: Panel) -> None:
     pose = httpx.get(f"{panel.run.url}/robot/pose", timeout=WAIT_S).json()["position"]
     until(

@@ -1,0 +1,26 @@
+// The name of the person at this browser, which is asked once where no token is used, and kept in the browser. The
+// service shows it to others as text: it is a name and no proof.
+import { PERSON } from "./api.js";
+import { keep, keptText } from "./store.js";
+
+const element = (id) => document.getElementById(id);
+
+export class Person {
+  // changed: called when another name is to be sent.
+  constructor(api, changed) {
+    this.form = element("name-form");
+    this.changed = changed;
+    this.form.hidden = Boolean(api.token) || keptText("localStorage", PERSON) !== null;
+    this.form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.choose(element("person").value.trim());
+    });
+    element("no-name").addEventListener("click", () => this.choose(""));
+  }
+
+  choose(name) {
+    keep("localStorage", PERSON, name);
+    this.form.hidden = true;
+    if (name) this.changed();
+  }
+}
