@@ -60,7 +60,7 @@ FORWARDING = frozenset(
 )
 """What a proxy adds. Nothing that it says is believed but that it is one."""
 NAME_PARAMETER = "client_name"
-"""The same as the header `CLIENT_NAME`, in the address of a WebSocket: browsers cannot set its headers."""
+"""Parameter of a WebSocket's address with that name, because browsers cannot set its headers."""
 MAX_NAME = 40
 """Maximum length of a client's own name, in characters."""
 MAX_ENCODED = 12 * MAX_NAME + 1
