@@ -103,9 +103,7 @@ def _run(chosen: argparse.Namespace) -> int:
                 executor=used.executor,
                 workers=used.workers,
                 niceness=chosen.nice,
-                report=lambda advance: bar.update(
-                    advance.done, advance.tasks, _progress(study.question, advance)
-                ),
+                report=lambda advance: _report(bar, study.question, advance),
                 cancel=cancel,
             )
     finally:
@@ -122,8 +120,10 @@ def _run(chosen: argparse.Namespace) -> int:
     return EXIT_OK if result.complete else EXIT_INTERRUPTED
 
 
-def _progress(question: str, advance: Advance) -> str:
-    return f"{question[:40]} {advance.rate_hz:.3g}/s"
+def _report(bar: Bar, question: str, advance: Advance) -> None:
+    """Draw the part of this run that is done, from which the bar estimates the time left."""
+    missing = advance.tasks - (advance.done - advance.computed)
+    bar.update(advance.computed, missing, f"{question[:40]} {advance.rate_hz:.3g}/s")
 
 
 def _show(chosen: argparse.Namespace) -> int:

@@ -32,6 +32,10 @@ class CompareStudy(Study):
     def _require_simple_study(self) -> Self:
         if self.study.get("kind") == "compare":
             raise ValueError("study.kind: a comparison cannot compare comparisons")
+        if "search" in self.study or any("search" in changes for changes in self.variants.values()):
+            raise ValueError(
+                "search: a comparison computes the same tasks for all variants; search each by itself"
+            )
         for key in ("question", "seed"):
             if key in self.study:
                 raise ValueError(f"study.{key}: belongs to the comparison itself; move it there")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cobot.robot.kept import keep
 from cobot.studies.chunks import Columns, has_result
@@ -14,6 +15,9 @@ from cobot.studies.results_folder import ResultsFolder
 from cobot.studies.study import Study
 
 PNG, HTML = "map.png", "map.html"
+MAX_POINTS = 100_000
+"""Maximum number of places in a page, which a browser can turn."""
+SAMPLES = 200
 METRICS = ("share", "manipulability", "redundancy")
 
 
@@ -36,7 +40,11 @@ def write_maps(
     values = {name: np.where(share > 0.0, np.asarray(columns[name], dtype=float), np.nan) for name in METRICS}
     metrics = [study.metric_of_map, *(name for name in METRICS if name != study.metric_of_map)]
     picture = draw_map(places, values[study.metric_of_map], study.metric_of_map)
-    page = map_page(study.question, answer, dict(columns) | values, metrics, _spacing(places))
+    every = -(-len(places) // MAX_POINTS)
+    shown = {name: each[::every] for name, each in (dict(columns) | values).items()}
+    if every > 1:
+        answer = answer | {"shown here": f"one of {every} places"}
+    page = map_page(study.question, answer, shown, metrics, _spacing(places))
     paths = [folder.path / PNG, folder.path / HTML]
     for path, content in zip(paths, (picture, page.encode()), strict=True):
         keep(path, content, "the map")
@@ -47,6 +55,6 @@ def _spacing(places: np.ndarray) -> float:
     """Typical distance of neighbouring places, m."""
     if len(places) < 2:
         return 0.01
-    some = places[:: max(1, len(places) // 200)]
-    away = np.linalg.norm(some[:, None] - places[None], axis=2)
-    return float(np.median(np.partition(away, 1, axis=1)[:, 1])) or 0.01
+    some = places[:: max(1, len(places) // SAMPLES)]
+    away, _ = cKDTree(places).query(some, k=2)
+    return float(np.median(np.asarray(away)[:, 1])) or 0.01

@@ -41,12 +41,14 @@ class Advance:
     """How far a run is.
 
     Attributes:
+        computed: number of tasks that this run has computed; `done` has those of earlier runs too.
         rate_hz: tasks per second of this run; 0 before the first chunk.
         left_s: estimated remaining time; infinite before the first chunk.
     """
 
     done: int
     tasks: int
+    computed: int
     rate_hz: float
     left_s: float
 
@@ -132,7 +134,7 @@ class _Run:
     def advance(self) -> Advance:
         rate = self.computed / max(time.monotonic() - self.begin_s, 1e-9)
         left = (self.tasks - self.done) / rate if rate else math.inf
-        return Advance(self.done, self.tasks, rate, left)
+        return Advance(self.done, self.tasks, self.computed, rate, left)
 
 
 def run_study(

@@ -52,6 +52,7 @@ def test_a_chunk_may_have_tasks_of_several_variants() -> None:
     ("more", "message"),
     [
         ({"variants": {"a": {}}}, "variants: must have at least 2 items"),
+        ({"study": {"kind": "placement", "search": {"trials": 3}}}, "search: a comparison computes the same"),
         ({"study": {"kind": "compare"}}, "study.kind: a comparison cannot compare comparisons"),
         (
             {"study": {"kind": "reach", "seed": 1}},

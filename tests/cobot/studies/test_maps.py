@@ -72,6 +72,20 @@ def test_the_page_has_the_places_and_cannot_be_broken_by_a_question(tmp_path: Pa
     assert [path.read_bytes() for path in paths] == first
 
 
+def test_a_page_has_no_more_places_than_a_browser_turns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = reach_study()
+    folder = ResultsFolder(tmp_path / "out")
+    result = run_study(study, folder.path, workers=1)
+    monkeypatch.setattr("cobot.studies.maps.MAX_POINTS", 10)
+    page = write_maps(study, folder, result.answer, folder.columns())[1].read_text(encoding="utf-8")
+    data = json.loads(re.search(r"const data = (.*);\n", page)[1])  # type: ignore[index]
+    assert len(data["x"]) <= 10
+    assert "one of 5 places" in page
+    assert data["spacing"] == pytest.approx(0.4)
+
+
 def test_results_that_are_no_places_have_no_map(tmp_path: Path) -> None:
     study = function_study(tmp_path)
     columns = {"task": np.arange(3), **study.kernel()(0, 3)}
