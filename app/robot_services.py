@@ -31,6 +31,7 @@ from app.services.motion.tool_and_limits import RobotSettings
 from app.services.motion.trajectories import TrajectoryService
 from app.services.programs.programs import ProgramService
 from app.services.programs.sequences import SequenceService
+from app.services.programs.stored import StoredPrograms
 from app.services.reports.health import HealthService
 from app.services.reports.recordings import RecordingService
 from app.services.reports.states import StateTexts
@@ -102,6 +103,7 @@ class Services:
     tool: ToolService
     trajectories: TrajectoryService
     sequences: SequenceService
+    stored: StoredPrograms
     stopping: StopService
     control: ControlService
     health: HealthService
@@ -211,6 +213,7 @@ def _services(
         approvals=Approvals(robot, link.clock, plans, settings.mcp),
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,
+        stored=StoredPrograms(settings.programs_folder, link),
         stopping=stopping,
         health=HealthService(
             settings.robot.name, link, ownership, sequences, streams, planning, recordings, stale_s

@@ -32,6 +32,7 @@ class Code(IntEnum):
     MOTION_TIMEOUT = 32
     CONDITION_NOT_MET = 33
     CONFLICT = 40
+    CHANGED = 41
     UNAVAILABLE = 50
     NOT_READY = 51
     SHARED_MEMORY = 52
@@ -65,6 +66,7 @@ MEANINGS: dict[Code, str] = {
     Code.MOTION_TIMEOUT: "it did not arrive in its time",
     Code.CONDITION_NOT_MET: "the motion has ended, and not by the condition that was to end it",
     Code.CONFLICT: "another client has control, or the present state does not permit this call",
+    Code.CHANGED: "another client has changed it meanwhile; the message names the client",
     Code.UNAVAILABLE: "a process, a file in shared memory or a device does not answer",
     Code.NOT_READY: "the robot answers but is in a mode that permits no motion",
     Code.SHARED_MEMORY: "shared memory is not what this program expects",
@@ -97,6 +99,7 @@ OF_ERROR: dict[type[CobotError], Code] = {
     errors.MotionTimeout: Code.MOTION_TIMEOUT,
     errors.ConditionNotMet: Code.CONDITION_NOT_MET,
     errors.ConflictError: Code.CONFLICT,
+    errors.ChangedError: Code.CHANGED,
     errors.PayloadError: Code.PAYLOAD,
     errors.MediaTypeError: Code.MEDIA_TYPE,
     errors.HeaderError: Code.HEADER,

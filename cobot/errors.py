@@ -15,6 +15,7 @@ CobotError
 │   ├── MotionStopped        a client, a person or a safety function stopped it
 │   └── MotionTimeout        it did not arrive and settle within its time
 ├── ConflictError        another client has control, or the present state does not permit the call
+│   └── ChangedError         another client has changed what this client changes
 ├── NotSupportedError    this product cannot honour the call
 ├── DeviceError          a device, a port or a peer refused or broke off
 │   └── DeviceTimeout        it did not answer in the time given
@@ -126,6 +127,10 @@ class MotionTimeout(ExecutionError):
 
 class ConflictError(CobotError):
     code = "conflict"
+
+
+class ChangedError(ConflictError):
+    code = "changed"
 
 
 class NotSupportedError(CobotError):

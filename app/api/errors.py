@@ -41,6 +41,7 @@ STATUS: dict[type[CobotError], int] = {
     errors.PlanningError: 422,
     errors.ExecutionError: 409,
     errors.ConflictError: 409,
+    errors.ChangedError: 412,
     errors.NotSupportedError: 501,
     errors.DeviceError: 502,
     errors.DeviceTimeout: 504,
@@ -89,6 +90,7 @@ DESCRIPTIONS = {
     403: "The token's role does not permit this: the detail says which role does.",
     404: "There is no such robot: the detail lists those that there are.",
     409: "Another client moves the arm, or the motion was stopped before it began; see the detail.",
+    412: "Another client has changed it meanwhile: the detail names the client, and what to do.",
     413: "The body is larger than `web.max_body_bytes` (uploads) or `web.max_json_bytes`.",
     415: "The Content-Type is another one than this endpoint takes.",
     422: "The request cannot be honoured as it is written: the detail says what, where, the value and the "

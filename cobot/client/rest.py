@@ -10,6 +10,7 @@ unreachable pose is an `UnreachableError` here too.
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -206,6 +207,67 @@ class Client(ForceMoves, Steps, EventConnection):
         """Output of the runner, the newest line last."""
         return list(self._json("GET", "/sequences/logs", params={"n": n})["lines"])
 
+    def programs(self) -> list[Json]:
+        """The stored programs, each with its newest version: `id`, `label`, `kind`, `version`, `author`,
+        `time`, `note`."""
+        return list(self._request("GET", "/programs"))
+
+    def program(self, program: str, version: int | None = None) -> Json:
+        """A stored program with its `text`; the newest version by default."""
+        params = {} if version is None else {"version": version}
+        return self._json("GET", _program_path(program), params=params)
+
+    def program_versions(self, program: str) -> list[Json]:
+        """All versions of a stored program that are kept, the newest first."""
+        return list(self._request("GET", f"{_program_path(program)}/versions"))
+
+    def save_program(
+        self,
+        program: str,
+        label: str,
+        text: str | Mapping[str, Any],
+        *,
+        kind: str = "sequence",
+        note: str = "",
+        base: int | None = None,
+    ) -> Json:
+        """Save a version of a program.
+
+        Args:
+            program: its id: a-z, 0-9, _ and -.
+            label: its name for people, in any language.
+            text: the sequence file, as text or as a dictionary; or the Lua program.
+            kind: "sequence" or "lua".
+            base: the version that was changed; None for a new program.
+
+        Raises:
+            ChangedError: another client saved a version meanwhile; the message names it.
+        """
+        body = {"label": label, "kind": kind, "note": note}
+        body["text"] = text if isinstance(text, str) else json.dumps(dict(text), ensure_ascii=False, indent=1)
+        headers = {} if base is None else {"If-Match": f'"{base}"'}
+        return self._json("PUT", _program_path(program), json=body, headers=headers)
+
+    def restore_program(self, program: str, version: int) -> Json:
+        """Save an old version again, as the newest one."""
+        old, newest = self.program(program, version), self.program(program)
+        return self.save_program(
+            program,
+            old["label"],
+            old["text"],
+            kind=old["kind"],
+            note=f"version {version} again",
+            base=newest["version"],
+        )
+
+    def delete_program(self, program: str) -> list[Json]:
+        """Delete a stored program with all its versions; returns the programs that are left."""
+        return list(self._request("DELETE", _program_path(program)))
+
+    def run_program(self, program: str, **options: Any) -> Json:
+        """Run a stored program; options as in POST /programs/{program}/run. `sequence_status` follows it."""
+        return self._json("POST", f"{_program_path(program)}/run", json=options)
+
     def call_service(self, robot: str, robot_class: str, method: str, arguments: Mapping[str, Any]) -> Json:
         """Call a vendor service of the robot by its name; `code` (0 is success), `message`, `result`."""
         base = self._http.base_url
@@ -271,3 +333,7 @@ class Client(ForceMoves, Steps, EventConnection):
     def health(self) -> Json:
         """Processes, cycle times, versions."""
         return self._json("GET", "/health")
+
+
+def _program_path(program: str) -> str:
+    return f"/programs/{quote(program, safe='')}"

@@ -73,6 +73,11 @@ class Settings(Section):
         return (self.kept or self.logs) / f"{self.robot.name}.scene.json"
 
     @property
+    def programs_folder(self) -> Path:
+        """Folder with the programs that people have stored, which the service writes."""
+        return (self.kept or self.logs) / f"{self.robot.name}.programs"
+
+    @property
     def positions_file(self) -> Path:
         """File with the named positions that people have taught, which the service writes."""
         return (self.kept or self.logs) / f"{self.robot.name}.positions.json"

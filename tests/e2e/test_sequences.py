@@ -338,3 +338,16 @@ def test_files_of_the_folder_of_programs_are_called(shared: Run, http: httpx.Cli
     assert any(
         "s.json calls circle.json calls circle.json: a sequence cannot call itself" in line for line in lines
     )
+
+
+def test_a_stored_program_runs_by_its_name(http: httpx.Client) -> None:
+    """Oracle: the simulated arm's joints."""
+    text = json.dumps({"waypoints": [{"named": "work", "speed": 1.0}]})
+    saved = http.put("/programs/kiste-1", json={"label": "Über Kiste 1", "text": text})
+    assert saved.status_code == 200, saved.text
+    http.post("/programs/kiste-1/run", json={"n_iterations": 1}).raise_for_status()
+    assert finished(http)["returncode"] == 0
+    (work,) = (each["joints"] for each in http.get("/robot/positions").json() if each["name"] == "work")
+    found = http.get("/robot/joint_states").json()["position"]
+    assert max(abs(one - other) for one, other in zip(found, work, strict=True)) < 5e-3
+    http.delete("/programs/kiste-1").raise_for_status()

@@ -83,6 +83,11 @@ async def start_sequence(
         from_waypoint=from_waypoint,
         hold=hold,
     )
+    return await start_order(call, order, wait=wait)
+
+
+async def start_order(call: Call, order: SequenceOrder, *, wait: bool) -> StartedAnswer | Response:
+    """Start a sequence or program, and answer with its number or, without `wait`, with its job."""
     status = await call.services.sequences.start(order, call.stops)
     assert status.sequence_id is not None
     assert status.pid is not None

@@ -45,6 +45,7 @@ TYPES = {
     "gripper": "the gripper has grasped, released or lost an object",
     "cell_reset": "the simulated cell was put back to its state at the start",
     "positions": "the named positions have changed",
+    "program": "a stored program was saved or deleted",
     "planning": "a planning process was replaced",
     "refused": "the service has refused a request that would have moved or changed something",
     "log": "a line of the service's log, of level warning or above",

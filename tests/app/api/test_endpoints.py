@@ -32,6 +32,8 @@ WITHOUT_CONTROL = {
     "POST /robot/plans/{plan}/rehearse",
     "POST /recordings",
     "DELETE /recordings/{name}",
+    "PUT /programs/{program}",
+    "DELETE /programs/{program}",
     *(
         f"POST /robot/plan/{kind}"
         for kind in ("named", "joints", "pose", "arc", "path", "sequence", "gripper")

@@ -1,0 +1,211 @@
+"""Programs that the service stores: a list, versions, and a run by name."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+from fastapi import Header, Path, Query, Request, Response
+from pydantic import AfterValidator, BaseModel, Field
+
+from app.api.dependencies import Call
+from app.api.errors import responses
+from app.api.job_schemas import ACCEPTED, Wait
+from app.api.route import EndpointRouter
+from app.api.routers.sequences import start_order
+from app.api.schemas import StartedAnswer
+from app.services.programs.sequences import SequenceOrder
+from app.services.programs.stored import MAX_CHARACTERS, ProgramText, ProgramVersion
+from cobot import audit
+from cobot.access.roles import Role
+from cobot.errors import InputError
+from cobot.loose_lists import RequestModel
+from cobot.motions.fields import example
+from cobot.strict import shown
+
+router = EndpointRouter(tags=["sequences"])
+SEQUENCE = '{"waypoints": [{"named": "home"}]}'
+
+
+def _require_printable(text: str) -> str:
+    if not text.isprintable() or not text.strip():
+        raise ValueError(f"{shown(text)} has characters that cannot be seen, or none that can")
+    return text.strip()
+
+
+Kind = Annotated[Literal["sequence", "lua"], Field(description="A sequence file (JSON) or a Lua program.")]
+Label = Annotated[
+    str,
+    Field(min_length=1, max_length=100, description="Name for people."),
+    AfterValidator(_require_printable),
+]
+Id = Annotated[str, Path(max_length=200, description="Id of a stored program: a-z, 0-9, _ and -.")]
+IfMatch = Annotated[
+    str | None,
+    Header(alias="If-Match", description='The version that the client knows, as in `ETag`, such as "3".'),
+]
+
+
+class SaveProgram(RequestModel):
+    """A program to store."""
+
+    model_config = example({"label": "Über Kiste 1", "text": SEQUENCE})
+
+    label: Label
+    kind: Kind = "sequence"
+    text: str = Field(max_length=MAX_CHARACTERS, description="The file as it is; unknown steps stay in it.")
+    note: str = Field("", max_length=200, description="What this version is about.")
+
+
+class RunProgram(RequestModel):
+    """How a stored program runs."""
+
+    model_config = example({"n_iterations": 1})
+
+    n_iterations: int = Field(1, ge=1, le=1_000_000, description="How often it runs.")
+    delay_between_iterations: float = Field(
+        0.0, ge=0.0, le=86400.0, allow_inf_nan=False, description="s, between two of them."
+    )
+    from_waypoint: int | None = Field(
+        None, ge=1, le=100_000, description="Where the first iteration begins; without it home."
+    )
+    hold: bool = Field(
+        False, description="It waits before its first motion, until its job is resumed or stepped."
+    )
+    version: int | None = Field(None, ge=1, le=999_999_999, description="Another version than the newest.")
+
+
+class StoredProgramAnswer(BaseModel):
+    """A version of a stored program, without its text."""
+
+    id: str = Field(description="Of the program, for addresses.")
+    label: str = Field(description="Name for people.")
+    kind: Kind
+    version: int = Field(description="Counted from 1.")
+    author: str = Field(
+        description="The client that saved it: a token's name, or in quotes a name that is not checked."
+    )
+    time: str = Field(description="When it was saved, ISO 8601, UTC.")
+    note: str = Field(description="What this version is about.")
+
+
+class StoredTextAnswer(StoredProgramAnswer):
+    """A version of a stored program."""
+
+    text: str = Field(description="The file as it was saved.")
+
+
+@router.endpoint("GET /programs", Role.OBSERVER, timeout_s=5.0)
+async def programs(request: Request) -> list[StoredProgramAnswer]:
+    """The newest version of each stored program."""
+    return [_answer(each) for each in await Call(request).services.stored.all()]
+
+
+@router.endpoint("GET /programs/{program}", Role.OBSERVER, timeout_s=5.0, responses=responses(404, 422, 503))
+async def program(
+    program: Id,
+    request: Request,
+    response: Response,
+    version: Annotated[
+        int | None, Query(ge=1, le=999_999_999, description="The newest one by default.")
+    ] = None,
+) -> StoredTextAnswer:
+    """A stored program. `ETag` is its version, for `If-Match` when it is saved."""
+    found = await Call(request).services.stored.read(program, version)
+    response.headers["ETag"] = _tag(found)
+    return _with_text(found)
+
+
+@router.endpoint(
+    "GET /programs/{program}/versions", Role.OBSERVER, timeout_s=5.0, responses=responses(404, 422, 503)
+)
+async def program_versions(program: Id, request: Request) -> list[StoredProgramAnswer]:
+    """All versions of a stored program that are kept, the newest first."""
+    return [_answer(each) for each in await Call(request).services.stored.versions(program)]
+
+
+@router.endpoint(
+    "PUT /programs/{program}", Role.PROGRAMMER, timeout_s=10.0, responses=responses(409, 412, 503)
+)
+async def save_program(
+    program: Id, body: SaveProgram, request: Request, response: Response, if_match: IfMatch = None
+) -> StoredProgramAnswer:
+    """Save a version. A new program has no `If-Match`; otherwise it names the version that was changed."""
+    saved = ProgramText(body.label, body.kind, body.text, body.note)
+    made = await Call(request).services.stored.save(program, saved, _version_of(if_match))
+    audit.add_details(program=made.id, version=made.version)
+    response.headers["ETag"] = _tag(made)
+    return _answer(made)
+
+
+@router.endpoint(
+    "DELETE /programs/{program}", Role.PROGRAMMER, timeout_s=10.0, responses=responses(404, 412, 422, 503)
+)
+async def delete_program(
+    program: Id, request: Request, if_match: IfMatch = None
+) -> list[StoredProgramAnswer]:
+    """Delete a stored program with all its versions; answers the programs that are left."""
+    stored = Call(request).services.stored
+    await stored.delete(program, _version_of(if_match))
+    return [_answer(each) for each in await stored.all()]
+
+
+@router.endpoint(
+    "POST /programs/{program}/run",
+    Role.OPERATOR,
+    timeout_s=10.0,
+    control=True,
+    keyed=True,
+    response_model=StartedAnswer,
+    responses=responses(404, 409, 503) | ACCEPTED,
+)
+async def run_program(
+    program: Id, body: RunProgram, request: Request, wait: Wait = True
+) -> StartedAnswer | Response:
+    """Run a stored program; answers when its process runs. Only one at a time."""
+    call = Call(request)
+    found = await call.services.stored.read(program, body.version)
+    audit.add_details(program=found.id, version=found.version)
+    order = SequenceOrder(
+        config=found.saved.text.encode(),
+        n_iterations=body.n_iterations,
+        delay_between_iterations_s=body.delay_between_iterations,
+        name=found.file_name,
+        from_waypoint=body.from_waypoint,
+        hold=body.hold,
+    )
+    return await start_order(call, order, wait=wait)
+
+
+def _version_of(if_match: str | None) -> int | None:
+    if if_match is None:
+        return None
+    found = re.fullmatch(r'(?:W/)?"([0-9]{1,9})"', if_match.strip())
+    if not found:
+        raise InputError(f'If-Match: {shown(if_match)} is not the ETag of a program, which is like "3"')
+    return int(found[1])
+
+
+def _tag(of: ProgramVersion) -> str:
+    return f'"{of.version}"'
+
+
+def _fields(of: ProgramVersion) -> dict[str, object]:
+    saved = of.saved
+    return {
+        "id": of.id,
+        "label": saved.label,
+        "kind": saved.kind,
+        "version": of.version,
+        "author": of.author,
+        "time": of.time,
+        "note": saved.note,
+    }
+
+
+def _answer(of: ProgramVersion) -> StoredProgramAnswer:
+    return StoredProgramAnswer.model_validate(_fields(of))
+
+
+def _with_text(of: ProgramVersion) -> StoredTextAnswer:
+    return StoredTextAnswer.model_validate(_fields(of) | {"text": of.saved.text})

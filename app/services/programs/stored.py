@@ -1,0 +1,281 @@
+"""Programs that people save at the service: named in any language, with versions, in a folder of the robot.
+
+Each version is a file of its own, which `keep` replaces as a whole, so a full disk or a killed process leaves
+the versions before it as they were. What is on disk is read when it is asked for: nothing can disagree.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from app.services.clients import CLIENT
+from app.services.state.link import RobotLink
+from cobot.errors import ChangedError, ConflictError, InputError, NotFoundError, UnavailableError
+from cobot.robot.kept import keep, read_kept
+from cobot.strict import shown
+
+MAX_PROGRAMS, MAX_VERSIONS = 200, 20
+"""Maximum number of programs, and of versions of each: the oldest go."""
+MAX_CHARACTERS = 400_000
+"""Maximum length of a program's text, in characters."""
+MAX_TOTAL_BYTES = 200_000_000
+"""Maximum size of the folder, in bytes."""
+ID_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
+SUFFIXES = {"sequence": ".json", "lua": ".lua"}
+"""By the kind of a program, how its file ends."""
+_ID = re.compile(ID_PATTERN)
+_VERSION = re.compile(r"([0-9]{1,9})\.json")
+Result = TypeVar("Result")
+log = logging.getLogger("cobot.programs")
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramText:
+    """What a person saves.
+
+    Attributes:
+        label: name for people, in any language.
+        kind: "sequence" or "lua".
+        text: the JSON document or the Lua program, as it is.
+        note: what this version is about.
+    """
+
+    label: str
+    kind: str
+    text: str
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramVersion:
+    """One version of a stored program.
+
+    Attributes:
+        author: name of the client that saved it; without a token its own name in quotes.
+        time: when it was saved, ISO 8601 in UTC.
+    """
+
+    id: str
+    version: int
+    author: str
+    time: str
+    saved: ProgramText
+
+    @property
+    def file_name(self) -> str:
+        """Name of its file for the runner and for export."""
+        return f"{self.id}{SUFFIXES[self.saved.kind]}"
+
+
+_FILE = TypeAdapter(ProgramVersion)
+
+
+class StoredPrograms:
+    """The stored programs of one robot.
+
+    Args:
+        folder: where they are; created with the first program, private to the user.
+    """
+
+    def __init__(self, folder: Path, link: RobotLink) -> None:
+        self._folder = folder
+        self._link = link
+        self._turn = asyncio.Lock()
+
+    async def all(self) -> list[ProgramVersion]:
+        """The newest version of each program, by label."""
+        return await asyncio.to_thread(self._all)
+
+    async def read(self, program: str, version: int | None = None) -> ProgramVersion:
+        """One version, the newest by default.
+
+        Raises:
+            NotFoundError: no such program or version.
+            UnavailableError: it cannot be read.
+        """
+        return await asyncio.to_thread(self._read, program, version)
+
+    async def versions(self, program: str) -> list[ProgramVersion]:
+        """All versions that are kept, the newest first.
+
+        Raises:
+            NotFoundError: no such program.
+            UnavailableError: one cannot be read.
+        """
+        numbers = await asyncio.to_thread(self._require, program)
+        return await asyncio.to_thread(lambda: [self._read(program, each) for each in reversed(numbers)])
+
+    async def save(self, program: str, saved: ProgramText, base: int | None) -> ProgramVersion:
+        """Save a version; it is on disk when this returns. The same again, after a lost answer, is not new.
+
+        Args:
+            base: the version that was changed; None for a new program.
+
+        Raises:
+            ChangedError: another version was saved meanwhile, or the program exists, or it was deleted.
+            InputError: impossible id, or the text is not a JSON object.
+            ConflictError: there are too many programs, or their folder is too large.
+            UnavailableError: the disk takes nothing; the former version is unchanged.
+        """
+        if not _ID.fullmatch(program):
+            raise InputError(f"program: {shown(program)} is not an id; it has a-z, 0-9, _ and -, at most 64")
+        if saved.kind == "sequence":
+            _require_object(saved.text)
+        author = CLIENT.get().name
+        made = await self._alone(lambda: self._save(program, saved, base, author))
+        self._tell("saved", made)
+        return made
+
+    async def delete(self, program: str, base: int | None) -> None:
+        """Delete a program with all its versions.
+
+        Args:
+            base: the newest version that the client knows; None for any.
+
+        Raises:
+            NotFoundError: no such program.
+            ChangedError: another version was saved meanwhile.
+            UnavailableError: the disk does not permit it.
+        """
+        self._tell("deleted", await self._alone(lambda: self._delete(program, base)))
+
+    async def _alone(self, work: Callable[[], Result]) -> Result:
+        async with self._turn:
+            return await asyncio.to_thread(work)
+
+    def _tell(self, what: str, of: ProgramVersion) -> None:
+        self._link.events.publish(
+            "program", what=what, id=of.id, label=of.saved.label, version=of.version, by=str(CLIENT.get())
+        )
+
+    def _all(self) -> list[ProgramVersion]:
+        found = []
+        for program in self._ids():
+            try:
+                found.append(self._read(program, None))
+            except (NotFoundError, UnavailableError) as exc:  # deleted meanwhile, or damaged
+                log.warning("%s", exc)
+        return sorted(found, key=lambda each: (each.saved.label.casefold(), each.id))
+
+    def _ids(self) -> list[str]:
+        if not self._folder.is_dir():
+            return []
+        return [each.name for each in self._folder.iterdir() if _ID.fullmatch(each.name)]
+
+    def _numbers(self, program: str) -> list[int]:
+        """Numbers of the versions that are kept, in ascending order."""
+        folder = self._folder / program
+        if not _ID.fullmatch(program) or not folder.is_dir():
+            return []
+        found = (_VERSION.fullmatch(each.name) for each in folder.iterdir())
+        return sorted(int(each[1]) for each in found if each)
+
+    def _require(self, program: str) -> list[int]:
+        numbers = self._numbers(program)
+        if not numbers:
+            raise NotFoundError(f"program: there is no {shown(program)}; the list of programs has their ids")
+        return numbers
+
+    def _path(self, program: str, version: int) -> Path:
+        return self._folder / program / f"{version}.json"
+
+    def _read(self, program: str, version: int | None) -> ProgramVersion:
+        numbers = self._require(program)
+        number = numbers[-1] if version is None else version
+        if number not in numbers:
+            raise NotFoundError(
+                f"version: program {shown(program)} has no version {number}; kept are "
+                f"{numbers[0]} to {numbers[-1]}"
+            )
+        path = self._path(program, number)
+        try:
+            return _FILE.validate_json(read_kept(path))
+        except FileNotFoundError as exc:
+            raise NotFoundError(f"program: {shown(program)} was deleted") from exc
+        except OSError as exc:
+            raise UnavailableError(f"{path}: cannot be read: {exc.strerror}") from exc
+        except ValidationError as exc:
+            raise UnavailableError(f"{path}: is damaged; save the program again or remove the file") from exc
+
+    def _save(self, program: str, saved: ProgramText, base: int | None, author: str) -> ProgramVersion:
+        numbers = self._numbers(program)
+        newest = numbers[-1] if numbers else 0
+        if newest != (base or 0):
+            return self._repeated_or_refused(program, saved, base or 0, newest)
+        if not newest and len(self._ids()) >= MAX_PROGRAMS:
+            raise ConflictError(f"{MAX_PROGRAMS} programs are stored, which is the limit; delete one first")
+        time = datetime.fromtimestamp(self._link.clock.wall_ns() * 1e-9, UTC).isoformat(timespec="seconds")
+        made = ProgramVersion(program, newest + 1, author, time, saved)
+        content = json.dumps(asdict(made), ensure_ascii=False, indent=1).encode()
+        used = sum(each.stat().st_size for each in self._folder.glob("*/*.json"))
+        if used + len(content) > MAX_TOTAL_BYTES:
+            raise ConflictError(
+                f"the stored programs have {used} bytes, allowed are {MAX_TOTAL_BYTES}; delete some first"
+            )
+        self._make_folder()
+        keep(self._path(program, made.version), content, f"program {shown(program)}")
+        for old in numbers[: len(numbers) + 1 - MAX_VERSIONS]:
+            self._path(program, old).unlink(missing_ok=True)
+        return made
+
+    def _make_folder(self) -> None:
+        try:
+            self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        except OSError as exc:
+            raise UnavailableError(f"{self._folder}: cannot be created: {exc.strerror}") from exc
+
+    def _repeated_or_refused(
+        self, program: str, saved: ProgramText, base: int, newest: int
+    ) -> ProgramVersion:
+        if not newest:
+            raise ChangedError(
+                f"program {shown(program)}: version {base} was deleted meanwhile; save it as a new program"
+            )
+        there = self._read(program, None)
+        if newest == base + 1 and there.saved == saved:
+            return there
+        based = f"yours is based on version {base}" if base else "yours is a new program"
+        raise ChangedError(
+            f"program {shown(there.saved.label)} ({program}): {there.author} saved version {newest} at "
+            f"{there.time}, and {based}; load theirs, or save yours under another name"
+        )
+
+    def _delete(self, program: str, base: int | None) -> ProgramVersion:
+        newest = self._require(program)[-1]
+        try:
+            there = self._read(program, None)
+        except UnavailableError:  # a damaged one can be deleted too
+            there = ProgramVersion(program, newest, "?", "?", ProgramText(program, "sequence", ""))
+        if base is not None and base != newest:
+            raise ChangedError(
+                f"program {shown(there.saved.label)} ({program}): {there.author} saved version {newest} at "
+                f"{there.time}; read it before you delete it"
+            )
+        aside = self._folder / f".deleted-{program}"
+        try:
+            shutil.rmtree(aside, ignore_errors=True)
+            (self._folder / program).rename(aside)
+            shutil.rmtree(aside)
+        except OSError as exc:
+            raise UnavailableError(f"{aside}: cannot be deleted: {exc.strerror}") from exc
+        return there
+
+
+def _require_object(text: str) -> None:
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as exc:
+        raise InputError(f"text: is not JSON: {exc}") from exc
+    if not isinstance(content, dict):
+        raise InputError(f"text: a sequence file is an object, got {shown(content)}")
