@@ -21,6 +21,7 @@ from panel.page import ELSEWHERE, OPERATED, SEEN, Panel
 from panel.reading import *  # noqa: F403
 from panel.standing import *  # noqa: F403
 from panel.stopping import *  # noqa: F403
+from panel.storing import *  # noqa: F403
 from panel.teaching import *  # noqa: F403
 from panel.watching import *  # noqa: F403
 

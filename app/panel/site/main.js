@@ -25,6 +25,7 @@ import { Readouts } from "./readouts.js";
 import { Recordings } from "./recordings.js";
 import { Setup } from "./setup.js";
 import { Status } from "./status.js";
+import { Stored } from "./stored.js";
 import { Stream } from "./stream.js";
 import { Pages, Robots } from "./tabs.js";
 import { Typed } from "./typed.js";
@@ -52,6 +53,7 @@ class Panel {
     this.approvals = new Approvals(api, this.motions);
     this.freedrive = new Freedrive(api);
     this.waypoints = new Waypoints(api, this.motions, () => this, this.freedrive);
+    this.stored = new Stored(api, this.waypoints);
     this.stream = new Stream(api, {
       state: (state) => this.show(state),
       answer: (frame) => this.answered(frame),
@@ -114,6 +116,7 @@ class Panel {
     this.looks = null;
     this.motions.discard();
     this.waypoints.load(robot.name);
+    this.stored.load();
     this.csv.forget();
     this.recordings.close();
     this.tag = this.state = this.geometry = null;
@@ -192,7 +195,7 @@ class Panel {
   }
 
   hear(event) {
-    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.waypoints, this.recordings, this.log, this.status, this.setup, this.way];
+    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.waypoints, this.recordings, this.log, this.status, this.setup, this.way, this.stored];
     for (const each of heard) each.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
   }

@@ -128,6 +128,10 @@ export class Waypoints {
     return { waypoints: this.list.map((point, index) => ({ ...motion(point, speed), radius: index < last ? point.radius / 1000 : 0 })) };
   }
 
+  get any() {
+    return Boolean(this.file) || this.list.length > 0;
+  }
+
   get text() {
     return this.file?.text ?? JSON.stringify(this.sequence(), null, 1);
   }
