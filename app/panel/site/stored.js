@@ -60,7 +60,11 @@ export class Stored {
     const versions = id ? await this.api.get(`/programs/${id}/versions`).catch(() => []) : [];
     if (id !== element("stored").value) return;
     const shown = ({ version, author, time }) => `${version} · ${named(author)} · ${new Date(time).toLocaleString(document.documentElement.lang)}`;
-    element("stored-version").replaceChildren(...versions.map((each) => new Option(shown(each), String(each.version))));
+    const select = element("stored-version");
+    const chosen = select.dataset.of === id && select.selectedIndex > 0 ? select.value : ""; // the newest one stays the newest
+    select.replaceChildren(...versions.map((each) => new Option(shown(each), String(each.version))));
+    select.dataset.of = id;
+    if (versions.some((each) => String(each.version) === chosen)) select.value = chosen;
   }
 
   // An old version is shown as it was; saved, it is the newest one.

@@ -81,7 +81,13 @@ def test_every_endpoint_that_changes_something_leaves_an_entry(run: VirtualServi
     assert {path for _, path in paths} > {"/stop", "/robot/reset", "/robots/{robot}/stop", "/sequences/start"}
     for method, template in paths:
         path = template.format(
-            robot=run.name, Class="RobotConfig", method="setPayload", name="table", job="1", plan="1"
+            robot=run.name,
+            Class="RobotConfig",
+            method="setPayload",
+            name="table",
+            job="1",
+            plan="1",
+            program="p",
         )
         plain = re.sub(r"^/robots/[^/]+", "", path)
         if plain not in BODIES and plain.startswith(("/move", "/reset", "/control", "/freedrive")):

@@ -60,6 +60,7 @@ def test_a_program_is_stored_opened_and_not_written_over(panel: Panel) -> None:
             panel.page.click("#stored-theirs")
             said(panel, "is open, version 3")
             assert panel.page.run("cobotPanel.waypoints.list[0].label") == "theirs"
+            panel.until("cobotPanel.stored.list.some((each) => each.version === 3)")
             set_to(panel, "#stored", first["id"])
             panel.page.click("#stored-delete")
             said(panel, "is deleted")
