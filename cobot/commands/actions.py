@@ -36,6 +36,15 @@ JOBS = {
     "owner": "owner",
 }
 
+PROGRAMS = {
+    "id": "program",
+    "label": "name",
+    "kind": "kind",
+    "version": "version",
+    "author": "author",
+    "time": "saved",
+}
+
 
 def run(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
     """Execute a command and return the exit status."""
@@ -216,6 +225,39 @@ def _jobs(client: Client, chosen: argparse.Namespace) -> int:
     return EXIT_OK
 
 
+def _program(client: Client, chosen: argparse.Namespace) -> int:
+    if chosen.action == "list":
+        found = client.programs()
+        print_json(found) if chosen.json else show_table(found, PROGRAMS)
+        return EXIT_OK
+    if chosen.id is None:
+        raise InputError(f"program {chosen.action}: needs the ID of a program")
+    if chosen.action == "show":
+        program = client.program(chosen.id, chosen.version)
+        print_json(program) if chosen.json else print(program["text"])
+        return EXIT_OK
+    if chosen.action == "save":
+        return _save_program(client, chosen)
+    options = {} if chosen.version is None else {"version": chosen.version}
+    answer = client.run_program(chosen.id, n_iterations=chosen.repeat, **options)
+    _print_answer(chosen, answer, f"program {chosen.id} runs as sequence {answer['sequence_id']}")
+    return EXIT_OK
+
+
+def _save_program(client: Client, chosen: argparse.Namespace) -> int:
+    if chosen.file is None:
+        raise InputError("program save: needs the FILE after the ID")
+    kind = "lua" if chosen.file.suffix == ".lua" else "sequence"
+    try:
+        text = _read(chosen.file).decode()
+    except UnicodeDecodeError as exc:
+        raise InputError(f"{chosen.file}: is not UTF-8 at byte {exc.start}") from exc
+    label = chosen.label or chosen.id
+    made = client.save_program(chosen.id, label, text, kind=kind, base=chosen.base)
+    _print_answer(chosen, made, f"program {chosen.id} is saved as version {made['version']}")
+    return EXIT_OK
+
+
 def _watch(client: Client, chosen: argparse.Namespace) -> int:
     types = chosen.types.split(",") if chosen.types else ()
     for count, event in enumerate(client.events(types, state_hz=chosen.state_hz, after=chosen.after), 1):
@@ -277,6 +319,7 @@ ACTIONS = {
     "run": _sequence,
     "stop": _stop,
     "jobs": _jobs,
+    "program": _program,
     "watch": _watch,
     "acknowledge": _acknowledge,
 }

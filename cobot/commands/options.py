@@ -12,7 +12,7 @@ from cobot.motions.planners import GOAL_ALONE, in_words
 
 URL_VARIABLE = "COBOT_URL"
 URL_HELP = f"URL of the service (default: {URL_VARIABLE}, or {DEFAULT_URL})"
-COMMANDS = ("state", "move", "send", "jobs", "watch", "teleop", "acknowledge", "completion")
+COMMANDS = ("state", "move", "send", "jobs", "program", "watch", "teleop", "acknowledge", "completion")
 SHELLS = ("bash", "zsh", "fish")
 EPILOG = "exit status: 0 done, 1 refused with a reason, 2 wrong usage, 3 no answer, 130 interrupted"
 HELD, OFF = 2, 1
@@ -101,6 +101,19 @@ def add_parsers(commands: Commands) -> None:
     change = jobs.add_mutually_exclusive_group()
     for what in ("cancel", "pause", "resume"):
         change.add_argument(f"--{what}", action="store_true", help=f"{what} it")
+    program = parser("program", "list, print, save or run the programs that the service stores")
+    program.add_argument("action", choices=("list", "show", "save", "run"), metavar="list|show|save|run")
+    program.add_argument("id", nargs="?", metavar="ID", help="ID of a program; for all actions but list")
+    program.add_argument("file", nargs="?", type=Path, metavar="FILE", help="save: a .json or .lua file")
+    program.add_argument("--label", metavar="TEXT", help="save: the name for people (default: the ID)")
+    program.add_argument(
+        "--base",
+        type=_count,
+        metavar="N",
+        help="save: the version that was changed; without it a new program",
+    )
+    program.add_argument("--version", type=_count, metavar="N", help="show, run: an older version")
+    program.add_argument("--repeat", type=_count, default=1, metavar="N", help="run: this number of times")
     watch = parser("watch", "print events as they happen, until Ctrl-C")
     watch.add_argument("--types", metavar="TYPE,...", help="event types of docs/events.md; without them all")
     watch.add_argument(

@@ -233,3 +233,24 @@ def test_there_is_nothing_to_acknowledge_of_a_simulation(shell: Shell) -> None:
     status, out, err = shell("acknowledge", "--payload-checked")
     assert status == 0, err
     assert "nothing to acknowledge" in out
+
+
+def test_programs_are_stored_shown_and_run(shell: Shell, tmp_path: Path) -> None:
+    """Oracle: the file that was saved; the process that runs it ends with 0."""
+    file = tmp_path / "kiste.json"
+    file.write_text('{"waypoints": [{"named": "home", "speed": 1.0}]}', encoding="utf-8")
+    saved = shell("program", "save", "kiste", str(file), "--label", "Über Kiste 1")
+    assert (saved[0], saved[1]) == (0, "program kiste is saved as version 1\n")
+    assert shell("program", "show", "kiste")[1] == file.read_text(encoding="utf-8") + "\n"
+    assert "Über Kiste 1" in shell("program", "list")[1]
+    file.write_text('{"waypoints": [{"named": "work"}]}', encoding="utf-8")
+    refused = shell("program", "save", "kiste", str(file))
+    assert refused[0] == 1
+    assert "saved version 1" in refused[2]
+    assert shell("program", "save", "kiste", str(file), "--base", "1")[0] == 0
+    assert shell("program", "run", "kiste", "--version", "1")[0] == 0
+    for words in (("show",), ("save", "kiste"), ("run", "none")):
+        assert shell("program", *words)[0] == 1, words
+    address = f"{shell.run.url}/sequences/status"
+    until(lambda: httpx.get(address, timeout=WAIT_S).json()["returncode"] == 0)
+    httpx.delete(f"{shell.run.url}/programs/kiste", timeout=WAIT_S).raise_for_status()
