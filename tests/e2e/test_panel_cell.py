@@ -53,6 +53,15 @@ def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> Non
         until(lambda: (now := width()) is not None and abs(now - 0.04) < 0.003)
         until(lambda: abs(page.run(BETWEEN) - 0.052) < 0.003)
         page.click("#gripper-stop")
+        page.ask(
+            "Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False
+        )
+        page.set_to("#language", "de")
+        page.run("document.querySelector('#name-form').hidden = true")
+        height = "(e => e.scrollHeight - e.clientHeight)(document.querySelector('#side'))"
+        until(
+            lambda: page.run(height) <= 1, lambda: f"{page.run(height)} px of the page Move are out of sight"
+        )
         page.click("#gripper-home")
         until(lambda: page.run("document.querySelector('#gripper-why').innerText") == "")
 
