@@ -134,6 +134,8 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
         for each in client.get("/robot/positions").raise_for_status().json():
             if each["taught"]:
                 client.delete(f"/robot/positions/{each['name']}")
+        for each in client.get("/programs").raise_for_status().json():
+            client.delete(f"/programs/{each['id']}")
     assert result.returncode == 0, result.stdout[-6000:] + result.stderr[-2000:]
     assert re.search(r"\d+ passed", result.stdout)
     return result.stdout

@@ -49,7 +49,8 @@ def test_a_program_is_stored_opened_and_not_written_over(panel: Panel) -> None:
             assert labels[LABEL]["version"] == 2, "theirs is as it was"
 
             panel.until("document.querySelector('#stored').options.length === 2")
-            set_to(panel, "#stored", first["id"])
+            for each in (labels[f"{LABEL} (2)"], first):
+                set_to(panel, "#stored", each["id"])
             panel.until("document.querySelector('#stored-version').options.length === 2")
             set_to(panel, "#stored-version", "1")
             panel.page.click("#stored-open")
