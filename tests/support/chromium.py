@@ -45,7 +45,8 @@ def browsing(folder: Path, *more: str) -> Iterator[ClientConnection]:
     try:
         assert process.stderr is not None
         found = next(filter(None, (re.search(r"ws://\S+", line) for line in process.stderr)))
-        with connect(found.group(), max_size=None) as tools:
+        # Chromium answers no pings while it draws on a busy computer.
+        with connect(found.group(), max_size=None, ping_interval=None) as tools:
             yield tools
     finally:
         process.terminate()
