@@ -64,7 +64,7 @@ TAGS = [
 
 
 NAVIGATION = """<nav style="font: 1rem sans-serif; padding: 0.75rem 1.25rem">
-<a href="/">Panel</a> · <a href="/manual">Manual</a> · <a href="/docs">REST API</a> ·
+<a href="/">Panel</a> · <a href="/manual/">Manual</a> · <a href="/docs">REST API</a> ·
 <a href="/docs/robots">REST API by robot</a> · <a href="/docs/vendor">Vendor services</a> ·
 <a href="/redoc">Reference (ReDoc)</a>
 </nav>"""
