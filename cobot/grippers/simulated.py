@@ -57,6 +57,7 @@ class SimulatedGripper:
         self._hand, self._port, self._clock = hand, port, clock
         self._asked: dict[str, float] = {}
         self._asked_s = 0.0
+        self._sent: dict[str, float] = {}
         self._holds = False
         self.capabilities = GripperCapabilities(
             width_m=(0.0, hand.stroke_m),
@@ -93,6 +94,7 @@ class SimulatedGripper:
 
     def connect(self) -> None:
         self._asked.clear()
+        self._sent.clear()
         for name in (WIDTH, SPEED, FORCE, MEASURED_WIDTH, MEASURED_FORCE, MOVING):
             self._port.read(name)
 
@@ -113,8 +115,10 @@ class SimulatedGripper:
         }
         self._asked_s = self._clock.now_s()
         for name, value in self._asked.items():
-            if self._port.read(name) != value:  # each output takes rtloop a few cycles
-                self._port.set(name, value)
+            reported = self._port.read(name)
+            # Each output takes rtloop a few cycles, and a report may be older than the last command.
+            if reported != value or self._sent.get(name, reported) != value:
+                self._send(name, value)
 
     def grasp(self, grasp: Grasp) -> None:
         present_m = self._port.read(MEASURED_WIDTH)
@@ -131,7 +135,7 @@ class SimulatedGripper:
     def stop(self) -> None:
         if self._moves():
             self._asked, self._asked_s = {WIDTH: self._port.read(MEASURED_WIDTH)}, self._clock.now_s()
-            self._port.set(WIDTH, self._asked[WIDTH])
+            self._send(WIDTH, self._asked[WIDTH])
 
     def home(self) -> None:
         self.open()
@@ -147,6 +151,10 @@ class SimulatedGripper:
         if self._holds:
             held = HeldObject.HELD_INSIDE if width > target else HeldObject.HELD_OUTSIDE
         return GripperState(width, target, moving, force=force, object=held)
+
+    def _send(self, name: str, value: float) -> None:
+        self._port.set(name, value)
+        self._sent[name] = value
 
     def _moves(self) -> bool:
         """Whether the fingers move, or the cell has not reported the last command yet."""

@@ -117,3 +117,28 @@ def test_a_command_that_another_client_has_replaced_ends(hand: HandRig, gripper:
     assert gripper.state().moving
     hand.step(0.6)
     assert not gripper.state().moving
+
+
+class LateRig(HandRig):
+    """A hand whose commands are reported only when `report` is called, as rtloop needs a few cycles."""
+
+    def __init__(self) -> None:
+        super().__init__(HAND)
+        self._told: dict[str, float] = {}
+
+    def set(self, name: str, value: float) -> None:
+        self._told[name] = value
+
+    def report(self) -> None:
+        self.values |= self._told
+
+
+def test_a_command_counts_although_the_one_before_is_not_reported_yet() -> None:
+    hand = LateRig()
+    gripper = SimulatedGripper(HAND, hand, hand)
+    gripper.connect()
+    gripper.move(0.02, None, None)
+    gripper.move(HAND.stroke_m, None, None)  # what is still reported, from before the first command
+    hand.report()
+    hand.step(1.0)
+    assert gripper.state().width == HAND.stroke_m
