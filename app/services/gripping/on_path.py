@@ -8,8 +8,9 @@ from typing import Any
 
 from app.services.gripping.service import GripperService
 from app.services.rights.claims import Caller
-from app.services.rights.job import JobKind
+from app.services.rights.job import Job, JobKind
 from app.services.rights.ownership import Ownership
+from cobot.errors import CobotError
 from cobot.motions.gripper_bodies import GripperRequest
 
 VALID = ("move", "grasp", "release")
@@ -42,6 +43,13 @@ class PathCommands:
         request = GripperRequest.of(fields, VALID)
         job = self._ownership.new_job(JobKind.GRIPPER, f"{NAME}: {request.words}")
         caller = Caller(NAME, None, self._ownership.stops, TIMEOUT_S, asyncio.Event(), job, waits=False)
-        task = asyncio.create_task(self._gripper.run(request.name, request.command, caller))
+        task = asyncio.create_task(self._run(request, caller, job))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+    async def _run(self, request: GripperRequest, caller: Caller, job: Job) -> None:
+        try:
+            await self._gripper.run(request.name, request.command, caller)
+        except CobotError as exc:
+            if not job.ended.is_set():  # rejected before it began
+                self._ownership.end(job, exc)

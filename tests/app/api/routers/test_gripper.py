@@ -359,6 +359,22 @@ def test_a_wrong_command_on_the_path_moves_nothing(
     assert run.service.joints() == before
 
 
+def test_an_action_that_the_gripper_rejects_when_it_is_due_is_a_failed_job(run: Run) -> None:
+    services = run.service.app.state.services
+
+    async def begin() -> None:
+        services.path_gripper.begin({"command": "move", "width": 0.01})
+
+    services.link.request_estop()
+    run.service.until(lambda: run.client.state()["mode"] == "ESTOP")
+    run.service.run(begin())
+    run.service.sleep(0.1)
+    job = run.service.get("/jobs").json()["jobs"][0]
+    run.client.reset()
+    assert (job["kind"], job["state"]) == ("gripper", "failed")
+    assert "ESTOP" in job["error"]["detail"]
+
+
 def test_a_gripper_at_outputs_of_a_robot_without_any_is_a_problem_in_words(tmp_path: Path) -> None:
     service = VirtualService(tmp_path, of_robot="gripper: {type: digital, close_output: valve}")
     with service.serving():
