@@ -9,7 +9,7 @@ import math
 
 from app.graph.graph import Graph
 from app.services.gripping.service import GripperService
-from cobot.clock import Clock
+from cobot.clock import Clock, WallTime
 from cobot.ros.fingers import FRESH_S, FingerState, gripper_states
 from cobot.ros.messages import ros_time
 from cobot.ros.robot_messages import JOINT_STATES
@@ -23,7 +23,7 @@ class GripperTopics:
     """
 
     def __init__(self, graph: Graph, gripper: GripperService, name: str, clock: Clock) -> None:
-        self._gripper, self._clock = gripper, clock
+        self._gripper, self._clock, self._wall_time = gripper, clock, WallTime(clock)
         self._fingers: tuple[float, FingerState] | None = None
         self._publisher = graph.advertise(gripper_states(name), JOINT_STATES, owner=self, alone=True)
         gripper.on_reading.append(self._read)
@@ -53,5 +53,5 @@ class GripperTopics:
         fingers = FingerState(state.width, speed, force)
         self._fingers = now_s, fingers
         if self._publisher.subscribers:
-            stamp = ros_time(self._clock.wall_ns() - round(1e9 * report.age_s))
+            stamp = ros_time(self._wall_time.at(round(1e9 * now_s)))
             self._publisher.publish({"header": {"stamp": stamp}, **fingers.message})

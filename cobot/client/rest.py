@@ -35,7 +35,7 @@ class Client(ForceMoves, Steps, EventConnection):
         robot: name of the robot, if it is not the default one.
         timeout_s: for all requests that are answered at once.
         motion_timeout_s: for motions, which are answered on arrival; longer than the service's own timeouts.
-            A sequence is waited for at least 630 s, a recording 150 s.
+            Some answers take longer: see `cobot.client.connection.LONG_TIMEOUTS_S`.
         token: made with `cobot token create`, for a service that requires one; default: `COBOT_TOKEN`.
         verify: which certificates to trust, see `cobot.client.tls.tls_context`.
         motion_token: token of a sequence, for the sequence's own motions.
