@@ -328,7 +328,8 @@ def test_a_stop_ends_it(service: VirtualService, table: Table, end: str) -> None
 @pytest.mark.parametrize(
     ("path", "change", "words"),
     [
-        ("press", {"force": 0.0}, "force"),
+        ("press", {"force": 0.09}, "force"),
+        ("press", {"force": 0.1, "max_force": 0.9}, "max_force"),
         ("press", {"force": 10.0, "max_force": 5.0}, "max_force must be above force"),
         ("press", {"force": 10.0, "direction": {"x": 0.0, "y": 0.0, "z": 0.0}}, "direction: has no length"),
         ("press", {"force": 10.0, "frame": "world"}, "frame"),
