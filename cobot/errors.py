@@ -49,7 +49,8 @@ class CobotError(Exception):
     Attributes:
         findings: the facts behind an error about a motion, the decisive one first.
         explanation: changes that would make the motion work, if any were tried.
-        explain: both in the form of the REST API (docs/api.md), if a client raises an error that it received.
+        explain: both in the form of the REST API (docs/motions.md), if a client raises an error that it
+            received.
     """
 
     code: ClassVar[str] = "error"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 LINK = re.compile(r"\[([^\]]+)\]\([^)]*\)")
@@ -28,8 +28,8 @@ def _rest() -> Iterator[str]:
     yield "# REST, endpoint by endpoint\n"
     yield (
         "Made of the service's own OpenAPI document, which a running service has at `/docs` to try and at "
-        "`/openapi.json` for programs. What it means, with examples: [api.md](api.md). Each endpoint of a "
-        "robot is there below `/robots/NAME` too."
+        "`/openapi.json` for programs. [HTTP API](api.md) leads to the pages that explain it, with examples. "
+        "Each endpoint of a robot also exists below `/robots/NAME`. Types with a name are listed last."
     )
     operations = [
         (path, method, operation)
@@ -46,7 +46,8 @@ def _rest() -> Iterator[str]:
             yield _plain(operation.get("description", "")) + "\n"
             yield from _parameters(operation)
             yield from _body(operation, schemas)
-            yield from _answers(operation)
+            yield from _answers(operation, schemas)
+    yield from _models((each[2] for each in operations), schemas)
 
 
 def _parameters(operation: Mapping[str, Any]) -> Iterator[str]:
@@ -63,25 +64,88 @@ def _parameters(operation: Mapping[str, Any]) -> Iterator[str]:
 
 def _body(operation: Mapping[str, Any], schemas: Mapping[str, Any]) -> Iterator[str]:
     for kind, content in operation.get("requestBody", {}).get("content", {}).items():
-        name = content["schema"].get("$ref", "").rpartition("/")[2]
-        model = schemas.get(name, {})
-        yield f"Body: `{kind}`\n\n| Field | Type | |\n|---|---|---|"
-        for field, about in model.get("properties", {}).items():
-            default = f" Default: `{about['default']}`." if "default" in about else ""
-            needed = " **Needed.**" if field in model.get("required", ()) else ""
-            yield f"| `{field}` | {_type(about)} | {_cell(about.get('description', ''))}{default}{needed} |"
-        yield ""
+        yield f"Body: `{kind}`\n"
+        yield from _fields(_resolved(content["schema"], schemas), " **Required.**")
 
 
-def _answers(operation: Mapping[str, Any]) -> Iterator[str]:
+def _answers(operation: Mapping[str, Any], schemas: Mapping[str, Any]) -> Iterator[str]:
+    content = operation["responses"].get("200", {}).get("content", {}).get("application/json")
+    if content:
+        schema = content["schema"]
+        several = schema.get("type") == "array"
+        yield f"Response{', a list of' if several else ''}:\n"
+        yield from _fields(_resolved(schema["items"] if several else schema, schemas))
     for status, answer in operation["responses"].items():
         yield f"- {status}: {_plain(answer.get('description', ''))}"
+
+
+def _resolved(schema: Mapping[str, Any], schemas: Mapping[str, Any]) -> Mapping[str, Any]:
+    return schemas.get(_name(schema), schema)
+
+
+def _name(schema: Mapping[str, Any]) -> str:
+    """The name of the model that a schema refers to, or ""."""
+    return str(schema.get("$ref", "")).rpartition("/")[2]
+
+
+def _fields(model: Mapping[str, Any], required: str = "") -> Iterator[str]:
+    """The fields of a body or of a response, as a table."""
+    if not model.get("properties"):
+        yield f"{_type(model)}\n"
+        return
+    yield "| Field | Type | |\n|---|---|---|"
+    for field, about in model["properties"].items():
+        default = f" Default: `{about['default']}`." if about.get("default", "") != "" else ""
+        needed = required if field in model.get("required", ()) else ""
+        text = f"{_cell(about.get('description', ''))}{_range(about)}{default}{needed}"
+        yield f"| `{field}` | {_type(about)} | {text} |"
+    yield ""
+
+
+def _models(operations: Iterable[Mapping[str, Any]], schemas: Mapping[str, Any]) -> Iterator[str]:
+    """The models that fields refer to, once each."""
+    shown: set[str] = set()
+    wanted: list[str] = []
+    for operation in operations:
+        for part in (operation.get("requestBody", {}), operation["responses"].get("200", {})):
+            for content in part.get("content", {}).values():
+                shown.add(_name(content["schema"].get("items", content["schema"])))
+                wanted += _referred(_resolved(content["schema"].get("items", content["schema"]), schemas))
+    yield "\n## Models"
+    while wanted:
+        name = wanted.pop(0)
+        if name not in shown:
+            shown.add(name)
+            wanted += _referred(schemas[name])
+            yield f"\n### {name}\n"
+            yield _plain(schemas[name].get("description", "")) + "\n"
+            yield from _fields(schemas[name], " **Required.**")
+
+
+def _referred(schema: Any) -> list[str]:
+    """The names of the models that a schema refers to, at any depth."""
+    if isinstance(schema, Mapping):
+        own = [_name(schema)] if "$ref" in schema else []
+        return own + [name for each in schema.values() for name in _referred(each)]
+    return [name for each in schema for name in _referred(each)] if isinstance(schema, list) else []
+
+
+def _range(schema: Mapping[str, Any]) -> str:
+    """The limits of a value, of a text or of a list, for people."""
+    schema = next((each for each in schema.get("anyOf", ()) if each.get("type") != "null"), schema)
+    for name, unit in (("imum", ""), ("Length", " characters"), ("Items", " items")):
+        low, high = schema.get(f"min{name}"), schema.get(f"max{name}")
+        if low is not None and high is not None:
+            return f" {low:g} to {high:g}{unit}."
+        if low is not None or high is not None:
+            return f" At least {low:g}{unit}." if high is None else f" At most {high:g}{unit}."
+    return ""
 
 
 def _type(schema: Mapping[str, Any]) -> str:
     """In a word or two."""
     if "$ref" in schema:
-        return str(schema["$ref"]).rpartition("/")[2]
+        return _name(schema)
     if "enum" in schema:
         return ", ".join(f"`{each}`" for each in schema["enum"])
     for several in ("anyOf", "oneOf"):

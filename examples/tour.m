@@ -3,7 +3,7 @@
 URL = getenv('COBOT_URL');
 if isempty(URL), URL = 'http://localhost:8007'; end
 T_READ = 10;
-T_MOVE = 90;
+T_MOVE = 100;
 readOpts = weboptions('Timeout', T_READ);
 moveOpts = weboptions('MediaType', 'application/json', 'Timeout', T_MOVE);
 here = fileparts(mfilename('fullpath'));

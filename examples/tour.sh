@@ -6,7 +6,7 @@ COBOT_URL=${COBOT_URL:-http://localhost:8007}
 export no_proxy=*   # what moves a robot goes to it directly
 HERE=$(cd "$(dirname "$0")" && pwd)
 
-ask() { curl -sS --fail-with-body --max-time 90 "$@"; echo; }
+ask() { curl -sS --fail-with-body --max-time 100 "$@"; echo; }
 # A motion answers 200 even when it could not be done: check "success" in the answer, too.
 move() { ask -X POST "$COBOT_URL$1" -H 'Content-Type: application/json' -d "$2" | tee /dev/stderr | grep -q '"success": *true'; }
 # Wait until the answer from a path has what the pattern says, and print that.

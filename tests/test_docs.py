@@ -18,10 +18,12 @@ import pytest
 import yaml
 
 from app.endpoint_table import table
+from app.main import create_app
 from app.routes import ENDPOINTS
 from cobot.access.roles import Role
 from cobot.addresses import VERSION
-from cobot.config import Settings
+from cobot.client.connection import LONG_TIMEOUTS_S, MOTION_TIMEOUT_S
+from cobot.config import Settings, load_settings
 from cobot.ipc.layout import Intervention
 
 ROOT = Path(__file__).parents[1]
@@ -85,18 +87,6 @@ def test_each_page_can_be_reached_from_the_readme() -> None:
     assert [page.name for page in DOCS.rglob("*.md") if page not in found] == []
 
 
-def endpoints_of_the_table() -> set[str]:
-    """As `ENDPOINTS` has them, of the table in docs/api.md: METHODS | [PATH, LAST, LAST](...)."""
-    section = (DOCS / "api.md").read_text(encoding="utf-8").split("## 2. Endpoints")[1].split("###")[0]
-    found = set()
-    for methods, cell in re.findall(r"^\| ((?:[A-Z]+(?:, )?)+) \| ([^|]+) \|", section, re.M):
-        first, *others = re.sub(r"\]\([^)]*\)|\[", "", cell).split(", ")
-        folder = first.rpartition("/")[0]
-        paths = [first, *(each if each.startswith("/") else f"{folder}/{each}" for each in others)]
-        found |= {f"{method} {path}" for method in methods.split(", ") for path in paths}
-    return found
-
-
 def test_the_page_of_endpoints_is_what_the_code_declares() -> None:
     """Mend it with `python -m app.endpoint_table`."""
     page = (DOCS / "endpoints.md").read_text(encoding="utf-8")
@@ -106,15 +96,23 @@ def test_the_page_of_endpoints_is_what_the_code_declares() -> None:
     )
 
 
-def test_the_table_of_endpoints_is_whole() -> None:
-    assert {name for name in endpoints_of_the_table() if "/mcp" not in name} == set(ENDPOINTS)
-
-
 def test_each_section_and_kind_is_explained_where_people_look() -> None:
     shipped = (ROOT / "config" / "cobot-setting.yaml").read_text(encoding="utf-8")
     assert [name for name in Settings.model_fields if f"\n{name}:" not in shipped and name != "robots"] == []
-    api = (DOCS / "api.md").read_text(encoding="utf-8")
-    assert [kind.name for kind in Intervention if f"| `{kind.name.lower()}` |" not in api] == []
+    state = (DOCS / "state-and-stop.md").read_text(encoding="utf-8")
+    assert [kind.name for kind in Intervention if f"| `{kind.name.lower()}` |" not in state] == []
+
+
+def test_the_pages_name_the_timeouts_of_the_client() -> None:
+    page = (DOCS / "conventions.md").read_text(encoding="utf-8")
+    motion_s, sequence_s = f"{MOTION_TIMEOUT_S:g} s", f"{LONG_TIMEOUTS_S['/robot/move/sequence']:g} s"
+    assert f"{motion_s} for motions and trajectories (`sequence`: {sequence_s})" in page
+    assert f"{LONG_TIMEOUTS_S['/recordings']:g} s for a recording's dump" in page
+    motion = re.compile(r"--max-time (\d+)(?=[^\n]*/(?:move|execute|trajectory)/)")
+    texts = [path.read_text(encoding="utf-8") for path in (*PAGES, ROOT / "examples" / "tour.sh")]
+    found = [float(seconds) for text in texts for seconds in motion.findall(text)]
+    assert len(found) > 5
+    assert min(found) >= MOTION_TIMEOUT_S
 
 
 def test_each_dependency_is_argued_for() -> None:
@@ -147,6 +145,12 @@ def test_on_the_site_each_link_leads_somewhere_and_each_page_is_in_the_navigatio
     navigation = tomllib.loads((DOCS / "zensical.toml").read_text(encoding="utf-8"))["project"]["nav"]
     listed = [name for part in navigation for names in part.values() for name in names]
     assert sorted(listed) == [page.name for page in pages]
+    reference = (tmp_path / "reference-rest.md").read_text(encoding="utf-8")
+    document = create_app(load_settings(), None, "http://robot.test").openapi()
+    for name, model in document["components"]["schemas"].items():
+        if not name.startswith(("Body_", "HTTPValidation", "ValidationError")):
+            fields = [field for field in model.get("properties", {}) if f"\n| `{field}` | " not in reference]
+            assert fields == [], name
     (tmp_path / "index.html").write_text(
         '<a href="gone.html">x</a><a href="#a">y</a><img src="https://a/b.png">'
     )

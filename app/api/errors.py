@@ -68,7 +68,7 @@ OF_HTTP = ("method_not_allowed", "http", "timeout", "interrupted")
 ErrorCode = Annotated[str, Field(json_schema_extra={"enum": sorted({*errors.BY_CODE, *OF_HTTP})})]
 """A code, with all that there are in the schema. A client accepts others too, of a newer service."""
 PROBLEM = "application/problem+json"
-ERRORS_PAGE = f"{MANUAL}/api.html#errors"
+ERRORS_PAGE = f"{MANUAL}/conventions.html#errors"
 """Page and anchor of the manual about errors."""
 
 

@@ -50,11 +50,18 @@ def _json_type(field: StateField) -> Any:
     return list.__class_getitem__(number) if field.length else number
 
 
+def _description(field: StateField) -> str:
+    """The meaning, the unit, and the topic that has the field in a recording."""
+    unit = f" Unit: {field.unit}." if field.unit else ""
+    topic = f" Recorded in {field.topic}." if field.message else " Recorded." if field.recorded else ""
+    return f"{field.meaning}.{unit}{topic}"
+
+
 def _model() -> type[BaseModel]:
     fields: dict[str, Any] = {}
     for field in STATE_FIELDS:
         unit: JsonDict | None = {"unit": field.unit} if field.unit else None
-        described = Field(description=f"{field.meaning}.", json_schema_extra=unit)
+        described = Field(description=_description(field), json_schema_extra=unit)
         fields[field.name] = (_json_type(field), described)
     return create_model("StateAnswer", __doc__="All that rtloop publishes of a robot in a cycle.", **fields)
 

@@ -42,7 +42,7 @@ PRIMITIVES: dict[str, Primitive] = {
     "MoveFree": Primitive("move_pose", ("target",), default={"planner": "auto"}),
 }
 """`target`: joint angles, rad, of MoveJ; else a pose: x, y, z (m), w, x, y, z. `through`: poses. `via`,
-`centre`, `axis`: x, y, z. All others are the fields of the motion in docs/api.md."""
+`centre`, `axis`: x, y, z. All others are the fields of the motion in docs/motions.md."""
 
 _RATES = ("speed", "accel_scale")
 _JOINT = (*_RATES, "planner", "algorithm", "synchronization", "constraints")

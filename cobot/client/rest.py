@@ -63,7 +63,7 @@ class Client(ForceMoves, Steps, EventConnection):
 
     def state(self) -> Json:
         """The whole state block: `mode`, `reason`, measured and commanded joints, the TCP, the motion, the
-        session, counters. The table of GET /robot/state in docs/api.md has units and meanings.
+        session, counters. `/docs` of the service has units and meanings.
         """
         return self._json("GET", "/robot/state")
 

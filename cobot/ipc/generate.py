@@ -1,8 +1,7 @@
-"""`python -m cobot.ipc.generate`: write what is made of the table of state fields.
+"""`python -m cobot.ipc.generate`: write the struct that is made of the table of state fields.
 
-That is the struct of the compiled modules (`cobot/ipc/state_scalars.pxd`) and the table in docs/api.md. The
-struct's file notes the layout version and a digest of all records in shared memory: a record that has changed
-under the same version is an error.
+It is the struct of the compiled modules, `cobot/ipc/state_scalars.pxd`. Its file notes the layout version and
+a digest of all records in shared memory: a record that has changed under the same version is an error.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ import argparse
 import hashlib
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +18,9 @@ from cobot.errors import ConfigError
 from cobot.ipc import layout
 from cobot.ipc import records as cycle_records
 from cobot.ipc.shm import MAX_DOF
-from cobot.ipc.state_fields import LAYOUT_VERSION, PER_JOINT, SCALARS, STATE_FIELDS, StateField, state_dtype
+from cobot.ipc.state_fields import LAYOUT_VERSION, SCALARS, state_dtype
 
 STRUCT = Path("cobot", "ipc", "state_scalars.pxd")
-DOCUMENT = Path("docs", "api.md")
-BEGIN, END = "<!-- state fields: begin -->\n", "<!-- state fields: end -->\n"
 _C_TYPES = {"u8": "uint64_t", "i8": "int64_t", "f8": "double"}
 _NOTE = "# Layout version {version}, records {digest}.\n"
 
@@ -54,30 +50,6 @@ def struct_text() -> str:
     )
 
 
-def table() -> Iterator[str]:
-    """The fields as a Markdown table, line by line."""
-    yield "| Field | Type | Unit | Meaning | Recorded |"
-    yield "|---|---|---|---|---|"
-    for field in STATE_FIELDS:
-        recorded = f"`{field.topic}`" if field.message else "yes" if field.recorded else ""
-        yield f"| `{field.name}` | {_json_type(field)} | {field.unit} | {field.meaning} | {recorded} |"
-
-
-def document_with_table(document: str) -> str:
-    """The document with the table between its marks.
-
-    Raises:
-        ConfigError: the marks are missing.
-    """
-    before, begin, rest = document.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise ConfigError(
-            f"{DOCUMENT} has no lines {BEGIN.strip()} and {END.strip()}: put them where the table goes"
-        )
-    return before + begin + "\n" + "\n".join(table()) + "\n\n" + end + after
-
-
 def require_version(noted: str) -> None:
     """Refuse records that have changed under the layout version of a struct's file.
 
@@ -93,38 +65,23 @@ def require_version(noted: str) -> None:
         )
 
 
-def _json_type(field: StateField) -> str:
-    if field.member is not None:
-        return ", ".join(f"`{member.name}`" for member in field.member)
-    if field.keys is not None:
-        return "object of integers"
-    kind = {"f": "number", "u": "integer", "i": "integer"}.get(field.kind[0])
-    if kind is None:
-        return "string"
-    if field.length == PER_JOINT:
-        return f"{kind} per joint"
-    return f"{field.length} {kind}s" if field.length else kind
-
-
-def write(root: Path) -> list[Path]:
-    """Bring the files of a checkout up to date.
+def write(root: Path) -> bool:
+    """Bring the struct's file of a checkout up to date.
 
     Returns:
-        Those that have changed.
+        Whether it has changed.
 
     Raises:
-        ConfigError: a record has changed without its version, or docs/api.md has no place for the table.
+        ConfigError: a record has changed without its version.
         OSError: it is not a checkout.
     """
-    texts = {STRUCT: "", DOCUMENT: (root / DOCUMENT).read_text("utf-8")}
-    if (root / STRUCT).exists():
-        texts[STRUCT] = (root / STRUCT).read_text("utf-8")
-    require_version(texts[STRUCT])
-    wanted = {STRUCT: struct_text(), DOCUMENT: document_with_table(texts[DOCUMENT])}
-    changed = [path for path in wanted if wanted[path] != texts[path]]
-    for path in changed:
-        (root / path).write_text(wanted[path], "utf-8")
-    return changed
+    file = root / STRUCT
+    before = file.read_text("utf-8") if file.exists() else ""
+    require_version(before)
+    text = struct_text()
+    if text != before:
+        file.write_text(text, "utf-8")
+    return text != before
 
 
 def main() -> int:
@@ -135,7 +92,7 @@ def main() -> int:
     except (ConfigError, OSError) as exc:
         print(exc, file=sys.stderr)
         return 2
-    print("\n".join(f"written: {path}" for path in changed) or "nothing has changed")
+    print(f"written: {STRUCT}" if changed else "nothing has changed")
     return 0
 
 

@@ -1,9 +1,9 @@
 """The state block of a robot, field by field: what rtloop publishes in each cycle.
 
 A field is declared in `STATE_FIELDS` and nowhere else. From this table come the record in shared memory, the
-struct of the compiled modules and the table of docs/api.md (`python -m cobot.ipc.generate` writes both), the
-JSON of `GET /robot/state` and of the WebSocket, the record of a cycle in recordings, and what recordings and
-Foxglove show of it.
+struct of the compiled modules (`python -m cobot.ipc.generate` writes it), the JSON of `GET /robot/state` with
+its schema and of the WebSocket, the record of a cycle in recordings, and what recordings and Foxglove show of
+it.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class JogVelocity:
     frame: str = "base"
 
     def frame_of(self, dof: int, speed: float) -> dict[str, object]:
-        """As a `jog` frame (docs/api.md).
+        """As a `jog` frame (docs/stream-protocol.md).
 
         Raises:
             InputError: there is no such joint.

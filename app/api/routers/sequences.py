@@ -44,7 +44,7 @@ async def start_sequence(
     config: Annotated[
         UploadFile,
         File(
-            description=f"JSON, as {link('sequence.json')}, see docs/api.md; *.lua: a program, as "
+            description=f"JSON, as {link('sequence.json')}, see docs/sequence-files.md; *.lua: a program, as "
             f"{link('program.lua')}, see docs/lua.md."
         ),
     ],

@@ -58,7 +58,7 @@ router = EndpointRouter()
 
 @router.endpoint(f"WS {wire.PATH}", Role.OBSERVER, timeout_s=2.0)
 async def stream(socket: WebSocket) -> None:
-    """See docs/api.md."""
+    """See docs/stream-protocol.md."""
     timeout_s = float(socket.app.state.endpoints[f"WS {wire.PATH}"].timeout_s)
     try:
         services = services_of(socket)

@@ -1,5 +1,5 @@
 // Timed points out of a CSV file, and the velocities between them. What a file may look like says the service,
-// which reads it again when it is sent: docs/api.md, section 3.
+// which reads it again when it is sent: docs/trajectory-csv.md.
 const SEPARATORS = [";", "\t", ","];
 const TIMES = ["t", "time", "time_from_start"];
 const [PLACES, HALVINGS] = [4, 30];

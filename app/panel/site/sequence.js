@@ -1,4 +1,4 @@
-// A sequence file as motions that are planned, at the most so many as one: docs/api.md, section 4.
+// A sequence file as motions that are planned, at the most so many as one: docs/sequence-files.md.
 const MOST = 50; // of POST /robot/plan/sequence
 
 // A target as POST /robot/plan/sequence takes it.

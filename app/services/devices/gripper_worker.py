@@ -103,7 +103,7 @@ class RobotPort:
         if self.points is None:
             raise NotReported(
                 f"{name!r}: the robot has not reported any input or output; /health shows whether rtloop "
-                "runs, docs/api.md which backends have inputs and outputs"
+                "runs, docs/state-and-stop.md which inputs and outputs a backend has"
             )
         if name not in self.points:
             known = ", ".join(self.points) or "none"

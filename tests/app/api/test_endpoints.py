@@ -1,6 +1,6 @@
 """What endpoints declare of the control holds: each is asked while another client has it.
 
-Oracle: docs/api.md#control, written out by hand; the requests are the examples of the schema.
+Oracle: docs/conventions.md#control, written out by hand; the requests are the examples of the schema.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ def test_names_and_units_are_as_prometheus_wants_them(pair: VirtualService) -> N
 def test_what_the_documentation_names_is_there_and_its_alerts_are_yaml(pair: VirtualService) -> None:
     scrape = pair.get("/metrics").text
     page = (DOCS / "operations.md").read_text(encoding="utf-8")
-    for text in (page, (DOCS / "api.md").read_text(encoding="utf-8")):
+    for text in (page, (DOCS / "state-and-stop.md").read_text(encoding="utf-8")):
         for name in set(re.findall(r"\bcobot_[a-z_]+", text)):
             assert re.search(rf"^(# TYPE )?{name}\b", scrape, re.MULTILINE), name
     blocks = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)

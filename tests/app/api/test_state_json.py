@@ -87,11 +87,15 @@ def test_it_answers_with_the_reason_while_the_robot_is_stopped(service: VirtualS
     assert service.post("/robot/reset", json={}).status_code == 200
 
 
-def test_the_schema_has_meaning_and_unit_of_each_field(service: VirtualService) -> None:
+def test_the_schema_has_meaning_unit_and_topic_of_each_field(service: VirtualService) -> None:
     schema = service.get("/openapi.json").json()
     operation = schema["paths"]["/robot/state"]["get"]["responses"]["200"]
     assert operation["content"]["application/json"]["schema"]["$ref"].endswith("/StateAnswer")
     properties = schema["components"]["schemas"]["StateAnswer"]["properties"]
     for field in STATE_FIELDS:
-        assert properties[field.name]["description"] == f"{field.meaning}."
+        description = properties[field.name]["description"]
+        assert description.startswith(f"{field.meaning}.")
+        assert (f" Unit: {field.unit}." in description) == (field.unit != "")
+        assert ("Recorded" in description) == (field.recorded != "")
+        assert (f"Recorded in {field.topic}." in description) == (field.message is not None)
         assert properties[field.name].get("unit", "") == field.unit

@@ -33,17 +33,15 @@ NEW = StateField("added", "u8", "", "Added by a test")
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """A copy of the files that are generated."""
-    for path in (generate.STRUCT, generate.DOCUMENT):
-        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / path).write_text((ROOT / path).read_text())
+    """A copy of the file that is generated."""
+    (tmp_path / generate.STRUCT).parent.mkdir(parents=True)
+    (tmp_path / generate.STRUCT).write_text((ROOT / generate.STRUCT).read_text())
     return tmp_path
 
 
 def add_a_field(monkeypatch: pytest.MonkeyPatch) -> None:
     """To the struct and to the records, as a new row of the table would."""
     monkeypatch.setattr(generate, "SCALARS", (*SCALARS, NEW))
-    monkeypatch.setattr(generate, "STATE_FIELDS", (*STATE_FIELDS, NEW))
     changed = np.dtype([*state_dtype(7).descr, ("added", "u8")])
     monkeypatch.setattr(generate, "state_dtype", lambda dof: changed)
 
@@ -88,11 +86,9 @@ def test_places_in_a_message_are_taken_once_and_only_by_recorded_fields() -> Non
         assert field.message is None or field in RECORDED, field.name
 
 
-def test_the_generated_files_are_those_of_the_table() -> None:
+def test_the_generated_file_is_that_of_the_table() -> None:
     """If this fails, run `python -m cobot.ipc.generate`, and compile."""
     assert (ROOT / generate.STRUCT).read_text() == generate.struct_text()
-    document = (ROOT / generate.DOCUMENT).read_text()
-    assert generate.document_with_table(document) == document
 
 
 def test_a_changed_record_without_a_new_version_is_refused(
@@ -105,15 +101,14 @@ def test_a_changed_record_without_a_new_version_is_refused(
     assert (checkout / generate.STRUCT).read_text() == before, "nothing is written"
 
 
-def test_a_new_field_with_a_new_version_gets_into_struct_and_document(
+def test_a_new_field_with_a_new_version_gets_into_the_struct(
     monkeypatch: pytest.MonkeyPatch, checkout: Path
 ) -> None:
     add_a_field(monkeypatch)
     monkeypatch.setattr(generate, "LAYOUT_VERSION", LAYOUT_VERSION + 1)
-    assert generate.write(checkout) == [generate.STRUCT, generate.DOCUMENT]
+    assert generate.write(checkout)
     assert "    uint64_t added\n" in (checkout / generate.STRUCT).read_text()
-    assert "| `added` | integer |  | Added by a test |  |\n" in (checkout / generate.DOCUMENT).read_text()
-    assert generate.write(checkout) == [], "a second time there is nothing to do"
+    assert not generate.write(checkout), "a second time there is nothing to do"
 
 
 def test_every_record_counts_for_the_version(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,9 +125,3 @@ def test_a_record_that_has_changed_for_one_number_of_joints_only_counts_too(
     longer = np.dtype([("id", "u8"), ("more", "u8")])
     monkeypatch.setattr(layout, "info_dtype", lambda dof: longer if dof == joints else made(dof))
     assert generate.records_digest() != before
-
-
-def test_a_document_without_a_place_for_the_table_is_refused(checkout: Path) -> None:
-    (checkout / generate.DOCUMENT).write_text("# API\n")
-    with pytest.raises(ConfigError, match="put them where the table goes"):
-        generate.write(checkout)

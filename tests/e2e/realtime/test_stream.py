@@ -227,7 +227,7 @@ def test_a_connection_that_breaks_off_ends_its_session(run: Run) -> None:
 
 
 def test_a_client_that_hangs_loses_its_session_and_the_right_to_stream(run: Run) -> None:
-    """Its process is stopped: the connection stands, and nobody answers. The time is that of docs/api.md."""
+    """Its process is stopped: the connection stands, and nobody answers (docs/conventions.md)."""
     command = [sys.executable, "-c", CLIENT, run.url]
     hung = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert hung.stdout is not None

@@ -1,6 +1,6 @@
 """Who controls the robot, on virtual time: over REST, the stream and rosbridge, and in the vendor's services.
 
-Oracle: the design of the lease (docs/api.md), written out by hand; where the arm is.
+Oracle: the design of the lease (docs/conventions.md), written out by hand; where the arm is.
 """
 
 from __future__ import annotations
