@@ -77,11 +77,11 @@ def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
-def unknown_key(name: str, valid: list[str]) -> str:
-    """The sentence about an unknown key, with the likely meaning and the valid keys."""
+def unknown_key(name: str, valid: list[str], what: str = "key") -> str:
+    """The sentence about an unknown key, or another name, with the likely meaning and the valid names."""
     guess = difflib.get_close_matches(name, valid, 1) if len(name) <= SHOWN_CHARACTERS else []
     hint = f" (did you mean {guess[0]!r}?)" if guess else ""
-    return f"unknown key {shown(name)}{hint}; valid are: {', '.join(valid)}"
+    return f"unknown {what} {shown(name)}{hint}; valid are: {', '.join(valid)}"
 
 
 def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:

@@ -13,12 +13,10 @@ from pydantic import Field, model_validator
 from cobot.errors import LimitError, PlanningError
 from cobot.planners.blending.joined import joined, leg_of
 from cobot.robot.description import RobotDescription
-from cobot.strict import unknown_key
 from cobot.studies.chunks import Columns
 from cobot.studies.parameters import Axis, Value
 from cobot.studies.program_moves import PlannedMove, Program, StudyMove, plan_program
-from cobot.studies.robot_choice import RobotChoice, hashes_of
-from cobot.studies.sampled import SampledStudy
+from cobot.studies.robot_study import RobotStudy
 from cobot.studies.study import Kernel
 
 PARAMETERS = ("speed", "blend_radius_m")
@@ -27,7 +25,7 @@ MAX_FREE = 6
 """Maximum number of motions whose order is free together: 720 orders."""
 
 
-class CycleStudy(SampledStudy):
+class CycleStudy(RobotStudy):
     """The parameters with which a program is fastest.
 
     Attributes:
@@ -37,11 +35,11 @@ class CycleStudy(SampledStudy):
     """
 
     first_chunk: ClassVar[int] = 2
+    parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
 
     kind: Literal["cycle"]
     metric: Literal["duration_s"] = "duration_s"
     goal: Literal["max", "min"] = "min"
-    robot: RobotChoice = RobotChoice()
     program: Program
     orders: Annotated[
         list[Annotated[list[int], Field(min_length=2, max_length=MAX_FREE)]], Field(max_length=20)
@@ -49,11 +47,6 @@ class CycleStudy(SampledStudy):
 
     @model_validator(mode="after")
     def _require_consistency(self) -> Self:
-        for name in self.space:
-            if name not in PARAMETERS:
-                raise ValueError(
-                    f"space: {unknown_key(name, list(PARAMETERS)).replace('key', 'parameter', 1)}"
-                )
         places = [place for group in self.orders for place in group]
         for place in places:
             if not 1 <= place < len(self.program) or places.count(place) > 1:
@@ -64,10 +57,6 @@ class CycleStudy(SampledStudy):
             if move.within_m is not None and (move.pose is None or number == 0):
                 raise ValueError(f"program[{number}].within_m: needs pose, because joints have no place")
         return self
-
-    @property
-    def measure(self) -> str:
-        return self.metric
 
     @cached_property
     def axes(self) -> dict[str, Axis]:
@@ -80,13 +69,6 @@ class CycleStudy(SampledStudy):
             orders = len(list(itertools.permutations(group)))
             found[f"order{number}"] = Axis(values=[float(order) for order in range(orders)])
         return found
-
-    @cached_property
-    def _robot(self) -> RobotDescription:
-        return self.robot.load()
-
-    def contents(self) -> dict[str, str]:
-        return hashes_of(self._robot)
 
     def answer(self, columns: Columns) -> dict[str, Any]:
         answer = super().answer(columns)
@@ -118,8 +100,10 @@ class CycleStudy(SampledStudy):
         return moves
 
     def kernel(self) -> Kernel:
-        as_written = duration_of(plan_program(self._robot, self.program, 1.0, self.seed), self._robot, 0.0)
-        return _CycleKernel(self, self._robot, as_written)
+        as_written = duration_of(
+            plan_program(self.description, self.program, 1.0, self.seed), self.description, 0.0
+        )
+        return _CycleKernel(self, self.description, as_written)
 
 
 @dataclass(slots=True)

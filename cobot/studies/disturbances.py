@@ -22,8 +22,8 @@ PARAMETERS = (
     "speed",
 )
 """Names of the parameters of a robustness study."""
-FINEST_S = 1e-3
-"""Step in which the acceleration of the payload is computed."""
+STEP_S = 1e-3
+"""Step with which the acceleration of the payload is computed, in seconds."""
 
 
 @dataclass(slots=True)
@@ -49,17 +49,17 @@ class UnknownLoad:
     def prepare(self, backend: MujocoBackend) -> None:
         backend._model.dof_frictionloss[:] = self.friction_nm
         if self.payload_kg:
-            times = np.arange(0.0, self.trajectory.duration_s, FINEST_S)
+            times = np.arange(0.0, self.trajectory.duration_s, STEP_S)
             places = self.robot.model.poses(self.trajectory.sample(times))[:, :3]
             acceleration = np.zeros_like(places)
             if len(places) > 2:
-                acceleration[1:-1] = np.diff(places, 2, axis=0) / FINEST_S**2
+                acceleration[1:-1] = np.diff(places, 2, axis=0) / STEP_S**2
             gravity = self.robot.model.gravity
             self._forces = self.payload_kg * np.vstack([gravity - acceleration, gravity])
 
     def act(self, backend: MujocoBackend, time_s: float) -> None:
         if self.payload_kg:
-            step = int(time_s / FINEST_S + 0.5)
+            step = int(time_s / STEP_S + 0.5)
             backend.push[:3] = self._forces[min(step, len(self._forces) - 1)]  # the last one is that at rest
         if self.noise_rad:
             backend.jump[:] = self.random.normal(0.0, self.noise_rad, len(backend.jump))

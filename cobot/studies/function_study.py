@@ -20,7 +20,7 @@ from cobot.foreign import plain_error
 from cobot.strict import unknown_key
 from cobot.studies.chunks import FAILURE, Column, Columns
 from cobot.studies.parameters import seed_of
-from cobot.studies.robot_choice import hash_of_files
+from cobot.studies.robot_choice import hash_of_file
 from cobot.studies.sampled import SampledStudy
 from cobot.studies.study import Kernel
 
@@ -64,7 +64,7 @@ class FunctionStudy(SampledStudy):
             path = None if spec is None or spec.origin is None else Path(spec.origin)
         if path is None or not path.is_file():
             raise ConfigError(f"function: {self._parts[0]}: no such {'file' if self._path else 'module'}")
-        return {"function": hash_of_files(iter([path]))}
+        return {"function": hash_of_file(path)}
 
     def _spec(self) -> Any:
         try:
@@ -82,7 +82,7 @@ class FunctionStudy(SampledStudy):
         found = getattr(loaded, name, None)
         if not callable(found):
             names = [each for each, value in vars(loaded).items() if inspect.isfunction(value)]
-            raise ConfigError(f"function: {module}: {unknown_key(name, names).replace('key', 'function', 1)}")
+            raise ConfigError(f"function: {module}: {unknown_key(name, names, 'function')}")
         return found  # type: ignore[no-any-return]
 
     def kernel(self) -> Kernel:

@@ -27,7 +27,7 @@ class ForeignWorkerError(UnavailableError):
     """A worker has another version of cobot, or other files, so it computes nothing."""
 
 
-def only_answer(document: Mapping[str, Any]) -> set[str]:
+def keys_of_answer(document: Mapping[str, Any]) -> set[str]:
     """Keys of a document that change its answer, but no result of a task."""
     keys = {"question", "confidence"}
     return keys if document.get("search") else keys | {"metric", "goal"}
@@ -50,7 +50,7 @@ class Order:
     @classmethod
     def of(cls, study: Study) -> Order:
         contents = versions() | study.contents()
-        said = {name: study.document[name] for name in study.document.keys() - only_answer(study.document)}
+        said = {name: study.document[name] for name in study.document.keys() - keys_of_answer(study.document)}
         whole = json.dumps([said, contents], sort_keys=True, allow_nan=False, default=str)
         key = hashlib.sha256(whole.encode()).hexdigest()
         return cls(study.document, str(study.folder), contents, key)

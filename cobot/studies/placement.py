@@ -6,7 +6,6 @@ A task is one placement: objects and targets stay where they are, and the arm mo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Annotated, ClassVar, Literal, Self
 
 import mujoco
@@ -18,14 +17,12 @@ from cobot.errors import InputError, LimitError, NotSupportedError, PlanningErro
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
 from cobot.robot.tool import BARE
-from cobot.strict import unknown_key
 from cobot.studies.chunks import Columns
 from cobot.studies.parameters import Value
 from cobot.studies.program_moves import Program, StudyMove, plan_program
 from cobot.studies.reach import ReachKernel
 from cobot.studies.reach_space import Approach, Places, PlacesSpace, places_of
-from cobot.studies.robot_choice import RobotChoice, hash_of_files, hashes_of
-from cobot.studies.sampled import SampledStudy
+from cobot.studies.robot_study import RobotStudy
 from cobot.studies.study import Kernel
 from cobot.types import Array, Pose
 
@@ -42,7 +39,7 @@ PARAMETERS = (
 """Names of the parameters: the new base in the present base frame, the new TCP in the present TCP's frame."""
 
 
-class PlacementStudy(SampledStudy):
+class PlacementStudy(RobotStudy):
     """The placement with the largest reach, or with the shortest program.
 
     Attributes:
@@ -54,10 +51,10 @@ class PlacementStudy(SampledStudy):
     """
 
     first_chunk: ClassVar[int] = 2
+    parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
 
     kind: Literal["placement"]
     metric: Literal["share", "manipulability", "duration_s"] = "share"
-    robot: RobotChoice = RobotChoice()
     targets: PlacesSpace | None = None
     method: Literal["ik", "free"] = "free"
     approach: Approach = "down"
@@ -66,11 +63,6 @@ class PlacementStudy(SampledStudy):
 
     @model_validator(mode="after")
     def _require_consistency(self) -> Self:
-        for name in self.space:
-            if name not in PARAMETERS:
-                raise ValueError(
-                    f"space: {unknown_key(name, list(PARAMETERS)).replace('key', 'parameter', 1)}"
-                )
         wanted = "program" if self.metric == "duration_s" else "targets"
         if getattr(self, wanted) is None:
             raise ValueError(f"{wanted}: is missing, the metric {self.metric} needs it")
@@ -78,21 +70,11 @@ class PlacementStudy(SampledStudy):
             raise ValueError("goal: is missing; give min for the shortest program")
         return self
 
-    @property
-    def measure(self) -> str:
-        return self.metric
-
-    @cached_property
-    def _robot(self) -> RobotDescription:
-        return self.robot.load()
-
     def contents(self) -> dict[str, str]:
-        mesh = None if self.targets is None else self.targets.mesh
-        surface = {} if mesh is None else {"mesh": hash_of_files(iter([mesh.file]))}
-        return hashes_of(self._robot) | surface
+        return super().contents() | ({} if self.targets is None else self.targets.contents())
 
     def kernel(self) -> Kernel:
-        return _PlacementKernel.of(self, self._robot)
+        return _PlacementKernel.of(self, self.description)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from cobot.errors import CobotError, InputError
 from cobot.motions.planners import PlannerName
-from cobot.motions.requests import MotionRequest
+from cobot.motions.requests import MotionRequest, TcpSpeed
 from cobot.robot.description import RobotDescription
 from cobot.strict import StrictModel
 from cobot.studies.robot_choice import Finite, joints_at, numbers7
@@ -27,6 +27,9 @@ class StudyMove(StrictModel):
     Attributes:
         to: a named position or joint angles, rad.
         pose: x, y, z (m) and w, x, y, z of the TCP in the base frame, instead of `to`.
+        speed_m_s: largest speed of the TCP on its path.
+        accel_scale: share of the largest accelerations; 0: as `speed`.
+        label: for people, in errors.
         stop: the arm stops here, and no blend passes the corner.
         within_m: the pose may be moved along each axis by up to this distance, in a study of cycles.
         tolerance_m: the TCP works on a part here, and may miss it by at most this distance.
@@ -36,6 +39,9 @@ class StudyMove(StrictModel):
     pose: Annotated[list[Finite], Field(min_length=7, max_length=7)] | None = None
     planner: Annotated[str, Field(pattern="^(ptp|lin|ompl|auto)$")] = "ptp"
     speed: Annotated[float, Field(ge=MIN_SPEED, le=1.0)] = 0.5
+    speed_m_s: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    accel_scale: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    label: Annotated[str, Field(max_length=300)] = ""
     stop: bool = False
     within_m: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     tolerance_m: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
@@ -55,12 +61,12 @@ class PlannedMove:
     """A planned motion of a program.
 
     Attributes:
-        number: its place in the program; 0 is the start.
+        place: in the program, for errors.
         trajectory: None if the arm is at the goal already.
         goal: pose of the TCP at the end.
     """
 
-    number: int
+    place: str
     start: Array
     trajectory: Trajectory | None
     goal: Pose
@@ -89,12 +95,9 @@ def plan_program(
     robot.collision.check_position(joints, "program[0]")
     planned = []
     for number, move in enumerate(program[1:], start=1):
-        place = f"program[{number}]"
-        scaling = Scaling(min(1.0, max(MIN_SPEED, move.speed * speed)))
+        place = f"program[{number}]" + (f" ({move.label})" if move.label else "")
         try:
-            request = MotionRequest(
-                joints, _goal(robot, move, place), PlannerName(move.planner), scaling, seed=seed % 2**31
-            )
+            request = _request(robot, move, joints, place, speed, seed)
             trajectory = plan(robot, request)
         except CobotError as exc:
             text = str(exc)
@@ -102,11 +105,24 @@ def plan_program(
         end = joints if trajectory is None else trajectory.end
         planned.append(
             PlannedMove(
-                number, joints, trajectory, robot.model.forward(end), move.tolerance_m, request, move.stop
+                place, joints, trajectory, robot.model.forward(end), move.tolerance_m, request, move.stop
             )
         )
         joints = np.array(end)
     return planned
+
+
+def _request(
+    robot: RobotDescription, move: StudyMove, start: Array, place: str, speed: float, seed: int
+) -> MotionRequest:
+    return MotionRequest(
+        start,
+        _goal(robot, move, place),
+        PlannerName(move.planner),
+        Scaling(min(1.0, max(MIN_SPEED, move.speed * speed)), move.accel_scale),
+        tcp_speed=TcpSpeed(None if move.speed_m_s is None else move.speed_m_s * speed),
+        seed=seed % 2**31,
+    )
 
 
 def _goal(robot: RobotDescription, move: StudyMove, place: str) -> Array | Pose:

@@ -20,7 +20,7 @@ from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import SrsArm
 from cobot.studies.chunks import Columns
 from cobot.studies.reach_space import Approach, Places, PlacesSpace, orientations, places_of
-from cobot.studies.robot_choice import RobotChoice, hash_of_files, hashes_of, joints_at
+from cobot.studies.robot_choice import RobotChoice, hashes_of, joints_at
 from cobot.studies.study import Kernel, Study
 from cobot.types import Array, Pose, Scaling
 
@@ -82,9 +82,7 @@ class ReachStudy(Study):
         return self.robot.load()
 
     def contents(self) -> dict[str, str]:
-        mesh = self.space.mesh
-        surface = {} if mesh is None else {"mesh": hash_of_files(iter([mesh.file]))}
-        return hashes_of(self._robot) | surface
+        return hashes_of(self._robot) | self.space.contents()
 
     def kernel(self) -> Kernel:
         robot, places = self._robot, self._places

@@ -13,7 +13,7 @@ from cobot.config import Location
 from cobot.errors import ConfigError, InputError
 from cobot.robot.quaternion import from_matrix
 from cobot.strict import StrictModel, shown
-from cobot.studies.robot_choice import Finite, numbers7
+from cobot.studies.robot_choice import Finite, hash_of_file, numbers7
 from cobot.types import Array, Pose
 
 MAX_PLACES = 5_000_000
@@ -73,6 +73,10 @@ class PlacesSpace(StrictModel):
         if (self.box is None) == (self.mesh is None):
             raise ValueError("must have either box or mesh")
         return self
+
+    def contents(self) -> dict[str, str]:
+        """Hashes of files, by names for people."""
+        return {} if self.mesh is None else {"mesh": hash_of_file(self.mesh.file)}
 
 
 @dataclass(frozen=True, slots=True)

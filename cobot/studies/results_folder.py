@@ -26,7 +26,7 @@ import numpy as np
 from cobot.errors import ConfigError, ConflictError, UnavailableError, exhausted
 from cobot.robot.kept import keep
 from cobot.studies.chunks import Column, digest, from_bytes, joined
-from cobot.studies.orders import Order, only_answer
+from cobot.studies.orders import Order, keys_of_answer
 from cobot.studies.study import MAX_TASKS, Study
 from cobot.studies.study_file import study_of
 from cobot.studies.tables import write_table
@@ -195,7 +195,7 @@ def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     for part in ("document", "contents"):
         for name in sorted(old[part].keys() | new[part].keys()):
             before, now = old[part].get(name), new[part].get(name)
-            if before != now and name not in only_answer(new["document"]):
+            if before != now and name not in keys_of_answer(new["document"]):
                 return f"{name} was {_brief(before)} and is {_brief(now)}"
     return "its key differs"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +21,7 @@ from cobot.strict import StrictModel, unknown_key
 from cobot.types import Array, Numbers7
 
 SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
-UNIT = 1e-3
+LENGTH_TOLERANCE = 1e-3
 """How much the length of a quaternion may differ from 1."""
 Positive = Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False)]
@@ -94,7 +93,7 @@ class RobotChoice(StrictModel):
         if self.name is None:
             return whole
         if self.name not in each:
-            raise ConfigError(f"robot.name: {unknown_key(self.name, list(each)).replace('key', 'robot', 1)}")
+            raise ConfigError(f"robot.name: {unknown_key(self.name, list(each), 'robot')}")
         return each[self.name]
 
     def load(self) -> RobotDescription:
@@ -151,19 +150,16 @@ def _compiled(mj: mujoco.MjModel) -> bytes:
     return content.tobytes()
 
 
-def hash_of_files(paths: Iterator[Path]) -> str:
-    """Hash of the content of files.
+def hash_of_file(path: Path) -> str:
+    """Hash of the content of a file.
 
     Raises:
-        ConfigError: a file cannot be read.
+        ConfigError: the file cannot be read.
     """
-    found = []
-    for path in paths:
-        try:
-            found.append(path.read_bytes())
-        except OSError as exc:
-            raise ConfigError(f"{path}: cannot be read: {exc.strerror}") from exc
-    return _hash(*found)
+    try:
+        return _hash(path.read_bytes())
+    except OSError as exc:
+        raise ConfigError(f"{path}: cannot be read: {exc.strerror}") from exc
 
 
 def _hash(*parts: bytes) -> str:
@@ -186,7 +182,7 @@ def numbers7(values: list[float], place: str) -> Numbers7:
     """
     turn: Array = np.array(values[3:], dtype=float)
     length = float(np.linalg.norm(turn))
-    if abs(length - 1.0) > UNIT:
+    if abs(length - 1.0) > LENGTH_TOLERANCE:
         raise InputError(f"{place}: the quaternion w, x, y, z has length {length:.4g}, must be 1")
     x, y, z, *_ = map(float, values)
     w, i, j, k = (turn / length).tolist()
@@ -201,9 +197,7 @@ def joints_at(robot: RobotDescription, where: str | list[float], place: str) -> 
     """
     if isinstance(where, str):
         if where not in robot.positions:
-            raise InputError(
-                f"{place}: {unknown_key(where, list(robot.positions)).replace('key', 'position', 1)}"
-            )
+            raise InputError(f"{place}: {unknown_key(where, list(robot.positions), 'position')}")
         return np.array(robot.positions[where].joints, dtype=float)
     if len(where) != robot.limits.dof:
         raise InputError(f"{place}: has {len(where)} angles, the arm has {robot.limits.dof} joints")

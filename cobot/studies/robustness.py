@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -18,13 +17,11 @@ from cobot.config import Settings
 from cobot.errors import PlanningError
 from cobot.planners.forecast import evaluate_run
 from cobot.robot.description import RobotDescription
-from cobot.strict import unknown_key
 from cobot.studies.chunks import Columns
 from cobot.studies.disturbances import PARAMETERS, UnknownLoad
 from cobot.studies.parameters import Value, seed_of
 from cobot.studies.program_moves import PlannedMove, Program, plan_program
-from cobot.studies.robot_choice import RobotChoice, hashes_of
-from cobot.studies.sampled import SampledStudy
+from cobot.studies.robot_study import RobotStudy
 from cobot.studies.study import Kernel
 from cobot.types import Array
 from rtloop.rehearsal import rehearse
@@ -33,7 +30,7 @@ MAX_CAUSES = 5
 """Maximum number of reasons in an answer; the table has all."""
 
 
-class RobustnessStudy(SampledStudy):
+class RobustnessStudy(RobotStudy):
     """The share of runs of a program that succeed, under random differences from the model.
 
     Attributes:
@@ -42,35 +39,19 @@ class RobustnessStudy(SampledStudy):
     """
 
     first_chunk: ClassVar[int] = 2
+    parameter_names: ClassVar[tuple[str, ...]] = PARAMETERS
 
     kind: Literal["robustness"]
     metric: Literal["success", "error_m", "duration_s", "effort"] = "success"
-    robot: RobotChoice = RobotChoice()
     program: Program
 
     @model_validator(mode="after")
-    def _require_known_parameters(self) -> Self:
-        for name in self.space:
-            if name not in PARAMETERS:
-                raise ValueError(
-                    f"space: {unknown_key(name, list(PARAMETERS)).replace('key', 'parameter', 1)}"
-                )
+    def _require_no_search(self) -> Self:
         if self.search is not None:
             raise ValueError("search: a robustness study computes shares and has nothing to search")
         if "speed" in self.space and self.space["speed"].is_random:
             raise ValueError("space.speed: must be an axis of the grid, because each speed is planned once")
         return self
-
-    @property
-    def measure(self) -> str:
-        return self.metric
-
-    @cached_property
-    def _robot(self) -> RobotDescription:
-        return self.robot.load()
-
-    def contents(self) -> dict[str, str]:
-        return hashes_of(self._robot)
 
     def answer(self, columns: Columns) -> dict[str, Any]:
         causes = Counter(_kind_of(str(cause)) for cause in columns["cause"] if cause)
@@ -82,8 +63,10 @@ class RobustnessStudy(SampledStudy):
             float(self.points.at_grid(number).get("speed", 1.0))
             for number in range(self.points.points_of_grid)
         }
-        plans = {speed: plan_program(self._robot, self.program, speed, self.seed) for speed in sorted(speeds)}
-        return _RobustnessKernel(self, self._robot, self.robot.load_settings(), plans)
+        plans = {
+            speed: plan_program(self.description, self.program, speed, self.seed) for speed in sorted(speeds)
+        }
+        return _RobustnessKernel(self, self.description, self.robot.load_settings(), plans)
 
 
 @dataclass(slots=True)
@@ -147,13 +130,13 @@ class _RobustnessKernel:
                 self.robot, rehearse(self.settings, self.robot, move.start, move.trajectory, load)
             )
         except PlanningError as exc:
-            run.fail(f"program[{move.number}]: {exc}")
+            run.fail(f"{move.place}: {exc}")
             return move.start
         run.duration_s += found.run.duration_s
         run.effort = max(run.effort, float(found.run.effort.max()))
         if found.flaw is not None:
             who = "" if found.flaw.joint is None else f"{found.flaw.joint}: "
-            run.fail(f"program[{move.number}] after {found.flaw.time_s:.3f} s: {who}{found.flaw.says}")
+            run.fail(f"{move.place} after {found.flaw.time_s:.3f} s: {who}{found.flaw.says}")
         return load.joints
 
     def _check(self, move: PlannedMove, place: Array, part: Array, run: _Outcome) -> None:
@@ -162,10 +145,7 @@ class _RobustnessKernel:
         error_m = float(np.linalg.norm(place - (move.goal.position + part)))
         run.error_m = max(run.error_m, error_m)
         if error_m > move.tolerance_m:
-            run.fail(
-                f"program[{move.number}]: misses the part by {error_m:.5f} m, "
-                f"allowed are {move.tolerance_m:g} m"
-            )
+            run.fail(f"{move.place}: misses the part by {error_m:.5f} m, allowed are {move.tolerance_m:g} m")
 
 
 def _kind_of(cause: str) -> str:

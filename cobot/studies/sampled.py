@@ -6,7 +6,7 @@ import math
 from collections.abc import Generator
 from functools import cached_property
 from statistics import NormalDist
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
@@ -55,7 +55,18 @@ class SampledStudy(Study):
     confidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
     search: SearchChoice | None = None
 
+    parameter_names: ClassVar[tuple[str, ...] | None] = None
+    """Names that `space` may have; None: any."""
+
     _given: dict[int, dict[str, Value]] = PrivateAttr(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _require_known_parameters(self) -> Self:
+        valid = self.parameter_names
+        for name in self.space:
+            if valid is not None and name not in valid:
+                raise ValueError(f"space: {unknown_key(name, list(valid), 'parameter')}")
+        return self
 
     @model_validator(mode="after")
     def _require_no_samples(self) -> Self:
@@ -107,7 +118,7 @@ class SampledStudy(Study):
     def answer(self, columns: Columns) -> dict[str, Any]:
         if self.measure not in columns:
             names = [name for name in columns if name not in {"task", FAILURE, *self.axes}]
-            raise InputError(f"metric: {unknown_key(self.measure, names).replace('key', 'result', 1)}")
+            raise InputError(f"metric: {unknown_key(self.measure, names, 'result')}")
         values = columns[self.measure]
         if values.dtype.kind == "U":
             raise InputError(f"metric: {self.measure!r} is a text, must be a number or true or false")

@@ -60,7 +60,7 @@ class Study(StrictModel):
         """The folder against which paths in the file are resolved."""
         return self._folder
 
-    def come_from(self, document: dict[str, Any], folder: Path) -> None:
+    def keep_source(self, document: dict[str, Any], folder: Path) -> None:
         """Keep what the study was made from, which workers make it from again."""
         self._document, self._folder = document, folder
 

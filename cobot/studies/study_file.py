@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import Any, cast
 
 from cobot.config.section import parse
 from cobot.errors import ConfigError
-from cobot.strict import shown
+from cobot.strict import unknown_key
+from cobot.studies.sequence_program import with_programs
 from cobot.studies.study import Study
 from cobot.yaml_file import read_mapping
 
@@ -49,11 +49,11 @@ def study_of(document: dict[str, Any], folder: Path | str = ".", name: str = "st
     if "kind" not in document:
         raise ConfigError(f"{name}: kind: is missing; valid are: {', '.join(KINDS)}")
     if not isinstance(kind, str) or kind not in KINDS:
-        guess = difflib.get_close_matches(str(kind), list(KINDS), 1)
-        hint = f" (did you mean {guess[0]!r}?)" if guess else ""
-        raise ConfigError(f"{name}: kind: unknown kind {shown(kind)}{hint}; valid are: {', '.join(KINDS)}")
+        raise ConfigError(f"{name}: kind: {unknown_key(str(kind), list(KINDS), 'kind')}")
     module, class_name = KINDS[kind].split(":")
     cls = cast(type[Study], getattr(import_module(f"cobot.studies.{module}"), class_name))
-    study = parse(cls, Path(folder).resolve() / Path(name).name, document)
-    study.come_from(document, Path(folder).resolve())
+    folder = Path(folder).resolve()
+    document = with_programs(document, folder, name)
+    study = parse(cls, folder / Path(name).name, document)
+    study.keep_source(document, folder)
     return study

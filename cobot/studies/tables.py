@@ -31,6 +31,9 @@ def write_table(folder: Path, columns: Mapping[str, Column]) -> Path:
         new.unlink(missing_ok=True)
         (_write_parquet if with_duckdb else _write_sqlite)(new, columns)
         os.replace(new, path)
+        (folder / (SQLITE if with_duckdb else PARQUET)).unlink(
+            missing_ok=True
+        )  # of a run with other packages
     except (OSError, sqlite3.Error) as exc:
         raise exhausted(exc) or UnavailableError(f"{path}: cannot be written: {exc}") from exc
     finally:

@@ -160,7 +160,7 @@ def cluster(
     """Dask's scheduler and workers, each a process of its own, on the loopback interface."""
     started: list[subprocess.Popen[bytes]] = []
     file = folder / "scheduler.json"
-    environment = os.environ | environment
+    environment = os.environ | {"DASK_TEMPORARY_DIRECTORY": str(folder)} | environment
     dask = [sys.executable, "-P", "-m", "distributed.cli"]
     try:
         scheduler = [f"{dask[-1]}.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]

@@ -62,3 +62,12 @@ def test_a_folder_that_cannot_be_written_is_an_error(
         need(package, "study")
     with pytest.raises(UnavailableError, match=r"results\.\w+: cannot be written: "):
         write_table(tmp_path / "missing", COLUMNS)
+
+
+def test_a_table_of_an_earlier_run_with_other_packages_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / PARQUET).write_bytes(b"old results")
+    monkeypatch.setattr(cobot.studies.tables, "find_spec", lambda name: None)
+    write_table(tmp_path, COLUMNS)
+    assert [path.name for path in tmp_path.iterdir()] == [SQLITE]
