@@ -8,11 +8,20 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.scene_schemas import Name, ObjectAnswer, PutObject
 from cobot.loose_lists import RequestModel
+from cobot.motions.bodies import Joints
 from cobot.motions.fields import Angle, Finite, Within, limit_entries
+from cobot.robot.tcp_fit import MAX_POSES, MIN_POSES
 from cobot.units import MAX_TIP_M, require_way
 
 TipCoordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, MAX_TIP_M)]
 INERTIA = [0.004, 0.0, 0.0, 0.004, 0.0, 0.002]
+EXAMPLE_POINTS = [
+    [0.181, 0.087, 0.11, -1.799, -0.433, 1.404, 0.397],
+    [-0.168, 0.087, -0.124, -1.799, 0.434, 1.405, -0.049],
+    [0.0, 0.316, 0.0, -1.519, 0.0, 1.741, 0.0],
+    [0.062, -0.241, -0.051, -2.1, -0.022, 0.845, -0.328],
+]
+"""The default arm touches one point with a tip 0.15 m before its flange."""
 
 
 def _example(body: Any) -> ConfigDict:
@@ -100,6 +109,31 @@ class ChangeTool(RequestModel):
         if {"centre", "inertia"} & given and self.mass is None:
             raise ValueError("mass: is missing; centre and inertia are of no mass")
         return self
+
+
+class TouchedPoints(RequestModel):
+    """Joint positions in each of which the tip of the tool touches the same fixed point."""
+
+    model_config = _example({"points": EXAMPLE_POINTS})
+
+    points: list[Joints] = Field(
+        min_length=MIN_POSES,
+        max_length=MAX_POSES,
+        description="Joint positions, each with the flange turned by 20° or more, about two axes in all.",
+    )
+
+
+class TcpFitAnswer(BaseModel):
+    """The TCP that fits the points. Nothing has changed yet."""
+
+    model_config = _example(
+        {"position": [0.0, 0.0, 0.15], "point": [0.5, 0.0, 0.3], "error_m": 0.0004, "errors_m": [0.0004] * 4}
+    )
+
+    position: list[float] = Field(description="Of the TCP in the flange's frame: x, y, z, m.")
+    point: list[float] = Field(description="The touched point in the base frame: x, y, z, m.")
+    error_m: float = Field(description="Root mean square of `errors_m`, m.")
+    errors_m: list[float] = Field(description="Distance of the tip from the point, for each of them, m.")
 
 
 class ToolAnswer(BaseModel):

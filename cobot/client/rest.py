@@ -111,6 +111,15 @@ class Client(ForceMoves, Steps, EventConnection):
         """
         return self._json("POST", "/robot/tool", json=changes)
 
+    def calibrate_tool(self, points: Sequence[Sequence[float]]) -> Json:
+        """Find the TCP from joint positions in which the tip touches one fixed point: its `position` in the
+        flange's frame, `point`, `error_m` and `errors_m`. Nothing changes.
+
+        Args:
+            points: 4 to 20 joint positions, rad.
+        """
+        return self._json("POST", "/robot/tool/calibrate", json={"points": [list(each) for each in points]})
+
     def scene(self) -> Json:
         """`version`, `objects`, `frames` and `allowed` pairs."""
         return self._json("GET", "/scene")

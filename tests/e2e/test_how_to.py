@@ -28,6 +28,7 @@ RUN = [page for page in PAGES if BLOCK.search(page.read_text(encoding="utf-8"))]
 """The others only have commands for a network, or for an installation."""
 CELL = re.compile(r"^cobot run --cell (\S+)$", re.M)
 SAID = {
+    "calibrate-a-tcp": [r"^tcp \[-?0.0, -?0.0, 0.\d+\] error 0.0", "^rejected: .*same orientation"],
     "change-the-speed": ['"fraction": ?0.5', "^override 0.5$"],
     "connect-a-gripper": ["simulated", "True", "allowed is 0 to 0.08 m|allows 0 to 0.08 m"],
     "count-with-a-light-barrier": ["something is in the light barrier", r'"stopped_by":"?.*gate'],

@@ -19,6 +19,7 @@ from panel.moving import *  # noqa: F403
 from panel.page import *  # noqa: F403
 from panel.page import ELSEWHERE, OPERATED, SEEN, Panel
 from panel.reading import *  # noqa: F403
+from panel.setting_up import *  # noqa: F403
 from panel.standing import *  # noqa: F403
 from panel.stopping import *  # noqa: F403
 from panel.storing import *  # noqa: F403

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, cast
 
+import numpy as np
 from fastapi import Request
 
 from app.api.dependencies import Call
@@ -14,11 +15,12 @@ from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.scene_schemas import ObjectAnswer
 from app.api.solids import solid_of
-from app.api.tool_schemas import ChangeTool, ToolAnswer, ToolTip
+from app.api.tool_schemas import ChangeTool, TcpFitAnswer, ToolAnswer, ToolTip, TouchedPoints
 from app.services.motion.tool import Edit
 from cobot.access.roles import Role
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.model import RobotModel
+from cobot.robot.tcp_fit import fit_tcp
 from cobot.robot.tool import BARE, Tool
 from cobot.types import Numbers7
 
@@ -43,6 +45,26 @@ async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
     call = Call(request)
     changed = await call.services.tool.change(await asyncio.to_thread(_edit, body), call.name)
     return _answer(call.services.robot.model, [str(each) for each in changed.contacts])
+
+
+@router.endpoint("POST /robot/tool/calibrate", Role.OPERATOR, timeout_s=1.5)
+async def calibrate_tool(body: TouchedPoints, request: Request) -> TcpFitAnswer:
+    """Find the TCP from points in which the tip touches one fixed point, by least squares.
+
+    Nothing changes: send the position to POST /robot/tool as `tcp` with an orientation.
+    """
+    services = Call(request).services
+    for index, joints in enumerate(body.points):  # measured, they may be beyond a limit by a little
+        services.goals.require_joints(np.array(joints), name=f"points[{index}]", checked=False)
+    model = services.robot.model
+    flange_in_tcp = model.flange_in_tcp()
+    found = fit_tcp([model.forward(np.array(joints)) @ flange_in_tcp for joints in body.points])
+    return TcpFitAnswer(
+        position=found.tcp.tolist(),
+        point=found.point.tolist(),
+        error_m=found.error_m,
+        errors_m=list(found.errors_m),
+    )
 
 
 def _edit(body: ChangeTool) -> Edit:

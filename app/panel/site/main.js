@@ -69,7 +69,7 @@ class Panel {
     this.recordings = new Recordings(api, this.motions, () => this.view);
     this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
     this.live = new Live();
-    this.setup = new Setup(api);
+    this.setup = new Setup(api, () => this.state);
     this.typed = new Typed(this.motions, () => this);
     this.viewTools = new ViewTools(() => this.view);
     this.pages = new Pages(() => this.view?.resize());
@@ -118,6 +118,7 @@ class Panel {
     this.waypoints.load(robot.name);
     this.stored.load();
     this.csv.forget();
+    this.setup.choose();
     this.recordings.close();
     this.tag = this.state = this.geometry = null;
     await this.look();

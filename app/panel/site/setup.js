@@ -1,4 +1,6 @@
-// The page Setup: the tool, the limits of the joints and the surroundings, as the service has them.
+// The page Setup: its parts, the limits of the joints and the surroundings, as the service has them.
+import { Tabs } from "./tabs.js";
+import { Tool } from "./tool.js";
 import { inEachLanguage, word } from "./words.js";
 
 const LOOKED_AT = ["hello", "scene", "tool"];
@@ -10,14 +12,24 @@ function cell(tag, text) {
   return made;
 }
 
-const millimetres = (values) => `${values.map((value) => (1000 * value).toFixed(1)).join(", ")} mm`;
-
 export class Setup {
-  constructor(api) {
+  // state: gives the newest state of the robot.
+  constructor(api, state) {
     this.api = api;
-    this.tool = this.scene = null;
+    this.tool = new Tool(api, state);
+    this.scene = null;
     this.ranges = [];
+    const tabs = [...element("parts").children];
+    this.parts = new Tabs(element("parts"), tabs, (chosen) => {
+      for (const tab of tabs) element(tab.getAttribute("aria-controls")).hidden = tab !== chosen;
+    });
+    this.parts.select(tabs[0]);
     inEachLanguage(() => this.write());
+  }
+
+  // Another robot.
+  choose() {
+    this.tool.choose();
   }
 
   hear(event) {
@@ -31,29 +43,16 @@ export class Setup {
 
   async look() {
     const { robot } = this.api;
-    const [tool, scene] = await Promise.all([
-      this.api.get("/tool").catch(() => null),
-      this.api.get("/scene").catch(() => null),
-    ]);
+    this.tool.look();
+    const scene = await this.api.get("/scene").catch(() => null);
     if (robot !== this.api.robot) return;
-    [this.tool, this.scene] = [tool, scene];
+    this.scene = scene;
     this.write();
   }
 
   write() {
-    if (this.tool) this.writeTool(this.tool);
     this.writeLimits();
     if (this.scene) this.writeScene(this.scene.objects);
-  }
-
-  writeTool({ name, mass, centre, position }) {
-    const lines = [
-      ["tool_name", name || word("tool_none")],
-      ["tool_tcp", millimetres(position)],
-      ["tool_mass", `${mass.toFixed(2)} kg`],
-      ["tool_centre", millimetres(centre)],
-    ];
-    element("tool-all").replaceChildren(...lines.flatMap(([name, text]) => [cell("dt", word(name)), cell("dd", text)]));
   }
 
   writeLimits() {

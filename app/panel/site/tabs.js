@@ -1,4 +1,4 @@
-// Lists of tabs: one with the robots, one with the pages of the panel. Left and right, Home and End move the focus.
+// Lists of tabs: one with the robots, one with the pages of the panel, one with the parts of the page Setup. Left and right, Home and End move the focus.
 import { WRITING } from "./stop.js";
 import { keep, keptText } from "./store.js";
 
@@ -6,7 +6,7 @@ const STEPS = { ArrowLeft: -1, ArrowRight: 1 };
 const PAGE = "cobot.page";
 const element = (id) => document.getElementById(id);
 
-class Tabs {
+export class Tabs {
   // chosen: called with the button that is selected.
   constructor(list, tabs, chosen) {
     this.tabs = tabs;

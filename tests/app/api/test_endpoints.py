@@ -32,6 +32,7 @@ WITHOUT_CONTROL = {
     "POST /robot/plans/{plan}/rehearse",
     "POST /recordings",
     "DELETE /recordings/{name}",
+    "POST /robot/tool/calibrate",
     "PUT /programs/{program}",
     "DELETE /programs/{program}",
     *(

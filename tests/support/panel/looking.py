@@ -140,24 +140,3 @@ def test_a_waypoint_is_named_gone_to_and_taught_again(panel: Panel) -> None:
     assert [each["label"] for each in sequence["waypoints"]] == ["Über Kiste 1"]
     panel.page.run("localStorage.clear()")
     panel.load()
-
-
-def test_setup_shows_the_tool_the_limits_and_the_surroundings(panel: Panel) -> None:
-    """Oracle: what REST was told."""
-    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
-        box = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 0.0, "y": -0.9, "z": 0.1}
-        try:
-            http.post("/scene", json={"objects": {"crate": box}}).raise_for_status()
-            http.post("/robot/tool", json={"name": "pen", "mass": 0.25, "tcp": {"z": 0.1}}).raise_for_status()
-            panel.until("document.querySelector('#scene-all').innerText.includes('crate (box)')")
-            panel.until("document.querySelector('#tool-all').textContent.includes('pen')")
-            assert "0.25 kg" in panel.text("#tool-all")
-            assert "0.0, 0.0, 100.0 mm" in panel.text("#tool-all")
-            rows = panel.page.run(
-                "[...document.querySelectorAll('#limits tr')].map((each) => each.innerText)"
-            )
-            assert len(rows) == 8
-            assert "85 °/s" in rows[1]
-        finally:
-            http.post("/scene", json={"clear": True}).raise_for_status()
-            http.post("/robot/tool", json={"clear": True}).raise_for_status()

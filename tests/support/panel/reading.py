@@ -157,6 +157,8 @@ COVERED = """
 (["#view canvas", "#dock"].map((each) => document.querySelector(each).getBoundingClientRect()))
 """
 PAGES = ("move", "program", "run", "diagnose", "setup")
+PARTS = ("scene", "robot", "service", "tool")
+"""Of the page Setup; the last is the one that it opens with."""
 SCROLLS = "(e => e.scrollHeight > e.clientHeight + 1)(document.querySelector('#side'))"
 
 
@@ -168,11 +170,11 @@ def test_nothing_is_cut_off_or_covered_in_the_longest_words(panel: Panel, width:
     size(panel, width, height, mobile=width < SIZE[0])
     try:
         panel.page.run("document.querySelectorAll('details.card').forEach((each) => (each.open = true))")
-        for name in PAGES:
+        for name in (*PAGES, *PARTS):
             panel.page.click(f"#tab-{name}")
             if name == "diagnose":
                 panel.until("document.querySelector('#io-Output button')")
-            if width > 960 or name != "setup":
+            if width > 960 or name not in ("setup", *PARTS):
                 panel.until(f"!({COVERED})")
             assert panel.page.run(CUT) == [], name
             assert panel.page.run("document.documentElement.scrollWidth <= innerWidth"), name
@@ -187,9 +189,13 @@ def test_nothing_is_cut_off_or_covered_in_the_longest_words(panel: Panel, width:
 
 def test_no_page_scrolls_on_a_screen(panel: Panel) -> None:
     """At 1280 x 800, as each page opens."""
-    for name in PAGES:
+    for name in (*PAGES, *PARTS):
         panel.page.click(f"#tab-{name}")
-        assert panel.page.run("document.querySelectorAll('[role=tabpanel]:not([hidden])').length") == 1
+        assert (
+            panel.page.run("document.querySelectorAll('#side > [role=tabpanel]:not([hidden])').length") == 1
+        )
+        parts = panel.page.run("document.querySelectorAll('.part:not([hidden])').length")
+        assert parts == 1, "of the page Setup"
         assert not panel.page.run(SCROLLS), name
         if PICTURES:
             panel.page.picture(Path(PICTURES) / f"panel-{name}.png")

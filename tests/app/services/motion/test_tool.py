@@ -18,6 +18,7 @@ from flange_tools import INERTIA, LOAD, TCP, loaded
 from independent_models import second_robot
 from virtual_service import VirtualService
 
+from app.api.tool_schemas import EXAMPLE_POINTS
 from cobot.robot.tool import BARE, Tool, ToolFile
 
 BODY = {
@@ -268,3 +269,22 @@ def test_after_a_restart_it_is_still_so(tmp_path: Path) -> None:
     kept = file_of(service).read()
     assert (kept.mass, kept.inertia, kept.tcp) == (5.0, None, LOAD.tcp)
     assert replace(BARE, version=1).mass == 0.0
+
+
+def test_the_tcp_is_found_from_points_and_nothing_changes(robot: VirtualService) -> None:
+    """Oracle: the tip for which the example of the schema was made."""
+    before = robot.get("/robot/tool").json()
+    have(robot, tcp={"z": 0.3, "b": 0.7})
+    found = robot.client(robot.url).calibrate_tool(EXAMPLE_POINTS)
+    np.testing.assert_allclose(found["position"], [0.0, 0.0, 0.15], atol=5e-4)
+    assert found["error_m"] < 2e-4
+    assert len(found["errors_m"]) == 4
+    have(robot, clear=True)
+    assert robot.get("/robot/tool").json() == before | {"version": before["version"] + 2}
+    for points, said in (
+        ([EXAMPLE_POINTS[0]] * 4, "nearly the same orientation"),
+        (EXAMPLE_POINTS[:3], "points: must have at least 4 items"),
+        ([*EXAMPLE_POINTS[:3], [0.0] * 6], "points[3] must have 7 angles, got 6"),
+    ):
+        answer = robot.post("/robot/tool/calibrate", {"points": points})
+        assert (answer.status_code, said in answer.json()["detail"]) == (422, True), answer.text

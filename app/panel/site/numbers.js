@@ -1,0 +1,52 @@
+// Fields for the numbers of a pose, a place or a size. What nobody has typed over keeps all its digits.
+import { inEachLanguage, word } from "./words.js";
+
+const UNITS = { mm: 1000, "°": 180 / Math.PI };
+const DIGITS = 2;
+
+export class Numbers {
+  // labels: [name, unit] of each number, the unit "mm" or "°"; a name is a word of the catalogue, or as it is.
+  constructor(place, labels) {
+    this.place = place;
+    this.given = [];
+    this.rows = labels.map(([name, unit], index) => {
+      const [label, text, field] = ["label", "span", "input"].map((tag) => document.createElement(tag));
+      field.id = `${place.id}-${index + 1}`;
+      field.type = "number";
+      field.step = "any";
+      label.append(text, field);
+      inEachLanguage(() => (text.textContent = `${word(name)}, ${unit}`));
+      return { field, label, unit };
+    });
+    place.replaceChildren(...this.rows.map(({ label }) => label));
+  }
+
+  // In m and rad.
+  set(values) {
+    this.given = values;
+    this.rows.forEach(({ field, unit }, index) => {
+      const value = values[index] * UNITS[unit];
+      field.value = Number.isFinite(value) ? Number(value.toFixed(DIGITS)) : "";
+      field.defaultValue = field.value;
+    });
+  }
+
+  // In m and rad; NaN for a field without a number. others: what the fields have that nobody typed over.
+  values(others = this.given) {
+    return this.rows.map(({ field, unit }, index) => (changed(field) ? field.valueAsNumber / UNITS[unit] : others[index]));
+  }
+
+  get changed() {
+    return this.rows.some(({ field }) => changed(field));
+  }
+}
+
+export function changed(field) {
+  return field.value !== field.defaultValue;
+}
+
+const PLACE = [["X", "mm"], ["Y", "mm"], ["Z", "mm"]];
+
+export const placeFields = (place) => new Numbers(place, PLACE);
+
+export const poseFields = (place) => new Numbers(place, [...PLACE, ["A", "°"], ["B", "°"], ["C", "°"]]);

@@ -1,0 +1,106 @@
+// The tool: its name, mass and TCP, to be read and changed. What is sent is only what was typed over, so that two
+// people who change different things do not undo each other's.
+import { abcOf } from "./kinematics.js";
+import { changed, placeFields, poseFields } from "./numbers.js";
+import { Tip } from "./tip.js";
+import { inEachLanguage, word } from "./words.js";
+
+const element = (id) => document.getElementById(id);
+
+export class Tool {
+  constructor(api, state) {
+    this.api = api;
+    this.tool = null; // as the fields have it
+    this.words = () => "";
+    this.tcp = poseFields(element("tool-tcp"));
+    this.centre = placeFields(element("tool-centre"));
+    this.tip = new Tip(api, state, async (position) => this.put({ tcp: this.pointed(position, await api.get("/tool")) }));
+    element("tool").addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.save();
+    });
+    element("tool-undo").addEventListener("click", () => this.look(true));
+    inEachLanguage(() => this.say(this.words));
+  }
+
+  // Of another robot.
+  choose() {
+    this.tool = null;
+    this.tip.clear();
+    this.say(() => "");
+  }
+
+  get typed() {
+    return [element("tool-name"), element("tool-mass")].some(changed) || this.tcp.changed || this.centre.changed;
+  }
+
+  // anew: what was typed and not saved is lost; otherwise it stays.
+  async look(anew = false) {
+    const { robot } = this.api;
+    const tool = await this.api.get("/tool").catch(() => null);
+    if (!tool || robot !== this.api.robot) return;
+    if (this.tool && this.typed && !anew) {
+      if (tool.version !== this.tool.version) this.say(() => word("tool_changed"), "warn");
+      return;
+    }
+    this.fill(tool);
+    if (anew) this.say(() => "");
+  }
+
+  fill(tool) {
+    this.tool = tool;
+    for (const [id, value] of [["tool-name", tool.name], ["tool-mass", Number(tool.mass.toFixed(4))]]) {
+      element(id).value = element(id).defaultValue = value;
+    }
+    this.tcp.set([...tool.position, ...abcOf(tool.quaternion)]);
+    this.centre.set(tool.centre);
+  }
+
+  // With the orientation that it has.
+  pointed([x, y, z], { quaternion }) {
+    return { x, y, z, quaternion };
+  }
+
+  // tool: the newest one, whose values the fields get that nobody has typed over.
+  changes(tool) {
+    const found = {};
+    const mass = element("tool-mass");
+    if (changed(element("tool-name"))) found.name = element("tool-name").value.trim();
+    if (changed(mass) || this.centre.changed) {
+      found.mass = changed(mass) ? mass.valueAsNumber : tool.mass;
+      if (found.mass) found.centre = this.centre.values(tool.centre);
+      if (found.mass && !changed(mass) && tool.inertia) found.inertia = tool.inertia;
+    }
+    if (this.tcp.changed) {
+      const [x, y, z, a, b, c] = this.tcp.values([...tool.position, ...abcOf(tool.quaternion)]);
+      const turned = this.tcp.rows.slice(3).some(({ field }) => changed(field));
+      found.tcp = turned ? { x, y, z, a, b, c } : this.pointed([x, y, z], tool);
+    }
+    return found;
+  }
+
+  async save() {
+    if (!this.tool || !this.typed) return;
+    const numbers = [...this.tcp.values(), ...this.centre.values(), element("tool-mass").valueAsNumber];
+    if (!numbers.every(Number.isFinite)) return void this.say(() => word("number_missing"), "warn");
+    try {
+      const tool = await this.api.get("/tool");
+      const changes = this.changes(tool);
+      await this.put(changes);
+      const lost = tool.inertia && "mass" in changes && !changes.inertia;
+      this.say(() => word(lost ? "tool_point_mass" : "tool_saved"), "good");
+    } catch (error) {
+      this.say(() => error.message, "warn");
+    }
+  }
+
+  async put(changes) {
+    this.fill(await this.api.post("/tool", changes));
+  }
+
+  say(words, level = "") {
+    this.words = words;
+    element("tool-why").textContent = words();
+    element("tool-why").dataset.level = level;
+  }
+}
