@@ -1,6 +1,6 @@
 from rtloop.backends.compiled cimport Measured
 from rtloop.mode_machine cimport ModeMachine
-from cobot.ipc.state_scalars cimport StateScalars
+from cobot.ipc.state_block cimport StateScalars
 from rtloop.tool_and_scene cimport ToolAndScene
 
 

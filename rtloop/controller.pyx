@@ -7,7 +7,7 @@ from rtloop.backends.compiled cimport Measured
 from rtloop.inboxes.commands cimport ESTOP, FAST, STOP
 from rtloop.mode_machine cimport BRAKE, COAST, PATH, STREAM, ModeMachine
 from rtloop.planned.handover cimport NO_LOAD, START
-from cobot.ipc.state_scalars cimport StateScalars
+from cobot.ipc.state_block cimport StateScalars
 from rtloop.tool_and_scene cimport ALL, BEING_READ
 
 from cobot.ipc.layout import Command, Intervention, MotionResult, text

@@ -1,7 +1,7 @@
 from rtloop.backends.compiled cimport CompiledBackend, Measured
 from rtloop.clock cimport Clock, Pace
 from rtloop.controller cimport Controller
-from cobot.ipc.state_scalars cimport StateScalars
+from cobot.ipc.state_block cimport StateScalars
 from rtloop.publisher cimport StatePublisher, Statistics
 from rtloop.recording cimport CycleRecorder
 

@@ -6,7 +6,8 @@ A long module, because its phases share what was measured, and when.
 from cpython.exc cimport PyErr_CheckSignals
 from libc.math cimport fabs, isfinite
 
-from rtloop.backends.compiled cimport MEASURED_ROWS, CompiledBackend, Measured
+from cobot.ipc.state_block cimport count_measured
+from rtloop.backends.compiled cimport CompiledBackend, Measured
 from rtloop.clock cimport Clock, Pace, RealtimeClock, monotonic_ns
 from rtloop.controller cimport Controller
 from rtloop.publisher cimport StatePublisher, Statistics
@@ -246,7 +247,7 @@ cdef class ControlLoop:
             except BackendError as exc:
                 self.controller.fault(f"reading from the robot failed: {exc}")
                 return False
-        for index in range(MEASURED_ROWS * fresh.dof + 12):
+        for index in range(count_measured(fresh.dof)):
             square += fresh.c_values[index] * fresh.c_values[index]
         if not isfinite(square):
             self.controller.fault("the robot reports a value that is not finite")

@@ -9,6 +9,7 @@ events are Python.
 from libc.string cimport memcpy, memset
 
 from cobot.arrays cimport MAX_DOF, doubles
+from cobot.ipc.state_block cimport EXTERNAL_EFFORT_ROW, VELOCITY_ROW
 from rtloop.backends.compiled cimport Measured
 from rtloop.planned.follower cimport DONE, NO_ROOM, UNDER_WAY, Way
 from rtloop.planned.handover cimport NO_LOAD
@@ -205,7 +206,7 @@ cdef class ModeMachine:
         elif self._guide == PATH:
             self._follow(measured, robot_time_s, fresh)
         elif self.c_streams():
-            self.streaming.c_advance(measured.c_values + 4 * self._dof, robot_time_s)
+            self.streaming.c_advance(measured.c_values + EXTERNAL_EFFORT_ROW * self._dof, robot_time_s)
             self._heed_stream()
         if self._stop_unseen and (self.follower.clock.c_slowing() or self._guide != PATH):
             self._stop_unseen = False
@@ -222,7 +223,7 @@ cdef class ModeMachine:
         allowed = self._yield_rad if self.streaming.session else self._tracking_error_rad
         if not self.settling.c_tracks(measured.c_values, allowed) and self._mode != FAULT:
             self._lose_track(measured.position, allowed)
-        if self.c_settle(measured.c_values + self._dof, fresh):
+        if self.c_settle(measured.c_values + VELOCITY_ROW * self._dof, fresh):
             self._rest(measured, fresh)
 
     def _latch(self, mode, reason):

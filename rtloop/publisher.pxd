@@ -2,7 +2,7 @@ from libc.stdint cimport int64_t, uint32_t, uint64_t
 
 from cobot.arrays cimport MAX_DOF
 from cobot.ipc.seqlock cimport Block
-from cobot.ipc.state_scalars cimport StateScalars
+from cobot.ipc.state_block cimport StateScalars
 from cobot.robot.chain cimport Chain
 from rtloop.safety.limiter cimport Safety
 
@@ -32,10 +32,10 @@ cdef class StatePublisher:
     cdef long long _counted
 
     # Publish a cycle. `monotonic_ns` is filled in here.
-    #     measured_values: as `rtloop.backends.Measured.values`, 5 dof + 12 numbers
+    #     measured: as `rtloop.backends.Measured.values`
     #     command: 3 dof numbers: rad, rad/s, rad/s²
     cdef void c_publish(
-        self, const StateScalars* scalars, const double* measured_values, const double* command
+        self, const StateScalars* scalars, const double* measured, const double* command
     ) noexcept nogil
     # Put the newest reading of the gripper into the numbers of the state.
     cdef void c_heed_gripper(self, StateScalars* scalars) noexcept nogil

@@ -6,6 +6,7 @@ from libc.string cimport memcpy, memmove
 
 from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
 from cobot.ipc.seqlock cimport Block
+from cobot.ipc.state_block cimport count_measured
 from rtloop.clock cimport monotonic_ns
 
 import numpy as np
@@ -14,7 +15,6 @@ from cobot.errors import LayoutError
 from cobot.ipc.layout import HISTOGRAM_BUCKETS, GripperObject, Intervention, Phase
 from cobot.ipc.state_fields import STATE_SCALARS
 from cobot.ipc.shm import encoded
-from rtloop.backends import JOINT_ROWS
 
 STATISTICS_CYCLES = 500
 EFFORT_RATE_S = 0.01
@@ -24,7 +24,6 @@ cdef uint64_t _statistics_cycles = STATISTICS_CYCLES
 cdef int _phases = len(Phase)
 cdef int _buckets = HISTOGRAM_BUCKETS
 cdef int _kinds = len(Intervention)
-cdef int _joint_rows = JOINT_ROWS
 cdef uint64_t _objects = len(GripperObject)
 cdef uint64_t UNKNOWN = GripperObject.UNKNOWN
 
@@ -82,10 +81,10 @@ cdef class StatePublisher:
             self.block.data["reason"] = encoded(reason)
 
     cdef void c_publish(
-        self, const StateScalars* scalars, const double* measured_values, const double* command
+        self, const StateScalars* scalars, const double* measured, const double* command
     ) noexcept nogil:
         memmove(self.scalars, scalars, sizeof(StateScalars))
-        memcpy(self._measured, measured_values, (_joint_rows * self._dof + 12) * sizeof(double))
+        memcpy(self._measured, measured, count_measured(self._dof) * sizeof(double))
         memcpy(self._commanded, command, 3 * self._dof * sizeof(double))
         self._find_tcp()
         self._smooth_effort_rate()
@@ -112,10 +111,10 @@ cdef class StatePublisher:
             self._effort_before[joint] = self._effort[joint]
             self._effort_rate[joint] += (change - self._effort_rate[joint]) * self._smoothing
 
-    def publish_values(self, scalars, measured_values, command):
+    def publish_values(self, scalars, measured, command):
         """`c_publish` of arrays; the scalars are a record of `cobot.ipc.state_fields.STATE_SCALARS`."""
         cdef StateScalars* given = <StateScalars*>bytes_of(scalars, sizeof(StateScalars))
-        cdef double* values = doubles(measured_values, _joint_rows * self._dof + 12)
+        cdef double* values = doubles(measured, count_measured(self._dof))
         self.c_publish(given, values, doubles(command, 3 * self._dof))
 
 

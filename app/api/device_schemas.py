@@ -9,9 +9,10 @@ from typing import Literal, Self
 from pydantic import BaseModel, Field
 
 from cobot.ipc.device_record import Device
+from cobot.ipc.state_fields import MEASURED_NAMES
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import example
-from cobot.robot.device import FLAGS, MEASURED_NAMES
+from cobot.robot.device import FLAGS
 from cobot.robot.io_points import IoKind, IoPoint
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from cobot.foreign import plain_text
 from cobot.ipc.layout import MAX_PERIODS, text
+from cobot.ipc.state_fields import MEASURED_NAMES
 from cobot.robot.device import (
     FLAGS,
-    MEASURED_NAMES,
     STATUS_WORDS,
     STOP_CATEGORIES,
     Capabilities,
@@ -53,7 +53,8 @@ def fill_capabilities(record: np.ndarray, capabilities: Capabilities) -> None:
     record["periods_s"] = 0.0
     count = min(len(capabilities.periods_s), MAX_PERIODS)
     record["periods_s"][:count] = capabilities.periods_s[:count]
-    record["measured"] = [name in capabilities.measured for name in MEASURED_NAMES]
+    measured = (name in capabilities.measured for name in MEASURED_NAMES)
+    record["measured"] = sum(real << bit for bit, real in enumerate(measured))
     record["able"] = [getattr(capabilities, name) for name in FLAGS]
     record["stops"] = [
         (CONFIRMS if capabilities.stops[category] else DOES) if category in capabilities.stops else UNABLE
@@ -80,11 +81,10 @@ def device_of(record: np.ndarray) -> Device:
     Raises:
         ValueError: the record is invalid.
     """
+    bits = int(record["measured"])
     capabilities = Capabilities(
         periods_s=tuple(float(each) for each in record["periods_s"] if each > 0.0),
-        measured=frozenset(
-            name for name, real in zip(MEASURED_NAMES, record["measured"], strict=True) if real
-        ),
+        measured=frozenset(name for bit, name in enumerate(MEASURED_NAMES) if bits >> bit & 1),
         stops=MappingProxyType(
             {
                 category: bool(how == CONFIRMS)

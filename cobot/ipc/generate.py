@@ -1,7 +1,8 @@
-"""`python -m cobot.ipc.generate`: write the struct that is made of the table of state fields.
+"""`python -m cobot.ipc.generate`: write the files and parts of files that follow from the state fields.
 
-It is the struct of the compiled modules, `cobot/ipc/state_scalars.pxd`. Its file notes the layout version and
-a digest of all records in shared memory: a record that has changed under the same version is an error.
+These are the declarations for compiled modules (`cobot/ipc/state_block.pxd`) and the attributes of
+`rtloop.backends.Measured` (`rtloop/backends/compiled.pyi`). The declarations note the layout version and a
+digest of all records in shared memory: a record that has changed under the same version is an error.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import argparse
 import hashlib
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +20,21 @@ from cobot.errors import ConfigError
 from cobot.ipc import layout
 from cobot.ipc import records as cycle_records
 from cobot.ipc.shm import MAX_DOF
-from cobot.ipc.state_fields import LAYOUT_VERSION, SCALARS, state_dtype
+from cobot.ipc.state_fields import (
+    LAYOUT_VERSION,
+    MEASURED,
+    PER_JOINT,
+    SCALARS,
+    STATE_FIELDS,
+    StateField,
+    state_dtype,
+)
 
-STRUCT = Path("cobot", "ipc", "state_scalars.pxd")
+DECLARATIONS = Path("cobot", "ipc", "state_block.pxd")
+STUB = Path("rtloop", "backends", "compiled.pyi")
+BEGIN, END = "    # measured fields: begin\n", "    # measured fields: end\n"
+"""The lines around the generated part of the stub."""
+LAST_MEASURED = ("external_effort", "wrench", "sensor")
 _C_TYPES = {"u8": "uint64_t", "i8": "int64_t", "f8": "double"}
 _NOTE = "# Layout version {version}, records {digest}.\n"
 
@@ -40,21 +54,74 @@ def records_digest() -> str:
     return hashlib.sha256(repr(described).encode()).hexdigest()[:16]
 
 
-def struct_text() -> str:
-    """The Cython declaration of the state block's numbers."""
+def declarations() -> str:
+    """The state block's numbers and the rows of what is measured, for compiled modules."""
     fields = "".join(f"    {_C_TYPES[field.kind]} {field.name}\n" for field in SCALARS)
+    joints = [field.name for field in MEASURED if field.length == PER_JOINT]
+    rows = "".join(f"    {name.upper()}_ROW = {row}\n" for row, name in enumerate(joints))
+    more = sum(field.length for field in MEASURED if field.length != PER_JOINT)
     return (
         "# Written by `python -m cobot.ipc.generate`; `cobot.ipc.state_fields` describes the fields.\n"
         f"{_NOTE.format(version=LAYOUT_VERSION, digest=records_digest())}"
-        f"from libc.stdint cimport int64_t, uint64_t\n\ncdef struct StateScalars:\n{fields}"
+        f"from libc.stdint cimport int64_t, uint64_t\n\ncdef struct StateScalars:\n{fields}\n"
+        "# Rows of `dof` numbers in the values of `rtloop.backends.Measured`; the wrench follows them.\n"
+        f"cdef enum:\n{rows}    MEASURED_ROWS = {len(joints)}\n\n"
+        "# The number of these values.\n"
+        "cdef inline int count_measured(int dof) noexcept nogil:\n"
+        f"    return {len(joints)} * dof + {more}\n"
     )
+
+
+def attributes() -> Iterator[str]:
+    """The measured fields as attributes of a class in a stub, line by line."""
+    for field in MEASURED:
+        yield f"    # {field.meaning}; {field.unit}."
+        yield f"    {field.name}: Array"
+
+
+def with_attributes(stub: str) -> str:
+    """The stub with the present attributes between its marks.
+
+    Raises:
+        ConfigError: the marks are missing.
+    """
+    before, begin, rest = stub.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise ConfigError(
+            f"{STUB} has no lines {BEGIN.strip()} and {END.strip()}: put them where the attributes go"
+        )
+    return before + begin + "".join(f"{line}\n" for line in attributes()) + end + after
+
+
+def require_order(measured: tuple[StateField, ...]) -> None:
+    """Reject measured fields that are not where compiled modules expect them.
+
+    Raises:
+        ConfigError: they have to be in another place of the table.
+    """
+    names = tuple(field.name for field in measured)
+    table_names = [field.name for field in STATE_FIELDS]
+    first = table_names.index(names[0])
+    rows = [field for field in measured if field.length == PER_JOINT]
+    if (
+        names[-len(LAST_MEASURED) :] != LAST_MEASURED
+        or table_names[first : first + len(names)] != list(names)
+        or any(field.kind != "f8" for field in measured)
+        or measured[: len(rows)] != tuple(rows)
+    ):
+        raise ConfigError(
+            f"the measured fields are {', '.join(names)}: list them together in cobot/ipc/state_fields.py, "
+            f'of kind "f8", a new one per joint before {LAST_MEASURED[0]}, which {LAST_MEASURED[1]} and '
+            f"{LAST_MEASURED[2]} follow as the last ones"
+        )
 
 
 def require_version(noted: str) -> None:
     """Refuse records that have changed under the layout version of a struct's file.
 
     Raises:
-        ConfigError: the version has to be raised.
+        ConfigError: raise the version.
     """
     pattern = re.escape(_NOTE.strip()).replace(r"\{version\}", r"(\d+)").replace(r"\{digest\}", r"(\w+)")
     found = re.search(pattern, noted)
@@ -65,23 +132,27 @@ def require_version(noted: str) -> None:
         )
 
 
-def write(root: Path) -> bool:
-    """Bring the struct's file of a checkout up to date.
+def write(root: Path) -> list[Path]:
+    """Bring the files of a checkout up to date.
 
     Returns:
-        Whether it has changed.
+        Those that have changed.
 
     Raises:
-        ConfigError: a record has changed without its version.
+        ConfigError: a record has changed without its version, a measured field is in the wrong place, or the
+            stub has no marks.
         OSError: it is not a checkout.
     """
-    file = root / STRUCT
-    before = file.read_text("utf-8") if file.exists() else ""
-    require_version(before)
-    text = struct_text()
-    if text != before:
-        file.write_text(text, "utf-8")
-    return text != before
+    before = {DECLARATIONS: "", STUB: (root / STUB).read_text("utf-8")}
+    if (root / DECLARATIONS).exists():
+        before[DECLARATIONS] = (root / DECLARATIONS).read_text("utf-8")
+    require_order(MEASURED)
+    require_version(before[DECLARATIONS])
+    texts = {DECLARATIONS: declarations(), STUB: with_attributes(before[STUB])}
+    changed = [path for path in texts if texts[path] != before[path]]
+    for path in changed:
+        (root / path).write_text(texts[path], "utf-8")
+    return changed
 
 
 def main() -> int:
@@ -92,7 +163,7 @@ def main() -> int:
     except (ConfigError, OSError) as exc:
         print(exc, file=sys.stderr)
         return 2
-    print(f"written: {STRUCT}" if changed else "nothing has changed")
+    print("\n".join(f"written: {path}" for path in changed) or "nothing has changed")
     return 0
 
 

@@ -281,7 +281,7 @@ MAX_PERIODS = 8
 DEVICE = np.dtype(
     [
         ("periods_s", "f8", (MAX_PERIODS,)),  # supported cycle periods; unused places are 0
-        ("measured", "u1", (6,)),  # 1: the device measures this row
+        ("measured", "u8"),  # a bit for each name of `cobot.ipc.state_fields.MEASURED_NAMES`
         ("able", "u1", (8,)),  # one per `cobot.robot.device.FLAGS`
         ("stops", "u1", (3,)),  # categories 0 to 2, as `cobot.ipc.device_record` counts
         ("hardware", "u1"),

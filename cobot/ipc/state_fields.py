@@ -1,9 +1,9 @@
 """The state block of a robot, field by field: what rtloop publishes in each cycle.
 
 A field is declared in `STATE_FIELDS` and nowhere else. From this table come the record in shared memory, the
-struct of the compiled modules (`python -m cobot.ipc.generate` writes it), the JSON of `GET /robot/state` with
-its schema and of the WebSocket, the record of a cycle in recordings, and what recordings and Foxglove show of
-it.
+struct and the rows of the compiled modules and the attributes of `rtloop.backends.Measured`
+(`python -m cobot.ipc.generate` writes them), the JSON of `GET /robot/state` with its schema and of the
+WebSocket, the record of a cycle in recordings, and what recordings and Foxglove show of it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from cobot.ipc.layout import TEXT, GripperObject, Intervention, MotionResult
 from cobot.types import LoopMode
 
-LAYOUT_VERSION = 18
+LAYOUT_VERSION = 19
 """Version of all records in shared memory: a change of any of them raises it."""
 PER_JOINT = -1
 CYCLE, GRIPPER = "/cycle", "/gripper"
@@ -38,6 +38,7 @@ class StateField:
         length: 0 for one number or text, `PER_JOINT`, or how many numbers.
         member: enumeration whose member's name stands in JSON in place of the number.
         keys: enumeration with a number for each member: JSON has an object with these keys.
+        measured: whether backends measure it in each cycle: an attribute of `rtloop.backends.Measured`.
         recorded: type in the recording's record, "" for a field that is not recorded.
         message: place and ROS type in the message of `topic`, which recordings and Foxglove show. Readers
             know that message: a place is never given to another field, a new field gets the next place.
@@ -51,6 +52,7 @@ class StateField:
     length: int = 0
     member: type[IntEnum] | None = None
     keys: type[IntEnum] | None = None
+    measured: bool = False
     recorded: str = ""
     message: tuple[int, str] | None = None
     topic: str = CYCLE
@@ -204,11 +206,21 @@ STATE_FIELDS = (
         recorded="i8",
     ),
     *GRIPPER_FIELDS,
-    StateField("position", "f8", "rad or m", "Measured joint positions", PER_JOINT, recorded="f8"),
-    StateField("velocity", "f8", "rad/s or m/s", "Measured joint velocities", PER_JOINT, recorded="f4"),
-    StateField("effort", "f8", "N·m or N", "Measured joint efforts", PER_JOINT, recorded="f4"),
     StateField(
-        "desired_effort", "f8", "N·m or N", "Joint efforts asked of the drives", PER_JOINT, recorded="f4"
+        "position", "f8", "rad or m", "Measured joint positions", PER_JOINT, measured=True, recorded="f8"
+    ),
+    StateField(
+        "velocity", "f8", "rad/s or m/s", "Measured joint velocities", PER_JOINT, measured=True, recorded="f4"
+    ),
+    StateField("effort", "f8", "N·m or N", "Measured joint efforts", PER_JOINT, measured=True, recorded="f4"),
+    StateField(
+        "desired_effort",
+        "f8",
+        "N·m or N",
+        "Joint efforts requested from the drives",
+        PER_JOINT,
+        measured=True,
+        recorded="f4",
     ),
     StateField(
         "external_effort",
@@ -216,6 +228,7 @@ STATE_FIELDS = (
         "N·m or N",
         "Estimated joint efforts from the surroundings",
         PER_JOINT,
+        measured=True,
         recorded="f4",
         message=(15, "float64[]"),
     ),
@@ -224,7 +237,8 @@ STATE_FIELDS = (
         "f8",
         "N, N·m",
         "Estimated force and torque on the TCP, in the base frame",
-        length=6,
+        6,
+        measured=True,
         recorded="f4",
     ),
     StateField(
@@ -233,6 +247,7 @@ STATE_FIELDS = (
         "N, N·m",
         "Force and torque of the sensor, raw, in the TCP's frame",
         6,
+        measured=True,
         recorded="f4",
         message=(16, "geometry_msgs/Wrench"),
     ),
@@ -272,14 +287,19 @@ STATE_FIELDS = (
     ),
     StateField("reason", TEXT, "", "Why the mode is ESTOP or FAULT, or why the last motion ended"),
 )
-"""In the order of the record. Rows of arrays that the cycle copies at once stand together: what is measured
-(position to sensor), and what is commanded. New rows of arrays go to the end."""
+"""In the order of the record. Arrays that the cycle copies at once are listed together: the measured ones and
+the commanded ones. Of the measured ones the rows per joint come first, and `external_effort` is the last of
+them, because its values and those of `wrench` are also used as one array."""
 
 SCALARS = tuple(field for field in STATE_FIELDS if field.is_scalar)
 """Fields that stand first in the record, without gaps: `StateScalars` of the compiled modules."""
 STATE_SCALARS = tuple((field.name, field.kind) for field in SCALARS)
 STATE_STRUCT = struct.Struct("=" + "".join(_STRUCT_CODES[field.kind] for field in SCALARS))
 _ARRAYS = tuple(field for field in STATE_FIELDS if not field.is_scalar)
+MEASURED = tuple(field for field in STATE_FIELDS if field.measured)
+MEASURED_NAMES = tuple(field.name for field in MEASURED if field.name != "sensor")
+"""What a device can declare to measure (`cobot.robot.device.Capabilities`). The force-torque sensor at the
+flange is not declared: without one its readings are zeros."""
 GRIPPER_RECORD = np.dtype([(field.name, field.kind) for field in GRIPPER_FIELDS])
 """The gripper's block, which rtloop copies into its state as it is."""
 RECORDED = tuple(field for field in STATE_FIELDS if field.recorded)

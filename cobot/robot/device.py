@@ -6,9 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 
-MEASURED_NAMES = ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench")
-"""Measurements that a device may provide of its joints and at its TCP: the rows of
-`rtloop.backends.Measured`."""
+from cobot.ipc.state_fields import MEASURED_NAMES
+
+DEFAULT_MEASURED = frozenset(
+    ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench")
+)
+"""What a device measures whose capabilities do not say it. New fields are not added here, so that no existing
+backend claims to measure them."""
 LESS = "the device permits less than the model"
 """Begin of messages about tighter limits of the device."""
 ANY_PERIOD: tuple[float, ...] = ()
@@ -23,7 +27,8 @@ class Capabilities:
 
     Attributes:
         periods_s: cycle periods with which the device can be driven, s; empty: any.
-        measured: rows of `Measured` that are real, names of `MEASURED_NAMES`. The others are zeros.
+        measured: attributes of `rtloop.backends.Measured` that the device fills in, of `MEASURED_NAMES`. The
+            others are zeros.
         impedance: drives with commanded stiffness and damping.
         torque: the arm follows streamed torques.
         wrench: takes a force at the TCP in addition to positions.
@@ -37,7 +42,7 @@ class Capabilities:
     """
 
     periods_s: tuple[float, ...] = ANY_PERIOD
-    measured: frozenset[str] = frozenset(MEASURED_NAMES)
+    measured: frozenset[str] = DEFAULT_MEASURED
     impedance: bool = False
     torque: bool = False
     wrench: bool = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cobot.robot import mujoco_library as mujoco_library
 from cobot.robot.device import Capabilities, DeviceStatus
-from rtloop.backends.compiled import JOINT_ROWS, Measured
+from rtloop.backends.compiled import Measured
 from rtloop.backends.protocols import (
     Backend,
     BackendError,
@@ -26,7 +26,6 @@ from rtloop.backends.protocols import (
 from rtloop.backends.registry import backend_class, backend_names, make_backend
 
 __all__ = [
-    "JOINT_ROWS",
     "Backend",
     "BackendError",
     "BackendOptions",

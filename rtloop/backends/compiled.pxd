@@ -1,13 +1,8 @@
-cdef enum:
-    MEASURED_ROWS = 5
-
-
 cdef class Measured:
     cdef int dof
-    cdef double* c_values  # 5 dof + 12
-    cdef readonly object values, joints
-    cdef readonly object position, velocity, effort, desired_effort, external_effort
-    cdef readonly object wrench, external, sensor
+    cdef double* c_values  # `count_measured(dof)` numbers, in the order of `cobot.ipc.state_fields.MEASURED`
+    cdef dict __dict__  # the fields as arrays, by name
+    cdef readonly object values, joints, external
 
 
 cdef class CompiledBackend:

@@ -1,26 +1,16 @@
 from cobot.types import Array
 
-JOINT_ROWS: int
-"""Rows of `Measured.joints`."""
-
 class Measured:
     """What a robot reports in one cycle, in one buffer: a single product finds what is not finite.
 
-    External means: what the surroundings do to the arm, as far as the device can tell it from its
-    own weight and motion; zeros if it cannot. To assign to an attribute copies into the buffer.
+    Its fields are the measured ones of `cobot.ipc.state_fields`. Assigning to an attribute copies into the
+    buffer. `external_effort` and `wrench` are what the surroundings do to the arm, without its own weight and
+    motion; zeros if the device cannot separate them. `sensor` includes the tool's weight and inertia.
 
     Attributes:
-        values: all of it, shape (5 dof + 12,).
-        joints: the five rows that follow, shape (5, dof).
-        position, velocity: rad, rad/s.
-        effort: torques of the drives, N·m.
-        desired_effort: torques that the drives were told to produce, N·m.
-        external_effort: torques that the surroundings exert on the joints, N·m.
-        wrench: force and torque that the surroundings exert at the TCP, shape (6,), N and N·m, in the base
-            frame.
-        external: the external torques and the wrench, shape (dof + 6,).
-        sensor: raw readings of a force-torque sensor at the flange, shape (6,), N and N·m, in the TCP's
-            frame: tool weight and inertia are in them.
+        values: all fields, one after the other.
+        joints: the fields per joint, a row for each.
+        external: `external_effort` and `wrench`, shape (dof + 6,).
 
     Raises:
         InputError: more joints than compiled code has room for.
@@ -28,15 +18,23 @@ class Measured:
 
     values: Array
     joints: Array
-    position: Array
-    velocity: Array
-    effort: Array
-    desired_effort: Array
-    external_effort: Array
-    wrench: Array
     external: Array
+    # measured fields: begin
+    # Measured joint positions; rad or m.
+    position: Array
+    # Measured joint velocities; rad/s or m/s.
+    velocity: Array
+    # Measured joint efforts; N·m or N.
+    effort: Array
+    # Joint efforts requested from the drives; N·m or N.
+    desired_effort: Array
+    # Estimated joint efforts from the surroundings; N·m or N.
+    external_effort: Array
+    # Estimated force and torque on the TCP, in the base frame; N, N·m.
+    wrench: Array
+    # Force and torque of the sensor, raw, in the TCP's frame; N, N·m.
     sensor: Array
-
+    # measured fields: end
     def __init__(self, dof: int) -> None: ...
 
 class CompiledBackend:

@@ -2,24 +2,28 @@
 
 from types import FunctionType
 
+from cpython.object cimport PyObject_GenericSetAttr
+
 import numpy as np
 
 from cobot.arrays cimport checked_dof, doubles
+from cobot.ipc.state_block cimport EXTERNAL_EFFORT_ROW, MEASURED_ROWS, count_measured
 
-JOINT_ROWS = MEASURED_ROWS
+from cobot.ipc.state_fields import MEASURED
 
 
 cdef class Measured:
     def __init__(self, dof: int) -> None:
         self.dof = checked_dof(dof)
-        joints = MEASURED_ROWS * dof
-        self.values = np.zeros(joints + 12)
-        self.c_values = doubles(self.values, joints + 12)
-        self.joints = self.values[:joints].reshape(MEASURED_ROWS, dof)
-        self.position, self.velocity, self.effort, self.desired_effort, self.external_effort = self.joints
-        self.wrench = self.values[joints:][:6]
-        self.external = self.values[(MEASURED_ROWS - 1) * dof:joints + 6]
-        self.sensor = self.values[joints:][6:]
+        self.values = np.zeros(count_measured(dof))
+        self.c_values = doubles(self.values, count_measured(dof))
+        self.joints = self.values[:MEASURED_ROWS * dof].reshape(MEASURED_ROWS, dof)
+        self.external = self.values[EXTERNAL_EFFORT_ROW * dof:MEASURED_ROWS * dof + 6]
+        start = 0
+        for field in MEASURED:
+            end = start + field.shape(dof)[0]
+            PyObject_GenericSetAttr(self, field.name, self.values[start:end])
+            start = end
 
     def __setattr__(self, name: str, value: object) -> None:
         # `measured.position += offset` assigns too: the array stays the part of the buffer that it is.

@@ -25,8 +25,17 @@ import mujoco
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, checked_dof, doubles
+from cobot.ipc.state_block cimport (
+    DESIRED_EFFORT_ROW,
+    EFFORT_ROW,
+    EXTERNAL_EFFORT_ROW,
+    MEASURED_ROWS,
+    POSITION_ROW,
+    VELOCITY_ROW,
+    count_measured,
+)
 from cobot.robot.mujoco cimport data_of, mj_jacSite, mj_mulM, mj_step1, mj_step2, mjData, model_of
-from rtloop.backends.compiled cimport MEASURED_ROWS, CompiledBackend, Measured
+from rtloop.backends.compiled cimport CompiledBackend, Measured
 from rtloop.backends.observer cimport Observer
 from rtloop.backends.springs cimport Springs
 
@@ -203,7 +212,7 @@ cdef class MujocoBackend(CompiledBackend):
     cdef void _take(self, double* values) noexcept nogil:
         if not self.stale:
             self._report()
-        memcpy(values, self._reported.c_values, (MEASURED_ROWS * self._dof + 12) * sizeof(double))
+        memcpy(values, self._reported.c_values, count_measured(self._dof) * sizeof(double))
 
     cdef void _step(self, const double* command) noexcept nogil:
         """One period: M and bias are of its beginning, and so is the torque."""
@@ -321,11 +330,12 @@ cdef class MujocoBackend(CompiledBackend):
         cdef double* values = self._reported.c_values
         cdef int i, dof = self._dof
         for i in range(dof):
-            values[i] = data.qpos[i] + self._c_jump[i]
-            values[dof + i] = data.qvel[i]
-            values[2 * dof + i] = NAN if self.not_finite else data.actuator_force[i]  # the torque, clamped
-            values[3 * dof + i] = data.ctrl[i]
-            values[4 * dof + i] = self._observer.c_effort[i]
+            values[POSITION_ROW * dof + i] = data.qpos[i] + self._c_jump[i]
+            values[VELOCITY_ROW * dof + i] = data.qvel[i]
+            # The torque, clamped.
+            values[EFFORT_ROW * dof + i] = NAN if self.not_finite else data.actuator_force[i]
+            values[DESIRED_EFFORT_ROW * dof + i] = data.ctrl[i]
+            values[EXTERNAL_EFFORT_ROW * dof + i] = self._observer.c_effort[i]
         values += MEASURED_ROWS * dof
         memcpy(values, self._observer.c_wrench, 6 * sizeof(double))
         self._read_sensors(values + 6)

@@ -10,7 +10,8 @@ import numpy as np
 
 from cobot.contract_checks import ContractError, NotTested
 from cobot.ipc.layout import MotionResult
-from cobot.robot.device import MEASURED_NAMES, STATUS_WORDS, DeviceStatus
+from cobot.ipc.state_fields import MEASURED_NAMES
+from cobot.robot.device import STATUS_WORDS, DeviceStatus
 from cobot.types import Array, LoopMode
 from rtloop.backends import BackendError, Measured, Reporting, capabilities_of
 from rtloop.contract.cell import REST_S, Cell

@@ -3,6 +3,7 @@
 from libc.math cimport fabs, isnan, sqrt
 
 from cobot.arrays cimport doubles
+from cobot.ipc.state_block cimport EXTERNAL_EFFORT_ROW, MEASURED_ROWS, count_measured
 from cobot.robot.chain cimport Chain
 
 import numpy as np
@@ -14,9 +15,6 @@ cdef int NONE = Quantity.NONE
 cdef int INPUT = Quantity.INPUT
 cdef int FORCE = Quantity.FORCE
 cdef int JOINT = Quantity.JOINT
-# A row of what is measured, and where the wrench follows.
-cdef int EXTERNAL_ROW = 4
-cdef int ROWS = 5
 
 
 cdef class Condition:
@@ -86,8 +84,8 @@ cdef class Condition:
         self._from_s, self._to_s = times_s
 
     def holds(self, measured):
-        """Whether it holds for the values of a `Measured`, shape (5 dof + 12,)."""
-        return self.c_holds(doubles(measured, ROWS * self._dof + 12))
+        """Whether it holds for `rtloop.backends.Measured.values`."""
+        return self.c_holds(doubles(measured, count_measured(self._dof)))
 
     cdef bint c_watches(self, double path_time_s) noexcept nogil:
         """Whether it counts at this path time."""
@@ -113,7 +111,7 @@ cdef class Condition:
 
     cdef void c_relative(self, const double* measured, double* wrench6) noexcept nogil:
         """Force and torque at the TCP, without the zero where this condition has one."""
-        cdef const double* wrench = measured + ROWS * self._dof
+        cdef const double* wrench = measured + MEASURED_ROWS * self._dof
         cdef bint has_zero = self._zeroed and self._quantity != INPUT and self._quantity != JOINT
         cdef int axis
         for axis in range(6):
@@ -122,10 +120,10 @@ cdef class Condition:
     cdef void _take_zero(self, const double* measured) noexcept nogil:
         cdef int axis
         if self._quantity == JOINT:
-            self._zero[0] = measured[EXTERNAL_ROW * self._dof + self._joint]
+            self._zero[0] = measured[EXTERNAL_EFFORT_ROW * self._dof + self._joint]
         else:
             for axis in range(6):
-                self._zero[axis] = measured[ROWS * self._dof + axis]
+                self._zero[axis] = measured[MEASURED_ROWS * self._dof + axis]
         self._zeroed = True
 
     cdef double _amount(self, const double* measured) noexcept nogil:
@@ -135,9 +133,9 @@ cdef class Condition:
         cdef double along = 0.0
         cdef int axis, first = 0 if self._quantity == FORCE else 3
         if self._quantity == JOINT:
-            return fabs(measured[EXTERNAL_ROW * self._dof + self._joint] - self._zero[0])
+            return fabs(measured[EXTERNAL_EFFORT_ROW * self._dof + self._joint] - self._zero[0])
         for axis in range(3):
-            part[axis] = measured[ROWS * self._dof + first + axis] - self._zero[first + axis]
+            part[axis] = measured[MEASURED_ROWS * self._dof + first + axis] - self._zero[first + axis]
         if not self._directed:
             return sqrt(part[0] * part[0] + part[1] * part[1] + part[2] * part[2])
         if self._in_tool:

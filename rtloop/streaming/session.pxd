@@ -1,6 +1,6 @@
 from rtloop.inboxes.point_queue cimport PointQueue
 from rtloop.inboxes.stream cimport StreamInbox
-from cobot.ipc.state_scalars cimport StateScalars
+from cobot.ipc.state_block cimport StateScalars
 from rtloop.safety.limiter cimport Safety
 from rtloop.streaming.client_watch cimport ClientWatch
 from rtloop.streaming.collision_monitor cimport CollisionMonitor

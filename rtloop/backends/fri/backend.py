@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cobot.config import Settings
-from cobot.robot.device import MEASURED_NAMES
+from cobot.robot.device import DEFAULT_MEASURED
 from cobot.robot.io_points import IoPoint
 from cobot.robot.model import RobotModel
 from cobot.robot.tool import BARE, Tool
@@ -51,7 +51,7 @@ class FriBackend:
     Options = FriOptions
     capabilities = Capabilities(
         periods_s=(0.001, 0.002, 0.004, 0.005, 0.01),
-        measured=frozenset(MEASURED_NAMES) - {"wrench"},
+        measured=DEFAULT_MEASURED - {"wrench"},
         torque=True,
         wrench=True,
         io=True,

@@ -16,8 +16,9 @@ from app.main import create_app
 from app.panel import pages
 from app.services.events.ring import TYPES
 from cobot.config import Settings
+from cobot.ipc.state_fields import MEASURED_NAMES
 from cobot.motions.planners import PLANNERS
-from cobot.robot.device import FLAGS, MEASURED_NAMES
+from cobot.robot.device import FLAGS
 
 REPOSITORY = Path(__file__).parents[3]
 SCRIPTS = sorted(pages.SITE.glob("*.js"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from cobot.ipc import generate, layout
 from cobot.ipc.shm import MAX_DOF
 from cobot.ipc.state_fields import (
     LAYOUT_VERSION,
+    MEASURED_NAMES,
     PER_JOINT,
     RECORDED,
     SCALARS,
@@ -23,25 +25,30 @@ from cobot.ipc.state_fields import (
     StateField,
     state_dtype,
 )
+from cobot.robot.device import DEFAULT_MEASURED
 
 ROOT = Path(__file__).parents[3]
 DOFS = range(1, 17)
 LAYOUT_15 = "d055022a16a4dfd8e39d39d6dce58eb70ffe203f1ff906a031a5782e1e5bbfb6"
 """Of `state_dtype(dof).descr` for 1 to 16 joints, before the table."""
+FILES = (generate.DECLARATIONS, generate.STUB)
 NEW = StateField("added", "u8", "", "Added by a test")
+WARM = StateField("joint_temperature", "f8", "°C", "Temperatures of the drives", PER_JOINT, measured=True)
 
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """A copy of the file that is generated."""
-    (tmp_path / generate.STRUCT).parent.mkdir(parents=True)
-    (tmp_path / generate.STRUCT).write_text((ROOT / generate.STRUCT).read_text())
+    """A copy of the files that are generated."""
+    for path in FILES:
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text((ROOT / path).read_text())
     return tmp_path
 
 
 def add_a_field(monkeypatch: pytest.MonkeyPatch) -> None:
     """To the struct and to the records, as a new row of the table would."""
     monkeypatch.setattr(generate, "SCALARS", (*SCALARS, NEW))
+    monkeypatch.setattr(generate, "STATE_FIELDS", (*STATE_FIELDS, NEW))
     changed = np.dtype([*state_dtype(7).descr, ("added", "u8")])
     monkeypatch.setattr(generate, "state_dtype", lambda dof: changed)
 
@@ -86,19 +93,21 @@ def test_places_in_a_message_are_taken_once_and_only_by_recorded_fields() -> Non
         assert field.message is None or field in RECORDED, field.name
 
 
-def test_the_generated_file_is_that_of_the_table() -> None:
+def test_the_generated_files_are_those_of_the_table() -> None:
     """If this fails, run `python -m cobot.ipc.generate`, and compile."""
-    assert (ROOT / generate.STRUCT).read_text() == generate.struct_text()
+    assert (ROOT / generate.DECLARATIONS).read_text() == generate.declarations()
+    stub = (ROOT / generate.STUB).read_text()
+    assert generate.with_attributes(stub) == stub
 
 
 def test_a_changed_record_without_a_new_version_is_refused(
     monkeypatch: pytest.MonkeyPatch, checkout: Path
 ) -> None:
     add_a_field(monkeypatch)
-    before = (checkout / generate.STRUCT).read_text()
+    before = (checkout / generate.DECLARATIONS).read_text()
     with pytest.raises(ConfigError, match=f"LAYOUT_VERSION is still {LAYOUT_VERSION}: raise it"):
         generate.write(checkout)
-    assert (checkout / generate.STRUCT).read_text() == before, "nothing is written"
+    assert (checkout / generate.DECLARATIONS).read_text() == before, "nothing is written"
 
 
 def test_a_new_field_with_a_new_version_gets_into_the_struct(
@@ -106,9 +115,9 @@ def test_a_new_field_with_a_new_version_gets_into_the_struct(
 ) -> None:
     add_a_field(monkeypatch)
     monkeypatch.setattr(generate, "LAYOUT_VERSION", LAYOUT_VERSION + 1)
-    assert generate.write(checkout)
-    assert "    uint64_t added\n" in (checkout / generate.STRUCT).read_text()
-    assert not generate.write(checkout), "a second time there is nothing to do"
+    assert generate.write(checkout) == [generate.DECLARATIONS]
+    assert "    uint64_t added\n" in (checkout / generate.DECLARATIONS).read_text()
+    assert generate.write(checkout) == [], "a second time there is nothing to do"
 
 
 def test_every_record_counts_for_the_version(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,3 +134,61 @@ def test_a_record_that_has_changed_for_one_number_of_joints_only_counts_too(
     longer = np.dtype([("id", "u8"), ("more", "u8")])
     monkeypatch.setattr(layout, "info_dtype", lambda dof: longer if dof == joints else made(dof))
     assert generate.records_digest() != before
+
+
+def test_a_stub_without_a_place_for_the_attributes_is_refused(checkout: Path) -> None:
+    declared = (checkout / generate.DECLARATIONS).read_text()
+    (checkout / generate.STUB).write_text("class Measured: ...\n")
+    with pytest.raises(ConfigError, match="put them where the attributes go"):
+        generate.write(checkout)
+    assert (checkout / generate.DECLARATIONS).read_text() == declared
+
+
+def with_a_measured_field(
+    monkeypatch: pytest.MonkeyPatch, before: str, kind: str = "f8", *, measured: bool = True
+) -> None:
+    """As if the table had another row."""
+    row = replace(WARM, kind=kind, measured=measured)
+    place = [field.name for field in STATE_FIELDS].index(before)
+    fields = (*STATE_FIELDS[:place], row, *STATE_FIELDS[place:])
+    monkeypatch.setattr(generate, "STATE_FIELDS", fields)
+    monkeypatch.setattr(generate, "MEASURED", tuple(field for field in fields if field.measured))
+    monkeypatch.setattr(generate, "LAYOUT_VERSION", LAYOUT_VERSION + 1)
+
+
+def test_a_new_measured_row_is_counted_and_gets_its_number_and_its_attribute(
+    monkeypatch: pytest.MonkeyPatch, checkout: Path
+) -> None:
+    with_a_measured_field(monkeypatch, "external_effort")
+    assert generate.write(checkout) == [*FILES]
+    declared = (checkout / generate.DECLARATIONS).read_text()
+    assert "    JOINT_TEMPERATURE_ROW = 4\n    EXTERNAL_EFFORT_ROW = 5\n    MEASURED_ROWS = 6\n" in declared
+    assert "    return 6 * dof + 12\n" in declared
+    stub = (checkout / generate.STUB).read_text()
+    assert "    # Temperatures of the drives; °C.\n    joint_temperature: Array\n" in stub
+
+
+@pytest.mark.parametrize(
+    ("before", "kind", "measured"),
+    [
+        ("wrench", "f8", True),  # external_effort is no longer next to wrench
+        ("sensor", "f8", True),
+        ("commanded_position", "f8", True),
+        ("reason", "f8", True),  # apart from the others
+        ("velocity", "f8", False),  # between them, but not measured
+        ("velocity", "u8", True),
+    ],
+)
+def test_a_measured_row_in_the_wrong_place_is_refused(
+    monkeypatch: pytest.MonkeyPatch, checkout: Path, before: str, kind: str, measured: bool
+) -> None:
+    texts = {path: (checkout / path).read_text() for path in FILES}
+    with_a_measured_field(monkeypatch, before, kind, measured=measured)
+    with pytest.raises(ConfigError, match=r"the measured fields are position, .*: list them together in"):
+        generate.write(checkout)
+    assert {path: (checkout / path).read_text() for path in FILES} == texts
+
+
+def test_what_a_device_measures_without_saying_so_is_in_the_table() -> None:
+    assert set(MEASURED_NAMES) >= DEFAULT_MEASURED
+    assert len(MEASURED_NAMES) <= 64, "bits of a field of `cobot.ipc.layout.DEVICE`"

@@ -20,7 +20,7 @@ from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import load_robot
 from cobot.types import PlannerName, Scaling
-from rtloop.backends import JOINT_ROWS, Measured, make_backend
+from rtloop.backends import Measured, make_backend
 
 RATES = ("velocity", "acceleration", "jerk")
 
@@ -90,7 +90,7 @@ def test_it_is_simulated_and_holds_itself(arm: Path, as_urdf: bool) -> None:
     backend = make_backend(settings, limits)
     start = np.full(limits.dof, 0.2)
     backend.open(start)
-    command = np.zeros((JOINT_ROWS, limits.dof))[:3]
+    command = np.zeros((3, limits.dof))
     command[0] = start
     measured = Measured(limits.dof)
     for _ in range(300):

@@ -23,7 +23,7 @@ from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import PlannerName, Pose, Scaling
-from rtloop.backends import JOINT_ROWS, Measured, make_backend
+from rtloop.backends import Measured, make_backend
 
 BALL = '<collision><geometry><sphere radius="0.03"/></geometry></collision>'
 FINGER = (
@@ -96,7 +96,7 @@ def _holds_itself(made: Path) -> None:
     backend = make_backend(settings, load_robot(settings).limits)
     start = np.full(6, 0.2)
     backend.open(start)
-    command = np.zeros((JOINT_ROWS, 6))[:3]
+    command = np.zeros((3, 6))
     command[0] = start
     measured = Measured(6)
     for _ in range(300):

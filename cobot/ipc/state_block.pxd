@@ -1,5 +1,5 @@
 # Written by `python -m cobot.ipc.generate`; `cobot.ipc.state_fields` describes the fields.
-# Layout version 18, records 90ca0bcf095c63f0.
+# Layout version 19, records 34dce28bc3660a4e.
 from libc.stdint cimport int64_t, uint64_t
 
 cdef struct StateScalars:
@@ -37,3 +37,16 @@ cdef struct StateScalars:
     uint64_t gripper_moving
     uint64_t gripper_object
     int64_t gripper_monotonic_ns
+
+# Rows of `dof` numbers in the values of `rtloop.backends.Measured`; the wrench follows them.
+cdef enum:
+    POSITION_ROW = 0
+    VELOCITY_ROW = 1
+    EFFORT_ROW = 2
+    DESIRED_EFFORT_ROW = 3
+    EXTERNAL_EFFORT_ROW = 4
+    MEASURED_ROWS = 5
+
+# The number of these values.
+cdef inline int count_measured(int dof) noexcept nogil:
+    return 5 * dof + 12
