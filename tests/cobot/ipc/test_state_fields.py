@@ -15,6 +15,7 @@ from cobot.ipc import generate, layout
 from cobot.ipc.shm import MAX_DOF
 from cobot.ipc.state_fields import (
     LAYOUT_VERSION,
+    MEASURED,
     MEASURED_NAMES,
     PER_JOINT,
     RECORDED,
@@ -33,7 +34,7 @@ LAYOUT_15 = "d055022a16a4dfd8e39d39d6dce58eb70ffe203f1ff906a031a5782e1e5bbfb6"
 """Of `state_dtype(dof).descr` for 1 to 16 joints, before the table."""
 FILES = (generate.DECLARATIONS, generate.STUB)
 NEW = StateField("added", "u8", "", "Added by a test")
-WARM = StateField("joint_temperature", "f8", "°C", "Temperatures of the drives", PER_JOINT, measured=True)
+ROW = StateField("added_row", "f8", "°C", "Row of a test", PER_JOINT, measured=True)
 
 
 @pytest.fixture
@@ -148,7 +149,7 @@ def with_a_measured_field(
     monkeypatch: pytest.MonkeyPatch, before: str, kind: str = "f8", *, measured: bool = True
 ) -> None:
     """As if the table had another row."""
-    row = replace(WARM, kind=kind, measured=measured)
+    row = replace(ROW, kind=kind, measured=measured)
     place = [field.name for field in STATE_FIELDS].index(before)
     fields = (*STATE_FIELDS[:place], row, *STATE_FIELDS[place:])
     monkeypatch.setattr(generate, "STATE_FIELDS", fields)
@@ -162,10 +163,12 @@ def test_a_new_measured_row_is_counted_and_gets_its_number_and_its_attribute(
     with_a_measured_field(monkeypatch, "external_effort")
     assert generate.write(checkout) == [*FILES]
     declared = (checkout / generate.DECLARATIONS).read_text()
-    assert "    JOINT_TEMPERATURE_ROW = 4\n    EXTERNAL_EFFORT_ROW = 5\n    MEASURED_ROWS = 6\n" in declared
-    assert "    return 6 * dof + 12\n" in declared
+    rows = sum(field.length == PER_JOINT for field in MEASURED) + 1
+    assert f"    ADDED_ROW_ROW = {rows - 2}\n    EXTERNAL_EFFORT_ROW = {rows - 1}\n" in declared
+    assert f"    MEASURED_ROWS = {rows}\n" in declared
+    assert f"    return {rows} * dof + 12\n" in declared
     stub = (checkout / generate.STUB).read_text()
-    assert "    # Temperatures of the drives; °C.\n    joint_temperature: Array\n" in stub
+    assert "    # Row of a test; °C.\n    added_row: Array\n" in stub
 
 
 @pytest.mark.parametrize(
