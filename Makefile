@@ -10,6 +10,9 @@ ROS_STAMP := $(VENV)/.ros-stamp
 # An older client of MCP, for the tests alone.
 MCP1       := $(VENV)/mcp1
 MCP1_STAMP := $(VENV)/.mcp1-stamp
+# What the client for Node.js and browsers is built with.
+NODE_STAMP := $(VENV)/.node-stamp
+JS_CLIENT  := packages/cobot-client-js
 # Robot descriptions of other people, for `make corpus` alone.
 CORPUS       := $(VENV)/corpus
 CORPUS_STAMP := $(VENV)/.corpus-stamp
@@ -42,7 +45,7 @@ NOT_UNIT := tests/e2e tests/test_sanitizers.py
 # What has to be there before the tests, for whoever has not seen to it.
 SETUP := setup-dev
 
-.PHONY: run setup setup-test setup-dev client-wheel test tests test-pythons lint bench corpus docs lock clean help FORCE
+.PHONY: run setup setup-test setup-dev client-wheel js-client test tests test-pythons lint bench corpus docs lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
 	@$(MAKE) --no-print-directory $(MANUAL) || echo "cobot: going on without the manual"
@@ -52,10 +55,16 @@ setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` us
 
 setup-test: setup $(VENV)/.dev-stamp ## add what unit tests need
 
-setup-dev: setup-test $(MANUAL) $(ROS_STAMP) $(MCP1_STAMP) ## add what the other tests need: ROS 2 and a client of MCP 1.x
+setup-dev: setup-test $(MANUAL) $(ROS_STAMP) $(MCP1_STAMP) $(NODE_STAMP) ## add what the other tests need: ROS 2, a client of MCP 1.x, packages for Node.js
 
 client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./packages/cobot-client
+
+js-client: setup $(NODE_STAMP) ## build dist/cobot-client-*.tgz, for Node.js and browsers
+	@mkdir -p dist
+	$(BIN)/python -m app.openapi_document > $(JS_CLIENT)/service.json
+	npm --prefix $(JS_CLIENT) run build --silent
+	npm pack --silent --pack-destination dist ./$(JS_CLIENT)
 
 test: setup-dev ## lint, types, import contract, unit, property and end-to-end tests
 	+@$(MAKE) --no-print-directory --jobs 2 lint tests SETUP=
@@ -117,7 +126,7 @@ lock: setup-test ## resolve versions and hashes anew; UPGRADE=--upgrade for the 
 	$(COMPILE_LOCK) --no-deps --group corpus -o requirements/corpus.lock
 
 clean:
-	rm -rf $(VENV) .cache build dist $(dir $(MANUAL)) *.egg-info packages/cobot-client/build packages/cobot-client/*.egg-info
+	rm -rf $(VENV) .cache build dist $(JS_CLIENT)/node_modules $(dir $(MANUAL)) *.egg-info packages/cobot-client/build packages/cobot-client/*.egg-info
 	find $(PACKAGES) -name '*.so' -delete
 
 help:
@@ -169,6 +178,10 @@ $(MCP1_STAMP): requirements/mcp1.lock | $(VENV)/.dev-stamp
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(MCP1) && \
 	    $(BIN)/uv pip install --quiet --python $(MCP1)/bin/python --require-hashes --requirement requirements/mcp1.lock; \
 	    then touch $@; else rm -rf $(MCP1); echo "cobot: without the client of MCP 1.x: its wheels do not fit here"; fi
+
+$(NODE_STAMP): $(JS_CLIENT)/package-lock.json | $(VENV)/.run-stamp
+	@if npm --version > /dev/null 2>&1 && npm ci --prefix $(JS_CLIENT) --ignore-scripts --no-audit --no-fund --silent; \
+	    then touch $@; else echo "cobot: without the client for Node.js: npm is missing or cannot install its packages"; fi
 
 $(VENV)/pythons/%/.stamp: requirements/run.lock requirements/build.lock requirements/dev.lock | $(VENV)/.dev-stamp
 	@$(BIN)/uv venv --quiet --clear --seed --no-python-downloads --python $(FOUND) $(@D)
