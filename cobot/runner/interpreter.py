@@ -161,11 +161,11 @@ class Interpreter:
     def _move(self, first: int, chain: Sequence[Target], here: Where) -> None:
         """Go to the last target of a chain, through the others without a stop."""
         text = f"{self._prefix}{here}"
-        content: dict[str, Any] = {"target": chain[-1].model_dump(by_alias=True)}
+        content: dict[str, Any] = {"target": chain[-1].model_dump(by_alias=True, exclude={"comment"})}
         if len(chain) > 1:
             through = f"{here.word} {first}" if first else "home"
             text += f", through {through} on without a stop"
-            content["through"] = [each.model_dump(by_alias=True) for each in chain[:-1]]
+            content["through"] = [each.model_dump(by_alias=True, exclude={"comment"}) for each in chain[:-1]]
         with self._report_motion(text + _label(chain[-1]), here, content) as done:
             answer = go(self._client, chain, here.frames)
             done["motion_id"] = answer["motion_id"]
@@ -191,7 +191,11 @@ class Interpreter:
         """Another step: it is in the log and reported, and its error says where it is."""
         text = self._text(step, here)
         self._log(f"{text}: {doing}")
-        event = {**self._place, "step": str(here), "content": step.model_dump(by_alias=True)}
+        event = {
+            **self._place,
+            "step": str(here),
+            "content": step.model_dump(by_alias=True, exclude={"comment"}),
+        }
         try:
             yield
         except CobotError as exc:

@@ -29,7 +29,7 @@ from cobot.motions.conditions import PointName, StepCondition
 from cobot.motions.fields import Coordinate, Finite
 from cobot.motions.force_bodies import FollowMotion, InsertMotion, PressMotion, SearchMotion
 from cobot.runner.gripper_step import COMMAND_TAGS, GripperCommand
-from cobot.runner.targets import ArcTarget, JointTarget, NamedTarget, PoseTarget
+from cobot.runner.targets import ArcTarget, Comment, JointTarget, Label, NamedTarget, PoseTarget
 
 MAX_STEPS = 100_000
 """Maximum number of steps in one list."""
@@ -45,7 +45,8 @@ Seconds = Annotated[Finite, Field(ge=0.0, le=MAX_TIME_S)]
 class Step(RequestModel):
     """What every step can have."""
 
-    label: str = Field("", max_length=200, description="For the log.")
+    label: Label = ""
+    comment: Comment = ""
 
     def blocks(self) -> dict[str, Block]:
         """The lists of steps in this step, by their place in it."""

@@ -20,11 +20,15 @@ from cobot.motions.bodies import (
 )
 from cobot.motions.signal_bodies import SignalFields
 
+Label = Annotated[str, Field(max_length=200, description="For the log.")]
+Comment = Annotated[str, Field(max_length=1000, description="For people; the program does not use it.")]
+
 
 class Target(SignalFields):
     """Fields of every target in addition to its motion, which is a body of POST /robot/move/..."""
 
-    label: str = Field("", max_length=200, description="For the log.")
+    label: Label = ""
+    comment: Comment = ""
     radius: Radius = Field(
         0.0,
         description="How far from here, m, the TCP may leave its path to go on without a stop; 0: it stops.",
@@ -32,7 +36,7 @@ class Target(SignalFields):
 
     def body(self) -> dict[str, Any]:
         """The body of its motion request: the fields that were given."""
-        return self.model_dump(exclude={"label", "radius"}, exclude_unset=True, by_alias=True)
+        return self.model_dump(exclude={"label", "comment", "radius"}, exclude_unset=True, by_alias=True)
 
 
 class JointTarget(Target, MoveJoints):

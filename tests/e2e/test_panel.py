@@ -18,6 +18,7 @@ from panel.looking import *  # noqa: F403
 from panel.moving import *  # noqa: F403
 from panel.page import *  # noqa: F403
 from panel.page import ELSEWHERE, OPERATED, SEEN, Panel
+from panel.programming import *  # noqa: F403
 from panel.reading import *  # noqa: F403
 from panel.setting_up import *  # noqa: F403
 from panel.standing import *  # noqa: F403

@@ -68,7 +68,7 @@ def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> Non
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_the_panel_alone_has_the_cube_picked_counted_and_placed(tmp_path: Path) -> None:
-    """As docs/how-to/pick-and-place.md has it: a file is chosen and started in the card of Lua programs."""
+    """As docs/how-to/pick-and-place.md has it: a file is imported and started on the page Program."""
     with (
         answering(RunOfCell(tmp_path)) as run,
         browsing(tmp_path, "--enable-unsafe-swiftshader") as tools,
@@ -77,9 +77,8 @@ def test_the_panel_alone_has_the_cube_picked_counted_and_placed(tmp_path: Path) 
         page = Page(tools)
         page.visit(f"{run.url}/")
         until(lambda: page.run("!document.querySelector('#gripper').hidden"))
-        page.run("document.querySelector('#lua').open = true")
-        page.choose("#lua-choose", EXAMPLE / "pick_and_place.lua")
-        until(lambda: "gripper.grasp" in page.run("document.querySelector('#lua-text').value"))
+        page.choose("#program-import", EXAMPLE / "pick_and_place.lua")
+        until(lambda: "gripper.grasp" in page.run("document.querySelector('#program-text').value"))
         page.click("#lua-run")
         until(lambda: run.cube()[2] > 0.3)
         page.picture(tmp_path / "carried.png")

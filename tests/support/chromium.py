@@ -19,7 +19,7 @@ from websockets.sync.client import ClientConnection, connect
 
 CODES = {
     "Tab": 9, "Enter": 13, "Escape": 27, "PageDown": 34, "PageUp": 33, "End": 35,
-    "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Delete": 46,
+    "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Delete": 46, "F2": 113,
 }  # fmt: skip
 CHROMIUM = shutil.which("chromium")
 GONE = "Inspected target navigated or closed"
@@ -107,6 +107,9 @@ class Page:
         page = self.run(f"{found}?.closest('[role=tabpanel][hidden]')?.id")
         if page:
             self.click(f"[aria-controls={page}]")
+        part = self.run(f"{found}?.closest('[data-part][hidden]')?.dataset.part.split(' ')[0]")
+        if part:
+            self.click(f"label:has(> #view-{part})")
         menu = self.run(f"!{found}?.matches('summary') && {found}?.closest('details.menu:not([open])')?.id")
         if menu:
             self.click(f"#{menu} > summary")
@@ -218,9 +221,18 @@ class Page:
         self.mouse("mousePressed", place)
         self.mouse("mouseReleased", place)
 
-    def key(self, key: str, code: str, text: str = "") -> None:
-        """Down and up."""
-        about = {"key": key, "code": code, "windowsVirtualKeyCode": CODES.get(key, 32)}
+    def key(self, key: str, code: str, text: str = "", modifiers: int = 0) -> None:
+        """Down and up.
+
+        Args:
+            modifiers: held meanwhile: 1 for Alt, 2 for Control.
+        """
+        about = {
+            "key": key,
+            "code": code,
+            "windowsVirtualKeyCode": CODES.get(key, 32),
+            "modifiers": modifiers,
+        }
         self.ask("Input.dispatchKeyEvent", type="keyDown", text=text, **about)
         self.ask("Input.dispatchKeyEvent", type="keyUp", **about)
 

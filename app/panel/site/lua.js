@@ -1,35 +1,19 @@
-// A Lua program: written here, kept in this browser, checked and run by the service, which says where it is wrong.
-import { keep, keptText } from "./store.js";
+// A program in Lua: checked and run by the service, which says where it is wrong. Its output is shown beside it.
 import { inEachLanguage, word } from "./words.js";
 
-const STORED = "cobot.lua";
-const FIRST = 'movej({ 0, 0.4, 0, -1.57, 0, 1.2, 0 }, 0.3)\nmove_named("home", 0.3)\n';
 const NAME = "panel.lua";
 const WRONG = new RegExp(`${NAME.replace(".", "[.]")}:(\\d+):`);
 const LINES = 50;
 const element = (id) => document.getElementById(id);
 
 export class Lua {
-  constructor(api) {
+  constructor(api, page) {
     this.api = api;
+    this.page = page;
     this.own = null; // the number of the program that was started here
-    this.words = () => word("lua_hint");
-    this.text = element("lua-text");
-    this.text.value = keptText("localStorage", STORED) ?? FIRST;
-    this.text.addEventListener("input", () => this.changed());
-    this.text.addEventListener("scroll", () => (element("lua-lines").scrollTop = this.text.scrollTop));
+    this.words = () => "";
     element("lua-run").addEventListener("click", () => this.run());
-    element("lua-save").addEventListener("click", () => this.save());
-    element("lua-choose").addEventListener("click", () => element("lua-file").click());
-    element("lua-file").addEventListener("change", () => this.open());
-    this.changed();
     inEachLanguage(() => this.write());
-  }
-
-  changed() {
-    keep("localStorage", STORED, this.text.value);
-    const count = this.text.value.split("\n").length;
-    element("lua-lines").textContent = Array.from({ length: count }, (_, line) => line + 1).join("\n");
   }
 
   hear(event) {
@@ -38,7 +22,7 @@ export class Lua {
 
   async run() {
     const body = new FormData();
-    body.append("config", new File([this.text.value], NAME));
+    body.append("config", new File([this.page.program.text], NAME));
     body.append("n_iterations", "1");
     body.append("delay_between_iterations", "0");
     element("lua-log").textContent = "";
@@ -58,33 +42,9 @@ export class Lua {
     element("lua-log").textContent = lines.join("\n");
     element("lua-log").scrollTop = element("lua-log").scrollHeight;
     const wrong = returncode ? lines.findLast((line) => WRONG.test(line)) : null;
-    if (wrong) this.mark(Number(WRONG.exec(wrong)[1]));
+    if (wrong) this.page.editor.mark(Number(WRONG.exec(wrong)[1]));
     const why = wrong ?? lines.at(-1) ?? missing ?? "";
     this.say(() => (returncode ? word("lua_failed", { code: returncode, why }) : word("lua_done")));
-  }
-
-  // The line that is wrong, selected.
-  mark(line) {
-    const before = this.text.value.split("\n").slice(0, line - 1);
-    const begin = before.reduce((sum, each) => sum + each.length + 1, 0);
-    this.text.focus();
-    this.text.setSelectionRange(begin, begin + (this.text.value.split("\n")[line - 1] ?? "").length);
-  }
-
-  save() {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([this.text.value], { type: "text/x-lua" }));
-    link.download = "program.lua";
-    link.click();
-    URL.revokeObjectURL(link.href);
-  }
-
-  async open() {
-    const file = element("lua-file").files[0];
-    element("lua-file").value = "";
-    if (!file) return;
-    this.text.value = await file.text();
-    this.changed();
   }
 
   say(words) {

@@ -17,12 +17,16 @@ import { Live } from "./live.js";
 import { Log } from "./log.js";
 import { Lua } from "./lua.js";
 import { Motions } from "./motions.js";
+import { Names } from "./names.js";
 import { oneAtATime } from "./once.js";
 import { Person } from "./person.js";
 import { Planned } from "./plots.js";
+import { ProgramFiles } from "./program-files.js";
+import { ProgramPage } from "./program-page.js";
 import { Queue } from "./queue.js";
 import { Readouts } from "./readouts.js";
 import { Recordings } from "./recordings.js";
+import { Run } from "./run.js";
 import { Setup } from "./setup.js";
 import { Status } from "./status.js";
 import { Stored } from "./stored.js";
@@ -30,7 +34,6 @@ import { Stream } from "./stream.js";
 import { Pages, Robots } from "./tabs.js";
 import { Typed } from "./typed.js";
 import { ViewTools } from "./view-tools.js";
-import { Waypoints } from "./waypoints.js";
 import { Way } from "./way.js";
 import { installLanguages, word } from "./words.js";
 
@@ -52,8 +55,11 @@ class Panel {
     this.motions = new Motions(api, (plan) => this.preview(plan), () => this.state);
     this.approvals = new Approvals(api, this.motions);
     this.freedrive = new Freedrive(api);
-    this.waypoints = new Waypoints(api, this.motions, () => this, this.freedrive);
-    this.stored = new Stored(api, this.waypoints);
+    this.programPage = new ProgramPage(api, this.motions, () => this, this.freedrive);
+    this.files = new ProgramFiles(this.programPage);
+    this.stored = new Stored(api, this.programPage);
+    this.names = new Names(api);
+    this.run = new Run(api, this.programPage, this.motions);
     this.stream = new Stream(api, {
       state: (state) => this.show(state),
       answer: (frame) => this.answered(frame),
@@ -62,7 +68,7 @@ class Panel {
     });
     this.job = new Job(api);
     this.queue = new Queue(api);
-    this.lua = new Lua(api);
+    this.lua = new Lua(api, this.programPage);
     this.io = new Io(api);
     this.deviceIo = new DeviceIo(api);
     this.gripper = new Gripper(api, () => this.view);
@@ -115,8 +121,9 @@ class Panel {
     this.status.name(robot);
     this.looks = null;
     this.motions.discard();
-    this.waypoints.load(robot.name);
     this.stored.load();
+    this.run.load();
+    this.programPage.load(robot.name);
     this.csv.forget();
     this.setup.choose();
     this.recordings.close();
@@ -164,6 +171,7 @@ class Panel {
     this.readouts.describe(found.geometry.joints);
     this.live.describe(found.geometry.joints);
     this.setup.describe(found.geometry.joints);
+    this.programPage.tree.write(); // which shows where the TCP is at joints
     this.view?.describe(found.geometry);
     if (this.state) this.show(this.state);
   }
@@ -196,7 +204,7 @@ class Panel {
   }
 
   hear(event) {
-    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.waypoints, this.recordings, this.log, this.status, this.setup, this.way, this.stored];
+    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.run, this.names, this.recordings, this.log, this.status, this.setup, this.way, this.stored];
     for (const each of heard) each.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
   }

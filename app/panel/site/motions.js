@@ -15,6 +15,7 @@ export class Motions {
   constructor(api, preview, state) {
     this.api = api;
     this.state = state;
+    this.names = [];
     this.taught = [];
     this.offered = "";
     this.preview = preview;
@@ -65,6 +66,7 @@ export class Motions {
     const offered = JSON.stringify(positions);
     if (offered === this.offered) return;
     this.offered = offered;
+    this.names = positions.map((position) => position.name);
     this.taught = positions.filter((position) => position.taught).map((position) => position.name);
     element("positions").replaceChildren(
       ...positions.map(({ name, description }) => {
@@ -135,17 +137,6 @@ export class Motions {
     return this.ask(name, () => this.planned("/plan/pose", { ...pose, planner: "lin", speed: this.speed, samples: SAMPLES }));
   }
 
-  // Whether the slider can have this speed; then it has.
-  choosesSpeed(speed) {
-    const slider = element("motion-speed");
-    const before = slider.value;
-    slider.value = 100 * speed;
-    const chosen = Math.abs(slider.value - 100 * speed) < 1e-6;
-    if (!chosen) slider.value = before;
-    this.writeSpeed();
-    return chosen;
-  }
-
   // Several motions one after the other: parts as POST /robot/plan/sequence takes them.
   through(name, parts) {
     return this.ask(name, async () => {
@@ -169,6 +160,7 @@ export class Motions {
   async ask(name, planned) {
     this.discard();
     this.name = name;
+    element("dock").scrollIntoView({ block: "nearest" }); // on a phone it may be elsewhere
     this.again = () => this.ask(name, planned);
     this.mark();
     const asked = this.asked;

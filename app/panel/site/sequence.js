@@ -2,7 +2,7 @@
 const MOST = 50; // of POST /robot/plan/sequence
 
 // A target as POST /robot/plan/sequence takes it.
-function motion({ label, radius, named, through_radius: throughRadius, ...body }) {
+function motion({ label, comment, radius, named, through_radius: throughRadius, ...body }) {
   if (named !== undefined) body.name = named;
   if (throughRadius !== undefined) body.radius = throughRadius;
   return body;

@@ -1,5 +1,5 @@
-// Programs that the service stores: opened into the list of waypoints, saved from it. A save on top of a version
-// of another person is refused by the service: the person loads theirs, or saves under another name.
+// Programs that the service stores: opened here, and saved. A save on top of a version of another person is refused
+// by the service: the person loads theirs, or saves under another name. What is not saved stays in this browser.
 import { oneAtATime } from "./once.js";
 import { inEachLanguage, named, word } from "./words.js";
 
@@ -14,28 +14,30 @@ function idOf(label) {
 }
 
 export class Stored {
-  constructor(api, waypoints) {
+  constructor(api, page) {
     this.api = api;
-    this.waypoints = waypoints;
+    this.page = page;
+    this.program = page.program;
     this.list = [];
-    this.current = null; // {id, label, version}: what was opened or saved last
-    this.words = () => "";
+    this.saving = false;
+    this.conflict = ""; // why a save would be refused; "" for no reason
     this.look = oneAtATime(() => this.ask());
     element("stored").addEventListener("change", () => this.choose());
     element("stored-open").addEventListener("click", () => this.open(element("stored").value, element("stored-version").value));
-    element("stored-save").addEventListener("click", () => this.save());
     element("stored-delete").addEventListener("click", () => this.remove());
-    element("stored-theirs").addEventListener("click", () => this.open(this.current.id, ""));
+    element("program-save").addEventListener("click", () => this.save());
+    element("stored-copy").addEventListener("click", () => this.saveAsOther());
+    element("stored-theirs").addEventListener("click", () => this.open(this.program.document.id, ""));
     element("stored-other").addEventListener("click", () => this.saveAsOther());
-    inEachLanguage(() => this.say(this.words));
+    page.onChange(() => this.write());
+    inEachLanguage(() => this.write());
   }
 
   // Of another robot.
   load() {
-    this.current = null;
     this.list = [];
-    element("stored-name").value = "";
-    this.say(() => "");
+    this.conflict = "";
+    element("stored").dataset.shown = "";
   }
 
   hear({ type }) {
@@ -46,11 +48,24 @@ export class Stored {
     const { robot } = this.api;
     const found = await this.api.get("/programs").catch(() => null);
     if (!found || robot !== this.api.robot) return;
-    this.list = found.filter((each) => each.kind === "sequence");
+    this.list = found;
     const chosen = element("stored").value;
-    element("stored").replaceChildren(...this.list.map((each) => new Option(each.label, each.id)));
-    if (this.list.some((each) => each.id === chosen)) element("stored").value = chosen;
+    element("stored").replaceChildren(...found.map((each) => new Option(each.kind === "lua" ? `${each.label} (Lua)` : each.label, each.id)));
+    if (found.some((each) => each.id === chosen)) element("stored").value = chosen;
     await this.choose();
+    this.compare();
+  }
+
+  // Whether another client has saved or deleted the program that is open here.
+  async compare() {
+    const { id, version } = this.program.document;
+    if (!id || this.saving) return;
+    const newest = this.list.find((each) => each.id === id);
+    this.conflict = "";
+    if (newest && newest.version <= version) return void this.write();
+    if (newest && !this.program.isChanged) return void (await this.open(id, ""));
+    this.conflict = newest ? word("stored_newer", { ...newest, author: named(newest.author) }) : word("stored_gone");
+    this.write();
   }
 
   // The versions of the one that is chosen; the first is the newest.
@@ -69,63 +84,80 @@ export class Stored {
 
   // An old version is shown as it was; saved, it is the newest one.
   async open(id, version) {
+    element("program-menu").open = false;
     try {
       const newest = await this.api.get(`/programs/${id}`);
       const found = version ? await this.api.get(`/programs/${id}?version=${version}`) : newest;
-      this.know({ ...newest, label: found.label });
-      this.waypoints.open(found.text, found.label);
-      this.say(() => word("stored_opened", found));
+      this.conflict = "";
+      this.program.open({ ...found, version: newest.version });
+      if (found.version !== newest.version) this.program.document.saved = "";
+      this.write();
+      this.page.say(() => word("stored_opened", found));
     } catch (error) {
-      this.say(() => error.message);
+      this.page.say(() => named(error.message));
     }
   }
 
-  know({ id, label, version }) {
-    this.current = { id, label, version };
-    element("stored-name").value = label;
-  }
-
-  // Under the name of the program that is open it is the next version of that one; under another name a new one.
+  // The next version of the program that is open, or the first one of a new program.
   async save() {
-    const label = element("stored-name").value.trim();
-    if (!label || !this.waypoints.any) return void this.say(() => word(label ? "run_none" : "stored_nameless"));
-    const known = this.current?.label === label ? this.current : null;
-    const id = known?.id ?? idOf(label);
-    const headers = known ? { "If-Match": `"${known.version}"` } : {};
-    try {
-      const body = { label, text: this.waypoints.text };
-      const made = await (await this.api.ask("PUT", this.api.address(`/programs/${id}`), body, { headers })).json();
-      this.know(made);
-      this.say(() => word("stored_saved", made));
-    } catch (error) {
-      this.say(() => named(error.message));
-      element("stored-conflict").hidden = !known || error.status !== CHANGED;
+    const { label, id, version, kind, opened } = this.program.document;
+    if (!label.trim() || this.program.isEmpty) {
+      if (!label.trim()) element("program-name").focus();
+      return void this.page.say(() => word(label.trim() ? "run_none" : "stored_nameless"));
     }
+    const made = id ?? idOf(label);
+    const headers = id ? { "If-Match": `"${version}"` } : {};
+    const { state, text } = this.program;
+    this.saving = true;
+    this.write();
+    try {
+      const saved = await (await this.api.ask("PUT", this.api.address(`/programs/${made}`), { label: label.trim(), kind, text }, { headers })).json();
+      this.conflict = "";
+      this.program.savedAs(saved, { state, opened });
+      this.page.say(() => word("stored_saved", saved));
+    } catch (error) {
+      if (error.status === CHANGED) this.conflict = named(error.message);
+      this.page.say(() => word("stored_unsaved", { why: named(error.message) }));
+      if (kind === "sequence" && !this.program.content) this.page.markWrong(error.message);
+    }
+    this.saving = false;
+    this.write();
+    this.look();
   }
 
+  // The same program under a name that is free, as a new one.
   saveAsOther() {
-    const field = element("stored-name");
+    element("program-menu").open = false;
+    const { label } = this.program.document;
     const labels = new Set(this.list.map((each) => each.label));
-    const free = [...labels, ""].map((_, index) => ` (${index + 2})`).find((end) => !labels.has(this.current.label.slice(0, MAX_LABEL - end.length) + end));
-    field.value = this.current.label.slice(0, MAX_LABEL - free.length) + free;
+    const cut = (end) => label.slice(0, MAX_LABEL - end.length) + end;
+    const free = ["", ...[...labels, ""].map((_, index) => ` (${index + 2})`)].find((end) => label && !labels.has(cut(end))) ?? "";
+    this.conflict = "";
+    this.program.becomeNew(cut(free));
     return this.save();
   }
 
   async remove() {
+    element("program-menu").open = false;
     const id = element("stored").value;
     const { label, version } = this.list.find((each) => each.id === id) ?? {};
     try {
       await this.api.ask("DELETE", this.api.address(`/programs/${id}`), undefined, { headers: { "If-Match": `"${version}"` } });
-      if (this.current?.id === id) this.current = null;
-      this.say(() => word("stored_deleted", { label }));
+      if (this.program.document.id === id) this.program.becomeNew(this.program.document.label);
+      this.page.say(() => word("stored_deleted", { label }));
     } catch (error) {
-      this.say(() => named(error.message));
+      this.page.say(() => named(error.message));
     }
   }
 
-  say(words) {
-    this.words = words;
-    element("stored-why").textContent = words();
-    element("stored-conflict").hidden = true;
+  write() {
+    const { id, version } = this.program.document;
+    const { isChanged, isEmpty } = this.program;
+    const state = [id ? word("stored_as", { version }) : "", isChanged ? word("stored_changed") : "", this.saving ? word("stored_saving") : ""];
+    element("program-state").textContent = state.filter(Boolean).join(" · ") || word(isEmpty ? "stored_new" : "stored_kept");
+    element("program-save").disabled = this.saving || !isChanged;
+    element("stored-conflict").hidden = !this.conflict;
+    element("stored-why").textContent = this.conflict;
+    element("stored-theirs").hidden = !this.list.some((each) => each.id === id);
   }
 }

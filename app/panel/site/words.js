@@ -48,6 +48,7 @@ function choose(wanted) {
   for (const each of document.querySelectorAll("[data-word]")) each.textContent = word(each.dataset.word);
   for (const each of document.querySelectorAll("[data-word-label]")) {
     each.setAttribute("aria-label", word(each.dataset.wordLabel));
+    if (each.matches("button")) each.title = word(each.dataset.wordLabel);
   }
   for (const write of listeners) write();
 }

@@ -24,6 +24,7 @@ REPOSITORY = Path(__file__).parents[3]
 SCRIPTS = sorted(pages.SITE.glob("*.js"))
 LANGUAGES = ("en", "de", "zh")
 MADE = ("gripper_", "shape_", "mode_", "way_", "able_", "measured_", "event_", "said_")
+MADE += ("part_", "say_", "step_", "test_")
 """So begin names of words that are put together."""
 
 
@@ -105,7 +106,7 @@ def test_the_panel_has_the_planners_of_the_service(app: FastAPI) -> None:
         "chomp": False,
         "lin": True,
     }
-    scripts = "".join(file.read_text(encoding="utf-8") for file in SCRIPTS if file.name == "waypoints.js")
+    scripts = "".join(file.read_text(encoding="utf-8") for file in SCRIPTS if "step" in file.name)
     assert not [name for name in PLANNERS if f'"{name}"' in scripts]
 
 

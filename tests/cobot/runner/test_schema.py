@@ -59,7 +59,18 @@ def test_a_target_takes_all_that_its_motion_takes(
     target: type[Target], motion: type[BaseModel], named: dict[str, str]
 ) -> None:
     of_motion = {named.get(name, name) for name in motion.model_fields}
-    assert target.model_fields.keys() == of_motion | {"label", "radius"}
+    assert target.model_fields.keys() == of_motion | {"label", "comment", "radius"}
+
+
+def test_a_comment_is_for_people_and_never_in_a_request() -> None:
+    target = {**JOINTS, "label": "above", "comment": "the part is wet"}
+    steps = [target, {"wait_s": 0.1, "comment": "it drips"}]
+    first, second = sequence_of({"steps": steps}).steps
+    assert isinstance(first, Target)
+    assert first.body() == JOINTS
+    assert (first.comment, second.comment) == ("the part is wet", "it drips")
+    with pytest.raises(InputError, match="comment"):
+        sequence_of({"steps": [{"wait_s": 0.1, "comment": "x" * 1001}]})
 
 
 def test_the_body_of_a_target_has_the_words_of_the_document() -> None:

@@ -14,30 +14,30 @@ from panel.page import (
     HOME,
     Panel,
     drop,
-    opened_card,
     rows_of,
     set_to,
 )
 
 
 def test_a_lua_program_is_run_and_its_mistakes_are_marked(panel: Panel) -> None:
-    opened_card(panel, "lua")
+    panel.page.click("#program-lua")
     try:
         program = "movej({ 0.2, 0, 0, -1.57, 0, 1.57, 0 }, 1.0)\nprint('there')\n"
-        set_to(panel, "#lua-text", program)
-        assert panel.text("#lua-lines").split() == ["1", "2", "3"]
+        set_to(panel, "#program-text", program)
+        assert panel.text("#program-lines").split() == ["1", "2", "3"]
         panel.page.click("#lua-run")
         panel.until("document.querySelector('#lua-why').innerText === 'Has ended well.'")
         assert "there" in panel.text("#lua-log")
         np.testing.assert_allclose(panel.run.joints(), [0.2, *HOME[1:]], atol=5e-3)
-        set_to(panel, "#lua-text", "print('one')\nmovej({ 9, 0, 0, 0, 0, 0, 0 })\n")
+        set_to(panel, "#program-text", "print('one')\nmovej({ 9, 0, 0, 0, 0, 0, 0 })\n")
         panel.page.click("#lua-run")
         panel.until("document.querySelector('#lua-why').innerText.startsWith('Ended with 2')")
         assert "joint1" in panel.text("#lua-why")
-        begin = panel.page.run("document.querySelector('#lua-text').selectionStart")
+        begin = panel.page.run("document.querySelector('#program-text').selectionStart")
         assert begin == len("print('one')\n"), "the second line is selected"
     finally:
-        panel.page.run("document.querySelector('#lua').open = false; localStorage.removeItem('cobot.lua')")
+        panel.page.run("localStorage.clear()")
+        panel.load()
 
 
 def test_a_csv_file_is_looked_at_before_it_is_sent(panel: Panel) -> None:
@@ -88,21 +88,19 @@ def test_files_are_chosen_and_taken_away(panel: Panel, tmp_path: Path) -> None:
     panel.page.click("#csv-retime")
     assert panel.page.run("document.querySelector('#csv-file').value") == ""
 
-    panel.page.click("#teach")
-    saved = panel.page.save("#points-save", tmp_path)
-    assert json.loads(saved.read_text()) == panel.page.run("cobotPanel.waypoints.sequence()")
-    panel.page.click("#points li:nth-child(1) button:nth-of-type(3)")
-
-    opened_card(panel, "lua")
     try:
         program = tmp_path / "hello.lua"
         program.write_text('print("hello")\n', encoding="utf-8")
-        panel.page.choose("#lua-choose", program)
-        panel.until("document.querySelector('#lua-text').value.includes('hello')")
-        assert panel.page.run("document.querySelector('#lua-file').value") == ""
-        assert panel.page.save("#lua-save", tmp_path).read_text() == program.read_text()
+        panel.page.choose("#program-import", program)
+        panel.until("document.querySelector('#program-text').value.includes('hello')")
+        assert panel.page.run("document.querySelector('#program-file').value") == ""
+        folder = tmp_path / "exported"
+        folder.mkdir()
+        exported = panel.page.save("#program-export", folder)
+        assert (exported.name, exported.read_text()) == ("hello.lua", program.read_text())
     finally:
-        panel.page.run("document.querySelector('#lua').open = false; localStorage.clear()")
+        panel.page.run("localStorage.clear()")
+        panel.load()
 
 
 def test_of_a_csv_file_with_accelerations_the_curves_are_those_that_are_run(panel: Panel) -> None:

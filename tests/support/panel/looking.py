@@ -118,25 +118,3 @@ def test_joint_names_are_shortened_to_what_is_different(panel: Panel) -> None:
     for short, names in given.items():
         found = panel.page.run(f"import('/panel/readouts.js').then((all) => all.shortNames({names}))")
         assert " ".join(found) == short
-
-
-def test_a_waypoint_is_named_gone_to_and_taught_again(panel: Panel) -> None:
-    row = "#points li:nth-child(1)"
-    panel.page.click("#teach")
-    panel.until(f"document.querySelector({row!r})")
-    set_to(panel, f"{row} input[type=text]", "Über Kiste 1")
-    assert "mm" in panel.text(f"{row} small")
-    place = [0.2, *HOME[1:]]
-    body = {"joints": place, "speed": 1.0}
-    assert httpx.post(f"{panel.run.url}/robot/move/joints", json=body, timeout=WAIT_S).json()["success"]
-    panel.until("Math.abs(cobotPanel.state.commanded_position[0] - 0.2) < 1e-4")
-    panel.page.click(f"{row} button:nth-of-type(5)")
-    panel.until("document.querySelector('#plan').innerText.startsWith('To Über Kiste 1.')")
-    np.testing.assert_allclose(panel.page.run("cobotPanel.view.plan.path.at(-1).joints"), HOME, atol=1e-4)
-    panel.page.click("#discard")
-    panel.page.click(f"{row} button:nth-of-type(4)")
-    np.testing.assert_allclose(panel.page.run("cobotPanel.waypoints.list[0].joints"), place, atol=1e-4)
-    sequence = panel.page.run("cobotPanel.waypoints.sequence()")
-    assert [each["label"] for each in sequence["waypoints"]] == ["Über Kiste 1"]
-    panel.page.run("localStorage.clear()")
-    panel.load()

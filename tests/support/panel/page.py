@@ -68,7 +68,8 @@ CONTROLS = """
     const controls = "button, input, select, textarea, summary";
     const named = (control) => {
         const own = control.matches("summary") ? control.parentElement : control;
-        if (own.id) return own.id;
+        if (own.id || own.dataset.field) return own.id || own.dataset.field;
+        if (own.dataset.add) return `add ${own.dataset.add}`;
         const row = own.closest("li, .row");
         const place = row ? [...row.querySelectorAll(controls)].indexOf(own) + 1 : "";
         return `${own.closest("[id]").id} ${own.localName} ${place}`.trim();

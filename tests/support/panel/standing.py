@@ -206,7 +206,7 @@ def test_a_page_whose_service_does_not_answer_yet_stops_and_comes_to_life(panel:
     """Nor do its words come, and what this browser keeps is broken."""
     name = panel.page.run("cobotPanel.api.robot.name")
     panel.page.run(
-        f"localStorage.setItem('cobot.waypoints.{name}', '[{{}}, 3');"
+        f"localStorage.setItem('cobot.program.{name}', '[{{}}, 3');"
         "sessionStorage.setItem('cobot.plans', '{')"
     )
     slowly(panel)
@@ -220,6 +220,9 @@ def test_a_page_whose_service_does_not_answer_yet_stops_and_comes_to_life(panel:
         panel.page.block()
     panel.until("cobotPanel.view?.arm && cobotPanel.view.joints && document.querySelector('#banner').hidden")
     panel.until("document.querySelector('#mode').innerText === 'Ready'")
-    assert panel.page.run("cobotPanel.waypoints.list.length + cobotPanel.motions.made.length") == 0
+    assert (
+        panel.page.run("cobotPanel.programPage.program.content.steps.length + cobotPanel.motions.made.length")
+        == 0
+    )
     panel.page.run("localStorage.clear(), sessionStorage.clear()")
     forget(panel, "Failed to load")

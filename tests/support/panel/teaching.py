@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -12,6 +13,7 @@ import pytest
 from cobot_run import WAIT_S, until
 from folders import ROOT
 
+from cobot.runner.schema import sequence_of
 from panel.page import (
     HOME,
     Panel,
@@ -40,10 +42,10 @@ def test_the_arm_is_guided_by_hand_while_the_page_is_there(panel: Panel) -> None
     session = switched_on()
     assert panel.text("#freedrive-why").startswith("Push the arm")
     panel.page.click("#teach")
-    panel.until("document.querySelectorAll('#points li').length === 1")
-    taught = panel.page.run("cobotPanel.waypoints.list[0].joints")
+    panel.until("document.querySelectorAll('#steps [data-step]').length === 1")
+    taught = panel.page.run("cobotPanel.programPage.program.content.steps[0].joints")
     np.testing.assert_allclose(taught, HOME, atol=5e-3)
-    panel.page.click("#points li:nth-child(1) button:nth-of-type(3)")
+    panel.page.click("#step-remove")
     until(lambda: freedriven(panel)["left_s"] > 1.0)
     assert freedriven(panel)["session"] == session, "renewed"
     panel.page.click("#freedrive")
@@ -68,7 +70,15 @@ def test_the_arm_is_guided_by_hand_while_the_page_is_there(panel: Panel) -> None
     panel.stays()
 
 
-def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) -> None:
+STEPS = "cobotPanel.programPage.program.content"
+"""The program in the page."""
+
+
+def row(number: str, part: str = ".step-name") -> str:
+    return f'[data-step="{number}"] > .step {part}'
+
+
+def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel, tmp_path: Path) -> None:
     """Oracle: the published schema of sequences, in another implementation of JSON Schema."""
     places = [[0.2, *HOME[1:]], [0.2, 0.2, *HOME[2:]], [0.0, 0.2, *HOME[2:]]]
     for place in places:
@@ -78,50 +88,57 @@ def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) ->
         near = f"cobotPanel.state.commanded_position.every((v, i) => Math.abs(v - {place}[i]) < 1e-4)"
         panel.until(near)
         panel.page.click("#teach")
-    panel.until("document.querySelectorAll('#points li').length === 3")
-    set_to(panel, "#points li:nth-child(1) input[type=number]", "20")
-    set_to(panel, "#points li:nth-child(2) select", "lin")
-    focused = (
-        "document.activeElement === document.querySelector('#points li:nth-child({}) button:nth-of-type({})')"
-    )
-    panel.page.run("document.querySelector('#points li:nth-child(2) button:nth-of-type(2)').focus()")
-    panel.page.key("Enter", "Enter", "\r")
-    panel.until(focused.format(3, 1))  # it is the last one now, and can go back alone
-    panel.page.key("Enter", "Enter", "\r")
-    panel.until(focused.format(2, 1))
-    panel.page.click("#points li:nth-child(3) button:nth-of-type(1)")
-    set_to(panel, "#points li:nth-child(2) select", "auto")
-    panel.page.click("#points-show")
+    panel.until("document.querySelectorAll('#steps [data-step]').length === 3")
+    panel.page.click(row("1"))
+    set_to(panel, "[data-field=step_radius]", "20")
+    panel.page.click(row("2"))
+    set_to(panel, "[data-field=step_way]", "lin")
+    focused = "document.activeElement === document.querySelector('[data-step=\"{}\"] .step-name')"
+    panel.page.run(f"document.querySelector({row('2')!r}).focus()")
+    panel.page.key("ArrowDown", "ArrowDown", modifiers=1)
+    panel.until(focused.format(3))
+    panel.page.key("ArrowDown", "ArrowDown", modifiers=1)
+    panel.until(focused.format(3))  # it is the last one
+    panel.page.key("ArrowUp", "ArrowUp")
+    panel.until(focused.format(2))
+    panel.page.click(row("2"))
+    set_to(panel, "[data-field=step_way]", "auto")
+    set_to(panel, "[data-field=step_speed]", "100")
+    panel.page.click("#preview")
     panel.until("!document.querySelector('#execute').disabled")
     panel.page.click("#execute")
     panel.until("document.querySelector('#plan').innerText === 'The arm has arrived.'")
     position = httpx.get(f"{panel.run.url}/robot/pose", timeout=WAIT_S).json()["position"]
-    sequence = panel.page.run("cobotPanel.waypoints.sequence()")
-    last = sequence["waypoints"][2]
+    sequence = json.loads(panel.page.save("#program-export", tmp_path).read_text())
+    last = sequence["steps"][2]
     assert last.get("planner") == "lin", f"the second one was moved to the end: {sequence}"
-    assert sequence["waypoints"][1]["planner"] == "auto"
+    assert (sequence["steps"][1]["planner"], sequence["steps"][1]["speed"]) == ("auto", 1.0)
     np.testing.assert_allclose([position[k] for k in "xyz"], [last[k] for k in "xyz"], atol=5e-3)
+    require_valid(sequence)
+    assert [each.get("radius") for each in sequence["steps"]] == [0.02, None, None]
+
+    for number in ("3", "2", "1"):
+        panel.page.click(row(number))
+        panel.page.click("#step-remove")
+    panel.until("document.querySelectorAll('#steps [data-step]').length === 0")
+    drop(panel, "#steps", "a.json", json.dumps(sequence))
+    panel.until("document.querySelectorAll('#steps [data-step]').length === 3")
+    assert panel.page.run(STEPS) == sequence
+    drop(panel, "#steps", "b.json", '{"points": []}')
+    panel.until("document.querySelector('#program-why').innerText.startsWith('b.json is not a sequence')")
+    assert panel.page.run(STEPS) == sequence
+    panel.page.click("#program-new")
+    panel.page.click("#program-undo")
+    panel.until("document.querySelectorAll('#steps [data-step]').length === 3")
+    panel.page.run("localStorage.clear()")
+    panel.load()
+
+
+def require_valid(sequence: dict[str, Any]) -> None:
+    """By the published schema, and by the runner."""
     schema = ROOT / "sequences" / "sequence.schema.json"
     jsonschema_rs.validator_for(json.loads(schema.read_text())).validate(sequence)
-    assert [each["radius"] for each in sequence["waypoints"]] == [0.02, 0.0, 0.0]
-
-    for _ in range(3):
-        panel.page.click("#points li:nth-child(1) button:nth-of-type(3)")
-    panel.until("document.querySelectorAll('#points li').length === 0")
-    drop(panel, "#points", "a.json", json.dumps(sequence))
-    panel.until("document.querySelectorAll('#points li').length === 3")
-    assert panel.page.run("cobotPanel.waypoints.sequence()") == sequence
-    drop(panel, "#points", "a.json", '{"points": []}')
-    panel.until("document.querySelector('#points-why').innerText.startsWith('a.json is not a sequence')")
-    assert panel.page.run("document.querySelectorAll('#points li').length") == 3
-    drop(panel, "#points", "steps.json", '{"steps": [{"wait_s": 0}, {"wait_s": 0}]}')
-    panel.until("document.querySelector('#points li').innerText.startsWith('steps.json: 2 steps')")
-    assert panel.page.run("document.querySelector('#points-show').disabled")
-    panel.page.click("#points-run")
-    panel.until("document.querySelector('#points-why').innerText === 'The program has ended.'")
-    panel.page.click("#points li button")
-    panel.until("document.querySelectorAll('#points li').length === 3")
-    panel.page.run("localStorage.clear()")
+    sequence_of(sequence)
 
 
 def newest_job(panel: Panel) -> dict[str, Any]:
@@ -130,14 +147,17 @@ def newest_job(panel: Panel) -> dict[str, Any]:
     return dict(next(each for each in jobs if each["parent"] is None))
 
 
-def test_waypoints_are_run_step_by_step_paused_and_ended(panel: Panel) -> None:
+def test_a_program_is_run_step_by_step_paused_and_ended(panel: Panel) -> None:
     places = [[0.2, *HOME[1:]], [0.2, 0.2, *HOME[2:]], [0.0, 0.2, *HOME[2:]]]
-    sequence = {"waypoints": [{"joints": each, "speed": 1.0, "radius": 0.0} for each in places]}
-    sequence["waypoints"][2]["planner"] = "ompl"
-    drop(panel, "#points", "a.json", json.dumps(sequence))
-    panel.until("document.querySelectorAll('#points li').length === 3")
-    panel.until("!document.querySelector('#execute').disabled && cobotPanel.view.ghost")
-    assert panel.page.run("document.querySelector('#motion-speed').value") == "100"
+    steps: list[dict[str, Any]] = [{"joints": each, "speed": 1.0} for each in places]
+    steps[2]["planner"] = "ompl"
+    drop(
+        panel,
+        "#steps",
+        "a.json",
+        json.dumps({"steps": [*steps[:2], {"repeat": {"count": 1}, "do": steps[2:]}]}),
+    )
+    panel.until("document.querySelectorAll('#steps [data-step]').length === 4")
     assert panel.page.run("document.querySelector('#step').disabled")
     panel.page.click("#points-step")
     until(lambda: newest_job(panel)["state"] == "paused")
@@ -147,40 +167,47 @@ def test_waypoints_are_run_step_by_step_paused_and_ended(panel: Panel) -> None:
         panel.until("document.querySelector('#pause').innerText === 'Resume'")
         panel.page.click("#step")
         until(lambda place=place: is_at(panel, place) and newest_job(panel)["state"] == "paused")
-    panel.until("document.querySelectorAll('#points li[data-next]').length === 1")
+    panel.until("document.querySelector('#steps [data-next]')?.dataset.step === '3'")
     panel.until("document.querySelector('#pause').innerText === 'Resume'")
     panel.page.click("#pause")
-    panel.until("document.querySelector('#points-why').innerText === 'The program has ended.'")
+    panel.until("document.querySelector('#run-why').innerText === 'The program has ended.'")
     assert is_at(panel, places[2])
-    assert panel.page.run("document.querySelectorAll('#points li[data-next]').length") == 0
+    assert panel.page.run("document.querySelectorAll('#steps [data-next]').length") == 0
 
-    set_to(panel, "#motion-speed", "5")
+    slow = {"steps": [each | {"speed": 0.02} for each in steps[:2]]}
+    drop(panel, "#steps", "slow.json", json.dumps(slow))
+    panel.until("document.querySelectorAll('#steps [data-step]').length === 2")
     set_to(panel, "#points-rounds", "3")
     panel.page.click("#points-run")
     until(lambda: newest_job(panel)["state"] == "running" and panel.mode() == "TRAJECTORY")
     panel.until("!document.querySelector('#end').disabled")
     panel.page.click("#end")
-    panel.until("document.querySelector('#points-why').innerText.includes('was cancelled by')")
+    panel.until("document.querySelector('#run-why').innerText.includes('was cancelled by')")
     assert newest_job(panel)["state"] == "cancelled"
     panel.stays()
     set_to(panel, "#points-rounds", "1")
     panel.page.run("localStorage.clear()")
+    panel.load()
 
 
-def test_a_sequence_that_the_list_cannot_edit_is_shown_with_its_curves_and_run_as_it_is(panel: Panel) -> None:
+def test_a_file_is_previewed_until_a_step_that_decides_and_run_as_it_is(panel: Panel) -> None:
     """Oracle: of velocities differences of the positions; of what is run, where the arm gets to."""
     end = [0.1, 0.2, *HOME[2:]]
-    sequence = {
+    known = {
         "home": {"named": "home", "speed": 1.0},
-        "waypoints": [
+        "steps": [
             {"named": "work", "speed": 0.5, "radius": 0.02, "label": "above the bench"},
             {"joints": end, "speed": 1.0},
         ],
     }
-    drop(panel, "#points", "cell.json", json.dumps(sequence))
-    panel.until("document.querySelector('[data-file=\"cell.json\"]')")
-    assert "cell.json: 2 waypoints" in panel.text("#points")
+    later = {"if": {"input": "none", "is": True}, "then": [{"named": "home"}], "mystery": {"deep": [1]}}
+    drop(panel, "#steps", "cell.json", json.dumps(known | {"steps": [*known["steps"], later]}))
+    panel.page.click("#preview")
+    panel.until("document.querySelector('#program-why').innerText.includes('before step 3')")
     panel.until("document.querySelectorAll('#planned-plots svg').length === 14")
+    assert panel.page.run(f"{STEPS}.steps[2].mystery") == {"deep": [1]}, (
+        "a step of a newer version stays as it is"
+    )
     assert panel.rests()
     assert is_at(panel, HOME), "nothing has moved"
     path = panel.page.run("cobotPanel.planned.plan.path")
@@ -191,18 +218,20 @@ def test_a_sequence_that_the_list_cannot_edit_is_shown_with_its_curves_and_run_a
     np.testing.assert_allclose(places[-1], end, atol=1e-6)
     assert panel.page.run("document.querySelectorAll('#planned-plots .beyond').length") == 0
     assert "%" in panel.text("#planned-plots b")
+    panel.page.click(row("3"))
+    panel.page.click("#step-remove")
     panel.page.click("#points-run")
-    panel.until("document.querySelector('#points-why').innerText === 'The program has ended.'")
+    panel.until("document.querySelector('#run-why').innerText === 'The program has ended.'")
     assert is_at(panel, end)
     panel.until("document.querySelector('#planned').hidden")
-    panel.page.click("#points button")
-    panel.until("!document.querySelector('[data-file]')")
 
     wrong = {"waypoints": [{"joints": [9.0, *HOME[1:]], "speed": 1.0, "label": "too far"}]}
-    drop(panel, "#points", "wrong.json", json.dumps(wrong))
+    drop(panel, "#steps", "wrong.json", json.dumps(wrong))
+    panel.page.click("#preview")
     panel.until("document.querySelector('#plan').innerText.includes('joint1')")
-    panel.page.click("#points button")
     forget(panel, "422")
+    panel.page.run("localStorage.clear()")
+    panel.load()
 
 
 def test_a_long_sequence_is_planned_in_parts_that_end_where_the_arm_stops(panel: Panel) -> None:
