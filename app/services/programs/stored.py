@@ -7,8 +7,10 @@ the versions before it as they were. What is on disk is read when it is asked fo
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
+import os
 import re
 import shutil
 from collections.abc import Callable
@@ -31,6 +33,11 @@ MAX_CHARACTERS = 400_000
 """Maximum length of a program's text, in characters."""
 MAX_TOTAL_BYTES = 200_000_000
 """Maximum size of the folder, in bytes."""
+MAX_DELETED = 1000
+"""Maximum number of deleted programs whose versions are known one by one."""
+DELETED = ".deleted.json"
+"""The file with the last version of each deleted program. A new one of that id goes on counting, so a client
+that knew the deleted one cannot write over it."""
 ID_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 SUFFIXES = {"sequence": ".json", "lua": ".lua"}
 """By the kind of a program, how its file ends."""
@@ -78,7 +85,32 @@ class ProgramVersion:
         return f"{self.id}{SUFFIXES[self.saved.kind]}"
 
 
+@dataclass(frozen=True, slots=True)
+class Deleted:
+    """The versions that deleted programs had.
+
+    Attributes:
+        last: the last one by the program's id, the newest deletion at the end.
+        others: the highest one of all programs that are not in `last` any more.
+    """
+
+    last: dict[str, int]
+    others: int = 0
+
+    def version_of(self, program: str) -> int:
+        """The version after which a new program of this id begins."""
+        return self.last.get(program, self.others)
+
+    def with_program(self, program: str, version: int) -> Deleted:
+        """The same after another program was deleted."""
+        last = {each: number for each, number in self.last.items() if each != program} | {program: version}
+        gone = list(last)[: max(len(last) - MAX_DELETED, 0)]
+        others = max([self.others, *(last.pop(each) for each in gone)])
+        return Deleted(last, others)
+
+
 _FILE = TypeAdapter(ProgramVersion)
+_DELETED = TypeAdapter(Deleted)
 
 
 class StoredPrograms:
@@ -175,11 +207,7 @@ class StoredPrograms:
 
     def _numbers(self, program: str) -> list[int]:
         """Numbers of the versions that are kept, in ascending order."""
-        folder = self._folder / program
-        if not _ID.fullmatch(program) or not folder.is_dir():
-            return []
-        found = (_VERSION.fullmatch(each.name) for each in folder.iterdir())
-        return sorted(int(each[1]) for each in found if each)
+        return _numbers_in(self._folder / program) if _ID.fullmatch(program) else []
 
     def _require(self, program: str) -> list[int]:
         numbers = self._numbers(program)
@@ -210,13 +238,13 @@ class StoredPrograms:
 
     def _save(self, program: str, saved: ProgramText, base: int | None, author: str) -> ProgramVersion:
         numbers = self._numbers(program)
-        newest = numbers[-1] if numbers else 0
-        if newest != (base or 0):
-            return self._repeated_or_refused(program, saved, base or 0, newest)
-        if not newest and len(self._ids()) >= MAX_PROGRAMS:
+        if base != (numbers[-1] if numbers else None):
+            return self._repeated_or_refused(program, saved, base, numbers)
+        before = numbers[-1] if numbers else self._deleted_version(program)
+        if not numbers and len(self._ids()) >= MAX_PROGRAMS:
             raise ConflictError(f"{MAX_PROGRAMS} programs are stored, which is the limit; delete one first")
         time = datetime.fromtimestamp(self._link.clock.wall_ns() * 1e-9, UTC).isoformat(timespec="seconds")
-        made = ProgramVersion(program, newest + 1, author, time, saved)
+        made = ProgramVersion(program, before + 1, author, time, saved)
         content = json.dumps(asdict(made), ensure_ascii=False, indent=1).encode()
         used = sum(each.stat().st_size for each in self._folder.glob("*/*.json"))
         if used + len(content) > MAX_TOTAL_BYTES:
@@ -235,15 +263,34 @@ class StoredPrograms:
         except OSError as exc:
             raise UnavailableError(f"{self._folder}: cannot be created: {exc.strerror}") from exc
 
+    def _deleted_version(self, program: str) -> int:
+        """The last version that a deleted program of this id had."""
+        return max([self._deleted().version_of(program), *_numbers_in(self._aside(program))])
+
+    def _deleted(self) -> Deleted:
+        path = self._folder / DELETED
+        try:
+            return _DELETED.validate_json(read_kept(path))
+        except FileNotFoundError:
+            return Deleted({})
+        except OSError as exc:
+            raise UnavailableError(f"{path}: cannot be read: {exc.strerror}") from exc
+        except ValidationError as exc:
+            raise UnavailableError(
+                f"{path}: is damaged, and has the versions of deleted programs; remove it if no client has a "
+                "deleted program open"
+            ) from exc
+
     def _repeated_or_refused(
-        self, program: str, saved: ProgramText, base: int, newest: int
+        self, program: str, saved: ProgramText, base: int | None, numbers: list[int]
     ) -> ProgramVersion:
-        if not newest:
+        if not numbers:
             raise ChangedError(
                 f"program {shown(program)}: version {base} was deleted meanwhile; save it as a new program"
             )
-        there = self._read(program, None)
-        if newest == base + 1 and there.saved == saved:
+        there, newest = self._read(program, None), numbers[-1]
+        repeated = len(numbers) == 1 if base is None else newest == base + 1
+        if repeated and there.saved == saved:
             return there
         based = f"yours is based on version {base}" if base else "yours is a new program"
         raise ChangedError(
@@ -252,7 +299,8 @@ class StoredPrograms:
         )
 
     def _delete(self, program: str, base: int | None) -> ProgramVersion:
-        newest = self._require(program)[-1]
+        numbers = self._require(program)
+        newest = numbers[-1]
         try:
             there = self._read(program, None)
         except UnavailableError:  # a damaged one can be deleted too
@@ -262,14 +310,32 @@ class StoredPrograms:
                 f"program {shown(there.saved.label)} ({program}): {there.author} saved version {newest} at "
                 f"{there.time}; read it before you delete it"
             )
-        aside = self._folder / f".deleted-{program}"
+        aside = self._aside(program)
         try:
             shutil.rmtree(aside, ignore_errors=True)
             (self._folder / program).rename(aside)
-            shutil.rmtree(aside)
+            for old in numbers[:-1]:
+                (aside / f"{old}.json").unlink()
+            os.truncate(aside / f"{newest}.json", 0)
         except OSError as exc:
             raise UnavailableError(f"{aside}: cannot be deleted: {exc.strerror}") from exc
+        # On a full disk the empty file, by its name, says which version was deleted.
+        with contextlib.suppress(UnavailableError):
+            known = self._deleted().with_program(program, newest)
+            keep(self._folder / DELETED, json.dumps(asdict(known)).encode(), f"program {shown(program)}")
+            shutil.rmtree(aside, ignore_errors=True)
         return there
+
+    def _aside(self, program: str) -> Path:
+        return self._folder / f".deleted-{program}"
+
+
+def _numbers_in(folder: Path) -> list[int]:
+    """Numbers of the versions in a folder, in ascending order."""
+    if not folder.is_dir():
+        return []
+    found = (_VERSION.fullmatch(each.name) for each in folder.iterdir())
+    return sorted(int(each[1]) for each in found if each)
 
 
 def _require_object(text: str) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,6 +30,7 @@ def run(service: VirtualService) -> Iterator[VirtualService]:
     yield service
     for each in service.get("/programs").json():
         service.ask("DELETE", f"/programs/{each['id']}").raise_for_status()
+    shutil.rmtree(service.app.state.services.stored._folder, ignore_errors=True)
 
 
 def save(run: VirtualService, program: str, base: int | None = None, **more: Any) -> httpx.Response:
@@ -92,8 +94,64 @@ def test_a_deleted_program_is_not_written_over(run: VirtualService) -> None:
     assert run.ask("DELETE", "/programs/a", headers={"If-Match": '"1"'}).status_code == 412
     assert run.ask("DELETE", "/programs/a", headers={"If-Match": '"2"'}).json() == []
     assert "was deleted" in save(run, "a", 2, label="C").json()["detail"]
-    assert files(run) == {}
+    assert set(files(run)) == {stored.DELETED}
     assert run.get("/programs/a").status_code == 404
+
+
+def test_a_program_made_again_never_has_a_version_of_the_deleted_one(run: VirtualService) -> None:
+    """An old If-Match would write over the work of another person."""
+    save(run, "a")
+    save(run, "a", 1, label="B")
+    run.ask("DELETE", "/programs/a").raise_for_status()
+    again = [save(run, "a", by="Anna", label="new") for _ in range(2)]
+    assert [(each.status_code, each.json()["version"]) for each in again] == [(200, 3), (200, 3)]
+    for base in (1, 2):
+        late = save(run, "a", base, label="mine")
+        assert (late.status_code, "Anna" in late.json()["detail"]) == (412, True)
+        assert run.ask("DELETE", "/programs/a", headers={"If-Match": f'"{base}"'}).status_code == 412
+    assert save(run, "a", 3, label="next").json()["version"] == 4
+    assert run.get("/programs/a?version=2").status_code == 404
+
+
+def test_on_a_full_disk_a_program_can_be_deleted_and_its_versions_stay_known(
+    run: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(run, "a")
+    save(run, "a", 1, label="B")
+
+    def full(_: int) -> None:
+        raise OSError(28, os.strerror(28))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        assert run.ask("DELETE", "/programs/a").json() == []
+    assert {name: file.stat().st_size for name, file in files(run).items()} == {".deleted-a/2.json": 0}
+    assert run.get("/programs").json() == []
+    assert save(run, "a").json()["version"] == 3
+    assert save(run, "a", 2, label="late").status_code == 412
+
+
+def test_the_versions_of_deleted_programs_take_no_more_room_than_a_thousand(
+    run: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stored, "MAX_DELETED", 2)
+    for program, versions in (("a", 3), ("b", 1), ("c", 1), ("d", 1)):
+        for base in range(versions):
+            save(run, program, base or None, note=str(base)).raise_for_status()
+        run.ask("DELETE", f"/programs/{program}").raise_for_status()
+    assert [save(run, each).json()["version"] for each in ("a", "b", "c", "e")] == [4, 4, 2, 4]
+    assert save(run, "a", 3, label="late").status_code == 412
+
+
+def test_a_damaged_list_of_deleted_programs_is_named_and_nothing_is_written_over(run: VirtualService) -> None:
+    save(run, "a")
+    run.ask("DELETE", "/programs/a").raise_for_status()
+    files(run)[stored.DELETED].write_bytes(b"{")
+    answer = save(run, "a")
+    assert (answer.status_code, "is damaged" in answer.json()["detail"]) == (503, True)
+    assert save(run, "b").status_code == 503
+    files(run)[stored.DELETED].unlink()
+    save(run, "a").raise_for_status()
 
 
 @pytest.mark.parametrize(
