@@ -127,9 +127,9 @@ cdef class Controller(ModeMachine):
             self.settling.c_begin()
 
     def _open_session(self, mode):
-        unseen = self.tool_and_scene.problem
-        if unseen:
-            return Rejected(f"the scene cannot be watched: {unseen}")
+        scene_known = self.tool_and_scene.scene_known
+        if scene_known is not ACCEPTED:
+            return Rejected(f"the scene cannot be watched: {scene_known.reason}")
         if self._device.unacknowledged:
             return Rejected(UNACKNOWLEDGED)
         return self.streaming.open(self.safety.command, mode, self.commands.stops, self._device.t1_share)
@@ -224,20 +224,20 @@ cdef class Controller(ModeMachine):
 
     def _swap(self):
         """Continue with the loaded trajectory, if the arm can."""
-        refusal = "the motion has come to its end meanwhile"
+        result = Rejected("the motion has come to its end meanwhile")
         if self._guide == PATH:
-            refusal = self.follower.refusal(self.handover.path, self.handover.offset_s)
-        if not refusal:
+            result = self.follower.check_continuation(self.handover.path, self.handover.offset_s)
+        if result is ACCEPTED:
             try:
                 self.signals.go_on_with(
                     self.motion_id, self.handover.signals(), self.handover.offset_s
                 )
             except ValueError as exc:
-                refusal = str(exc)
-        if not refusal:
+                result = Rejected(str(exc))
+        if result is ACCEPTED:
             self.slot = self.handover.slot
             self.follower.go_on_with(self.handover.swap(self.follower.path), self.handover.offset_s)
-        self._finish_loading(Rejected(refusal) if refusal else ACCEPTED)
+        self._finish_loading(result)
 
     def _read_scene(self, command, Measured measured, bint fresh):
         """Read the scene again once the arm is at rest. A new session waits for it."""

@@ -270,9 +270,9 @@ cdef class ModeMachine:
         """The client's target in this cycle."""
         cdef Feed feed = self.streaming.feed
         if feed.not_finite:
-            self.estop(self.streaming.not_finite)
+            self.estop(self.streaming.explain_not_finite())
         elif feed.problem != NO_PROBLEM:
-            self.stop(self.streaming.problem)
+            self.stop(self.streaming.explain_end())
         elif not feed.holding:
             self.c_let(STREAM)
             memcpy(self._desired, feed.source.ref, 3 * self._dof * sizeof(double))
@@ -310,11 +310,11 @@ cdef class ModeMachine:
         if stopping:
             return
         if self.signals.c_due(self.follower.clock.path_time_s) and not self.signals.waiting:
-            problem = self.signals.fire(
+            result = self.signals.fire(
                 measured.position, self.follower.clock.path_time_s, robot_time_s
             )
-            if problem:
-                self.stop(problem)
+            if result is not ACCEPTED:
+                self.stop(result.reason)
         if self.follower.watch.active:
             self._heed_fence()
 
@@ -365,10 +365,10 @@ cdef class ModeMachine:
 
     def _lose_track(self, position, allowed):
         """Handle a joint that is too far from its commanded position, or was misread."""
-        problem = self.settling.lost(position, allowed)
-        if problem:
+        result = self.settling.check_tracking(position, allowed)
+        if result is not ACCEPTED:
             self.safety.count(Intervention.TRACKING)
-            self.fault(problem)
+            self.fault(result.reason)
 
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
         """Count how long the arm has been still, and whether a motion or a stream may have ended."""
@@ -399,7 +399,7 @@ cdef class ModeMachine:
             self._enter(LoopMode.HOLD, self.reason)
         else:
             self._motion_result = MotionResult.FAILED
-            why = self.settling.unsettled(self._desired_rows[0], measured.velocity)
+            why = self.settling.explain_unsettled(self._desired_rows[0], measured.velocity)
             self._enter(LoopMode.HOLD, why)
             if self.safety.pursuing:
                 self.c_let(BRAKE)

@@ -1,4 +1,4 @@
-"""Results of what rtloop is asked to do: accepted, rejected for a reason, or answered in a later cycle."""
+"""Results of requests and checks in rtloop: accepted, rejected for a reason, or answered in a later cycle."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """The request is carried out, or has begun."""
+    """The request is carried out or has begun, or the check has passed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,10 +17,10 @@ class Later:
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """The request is rejected. A rejected command or session has changed nothing.
+    """The request is rejected, or the check has failed. A rejected command or session has changed nothing.
 
     Attributes:
-        reason: text for the client.
+        reason: the cause, for a person.
     """
 
     reason: str
@@ -28,3 +28,8 @@ class Rejected:
 
 Result = Accepted | Later | Rejected
 ACCEPTED, LATER = Accepted(), Later()
+
+
+def result_of(reason: str) -> Accepted | Rejected:
+    """The result of a check of the library, which returns the reason, "" if it has passed."""
+    return Rejected(reason) if reason else ACCEPTED

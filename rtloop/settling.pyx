@@ -4,6 +4,8 @@ from libc.math cimport fabs, sqrt
 
 import numpy as np
 
+from rtloop.results import ACCEPTED, Rejected
+
 # Robot time after the end of a motion within which the arm has to settle.
 SETTLE_LIMIT_S = 2.0
 # A measured position that moves so many times as far in a cycle as all joints at full speed was misread.
@@ -11,7 +13,9 @@ JUMP_FACTOR = 3.0
 
 
 cdef class SettlingMonitor:
-    """Compares what is measured with the command in `safety`. Real-time safe but for the sentences.
+    """Compares what is measured with the command in `safety`.
+
+    Real-time safe, except for the methods that make sentences.
 
     Attributes:
         settled: the arm has been still for long enough, where it is commanded to be or where it may be.
@@ -32,28 +36,35 @@ cdef class SettlingMonitor:
         """The device tells only from time to time where it is."""
         self._largest_step = float("inf")
 
-    def lost(self, position, double allowed):
-        """Why a joint is not tracked, at a measured position (dof,), rad; "" if none is further off than is
-        allowed and nothing was misread in this cycle.
+    def check_tracking(self, position, double allowed):
+        """Whether each joint is within `allowed`, rad, of its command, and none was misread in this cycle.
+
+        Args:
+            position: as measured, shape (dof,), rad.
         """
         error = self._errors()
         joint = int(np.abs(error).argmax())
         if abs(error[joint]) > allowed:
             unit = self._limits.unit(joint)
-            return (
+            return Rejected(
                 f"{self._limits.names[joint]} is {abs(error[joint]):.3f} {unit} from where it is commanded "
                 f"({position[joint]:.3f} instead of {self._safety.position[joint]:.3f} {unit}), "
                 f"allowed are {allowed} {unit}"
             )
         if self._jump:
-            return (
+            return Rejected(
                 f"the measured position has jumped by {self._jump:.3f} {self._limits.units} within a cycle, "
                 "as no arm can"
             )
-        return ""
+        return ACCEPTED
 
-    def unsettled(self, desired, velocity):
-        """Why the arm has not settled where a motion wants it, (dof,), rad, at a measured velocity."""
+    def explain_unsettled(self, desired, velocity):
+        """Describe why the arm has not settled.
+
+        Args:
+            desired: where the motion ends, shape (dof,), rad.
+            velocity: as measured, shape (dof,), rad/s.
+        """
         off = np.abs(desired - self._safety.position)
         joint = int(off.argmax())
         name, unit = self._limits.names[joint], self._limits.unit(joint)

@@ -10,7 +10,7 @@ cdef enum Known:
 
 cdef class ToolAndScene:
     cdef readonly object surroundings
-    cdef readonly str problem
+    cdef readonly object scene_known
     cdef Known known
     cdef object _model, _info, _tool, _backend, _max_payload_kg
     cdef Session _streaming

@@ -4,7 +4,7 @@ from cobot.errors import CobotError, InputError, LimitError
 from cobot.ipc.tool_record import tool_of
 from cobot.robot.tool import check_tool
 from rtloop.backends import BackendError, CarriesTool
-from rtloop.results import ACCEPTED, Rejected
+from rtloop.results import ACCEPTED, LATER, Rejected
 from rtloop.streaming.surroundings import Surroundings
 
 from rtloop.streaming.session cimport Session
@@ -16,7 +16,7 @@ cdef class ToolAndScene:
     Attributes:
         surroundings: reads what stands around the arm.
         known: how far that is known; `hear_of` and `heed` change it.
-        problem: why the collision monitor does not know it; "" if it does.
+        scene_known: `Accepted` if the collision monitor knows the scene, `Rejected` with the reason if not.
     """
 
     def __init__(self, settings, model, memory, backend, Session streaming):
@@ -25,7 +25,7 @@ cdef class ToolAndScene:
         self._backend, self._streaming = backend, streaming
         self.surroundings = Surroundings(settings, model, streaming.stream_limits)
         self.known = ALL
-        self.problem = ""
+        self.scene_known = ACCEPTED
 
     def carry(self, tool):
         """Have this tool on the flange from the next cycle on: in the model and, if it wants to know, in the
@@ -69,7 +69,7 @@ cdef class ToolAndScene:
         try:
             self._streaming.watch(self.surroundings.read())
         except CobotError as exc:
-            self.problem = str(exc)
+            self.scene_known = Rejected(str(exc))
         self._info.data["scene_version"] = self.surroundings.version
 
     cdef void heed(self) except *:
@@ -78,10 +78,12 @@ cdef class ToolAndScene:
             self.known = BEING_READ
             self.surroundings.begin()
             return
-        done, monitor = self.surroundings.take()
-        if not done:
+        made = self.surroundings.take()
+        if made is LATER:
             return
         self.known = ALL
-        self.problem = self.surroundings.problem
-        if monitor is not None:
-            self._streaming.watch(monitor)
+        if isinstance(made, Rejected):
+            self.scene_known = made
+            return
+        self.scene_known = ACCEPTED
+        self._streaming.watch(made)

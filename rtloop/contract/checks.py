@@ -16,6 +16,7 @@ from cobot.types import Array, LoopMode
 from rtloop.backends import BackendError, Measured, Reporting, capabilities_of
 from rtloop.contract.cell import REST_S, Cell
 from rtloop.contract.driver import Driver
+from rtloop.results import ACCEPTED
 
 HELD_RAD = 1e-3
 """Largest distance of the first command from the measured position."""
@@ -235,7 +236,7 @@ def reject_open(cell: Cell) -> str:
         driver.end()
         driver.rig.clear("disconnect")
         driver.start()
-        if driver.reset():
+        if driver.reset() != ACCEPTED:
             raise ContractError(f"once the device is connected: {driver.reason}")
         driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
         driver.move()

@@ -23,6 +23,7 @@ from rtloop.backends.trajectory_driver import as_backend
 from rtloop.clock import FastClock
 from rtloop.contract.rig import Around, ContractRig, wire_of
 from rtloop.loop import ControlLoop
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 SEGMENTS = 64
 PATIENCE_S = 20.0
@@ -186,8 +187,8 @@ class Driver:
             + (f": {self.reason}" if self.reason else "")
         )
 
-    def send(self, kind: int, **fields: int) -> str:
-        """Send a command to rtloop; "" if it is accepted, otherwise the reason."""
+    def send(self, kind: int, **fields: int) -> Accepted | Rejected:
+        """Send a command to rtloop and wait for its answer."""
         self.ask(kind, **fields)
         return self.await_answer()
 
@@ -206,11 +207,12 @@ class Driver:
         self.memory.head.data["id"] = self._command
         self.memory.head.publish()
 
-    def await_answer(self) -> str:
-        """Wait for rtloop's answer to the last command; "" if it is accepted, otherwise the reason."""
+    def await_answer(self) -> Accepted | Rejected:
+        """Wait for rtloop's answer to the last command."""
         ack = self.memory.acks[self._command % RING]
         self.until("rtloop answers a command", lambda: int(ack.data["id"]) == self._command)
-        return "" if int(ack.data["result"]) == Ack.ACCEPTED else text(ack.data["message"])
+        accepted = int(ack.data["result"]) == Ack.ACCEPTED
+        return ACCEPTED if accepted else Rejected(text(ack.data["message"]))
 
     def stop(self) -> None:
         self.memory.requests.data["stops"] += 1
@@ -219,9 +221,9 @@ class Driver:
     def begin_move(self) -> None:
         """Begin to move each joint a little towards the middle of its range, from rest to rest."""
         self.ask_move()
-        refusal = self.await_answer()
-        if refusal:
-            raise ContractError(f"a motion is rejected: {refusal}")
+        result = self.await_answer()
+        if isinstance(result, Rejected):
+            raise ContractError(f"a motion is rejected: {result.reason}")
 
     def ask_move(self) -> None:
         """Request that motion; rtloop begins to load it in its next cycle."""
@@ -244,15 +246,15 @@ class Driver:
         if result != MotionResult.ARRIVED:
             raise ContractError(f"a motion ended as {result.name}: {self.reason}")
 
-    def reset(self, attempts: int = ATTEMPTS) -> str:
-        """Reset a fault, at rest; returns "" or the last rejection."""
-        refusal = ""
+    def reset(self, attempts: int = ATTEMPTS) -> Accepted | Rejected:
+        """Reset a fault, at rest; returns the result of the last attempt."""
+        result: Accepted | Rejected = ACCEPTED
         for _ in range(attempts):
-            refusal = self.send(Command.RESET)
-            if not refusal:
-                return ""
+            result = self.send(Command.RESET)
+            if result == ACCEPTED:
+                break
             self.run(0.1)
-        return refusal
+        return result
 
     def first_command(self, before: int) -> tuple[Array, Array]:
         """The first command after `before` commands, and the position measured then."""

@@ -15,6 +15,7 @@ from rtloop.contract.cell import REST_S, Cell
 from rtloop.contract.checks import require_entry, require_limits
 from rtloop.contract.driver import Driver
 from rtloop.contract.stream import begin_stream
+from rtloop.results import Rejected
 
 ENDED = (LoopMode.FAULT, LoopMode.ESTOP)
 MEANWHILE_S = 0.4
@@ -86,11 +87,11 @@ def while_enabling(fault: str, cell: Cell) -> str:
         driver.ask(Command.RESET)
         driver.step(ENABLING_CYCLES)
         with driver.fault(fault):
-            refused = driver.await_answer()
+            result = driver.await_answer()
             _await_fault(driver, fault)
             _require_lasting(driver, fault)
         _require_recovery(cell, driver)
-    return refused or said
+    return result.reason if isinstance(result, Rejected) else said
 
 
 def twice(fault: str, cell: Cell) -> str:
@@ -188,9 +189,9 @@ def _require_recovery(cell: Cell, driver: Driver) -> None:
     """Reset, no jump, a motion; the backend is neither closed nor opened."""
     driver.run(MEANWHILE_S)
     before = len(driver.heard.commands)
-    refusal = driver.reset()
-    if refusal:
-        raise ContractError(f"its cause has gone, but a reset is rejected: {refusal}")
+    result = driver.reset()
+    if isinstance(result, Rejected):
+        raise ContractError(f"its cause has gone, but a reset is rejected: {result.reason}")
     driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
     sent = len(driver.wire or ())
     if driver.heard.calls.count("open") != 1:

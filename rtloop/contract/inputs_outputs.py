@@ -12,6 +12,7 @@ from cobot.types import LoopMode
 from rtloop.backends import BackendError, HasIo, capabilities_of
 from rtloop.contract.cell import Cell
 from rtloop.contract.driver import Driver
+from rtloop.results import Rejected
 
 UNKNOWN = "no such output"
 
@@ -61,9 +62,9 @@ def _set(driver: Driver, name: str, value: float) -> None:
     record = driver.memory.output.data
     record["name"], record["value"] = name.encode(), value
     driver.memory.output.publish()
-    refusal = driver.send(Command.OUTPUT)
-    if refusal:
-        raise ContractError(f"set_output({name!r}, {value:g}): {refusal}")
+    result = driver.send(Command.OUTPUT)
+    if isinstance(result, Rejected):
+        raise ContractError(f"set_output({name!r}, {value:g}): {result.reason}")
     driver.until(f"{name} is reported as {value:g}", lambda: _reported(driver, name, value))
 
 

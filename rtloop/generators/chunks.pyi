@@ -1,6 +1,7 @@
 """Action chunks: a policy sends its next waypoints, each with its time. See chunks.pyx."""
 
 from cobot.types import Array
+from rtloop.results import Accepted, Rejected
 
 class ChunkInterpolator:
     """Follows chunks of waypoints. Real-time safe.
@@ -27,7 +28,7 @@ class ChunkInterpolator:
     def begin(self, state: Array) -> None:
         """Start here, shape (3, n), forget all waypoints, and hold (what moves is brought to rest)."""
 
-    def take(self, times_s: Array, positions: Array, now_s: float) -> str:
+    def take(self, times_s: Array, positions: Array, now_s: float) -> Accepted | Rejected:
         """Replace what lies ahead from the first of these waypoints on that is not past.
 
         Args:
@@ -36,14 +37,11 @@ class ChunkInterpolator:
             now_s: the time of the reference as it is.
 
         Returns:
-            "", or why the chunk is refused; then nothing has changed but `late`.
+            `Rejected` if the chunk is not taken; then nothing has changed but `late`.
         """
 
     def advance(self, now_s: float) -> None:
         """The reference for this time; it must not go back, nor pass the last waypoint unnoticed."""
-
-    def refusal(self) -> str:
-        """Why the last chunk was refused; empty if it was not."""
 
 def spline(times_s: Array, points: Array) -> tuple[Array, Array]:
     """Velocity and acceleration, each shape (k, n), at the knots of the cubic spline through points (k, n)

@@ -16,6 +16,7 @@ from rtloop.generators.brake cimport Brake
 from rtloop.generators.interpolation cimport copy_row, plain
 
 from cobot.errors import InputError
+from rtloop.results import ACCEPTED, Rejected
 
 cdef enum:
     PLACES = 11  # In a blend, where velocity, acceleration and jerk are looked at.
@@ -52,8 +53,7 @@ cdef class ChunkInterpolator:
         past.
 
         Returns:
-            `CHUNK_TAKEN`, or why the chunk is refused, which `refusal` says in words; then nothing has
-            changed but `late`.
+            `CHUNK_TAKEN`, or why the chunk is rejected, as a number; then nothing has changed but `late`.
         """
         # What is due within this period is past: nothing can lead there any more.
         cdef double soon_s = now_s + self.period_s
@@ -198,18 +198,24 @@ cdef class ChunkInterpolator:
         self.brake.c_begin(self.ref)
         self.braking = True
 
-    def refusal(self):
+    def _result(self):
         if self.refused == CHUNK_SHAPE:
-            return f"times and positions must be shape (k,) and (k, {self.n}), k from 1 to {LONGEST_CHUNK}"
+            return Rejected(
+                f"times and positions must be shape (k,) and (k, {self.n}), k from 1 to {LONGEST_CHUNK}"
+            )
         if self.refused == CHUNK_NOT_FINITE:
-            return "times and positions must be finite"
+            return Rejected("times and positions must be finite")
         if self.refused == CHUNK_TIMES:
-            return "times must increase by at least half a cycle"
+            return Rejected("times must increase by at least half a cycle")
         if self.refused == CHUNK_PAST:
-            return f"all {self.refused_count} waypoints are past, the last by {self.refused_s:.3f} s"
+            return Rejected(
+                f"all {self.refused_count} waypoints are past, the last by {self.refused_s:.3f} s"
+            )
         if self.refused == CHUNK_FULL:
-            return f"{self.refused_count} waypoints are still ahead, up to {LONGEST_CHUNK} are kept"
-        return ""
+            return Rejected(
+                f"{self.refused_count} waypoints are still ahead, up to {LONGEST_CHUNK} are kept"
+            )
+        return ACCEPTED
 
     def begin(self, state):
         copy = plain(state, (3, self.n))
@@ -219,10 +225,10 @@ cdef class ChunkInterpolator:
         cdef int k = len(times_s)
         if np.ndim(times_s) != 1 or not 1 <= k <= LONGEST_CHUNK or np.shape(positions) != (k, self.n):
             self.refused = CHUNK_SHAPE
-            return self.refusal()
+            return self._result()
         times, points = plain(times_s, (k,)), plain(positions, (k, self.n))
         self.c_take(doubles(times, k), doubles(points, k * self.n), k, now_s)
-        return self.refusal()
+        return self._result()
 
     def advance(self, double now_s):
         self.c_advance(now_s)

@@ -12,6 +12,7 @@ from rtloop.planned.path cimport Path
 
 from cobot.ipc.layout import MotionResult
 from rtloop.backends import MovesByItself
+from rtloop.results import ACCEPTED, Rejected
 
 # How far ahead on its path a motion's fence is looked at, s: whatever its speed, it can stop within.
 cdef double FENCE_AHEAD_S = 0.5
@@ -46,14 +47,17 @@ cdef class PathFollower:
             times_s, coefficients = path.breakpoints_s[:segments + 1], path.coefficients[:segments]
             self._mover.begin(times_s.copy(), coefficients.copy(), self.clock.share)
 
-    def refusal(self, Path path not None, double offset_s):
-        """Why the arm cannot go on with another path, which begins at a time of this one; "" if it is the
-        same up to here, and as far as a change of the rate that is under way relies on the path.
+    def check_continuation(self, Path path not None, double offset_s):
+        """Whether the arm can go on with another path, which begins at a time of this one.
+
+        Both must be the same up to here, and as far as a change of the rate under way relies on the path.
         """
         cdef double here_s = self.clock.path_time_s - offset_s
         if not path.c_continues(self.path, offset_s, here_s, self.clock.c_committed_s() - offset_s):
-            return f"it differs from the motion under way, which is at {self.clock.path_time_s:.3f} s already"
-        return ""
+            return Rejected(
+                f"it differs from the motion under way, which is at {self.clock.path_time_s:.3f} s already"
+            )
+        return ACCEPTED
 
     def go_on_with(self, Path path not None, double offset_s):
         """Follow this path at the same place and rate. What the motion is fenced by stays."""

@@ -14,7 +14,7 @@ import numpy as np
 from cobot.ipc.layout import REASON, Firing, Waiting, text
 from cobot.ipc.shm import encoded
 from cobot.types import MAX_ACTIONS
-from rtloop.results import Rejected
+from rtloop.results import ACCEPTED, Rejected
 
 CONDITIONS = ("start_when", "pause_while", "until")
 GOING_ON = CONDITIONS[1:]  # of a motion that has begun
@@ -122,9 +122,9 @@ cdef class Signals:
             position: as measured, shape (dof,), rad.
 
         Returns:
-            Why the motion has to stop; "" if it goes on.
+            `Rejected` if the motion has to stop, because the device has rejected an output.
         """
-        report, problem = self._report.data, ""
+        report, done = self._report.data, ACCEPTED
         pose = np.zeros(7)
         self._chain.c_forward(doubles(position, self._chain.dof), doubles(pose, 7))
         while self.c_due(path_time_s):
@@ -141,10 +141,10 @@ cdef class Signals:
             report["robot_times_s"][row] = robot_time_s
             report["poses"][row] = pose
             if reason and self._record["stops"][row]:
-                problem = problem or f"output {output} was rejected: {reason}"
+                done = Rejected(f"output {output} was rejected: {reason}")
                 break
         self._report.publish()
-        return problem
+        return done
 
     def end(self):
         """The motion has ended: nothing is watched any more."""

@@ -1,4 +1,5 @@
 from cobot.types import Array
+from rtloop.results import Accepted, Rejected
 
 JOINT_VELOCITY: float
 LINEAR_VELOCITY: float
@@ -10,17 +11,17 @@ LONGEST_INTERVAL_S: float
 def angular_distance(first: Array, second: Array) -> float: ...
 def is_finite(values: Array) -> bool: ...
 def clamped_interval(interval_s: float) -> float: ...
-def joint_jump(
+def check_joint_step(
     target: Array,
     last: Array,
     interval_s: float = ...,
     max_velocity: Array | None = None,
     names: tuple[str, ...] = (),
-) -> str: ...
-def cartesian_jump(
+) -> Accepted | Rejected: ...
+def check_pose_step(
     pose: Array,
     last: Array,
     interval_s: float = ...,
     max_linear: float = ...,
     max_angular: float = ...,
-) -> str: ...
+) -> Accepted | Rejected: ...

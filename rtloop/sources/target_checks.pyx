@@ -10,6 +10,8 @@ from cobot.robot.quaternion cimport quat_between
 
 import numpy as np
 
+from rtloop.results import ACCEPTED, Rejected
+
 # No sender means more than this, rad/s, m/s and rad/s: what would need more between two commands is a jump.
 JOINT_VELOCITY = 10.0
 LINEAR_VELOCITY = 10.0
@@ -92,8 +94,8 @@ def clamped_interval(double interval_s):
     return c_clamped_interval(interval_s)
 
 
-def joint_jump(target, last, interval_s=DEFAULT_INTERVAL_S, max_velocity=None, names=()):
-    """Whether a joint would have to jump from the last target to this one; "" if none has to.
+def check_joint_step(target, last, interval_s=DEFAULT_INTERVAL_S, max_velocity=None, names=()):
+    """Whether no joint would have to jump from the last target to this one.
 
     Args:
         target, last: shape (dof,), rad.
@@ -103,9 +105,9 @@ def joint_jump(target, last, interval_s=DEFAULT_INTERVAL_S, max_velocity=None, n
         names: of the joints, for the text.
     """
     if target.shape != last.shape:
-        return f"{target.size} joints instead of {last.size}"
+        return Rejected(f"{target.size} joints instead of {last.size}")
     if not last.size:
-        return ""
+        return ACCEPTED
     target, last = np.array(target, float), np.array(last, float)
     rates = None if max_velocity is None else np.array(max_velocity, float)
     cdef const double* fastest = NULL if rates is None else doubles(rates, last.size)
@@ -113,19 +115,19 @@ def joint_jump(target, last, interval_s=DEFAULT_INTERVAL_S, max_velocity=None, n
         doubles(target, last.size), doubles(last, last.size), last.size, interval_s, fastest
     )
     if joint < 0:
-        return ""
+        return ACCEPTED
     name = names[joint] if names else f"joint{joint + 1}"
     most = joint_threshold(c_clamped_interval(interval_s), INFINITY if rates is None else fastest[joint])
     step = abs(target[joint] - last[joint])
-    return f"{name} would jump by {step:.4f} rad, allowed are {most:.4f} rad"
+    return Rejected(f"{name} would jump by {step:.4f} rad, allowed are {most:.4f} rad")
 
 
-def cartesian_jump(
+def check_pose_step(
     pose, last, interval_s=DEFAULT_INTERVAL_S, max_linear=LINEAR_VELOCITY, max_angular=ANGULAR_VELOCITY
 ):
-    """Whether the TCP would have to jump from the last pose to this one, `interval_s` between the two."""
+    """Whether the TCP would not have to jump from the last pose to this one, `interval_s` between the two."""
     if pose.shape != (7,) or last.shape != (7,):
-        return f"{pose.size} numbers instead of 7"
+        return Rejected(f"{pose.size} numbers instead of 7")
     pose, last = np.array(pose, float), np.array(last, float)
     cdef const double* here = doubles(last, 7)
     cdef const double* there = doubles(pose, 7)
@@ -133,8 +135,9 @@ def cartesian_jump(
     within_s = c_clamped_interval(interval_s)
     if jump == POSE_JUMPS:
         distance = distance_between(there, here)
-        return f"the TCP would jump by {distance:.4f} m, allowed are {max_linear * within_s:.4f} m"
+        most = max_linear * within_s
+        return Rejected(f"the TCP would jump by {distance:.4f} m, allowed are {most:.4f} m")
     if jump == POSE_TURNS:
         angle, most = angle_between(there + 3, here + 3), max_angular * within_s
-        return f"the TCP would turn by {angle:.4f} rad at once, allowed are {most:.4f} rad"
-    return ""
+        return Rejected(f"the TCP would turn by {angle:.4f} rad at once, allowed are {most:.4f} rad")
+    return ACCEPTED

@@ -93,9 +93,8 @@ cdef class Session:
         """Whether a `move_to_pose` is running."""
         return self.targets is not None and self.targets.c_move_running()
 
-    @property
-    def problem(self):
-        """Describe the feed's problem, which ends the session; there must be one."""
+    def explain_end(self):
+        """Describe why the feed ends the session; only after it has a `problem`."""
         cdef int problem = self.feed.problem
         if problem == CONTACT:
             return self._contact_monitor.words()
@@ -108,11 +107,8 @@ cdef class Session:
             + self._collision_monitor.blocking(),
         }[problem]
 
-    @property
-    def not_finite(self):
-        """Describe a streamed value that is not finite; "" if there is none."""
-        if self.feed is None or not self.feed.not_finite:
-            return ""
+    def explain_not_finite(self):
+        """Name the streamed value that is not finite; only after the feed has found one."""
         return (self.points.points if self.has_points else self.feed.source).explain()
 
     @property

@@ -11,7 +11,7 @@ from cobot.ipc.session_rules import MAX_DECIMATION, damping_flaw, stiffness_flaw
 from cobot.robot.device import WORDS, Capabilities
 from cobot.servo.protocol import LONGEST_WATCHDOG_S
 from rtloop.backends import Backend, ImpedanceControlled, capabilities_of
-from rtloop.results import ACCEPTED, Accepted, Rejected
+from rtloop.results import ACCEPTED, Accepted, Rejected, result_of
 
 UNIT_TOLERANCE = 1e-2
 
@@ -22,61 +22,67 @@ def check_session(request: np.ndarray, backend: Backend, name: str) -> Accepted 
     Args:
         name: name of the backend, for people.
     """
-    return next((Rejected(flaw) for flaw in _flaws(request, backend, name) if flaw), ACCEPTED)
+    return next((result for result in _results(request, backend, name) if result is not ACCEPTED), ACCEPTED)
 
 
-def _flaws(request: np.ndarray, backend: Backend, name: str) -> Iterator[str]:
-    """The result of each check, "" if it passes. A check may rely on those before it."""
-    yield _stream_flaw(request, capabilities_of(backend), name)
-    yield _servo_flaw(request)
-    yield _unable(request, capabilities_of(backend), name)
-    yield _stiffness_flaw(request, backend)
+def _results(request: np.ndarray, backend: Backend, name: str) -> Iterator[Accepted | Rejected]:
+    """The result of each check. A check may rely on those before it."""
+    yield _check_stream(request, capabilities_of(backend), name)
+    yield _check_servo(request)
+    yield _check_capabilities(request, capabilities_of(backend), name)
+    yield _check_stiffness(request, backend)
     for field in ("damping_ratio", "cartesian_damping_ratio"):
-        yield damping_flaw(field, request[field])
+        yield result_of(damping_flaw(field, request[field]))
     for field in ("max_contact_torque", "max_contact_wrench"):
-        yield _positive_flaw(field, request)
-    yield _force_frame_flaw(request)
-    yield _positive_flaw("force_velocity", request)
+        yield _check_positive(field, request)
+    yield _check_force_frame(request)
+    yield _check_positive("force_velocity", request)
 
 
-def _stream_flaw(request: np.ndarray, device: Capabilities, name: str) -> str:
+def _check_stream(request: np.ndarray, device: Capabilities, name: str) -> Accepted | Rejected:
     if int(request["stream"]) not in list(Stream) or int(request["interpolation"]) not in list(Interpolation):
-        return f"there is no stream {request['stream']} with interpolation {request['interpolation']}"
+        return Rejected(
+            f"there is no stream {request['stream']} with interpolation {request['interpolation']}"
+        )
     if device.trajectories:
-        return (
+        return Rejected(
             f"a stream needs a device that takes a command in each cycle; the backend {name} takes "
             f"{WORDS['trajectories']}"
         )
     if not 1 <= request["decimation"] <= MAX_DECIMATION:
-        return f"decimation must be from 1 to {MAX_DECIMATION}, got {request['decimation']}"
-    return ""
+        return Rejected(f"decimation must be from 1 to {MAX_DECIMATION}, got {request['decimation']}")
+    return ACCEPTED
 
 
-def _positive_flaw(name: str, request: np.ndarray) -> str:
-    return "" if (request[name] > 0.0).all() else f"{name} must be above 0, got {request[name].tolist()}"
+def _check_positive(name: str, request: np.ndarray) -> Accepted | Rejected:
+    if (request[name] > 0.0).all():
+        return ACCEPTED
+    return Rejected(f"{name} must be above 0, got {request[name].tolist()}")
 
 
-def _force_frame_flaw(request: np.ndarray) -> str:
+def _check_force_frame(request: np.ndarray) -> Accepted | Rejected:
     frame = request["force_frame"]
     if np.isfinite(frame).all() and abs(float(np.linalg.norm(frame[3:])) - 1.0) < UNIT_TOLERANCE:
-        return ""
-    return f"force_frame must be a position and a unit quaternion, got {frame.tolist()}"
+        return ACCEPTED
+    return Rejected(f"force_frame must be a position and a unit quaternion, got {frame.tolist()}")
 
 
-def _servo_flaw(request: np.ndarray) -> str:
+def _check_servo(request: np.ndarray) -> Accepted | Rejected:
     servo, stream = int(request["servo_mode"]), int(request["stream"])
     if servo == ServoMode.NONE:
-        return ""
+        return ACCEPTED
     force = servo in (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)
     if servo not in list(ServoMode) or stream != (Stream.CARTESIAN if force else Stream.JOINT_IMPEDANCE):
-        return f"there is no servo mode {servo} of stream {stream}"
+        return Rejected(f"there is no servo mode {servo} of stream {stream}")
     if not 0.0 < request["watchdog_s"] <= LONGEST_WATCHDOG_S:
-        return f"watchdog_s must be above 0 and at most {LONGEST_WATCHDOG_S:g}, got {request['watchdog_s']}"
-    return ""
+        return Rejected(
+            f"watchdog_s must be above 0 and at most {LONGEST_WATCHDOG_S:g}, got {request['watchdog_s']}"
+        )
+    return ACCEPTED
 
 
-def _unable(request: np.ndarray, device: Capabilities, name: str) -> str:
-    """What the session needs and the device lacks; "" if nothing."""
+def _check_capabilities(request: np.ndarray, device: Capabilities, name: str) -> Accepted | Rejected:
+    """Whether the device has what the session needs."""
     torques = request["stream"] == Stream.JOINT_TORQUE
     force = bool(request["force_axes"].any())
     wrench = bool(np.isfinite(request["max_contact_wrench"]).any())
@@ -94,16 +100,16 @@ def _unable(request: np.ndarray, device: Capabilities, name: str) -> str:
     }
     refusals = [device.lacks(name, what, *flags) for what, (flags, asked) in needed.items() if asked]
     refusals += [device.does_not_measure(name, what, row) for what, (row, asked) in felt.items() if asked]
-    return next((refusal for refusal in refusals if refusal), "")
+    return next((Rejected(refusal) for refusal in refusals if refusal), ACCEPTED)
 
 
-def _stiffness_flaw(request: np.ndarray, backend: Backend) -> str:
+def _check_stiffness(request: np.ndarray, backend: Backend) -> Accepted | Rejected:
     if not isinstance(backend, ImpedanceControlled):
-        return ""
+        return ACCEPTED
     for name, nominal in (
         ("stiffness", backend.nominal_stiffness),
         ("cartesian_stiffness", backend.nominal_cartesian_stiffness),
     ):
         if refusal := stiffness_flaw(name, request[name], nominal):
-            return refusal
-    return ""
+            return Rejected(refusal)
+    return ACCEPTED

@@ -18,6 +18,7 @@ from cobot.errors import CobotError
 from cobot.launch.process import Niceness, be
 from cobot.robot.model import RobotModel
 from cobot.types import JointLimits
+from rtloop.results import LATER, Later, Rejected
 from rtloop.streaming.collision_monitor import CollisionMonitor
 
 SWITCH_S = 1e-4
@@ -30,7 +31,6 @@ class Surroundings:
     Attributes:
         busy: whether a monitor is being made.
         version: version of the scene that was read last.
-        problem: why the last monitor could not be made; "" if it could.
     """
 
     def __init__(self, settings: Settings, model: RobotModel, limits: JointLimits) -> None:
@@ -38,9 +38,8 @@ class Surroundings:
         self._model = model
         self._limits = limits
         self._thread: threading.Thread | None = None
-        self._made: CollisionMonitor | None = None
+        self._made: CollisionMonitor | Later | Rejected = LATER
         self.version = 0
-        self.problem = ""
 
     @property
     def busy(self) -> bool:
@@ -72,24 +71,23 @@ class Surroundings:
         self._thread = threading.Thread(target=self._make, name="surroundings", daemon=True)
         self._thread.start()
 
-    def take(self) -> tuple[bool, CollisionMonitor | None]:
-        """Whether the thread has finished, and its monitor; None if there is a `problem`."""
+    def take(self) -> CollisionMonitor | Later | Rejected:
+        """The monitor that the thread has made, once; `Later` while there is none."""
         if self._thread is None or self._thread.is_alive():
-            return False, None
+            return LATER
         self._thread = None
         sys.setswitchinterval(self._switch_s)
-        made, self._made = self._made, None
-        return True, made
+        made, self._made = self._made, LATER
+        return made
 
     def _make(self) -> None:
         _be_ordinary()
         try:
             self._made = self.read()
-            self.problem = ""
         except CobotError as exc:
-            self.problem = str(exc)
+            self._made = Rejected(str(exc))
         except Exception as exc:  # noqa: BLE001 - any error must be reported to the cycle
-            self.problem = f"{type(exc).__name__}: {exc}"
+            self._made = Rejected(f"{type(exc).__name__}: {exc}")
 
 
 def _be_ordinary() -> None:

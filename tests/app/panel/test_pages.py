@@ -149,7 +149,7 @@ def test_each_word_is_there_in_each_language() -> None:
 def test_each_cause_of_a_fault_has_words() -> None:
     """Oracle: the reasons as they stand in the real-time process."""
     latching = r'(?s)self\.(?:controller\.)?(?:fault|estop|fast_stop)\(\s*f?"([^"]+)"'
-    lost = r'(?s)return \(\s*f"([^"]+)"(?=.*def unsettled)'
+    lost = r'(?s)return Rejected\(\s*f"([^"]+)"(?=.*def explain_unsettled)'
     where = {"controller": latching, "mode_machine": latching, "loop": latching, "settling": lost}
     reasons = [
         each

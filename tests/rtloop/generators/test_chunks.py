@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
 from rtloop.generators.chunks import ChunkInterpolator, spline
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 PERIOD_S = 1e-3
 STEP_S = 0.033
@@ -38,7 +39,7 @@ class Player:
     def now_s(self) -> float:
         return self.cycle * PERIOD_S
 
-    def take(self, path: Callable[[float], Array], first_s: float, count: int) -> str:
+    def take(self, path: Callable[[float], Array], first_s: float, count: int) -> Accepted | Rejected:
         times = first_s + STEP_S * np.arange(count)
         return self.chunks.take(times, np.array([path(t) for t in times]), self.now_s)
 
@@ -115,7 +116,7 @@ def test_the_spline_of_two_points_is_a_line_and_that_of_one_a_place_to_rest() ->
 
 def test_a_feasible_chunk_is_run_through_at_its_times(player: Player, limits: JointLimits) -> None:
     path = wave(limits)
-    assert player.take(path, STEP_S, 60) == ""
+    assert player.take(path, STEP_S, 60) == ACCEPTED
     player.advance(1.9)
     player.check()
     waypoints = [round(k * STEP_S / PERIOD_S) for k in range(10, 57)]
@@ -148,7 +149,7 @@ def test_overlapping_chunks_of_one_path_are_followed_as_if_they_were_one(
 ) -> None:
     path, player = wave(limits), Player(limits)
     for k in range(0, 60, advance):
-        assert player.take(path, (k + 1) * STEP_S, count) == ""
+        assert player.take(path, (k + 1) * STEP_S, count) == ACCEPTED
         player.advance((k + advance) * STEP_S)
     player.check()
     assert player.off(path, 0.0) < 1e-3
@@ -162,7 +163,7 @@ def test_there_is_no_stop_where_one_chunk_ends_and_the_next_begins(
     path, player = ramp(limits), Player(limits, np.array([ramp(limits)(t) for t in (0.0, 1.0, 0.0)]))
     for k in range(0, 60, 10):
         player.advance(max(0.0, k * STEP_S - early_s))
-        assert player.take(path, (k + 1) * STEP_S, 10) == ""  # the last one came just in time at 0 s
+        assert player.take(path, (k + 1) * STEP_S, 10) == ACCEPTED  # the last one came just in time at 0 s
     player.advance(60 * STEP_S)
     np.testing.assert_allclose(
         np.array(player.references)[:, 1], np.broadcast_to(path(1.0), (1981, limits.dof)), atol=1e-9
@@ -174,7 +175,7 @@ def test_what_lies_before_a_chunk_that_begins_later_remains(player: Player, limi
     path = wave(limits)
     player.take(path, STEP_S, 40)
     player.advance(0.3)
-    assert player.take(lambda t: path(t) + 0.1 * max(t - 29 * STEP_S, 0.0) ** 2, 30 * STEP_S, 20) == ""
+    assert player.take(lambda t: path(t) + 0.1 * max(t - 29 * STEP_S, 0.0) ** 2, 30 * STEP_S, 20) == ACCEPTED
     player.advance(29 * STEP_S - 0.1)
     assert player.off(path, 0.0) < 1e-3
     player.advance(45 * STEP_S)
@@ -200,7 +201,7 @@ def test_late_waypoints_are_dropped_and_counted(player: Player, limits: JointLim
     path = wave(limits)
     player.take(path, STEP_S, 20)
     player.advance(0.4)
-    assert player.take(path, 0.4 - 4.5 * STEP_S, 20) == ""
+    assert player.take(path, 0.4 - 4.5 * STEP_S, 20) == ACCEPTED
     assert player.chunks.late == 5
     player.advance(0.8)
     player.check()
@@ -213,7 +214,9 @@ def test_a_chunk_that_is_all_past_is_refused_and_changes_nothing(player: Player,
     for each in (player, twin):
         each.take(path, STEP_S, 40)
         each.advance(0.7)
-    assert player.take(lambda t: path(t) + 1.0, 0.1, 10) == "all 10 waypoints are past, the last by 0.303 s"
+    assert player.take(lambda t: path(t) + 1.0, 0.1, 10) == Rejected(
+        "all 10 waypoints are past, the last by 0.303 s"
+    )
     assert player.chunks.late == 10
     np.testing.assert_array_equal(player.advance(1.2), twin.advance(1.2))
 
@@ -238,7 +241,7 @@ def test_a_chunk_that_comes_while_it_brakes_is_joined_smoothly(player: Player, l
     path = wave(limits)
     player.take(path, STEP_S, 25)
     player.advance(25 * STEP_S + 0.04)
-    assert player.take(path, 26 * STEP_S, 40) == ""
+    assert player.take(path, 26 * STEP_S, 40) == ACCEPTED
     player.advance(50 * STEP_S)
     player.check()
     assert player.off(path, 1.5) < 1e-6
@@ -275,19 +278,17 @@ def test_a_moving_start_is_braked(limits: JointLimits) -> None:
 def test_a_chunk_that_makes_no_sense_is_refused(
     player: Player, times: list[float], shape: tuple[int, int], reason: str
 ) -> None:
-    assert player.chunks.take(np.array(times), np.zeros(shape), 0.0) == reason
-    assert (
-        player.chunks.take(np.array([0.1]), np.full((1, 7), np.inf), 0.0)
-        == "times and positions must be finite"
-    )
+    assert player.chunks.take(np.array(times), np.zeros(shape), 0.0) == Rejected(reason)
+    result = player.chunks.take(np.array([0.1]), np.full((1, 7), np.inf), 0.0)
+    assert result == Rejected("times and positions must be finite")
     np.testing.assert_array_equal(player.advance(0.1), 0.0)
 
 
 def test_no_more_waypoints_are_kept_than_there_is_time_for(player: Player) -> None:
     times = np.arange(1, 65) * 0.05
-    assert player.chunks.take(times, np.zeros((64, 7)), 0.0) == ""
-    assert player.chunks.take(times + 3.2, np.zeros((64, 7)), 0.0) == ""
-    assert player.chunks.take(times + 6.4, np.zeros((64, 7)), 0.0) == (
+    assert player.chunks.take(times, np.zeros((64, 7)), 0.0) == ACCEPTED
+    assert player.chunks.take(times + 3.2, np.zeros((64, 7)), 0.0) == ACCEPTED
+    assert player.chunks.take(times + 6.4, np.zeros((64, 7)), 0.0) == Rejected(
         "128 waypoints are still ahead, up to 64 are kept"
     )
 

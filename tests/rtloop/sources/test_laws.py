@@ -39,12 +39,13 @@ from rtloop.generators.pose_interpolation import PoseInterpolator
 from rtloop.generators.pose_limiter import PoseLimiter
 from rtloop.generators.target_range import PoseRange
 from rtloop.inboxes.point_queue import PointQueue
+from rtloop.results import result_of
 from rtloop.sources.cartesian import CartesianSource
 from rtloop.sources.joint import JointSource
 from rtloop.sources.servo_force import ForceServo
 from rtloop.sources.servo_law import ServoLaw, transition
 from rtloop.sources.servo_modes import make_servo
-from rtloop.sources.target_checks import angular_distance, cartesian_jump, joint_jump
+from rtloop.sources.target_checks import angular_distance, check_joint_step, check_pose_step
 from rtloop.sources.torque import TorqueSource
 
 PERIOD_S = 1e-3
@@ -103,7 +104,7 @@ def test_joint_targets_jump_when_the_law_says_so() -> None:
                     f"axis{first} would jump by {step[k, first]:.4f} rad, "
                     f"allowed are {allowed[k, first]:.4f} rad"
                 )
-            assert joint_jump(*rows, interval_s[k], most, names) == words
+            assert check_joint_step(*rows, interval_s[k], most, names) == result_of(words)
             refused += first >= 0
     assert 0.1 * n < refused < 1.9 * n
 
@@ -133,7 +134,7 @@ def test_poses_jump_when_the_law_says_so() -> None:
                 f"the TCP would turn by {angle[k]:.4f} rad at once, "
                 f"allowed are {angular[k] * within_s[k]:.4f} rad"
             )
-        assert cartesian_jump(pose[k], last[k], interval_s[k], linear[k], angular[k]) == words
+        assert check_pose_step(pose[k], last[k], interval_s[k], linear[k], angular[k]) == result_of(words)
         refused += words != ""
     assert 0.1 * n < refused < 0.9 * n
     for k in np.flatnonzero(~spoil)[: n // 4]:

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from cobot.robot import frames
 from cobot.types import Array
-from rtloop.sources.target_checks import angular_distance, cartesian_jump, is_finite, joint_jump
+from rtloop.results import ACCEPTED, Rejected
+from rtloop.sources.target_checks import angular_distance, check_joint_step, check_pose_step, is_finite
 
 PERIOD_S = 1e-3
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
@@ -66,8 +67,8 @@ def test_one_value_that_is_no_number_is_enough(poison: float, place: int) -> Non
     values = np.zeros(7)
     values[place] = poison
     assert not is_finite(values)
-    assert joint_jump(values, np.zeros(7))
-    assert cartesian_jump(values, HERE)
+    assert check_joint_step(values, np.zeros(7)) != ACCEPTED
+    assert check_pose_step(values, HERE) != ACCEPTED
 
 
 # CheckJointJump
@@ -77,28 +78,30 @@ def test_one_value_that_is_no_number_is_enough(poison: float, place: int) -> Non
 def test_the_threshold_of_a_joint_follows_the_rate_of_commands(interval_s: float, threshold: float) -> None:
     last, target = np.full(7, 0.3), np.full(7, 0.3)
     target[4] += 0.999 * threshold
-    assert joint_jump(target, last, interval_s) == ""
+    assert check_joint_step(target, last, interval_s) == ACCEPTED
     target[4] += 0.002 * threshold
-    assert joint_jump(target, last, interval_s).startswith("joint5 would jump by ")
-    assert joint_jump(2 * last - target, last, interval_s).startswith("joint5 would jump by ")
+    assert check_joint_step(target, last, interval_s).reason.startswith("joint5 would jump by ")
+    assert check_joint_step(2 * last - target, last, interval_s).reason.startswith("joint5 would jump by ")
 
 
 def test_the_interval_of_a_threshold_is_neither_tiny_nor_huge() -> None:
     near, far = np.full(7, 0.0099), np.full(7, 0.99)
-    assert joint_jump(near, np.zeros(7), 0.0) == ""
-    assert joint_jump(far, np.zeros(7), 3600.0) == ""
-    assert joint_jump(1.02 * near, np.zeros(7), 0.0)
-    assert joint_jump(1.02 * far, np.zeros(7), 3600.0)
+    assert check_joint_step(near, np.zeros(7), 0.0) == ACCEPTED
+    assert check_joint_step(far, np.zeros(7), 3600.0) == ACCEPTED
+    assert check_joint_step(1.02 * near, np.zeros(7), 0.0) != ACCEPTED
+    assert check_joint_step(1.02 * far, np.zeros(7), 3600.0) != ACCEPTED
 
 
 def test_another_number_of_joints_is_said_and_no_crash() -> None:
-    assert joint_jump(np.zeros(6), np.zeros(7)) == "6 joints instead of 7"
+    assert check_joint_step(np.zeros(6), np.zeros(7)) == Rejected("6 joints instead of 7")
 
 
 def test_a_robot_slower_than_the_threshold_makes_it_tighter_but_forgives_jitter() -> None:
     limits = np.full(7, 2.0)
-    assert joint_jump(np.full(7, 0.0399), np.zeros(7), 0.01, limits) == ""
-    assert joint_jump(np.full(7, 0.0401), np.zeros(7), 0.01, limits).endswith("allowed are 0.0400 rad")
+    assert check_joint_step(np.full(7, 0.0399), np.zeros(7), 0.01, limits) == ACCEPTED
+    assert check_joint_step(np.full(7, 0.0401), np.zeros(7), 0.01, limits).reason.endswith(
+        "allowed are 0.0400 rad"
+    )
 
 
 # CheckCartesianJump
@@ -109,21 +112,22 @@ def test_the_thresholds_of_a_pose_follow_the_rate_of_commands(
     interval_s: float, way: float, angle: float
 ) -> None:
     near = pose((0.0, 0.6 * 0.999 * way, 0.8 * 0.999 * way), 0.999 * angle)
-    assert cartesian_jump(near, HERE, interval_s) == ""
-    assert "would jump by" in cartesian_jump(
-        pose((0.0, 0.6 * 1.001 * way, 0.8 * 1.001 * way)), HERE, interval_s
+    assert check_pose_step(near, HERE, interval_s) == ACCEPTED
+    assert (
+        "would jump by"
+        in check_pose_step(pose((0.0, 0.6 * 1.001 * way, 0.8 * 1.001 * way)), HERE, interval_s).reason
     )
-    assert "would turn by" in cartesian_jump(pose(angle=1.001 * angle), HERE, interval_s)
+    assert "would turn by" in check_pose_step(pose(angle=1.001 * angle), HERE, interval_s).reason
 
 
 def test_the_other_sign_of_a_quaternion_is_no_jump() -> None:
     flipped = HERE.copy()
     flipped[3:] *= -1.0
-    assert cartesian_jump(flipped, HERE) == ""
+    assert check_pose_step(flipped, HERE) == ACCEPTED
 
 
 def test_a_pose_of_another_size_is_said_and_no_crash() -> None:
-    assert cartesian_jump(np.zeros(6), HERE) == "6 numbers instead of 7"
+    assert check_pose_step(np.zeros(6), HERE) == Rejected("6 numbers instead of 7")
 
 
 @pytest.fixture

@@ -18,6 +18,7 @@ from cobot.ipc.stream_writer import PointWriter
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene, SceneFile, SceneObject
 from cobot.types import Array, LoopMode
+from rtloop.results import LATER
 from rtloop.streaming.surroundings import Surroundings
 
 WAY_RAD, WAY_S = 1.0, 4.0
@@ -166,7 +167,7 @@ def test_reading_is_not_as_urgent_as_the_cycle(
     def cycle() -> None:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
         surroundings.begin()
-        while not surroundings.take()[0]:
+        while surroundings.take() is LATER:
             time.sleep(1e-3)
 
     thread = threading.Thread(target=cycle)

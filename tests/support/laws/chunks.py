@@ -6,6 +6,7 @@ import numpy as np
 from laws.smooth_interpolation import EXPONENTS, FACTORS, HERMITE, Brake, Quintics
 
 from cobot.types import Array
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 LONGEST_CHUNK = 64
 """Waypoints; as many of older chunks may still be ahead."""
@@ -51,7 +52,7 @@ class ChunkInterpolator:
         self._forget()
         self._start_brake()
 
-    def take(self, times_s: Array, positions: Array, now_s: float) -> str:
+    def take(self, times_s: Array, positions: Array, now_s: float) -> Accepted | Rejected:
         """Replace what lies ahead from the first of these waypoints on that is not past.
 
         Args:
@@ -60,17 +61,17 @@ class ChunkInterpolator:
             now_s: the time of the reference as it is.
 
         Returns:
-            "", or why the chunk is refused; then nothing has changed but `late`.
+            `Rejected` if the chunk is not taken; then nothing has changed but `late`.
         """
         refusal = self._refusal(times_s, positions)
         if refusal:
-            return refusal
+            return Rejected(refusal)
         # What is due within this period is past: nothing can lead there any more.
         soon_s = now_s + self._period_s
         first = int(np.searchsorted(times_s, soon_s))
         self.late += first
         if first == len(times_s):
-            return f"all {first} waypoints are past, the last by {now_s - times_s[-1]:.3f} s"
+            return Rejected(f"all {first} waypoints are past, the last by {now_s - times_s[-1]:.3f} s")
         times_s, positions = times_s[first:], positions[first:]
         # Old waypoints remain up to half a step before the first new one: two plans need not agree.
         step_s = times_s[1] - times_s[0] if len(times_s) > 1 else 2.0 * self._period_s
@@ -78,12 +79,12 @@ class ChunkInterpolator:
         ahead = min(int(np.searchsorted(self._times_s, soon_s)), end)
         begin = max(ahead - SUPPORT, 0)
         if end - ahead > LONGEST_CHUNK:
-            return f"{end - ahead} waypoints are still ahead, up to {LONGEST_CHUNK} are kept"
+            return Rejected(f"{end - ahead} waypoints are still ahead, up to {LONGEST_CHUNK} are kept")
         self._times_s = np.concatenate([self._times_s[begin:end], times_s])
         self._positions = np.concatenate([self._positions[begin:end], positions])
         ends = np.stack([self._positions, *spline(self._times_s, self._positions)], axis=1)
         self._connect(now_s, self._times_s[ahead - begin :], ends[ahead - begin :])
-        return ""
+        return ACCEPTED
 
     def advance(self, now_s: float) -> None:
         """The reference for this time; it must not go back, nor pass the last waypoint unnoticed."""

@@ -12,6 +12,7 @@ from laws.target_checks import SLACK_S, joint_jumps
 
 from cobot.ipc.layout import CHUNK_POINTS, Intervention
 from cobot.types import Array
+from rtloop.results import ACCEPTED
 
 LONGEST_CHUNK_S = 600.0
 
@@ -65,7 +66,7 @@ class JointSource:
             return Intervention.JUMP
         if not self._chunked:
             self._chunks.begin(self.reference.copy())
-        if self._chunks.take(times_s, points, self._time_s):
+        if self._chunks.take(times_s, points, self._time_s) != ACCEPTED:
             return Intervention.LATE
         self._chunked = True
         self._last, self.heading = points[-1].copy(), points[-1] - self.reference[0]
