@@ -19,7 +19,9 @@ CORPUS_STAMP := $(VENV)/.corpus-stamp
 
 # The manual, which the service has at /manual, and what it is built from besides the code.
 MANUAL := app/panel/manual_site/index.html
-PAGES  := $(shell find docs -type f -not -name '*.pyc') README.md CHANGELOG.md LICENSE
+# Some pages are made of the API's schemas and of the client's docstrings: docs/reference.py.
+PAGES  := $(shell find docs -type f -not -name '*.pyc') README.md CHANGELOG.md LICENSE \
+    $(shell find app/api cobot/client cobot/motions -name '*.py') app/main.py app/routes.py
 
 # Environments of the other Pythons, for `make test-pythons` alone.
 PYTHONS := 3.11 3.12 3.13

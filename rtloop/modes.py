@@ -1,4 +1,4 @@
-"""The permitted transitions between modes: one table for the code, the tests and docs/architecture.md."""
+"""The permitted transitions between modes: one table for the code, the tests and docs/state-and-stop.md."""
 
 from __future__ import annotations
 

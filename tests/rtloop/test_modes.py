@@ -1,6 +1,6 @@
 """The table of transitions; what the modes do is in test_controller.py.
 
-Oracle: docs/architecture.md, which people read.
+Oracle: docs/state-and-stop.md, which people read.
 """
 
 from __future__ import annotations
@@ -11,13 +11,18 @@ from pathlib import Path
 from cobot.types import LoopMode
 from rtloop.modes import TRANSITIONS
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "architecture.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "state-and-stop.md"
 
 
 def test_the_documented_table_is_the_one_that_runs() -> None:
     names = "|".join(mode.name for mode in LoopMode)
-    rows = re.findall(rf"^\| ({names}) \|.*\| (.*) \|$", DOCUMENT.read_text(encoding="utf-8"), re.MULTILINE)
-    documented = {LoopMode[name]: {LoopMode[word] for word in re.findall(names, goes)} for name, goes in rows}
+    section = DOCUMENT.read_text(encoding="utf-8").split("\n## Modes\n\n")[1].split("\n\n")[0]
+    rows = [row.split("|") for row in section.splitlines()[2:]]
+    documented = {
+        LoopMode[name]: {LoopMode[word] for word in re.findall(names, row[3])}
+        for row in rows
+        for name in re.findall(names, row[1])
+    }
     assert documented == TRANSITIONS
 
 
