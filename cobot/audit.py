@@ -18,6 +18,7 @@ import pwd
 import sys
 import threading
 import time
+import zlib
 from collections.abc import Callable, Hashable, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -103,15 +104,19 @@ class Audit:
         if self.dropped != before:
             log.error("entries of the audit are lost: %s", self.problem or "the disk is too slow")
 
-    def newest(self, limit: int, since: datetime | None = None) -> list[Entry]:
+    def newest(self, limit: int, since: datetime | None = None, after: str | None = None) -> list[Entry]:
         """The newest entries, the newest first. Call it in a thread, because it reads files.
 
         Args:
             limit: maximum number of entries.
             since: earliest time of an entry; UTC if it has no time zone.
+            after: `id` of an entry, to get only older ones.
+
+        Returns:
+            The entries, each with its `id`.
 
         Raises:
-            InputError: the time cannot be expressed in UTC.
+            InputError: the time cannot be expressed in UTC, or there is no entry `after`.
         """
         self._outlet.wait(READ_WAIT_S)
         earliest = _earliest(since)
@@ -120,7 +125,12 @@ class Audit:
             for entry in _backwards(path):
                 if len(found) == limit or entry["time"] < earliest:
                     return found
-                found.append(entry)
+                if after is None:
+                    found.append({"id": _id_of(entry), **entry})
+                elif after.startswith(entry["time"]) and _id_of(entry) == after:
+                    after = None
+        if after is not None:
+            raise InputError(f"after: the audit has no entry {after!r}, perhaps no more")
         return found
 
     def close(self) -> None:
@@ -284,6 +294,11 @@ def _time(time_s: float) -> str:
 
 def _line(entry: Entry) -> bytes:
     return json.dumps(entry).encode() + b"\n"
+
+
+def _id_of(entry: Entry) -> str:
+    """The time and a checksum, because several entries may have one time."""
+    return f"{entry['time']}-{zlib.crc32(json.dumps(entry, sort_keys=True).encode()):08x}"
 
 
 def _backwards(path: Path) -> Iterator[Entry]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
+import re
 import reprlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -54,6 +55,15 @@ LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", "
 """The violated bound of a list or an object and the words for it, by pydantic's types of errors."""
 
 
+BOUNDS = {"less_than": "lt", "less_than_equal": "le"}
+"""The upper bound that is exceeded, by pydantic's types of errors."""
+IN_METRES = {
+    *("blend_radius", "depth", "drop", "length", "max_travel", "pitch", "radii", "radius", "retract"),
+    *("rise", "size", "through_radius", "tolerance", "width"),
+}
+"""Fields in metres whose names do not say so."""
+
+
 class StrictModel(BaseModel):
     """A model that converts no types and rejects unknown keys."""
 
@@ -101,9 +111,34 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
             text = str(error["ctx"]["error"])
         case kind:
             text = f"{_requirement(kind, error)}, got {shown(error['input'])}"
+            if kind in BOUNDS:
+                text += unit_advice(place, error["input"], error["ctx"][BOUNDS[kind]])
             if isinstance(error["input"], str) and len(error["input"]) > LONG_CHARACTERS:
                 text += f" ({len(error['input'])} characters)"
     return f"{place}: {text}" if place else text
+
+
+def unit_advice(place: str, value: object, limit: float) -> str:
+    """The end of a sentence about a value above its limit that looks like milliseconds or millimetres.
+
+    Args:
+        place: of the field; its name says the unit.
+        value: a number, also as text.
+
+    Returns:
+        "" for another value.
+    """
+    name = re.sub(r"(\[\d+\])+$", "", place).rpartition(".")[2]
+    try:
+        found = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        return ""
+    right = found / 1000
+    if name.endswith("_s") and not name.endswith(("_m_s", "_rad_s")) and found >= 1000 and right <= limit:
+        return f"; this looks like milliseconds, {found:g} ms are {right:g} s"
+    if (name.endswith("_m") or name in IN_METRES) and found >= 5 * limit and right <= limit:
+        return f"; this looks like millimetres, {found:g} mm are {right:g} m"
+    return ""
 
 
 def _requirement(kind: str, error: Mapping[str, Any]) -> str:

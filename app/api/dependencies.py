@@ -7,11 +7,13 @@ answer. `Call` is none at all, because each one costs a tenth of what a state co
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from typing import Annotated, Any, cast, get_type_hints
 
 from fastapi import Depends, Request
 from fastapi.params import Form
+from pydantic import BaseModel
 from starlette.requests import HTTPConnection
 
 from app.api.clients import MOTION_TOKEN
@@ -28,6 +30,8 @@ STOPS = "cobot.stops"
 BEGUN_S = "cobot.begun_s"
 """When the head of a request came in, of the clock of `cobot.clock.SYSTEM`: its body may take some time."""
 LARGE_BYTES = 65536
+MAX_BODY = 4096
+"""Maximum length of a body that is kept with its job, in characters of JSON."""
 JOB, JOB_ID = "cobot.job", "cobot.job_id"
 """In the scope of a request: the job that it is about, and the id that this is to have."""
 
@@ -107,16 +111,21 @@ class Call:
         """The token of the sequence on whose behalf the arm moves, if any."""
         return self.request.headers.get(MOTION_TOKEN)
 
-    def caller(self, gone: asyncio.Event, kind: JobKind, about: str, *, wait: bool) -> Caller:
+    def caller(self, gone: asyncio.Event, kind: JobKind, about: str | BaseModel, *, wait: bool) -> Caller:
         """The caller of a motion.
 
         Args:
             gone: see `Gone`; a client that does not wait may disconnect.
-            about: a description of the request, for people.
+            about: the body of the request, or a description of it for people.
         """
         name = self.name.replace("{robot}", self.request.path_params.get("robot", ""))
         scope = self.request.scope
-        job = self.services.ownership.new_job(kind, f"{scope['path']} {about}", scope.get(JOB_ID))
+        path = scope["path"]
+        text = about if isinstance(about, str) else about.model_dump_json(exclude_unset=True, by_alias=True)
+        job = self.services.ownership.new_job(kind, f"{path} {text}", scope.get(JOB_ID))
+        job.path = path
+        if isinstance(about, BaseModel) and len(text) <= MAX_BODY:
+            job.body = json.loads(text)
         scope[JOB] = job
         leaving = gone if wait else asyncio.Event()
         return Caller(name, self.token, self.stops, self.timeout_s, leaving, job, waits=wait)

@@ -10,9 +10,10 @@ from fastapi import Query
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.dependencies import Call
+from app.api.dependencies import MAX_BODY, Call
 from app.api.errors import RefusedAnswer
 from app.api.explain_schemas import explain_of
+from app.api.paging import AFTER, LIMIT
 from app.api.schemas import WAIT
 from app.api.signal_schemas import ActionAnswer, ContactAnswer
 from app.services.rights.job import JobKind, JobRecord, JobState
@@ -26,6 +27,16 @@ from cobot.strict import StrictModel
 MAX_WAIT_S = 60.0
 
 
+class JobRequest(BaseModel):
+    """The HTTP request that began a job."""
+
+    path: str = Field(description="Without the version, such as /robot/move/joints.")
+    body: dict[str, Any] | None = Field(
+        description="With the fields that were sent; null without a JSON body, or with one of more than "
+        f"{MAX_BODY} characters."
+    )
+
+
 class JobAnswer(BaseModel):
     """A motion, from when it was asked for to its end."""
 
@@ -36,7 +47,12 @@ class JobAnswer(BaseModel):
         description="queued, planning, running, paused; or its end: finished, failed, cancelled (it was "
         "stopped), interrupted (by the end of the service)."
     )
-    request: str = Field(description="What was asked for, shortened.")
+    request: str = Field(
+        deprecated=True, description="The path and the body as one text, shortened. Use `requested`."
+    )
+    requested: JobRequest | None = Field(
+        description="The HTTP request; null for a job that began otherwise, such as over ROS."
+    )
     owner: str = Field(description="The client that requested it.")
     parent: str | None = Field(description="The job of the sequence that it belongs to.")
     motion_id: int | None = Field(description="Of its newest motion; null while nothing has moved.")
@@ -72,7 +88,15 @@ class JobsQuery(StrictModel):
 
     model_config = ConfigDict(strict=False)
 
-    n: int = Field(50, ge=1, le=KEPT, description="Maximum number of jobs of each robot.")
+    limit: int | None = Field(None, ge=1, le=KEPT, description=f"{LIMIT} Default: 50.")
+    after: str | None = Field(None, max_length=100, description=AFTER)
+    n: int = Field(
+        50,
+        ge=1,
+        le=KEPT,
+        deprecated=True,
+        description="Maximum number of jobs of each robot; without `limit` and `after`.",
+    )
     state: list[JobState] = Field([], description="Only those in one of these states.")
 
 
@@ -137,7 +161,8 @@ def job_answer(record: JobRecord) -> JobAnswer:
         found = CobotError(findings=record.error.findings)
         error = RefusedAnswer(detail=record.error.detail, code=record.error.code, explain=explain_of(found))
     words = {"waits_for": record.waits_for or None, "stopped_by": record.stopped_by or None}
-    return JobAnswer.model_validate(asdict(record) | words | {"error": error})
+    requested = {"path": record.path, "body": record.body} if record.path else None
+    return JobAnswer.model_validate(asdict(record) | words | {"error": error, "requested": requested})
 
 
 def answer_accepted(call: Call, record: JobRecord) -> JSONResponse:

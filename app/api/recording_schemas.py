@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from cobot.loose_lists import RequestModel
+from cobot.recording.events import EVENT_KINDS
 
 
 class AskRecording(RequestModel):
@@ -54,7 +55,10 @@ class RecordedEvent(BaseModel):
     """What happened."""
 
     time_s: float = Field(description="As of the points.")
-    kind: str = Field(description="mode, or what was intervened for.")
+    kind: str = Field(
+        description="What has changed: a fault, estop and intervention also say so.",
+        json_schema_extra={"enum": [*sorted(EVENT_KINDS)]},
+    )
     mode: str = Field(description="Of rtloop, from then on.")
     text: str = Field(description="Why; empty if there is no reason.")
 

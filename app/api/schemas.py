@@ -5,6 +5,7 @@ Requests for motions, which other documents hold too, are in `cobot.motions.bodi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import datetime
 from typing import Annotated, Literal
 
@@ -12,8 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.errors import ErrorCode
 from app.api.explain_schemas import Explain
+from app.api.paging import LIMIT
 from app.api.signal_schemas import ActionAnswer, ContactAnswer
 from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
+from cobot.errors import InputError
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import HOME, example
 from cobot.strict import StrictModel
@@ -172,7 +175,10 @@ class NamedPositionAnswer(BaseModel):
     taught: bool = Field(description="Whether it was taught, and can be removed.")
 
 
-LogLines = Annotated[int, Field(ge=1, le=300, description="How many lines, the newest ones.")]
+LogLines = Annotated[
+    int, Field(ge=1, le=300, deprecated=True, description="The same as `limit`, which counts before it.")
+]
+MAX_LINE, MAX_LINES = 4000, 1_000_000
 
 
 class LogQuery(StrictModel):
@@ -180,7 +186,28 @@ class LogQuery(StrictModel):
 
     model_config = ConfigDict(strict=False)
 
+    limit: int | None = Field(None, ge=1, le=300, description=f"{LIMIT} Default: 50, the newest ones.")
+    after: str | None = Field(
+        None, max_length=MAX_LINE, description="A line of an earlier response: those that follow it."
+    )
     n: LogLines = 50
+
+    def lines_of(self, newest: Callable[[int], list[str]]) -> list[str]:
+        """The lines that were asked for.
+
+        Args:
+            newest: gives so many of the newest lines, the oldest of them first.
+
+        Raises:
+            InputError: `after` is not among the kept lines.
+        """
+        if self.after is None:
+            return newest(self.limit or self.n)
+        kept = newest(MAX_LINES)
+        if self.after not in kept:
+            raise InputError("after: the log has no such line, perhaps no more; leave it out for the newest")
+        begin = len(kept) - kept[::-1].index(self.after)
+        return kept[begin : begin + (self.limit or self.n)]
 
 
 class LogAnswer(BaseModel):

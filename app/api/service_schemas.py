@@ -18,6 +18,9 @@ class AuditQuery(StrictModel):
 
     limit: int = Field(100, ge=1, le=1000, description="Maximum number of entries.")
     since: datetime | None = Field(None, description="Only those of then or later; without a zone it is UTC.")
+    after: str | None = Field(
+        None, max_length=100, description="Id of an entry of an earlier response: those that are older."
+    )
 
 
 class AuditEntry(BaseModel):
@@ -25,6 +28,7 @@ class AuditEntry(BaseModel):
 
     model_config = ConfigDict(populate_by_name=True)
 
+    id: str = Field(description="Of this entry.")
     time: datetime = Field(description="When, UTC.")
     who: str = Field(
         description="Name of the access token; a client's own name in quotes; anonymous; a local user."

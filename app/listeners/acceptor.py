@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from app.listeners.crowd import Crowd, Visit
-from app.listeners.refusals import RECEIVE_BYTES, turn_away
+from app.listeners.refusals import PLAIN, RECEIVE_BYTES, turn_away
 from cobot.config import ConnectionLimits
 
 BACKLOG = 1024
@@ -153,14 +153,32 @@ class Acceptor:
         """Have the protocol take over, once TLS, if any, is agreed upon."""
         try:
             connection.setblocking(False)
-            if self._tls and has_gone(connection):
-                raise ConnectionResetError
+            if self._tls:
+                await self._await_handshake(connection)
             await self._loop.connect_accepted_socket(lambda: self._protocol(visit), connection, **self._tls)
         except BaseException as exc:
             self._crowd.leave(visit)
             connection.close()
             if not isinstance(exc, OSError):  # among them those of TLS
                 raise
+
+    async def _await_handshake(self, connection: socket.socket) -> None:
+        """Wait for the first byte. A client that speaks HTTP without TLS is told so.
+
+        Raises:
+            OSError: there will be no handshake.
+        """
+        ready = asyncio.Event()
+        self._loop.add_reader(connection, ready.set)
+        try:
+            await asyncio.wait_for(ready.wait(), self._tls["ssl_handshake_timeout"])
+        finally:
+            self._loop.remove_reader(connection)
+        if connection.recv(1, socket.MSG_PEEK).isalpha():  # the first letter of a method
+            turn_away(connection, PLAIN)
+            raise ConnectionAbortedError
+        if has_gone(connection):
+            raise ConnectionResetError
 
     def _admit(self) -> int:
         """How many may come in now."""

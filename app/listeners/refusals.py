@@ -8,7 +8,7 @@ import socket
 
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE
 
-from cobot.errors import BusyError
+from cobot.errors import BusyError, HeaderError
 
 RECEIVE_BYTES = 65536
 """What the kernel keeps of a connection until it is read, which it is whole."""
@@ -24,11 +24,17 @@ def refusal(status: int, detail: str, code: str) -> bytes:
 CROWDED = refusal(503, "too many connections are open, and this had to make room: try again", BusyError.code)
 
 
-def turn_away(connection: socket.socket) -> None:
+PLAIN = refusal(
+    400, "this port speaks TLS: write https:// instead of http:// in the address", HeaderError.code
+)
+"""For a client that speaks HTTP without TLS where TLS is required."""
+
+
+def turn_away(connection: socket.socket, answer: bytes = CROWDED) -> None:
     """Answer a connection that has no protocol yet, and read what it has sent.
 
     If data is unread when the connection is closed, the kernel sends a reset and the client loses the answer.
     """
     with contextlib.suppress(OSError):  # nothing has come, or it has gone
-        connection.send(CROWDED, socket.MSG_DONTWAIT)
+        connection.send(answer, socket.MSG_DONTWAIT)
         connection.recv(RECEIVE_BYTES, socket.MSG_DONTWAIT)

@@ -25,12 +25,15 @@ ENDS = {
 }
 
 
+EVENT_KINDS = frozenset({"mode", "reason", "fault", "estop", "motion", "session", "intervention"})
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """One event of a run.
 
     Attributes:
-        kind: mode, reason, fault, estop, motion, session or intervention.
+        kind: one of `EVENT_KINDS`.
         mode: mode of the robot from this event on.
         text: description for people: the reason, the number or the result.
     """

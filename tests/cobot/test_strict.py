@@ -7,7 +7,15 @@ import json
 import pytest
 from pydantic import Field, ValidationError
 
-from cobot.strict import SHOWN_CHARACTERS, StrictModel, sentences, shown, unknown_key, without_repetition
+from cobot.strict import (
+    SHOWN_CHARACTERS,
+    StrictModel,
+    sentences,
+    shown,
+    unit_advice,
+    unknown_key,
+    without_repetition,
+)
 
 
 class Target(StrictModel):
@@ -83,3 +91,26 @@ def test_a_place_that_a_client_has_named_is_cut_and_does_nothing_to_a_terminal(n
     with pytest.raises(ValidationError) as caught:
         Shelf.model_validate({"parts": {name: {}}})
     assert sentences(caught.value.errors()) == f"parts.{told}.x: is missing"
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "limit", "told"),
+    [
+        ("timeout_s", 60000, 3600.0, "; this looks like milliseconds, 60000 ms are 60 s"),
+        ("motions[2].until.within_s", "1500", 2.0, "; this looks like milliseconds, 1500 ms are 1.5 s"),
+        ("radii[3]", 50, 1.0, "; this looks like millimetres, 50 mm are 0.05 m"),
+        ("depth", 20.0, 0.5, "; this looks like millimetres, 20 mm are 0.02 m"),
+        ("at.distance_m", 200, 1.0, "; this looks like millimetres, 200 mm are 0.2 m"),
+        ("timeout_s", 4000, 3.0, ""),  # neither in s nor in ms
+        ("timeout_s", 4.5, 3.0, ""),
+        ("speed_m_s", 1500, 2.0, ""),  # not a time
+        ("radius", 1.5, 1.0, ""),  # little above the limit
+        ("speed", 50, 1.0, ""),
+        ("radius", [50], 1.0, ""),
+        ("radius", 10**400, 1.0, ""),
+    ],
+)
+def test_a_value_that_looks_like_another_unit_is_named(
+    place: str, value: object, limit: float, told: str
+) -> None:
+    assert unit_advice(place, value, limit) == told

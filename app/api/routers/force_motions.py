@@ -129,9 +129,7 @@ async def insert(body: InsertMotion, request: Request, gone: Gone, wait: Wait = 
 async def _run(body: AnyForceMotion, request: Request, gone: Gone, wait: bool) -> Answer:
     call = Call(request)
     services = call.services
-    caller = call.caller(
-        gone, JobKind.FORCE, body.model_dump_json(exclude_unset=True, by_alias=True), wait=wait
-    )
+    caller = call.caller(gone, JobKind.FORCE, body, wait=wait)
     goal = goal_of(body.motion, services) if isinstance(body, FollowMotion) else None
     until = None
     if isinstance(body, SearchMotion) and body.until is not None:

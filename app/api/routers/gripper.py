@@ -174,7 +174,7 @@ async def stop_gripper(request: Request) -> GripperReportAnswer:
 async def _run(name: str, body: AnyGripperCommand, request: Request, gone: Gone, wait: bool) -> Answer:
     call = Call(request)
     services = call.services
-    caller = call.caller(gone, JobKind.GRIPPER, body.model_dump_json(exclude_unset=True), wait=wait)
+    caller = call.caller(gone, JobKind.GRIPPER, body, wait=wait)
     work = services.gripper.run(name, body, caller)
     if not caller.waits:
         assert caller.job is not None

@@ -19,8 +19,10 @@ from app.api.job_schemas import (
     SpeedOverrideBody,
     job_answer,
 )
+from app.api.paging import page_of
 from app.api.route import EndpointRouter
 from app.services.rights.job import JobState
+from app.services.rights.job_book import KEPT
 from cobot import audit
 from cobot.access.roles import Role
 
@@ -47,8 +49,12 @@ async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Respon
     Without the name of a robot, those of all robots.
     """
     states = frozenset(query.state or JobState)
-    found = [each.jobs.book.records(query.n, states) for each in addressed(request).values()]
+    paged = query.limit is not None or query.after is not None
+    count = KEPT if paged else query.n
+    found = [each.jobs.book.records(count, states) for each in addressed(request).values()]
     records = [record for each in found for record in each]
+    if paged:
+        records = page_of(records, lambda each: each.id, query.limit or FEW, query.after)
     if len(records) <= FEW:
         return _shown([job_answer(record) for record in records])
     answers: list[JobAnswer] = []

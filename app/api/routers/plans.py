@@ -14,6 +14,7 @@ from app.api.errors import responses, tell
 from app.api.explanations import explained
 from app.api.goals import goal_of
 from app.api.job_schemas import ACCEPTED, answer_accepted
+from app.api.paging import After, Limit, page_of
 from app.api.plan_answers import (
     MotionAnswer,
     MotionPoint,
@@ -166,11 +167,12 @@ async def running_motion(query: Annotated[MotionQuery, Query()], request: Reques
     )
 
 
-@router.endpoint("GET /robot/plans", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
-async def kept_plans(request: Request) -> list[KeptPlan]:
+@router.endpoint("GET /robot/plans", Role.OBSERVER, timeout_s=1.5, responses=responses(422, 503))
+async def kept_plans(request: Request, limit: Limit = None, after: After = None) -> list[KeptPlan]:
     """The plans that can be run, the oldest first, and the client that has approved each for an agent."""
     services = Call(request).services
-    return [_kept(plan, services) for plan in services.plans.list_valid()]
+    found = page_of(services.plans.list_valid(), lambda each: each.plan_id, limit, after)
+    return [_kept(plan, services) for plan in found]
 
 
 @router.endpoint(

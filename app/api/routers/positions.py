@@ -9,6 +9,7 @@ from pydantic import Field
 
 from app.api.dependencies import Call
 from app.api.errors import responses
+from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
 from app.api.scene_schemas import Name
 from app.api.schemas import NamedPositionAnswer
@@ -36,10 +37,11 @@ class TeachPosition(RequestModel):
     description: str = Field("", max_length=200, description="For people.")
 
 
-@router.endpoint("GET /robot/positions", Role.OBSERVER, timeout_s=1.5)
-async def positions(request: Request) -> list[NamedPositionAnswer]:
+@router.endpoint("GET /robot/positions", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
+async def positions(request: Request, limit: Limit = None, after: After = None) -> list[NamedPositionAnswer]:
     """The positions that have a name, from the SRDF, and those that were taught."""
-    return [_answer(position) for position in Call(request).services.positions.all()]
+    found = Call(request).services.positions.all()
+    return [_answer(each) for each in page_of(found, lambda each: each.name, limit, after)]
 
 
 @router.endpoint(

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BaseModel, Field
 from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.job_schemas import ACCEPTED, Wait
+from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
 from app.api.routers.sequences import start_order
 from app.api.schemas import StartedAnswer
@@ -95,10 +96,11 @@ class StoredTextAnswer(StoredProgramAnswer):
     text: str = Field(description="The file as it was saved.")
 
 
-@router.endpoint("GET /programs", Role.OBSERVER, timeout_s=5.0)
-async def programs(request: Request) -> list[StoredProgramAnswer]:
+@router.endpoint("GET /programs", Role.OBSERVER, timeout_s=5.0, responses=responses(422))
+async def programs(request: Request, limit: Limit = None, after: After = None) -> list[StoredProgramAnswer]:
     """The newest version of each stored program."""
-    return [_answer(each) for each in await Call(request).services.stored.all()]
+    found = await Call(request).services.stored.all()
+    return [_answer(each) for each in page_of(found, lambda each: each.id, limit, after)]
 
 
 @router.endpoint("GET /programs/{program}", Role.OBSERVER, timeout_s=5.0, responses=responses(404, 422, 503))
@@ -119,9 +121,12 @@ async def program(
 @router.endpoint(
     "GET /programs/{program}/versions", Role.OBSERVER, timeout_s=5.0, responses=responses(404, 422, 503)
 )
-async def program_versions(program: Id, request: Request) -> list[StoredProgramAnswer]:
+async def program_versions(
+    program: Id, request: Request, limit: Limit = None, after: After = None
+) -> list[StoredProgramAnswer]:
     """All versions of a stored program that are kept, the newest first."""
-    return [_answer(each) for each in await Call(request).services.stored.versions(program)]
+    found = await Call(request).services.stored.versions(program)
+    return [_answer(each) for each in page_of(found, lambda each: str(each.version), limit, after)]
 
 
 @router.endpoint(

@@ -13,6 +13,7 @@ from fastapi.responses import FileResponse
 from app.api.costly import costly_turn
 from app.api.dependencies import Call
 from app.api.errors import responses
+from app.api.paging import After, Limit, page_of
 from app.api.recording_schemas import (
     AskedRecordingAnswer,
     AskRecording,
@@ -36,11 +37,11 @@ Name = Annotated[str, Path(max_length=200, description="One of GET /recordings."
 Samples = Annotated[int, Query(ge=2, le=1000, description="Maximum number of cycles.")]
 
 
-@router.endpoint("GET /recordings", Role.OBSERVER, timeout_s=1.5)
-async def recordings(request: Request) -> RecordingsAnswer:
+@router.endpoint("GET /recordings", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
+async def recordings(request: Request, limit: Limit = None, after: After = None) -> RecordingsAnswer:
     """The recordings that are there, and how the recorder stands."""
     service = Call(request).services.recordings
-    found = await asyncio.to_thread(service.all)
+    found = page_of(await asyncio.to_thread(service.all), lambda each: each.name, limit, after)
     status = service.status()
     return RecordingsAnswer.model_validate(
         {

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import Query, Request, Response
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel
 
 from app.api.dependencies import Call, Gone
 from app.api.device_schemas import Acknowledge, AcknowledgeAnswer
@@ -102,7 +101,7 @@ async def state(request: Request) -> Response:
 async def move_named(body: MoveNamed, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Go to a named position; answers when the arm has arrived and settled."""
     call = Call(request)
-    caller = call.caller(gone, JobKind.MOVE, _as_text(body), wait=how.wait and not how.queue)
+    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
     return await _move(call, caller, goal_of(body, call.services), how)
 
 
@@ -110,7 +109,7 @@ async def move_named(body: MoveNamed, request: Request, gone: Gone, how: How) ->
 async def move_joints(body: MoveJoints, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Go to joint angles; answers when the arm has arrived and settled."""
     call = Call(request)
-    caller = call.caller(gone, JobKind.MOVE, _as_text(body), wait=how.wait and not how.queue)
+    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
     return await _move(call, caller, goal_of(body, call.services), how)
 
 
@@ -118,7 +117,7 @@ async def move_joints(body: MoveJoints, request: Request, gone: Gone, how: How) 
 async def move_pose(body: MovePose, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Bring the TCP to a pose; answers when the arm has arrived and settled."""
     call = Call(request)
-    caller = call.caller(gone, JobKind.MOVE, _as_text(body), wait=how.wait and not how.queue)
+    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
     return await _move(call, caller, goal_of(body, call.services), how)
 
 
@@ -126,7 +125,7 @@ async def move_pose(body: MovePose, request: Request, gone: Gone, how: How) -> M
 async def move_arc(body: MoveArc, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Turn the TCP about an axis by an angle; answers when the arm has arrived and settled."""
     call = Call(request)
-    caller = call.caller(gone, JobKind.MOVE, _as_text(body), wait=how.wait and not how.queue)
+    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
     return await _move(call, caller, goal_of(body, call.services), how)
 
 
@@ -135,7 +134,7 @@ async def move_sequence(body: MoveSequence, request: Request, gone: Gone, how: H
     """Several motions as one, with round corners; answers when the arm has arrived and settled."""
     call = Call(request)
     goals = [goal_of(motion, call.services) for motion in body.motions]
-    caller = call.caller(gone, JobKind.MOVE, _as_text(body), wait=how.wait and not how.queue)
+    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
     check_queueing(how)
     if how.queue:
         return await _enqueue(call, caller, goals, body.radii, how)
@@ -164,10 +163,6 @@ async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
     message = "acknowledged: the robot goes at full speed" if found else "there was nothing to acknowledge"
     audit.add_details(message=message, payload_checked=body.payload_checked)
     return AcknowledgeAnswer(success=True, message=message, found=found)
-
-
-def _as_text(body: BaseModel) -> str:
-    return body.model_dump_json(exclude_unset=True, by_alias=True)
 
 
 async def _move(call: Call, caller: Caller, goal: MotionRequest, how: MoveQuery) -> MoveAnswer | JSONResponse:

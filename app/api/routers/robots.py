@@ -14,6 +14,7 @@ from starlette.routing import BaseRoute, compile_path
 from app.api.dependencies import robots_of
 from app.api.device_schemas import DeviceAnswer
 from app.api.errors import responses
+from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
 from app.api.service_schemas import RobotAnswer
 from app.services.state.link import RobotLink
@@ -25,10 +26,10 @@ ANY = f"{ROBOTS}/{{robot}}"
 NOT_FOUND = responses(404)
 
 
-@router.endpoint(f"GET {ROBOTS}", Role.OBSERVER, timeout_s=1.5)
-async def robots(request: Request) -> list[RobotAnswer]:
+@router.endpoint(f"GET {ROBOTS}", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
+async def robots(request: Request, limit: Limit = None, after: After = None) -> list[RobotAnswer]:
     """The robots that are served; the first is the one that the endpoints without a name are about."""
-    return [
+    found = [
         RobotAnswer(
             name=name,
             model=services.robot.model.name,
@@ -40,6 +41,7 @@ async def robots(request: Request) -> list[RobotAnswer]:
         )
         for index, (name, services) in enumerate(robots_of(request).items())
     ]
+    return page_of(found, lambda each: each.name, limit, after)
 
 
 def device_answer(link: RobotLink) -> DeviceAnswer | None:

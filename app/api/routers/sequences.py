@@ -109,4 +109,4 @@ async def sequence_status(request: Request) -> SequenceStatusAnswer:
 async def sequence_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
     """What runners have printed; it stays when they have ended."""
     call = Call(request)
-    return LogAnswer(lines=call.services.sequences.lines(query.n))
+    return LogAnswer(lines=query.lines_of(call.services.sequences.lines))

@@ -81,7 +81,7 @@ async def send_csv(
 async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
     """What became of trajectories: accepted, arrived, stopped, refused, and why."""
     call = Call(request)
-    return LogAnswer(lines=call.services.trajectories.lines(query.n))
+    return LogAnswer(lines=query.lines_of(call.services.trajectories.lines))
 
 
 async def _send(

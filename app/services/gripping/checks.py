@@ -5,6 +5,7 @@ from __future__ import annotations
 from cobot.errors import LimitError, NotSupportedError
 from cobot.grippers import Grasp, GripperCapabilities
 from cobot.motions.gripper_bodies import AnyGripperCommand, GripperGrasp, GripperMove, GripperRelease
+from cobot.strict import unit_advice
 
 SLACK_M = 1e-9
 
@@ -42,7 +43,8 @@ def _check_width(name: str, able: GripperCapabilities, width: float, *, grasps: 
         raise NotSupportedError(f"width is {width:g} m, but the gripper {name} has no width: {advice}")
     least, most = able.width_m
     if not least - SLACK_M <= width <= most + SLACK_M:
-        raise LimitError(f"width is {width:g} m, the gripper {name} allows {least:g} to {most:g} m")
+        advice = unit_advice("width", width, most)
+        raise LimitError(f"width is {width:g} m, the gripper {name} allows {least:g} to {most:g} m{advice}")
     if not able.continuous and not grasps and min(width - least, most - width) > SLACK_M:
         raise LimitError(
             f"width is {width:g} m, the gripper {name} has two positions: {least:g} m (closed) and "

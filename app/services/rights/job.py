@@ -85,6 +85,7 @@ class JobRecord:
 
     Attributes:
         request: what was asked for, shortened, for people.
+        path, body: of the request over HTTP; "" and None for another one. A long body is left out.
         owner: the client that requested it.
         parent: the job of the sequence that it belongs to.
         motion_id: of its newest motion, once there is one.
@@ -121,6 +122,8 @@ class JobRecord:
     waits_for: str = ""
     stopped_by: str = ""
     contact: Contact | None = None
+    path: str = ""
+    body: dict[str, Any] | None = None
 
 
 @dataclass(eq=False)
@@ -143,6 +146,8 @@ class Job:
     accepted: asyncio.Event = field(default_factory=asyncio.Event)
     ended: asyncio.Event = field(default_factory=asyncio.Event)
     end_record: JobRecord | None = None
+    path: str = ""
+    body: dict[str, Any] | None = None
     _created_at: datetime = field(init=False)
     _override: SpeedOverride | None = None
     _motion_id: int | None = None
@@ -271,6 +276,8 @@ class Job:
             waits_for="" if ended else signals.waits_for,
             stopped_by=signals.stopped_by,
             contact=signals.contact,
+            path=self.path,
+            body=self.body,
         )
 
     def _progress(self) -> tuple[float, float | None]:

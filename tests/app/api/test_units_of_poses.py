@@ -1,4 +1,4 @@
-"""Poses in degrees and millimetres, wherever poses are taken. Oracle: the documents' units."""
+"""Values in degrees, millimetres and milliseconds. Oracle: the documents' units."""
 
 from __future__ import annotations
 
@@ -125,3 +125,37 @@ def test_vendor_services_name_the_unit_too(
 def test_a_calculation_takes_any_unit(run: VirtualService) -> None:
     answer = run.ask("POST", f"/{run.name}/Math/poseInverse", json={"pose": [450.0, 0, 500.0, 180.0, 0, 0]})
     assert answer.json()["code"] == 0
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "advice"),
+    [
+        ("/robot/control", {"timeout_s": 60000}, "timeout_s: ...; milliseconds, 60000 ms are 60 s"),
+        ("/robot/freedrive", {"timeout_s": 3000}, "timeout_s: ...; milliseconds, 3000 ms are 3 s"),
+        (
+            "/robot/move/pose",
+            {**DOWN, "planner": "polyline", "through": [DOWN], "radius": 50},
+            "radius: ...; millimetres, 50 mm are 0.05 m",
+        ),
+        (
+            "/robot/move/sequence",
+            {"motions": [{"name": "work"}, {"name": "home"}], "radii": [50]},
+            "radii[0]: ...; millimetres, 50 mm are 0.05 m",
+        ),
+        ("/robot/force/insert", {"force": 10, "depth": 20}, "depth: ...; millimetres, 20 mm are 0.02 m"),
+    ],
+)
+def test_milliseconds_and_millimetres_are_named_where_a_limit_is_exceeded(
+    run: VirtualService, path: str, body: dict[str, Any], advice: str
+) -> None:
+    answer = run.ask("POST", path, json=body)
+    assert answer.status_code == 422
+    place, words = advice.split(" ...; ")
+    (found,) = [each for each in answer.json()["detail"].split(f"{place} ")[1:] if "looks like" in each]
+    assert f"; this looks like {words}" in found
+
+
+def test_milliseconds_are_named_in_a_query_if_they_would_be_allowed(run: VirtualService) -> None:
+    for wait_s, words in (("30000", "; this looks like milliseconds, 30000 ms are 30 s"), ("3e7", "")):
+        detail = run.ask("GET", "/jobs/any", params={"wait_s": wait_s}).json()["detail"]
+        assert detail.endswith(f"got '{wait_s}'{words}")

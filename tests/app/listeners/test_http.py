@@ -288,7 +288,17 @@ def test_who_says_nothing_of_tls_or_something_else_is_let_go(tmp_path: Path) -> 
     trusted = certificate(tmp_path, "service")
     service = Service(LIMITS, trusted)
     try:
-        for words in (b"", GET, b"\x16\x03\x01\x02\x00\x01"):  # nothing, no TLS, the beginning of a handshake
+        for request in (GET, STOP):
+            with service.connect() as connection:
+                connection.sendall(request)
+                status, body = answer(connection)
+                assert status == 400
+                assert json.loads(body) == {
+                    "code": "header",
+                    "detail": "this port speaks TLS: write https:// instead of http:// in the address",
+                }
+                assert closed(connection)
+        for words in (b"", b"\x00\x01", b"\x16\x03\x01\x02\x00\x01"):  # nothing, no TLS, the beginning of one
             with service.connect() as connection:
                 connection.sendall(words)
                 while not closed(connection):
