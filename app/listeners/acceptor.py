@@ -163,7 +163,7 @@ class Acceptor:
                 raise
 
     async def _await_handshake(self, connection: socket.socket) -> None:
-        """Wait for the first byte. A client that speaks HTTP without TLS is told so.
+        """Wait for the first byte. A client that speaks HTTP without TLS gets an answer.
 
         Raises:
             OSError: there will be no handshake.
