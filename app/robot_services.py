@@ -23,7 +23,7 @@ from app.services.motion.moves import MoveService
 from app.services.motion.planning import PlanningService
 from app.services.motion.plans import PlanService
 from app.services.motion.positions import PositionService
-from app.services.motion.queue import MotionQueue
+from app.services.motion.queue.motion_queue import MotionQueue
 from app.services.motion.scene import SceneService
 from app.services.motion.synchronous import SyncService
 from app.services.motion.tool import ToolService

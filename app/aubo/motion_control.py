@@ -1,4 +1,4 @@
-"""MotionControl: motions in a queue, see `app.services.motion.queue`, and servo modes.
+"""MotionControl: motions in a queue, see `app.services.motion.queue.motion_queue`, and servo modes.
 
 Poses are those of the tool's tip, see RobotConfig/setTcpOffset, in the base frame. Long: each service is a
 function that says what it takes and gives, and is the schema of it, so two that take the same both say it.
@@ -13,7 +13,7 @@ import numpy as np
 
 from app.aubo.poses import place_of
 from app.aubo.registry import Json, Origin, service
-from app.services.motion.queue_moves import queue_request
+from app.services.motion.queue.moves import queue_request
 from cobot.errors import ConflictError, InputError, NotFoundError, NotSupportedError
 from cobot.ipc.layout import ServoMode
 from cobot.motions.requests import NO_START, MotionRequest, RatedMove

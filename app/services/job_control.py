@@ -10,8 +10,8 @@ from typing import Any
 
 from app.services.clients import CLIENT
 from app.services.gripping.service import GripperService
-from app.services.motion.queue import MotionQueue
-from app.services.motion.queue_moves import QueueRequest
+from app.services.motion.queue.motion_queue import MotionQueue
+from app.services.motion.queue.moves import QueueRequest
 from app.services.programs.sequences import SequenceService
 from app.services.programs.steps import NEXT, Steps
 from app.services.rights.claims import Caller

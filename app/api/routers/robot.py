@@ -29,7 +29,7 @@ from app.api.schemas import (
 from app.api.signal_schemas import action_answers, contact_answer
 from app.api.state_json import StateAnswer, state_response
 from app.services.motion.moves import Outcome
-from app.services.motion.queue_moves import queue_request
+from app.services.motion.queue.moves import queue_request
 from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind
 from app.services.state.first_contact import acknowledge_contact

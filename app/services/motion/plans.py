@@ -25,8 +25,8 @@ from app.services.motion.planning_tasks import (
     pictured,
     planned,
 )
-from app.services.motion.queue_moves import QueueRequest
-from app.services.motion.queue_signals import MoveSignals
+from app.services.motion.queue.moves import QueueRequest
+from app.services.motion.queue.signals import MoveSignals
 from app.services.rights.claims import Caller
 from app.services.rights.job import Job
 from cobot.access.roles import acting

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from app.services.motion.queue_moves import QueuedMove
+from app.services.motion.queue.moves import QueuedMove
 from cobot.motions.stretches import Leg
 from cobot.types import MAX_ACTIONS
 

@@ -1,7 +1,7 @@
 """Motions one after the other, in the background: accepted at once, executed in their turn.
 
 The queue owns the right to move from the first move that it accepts until it has nothing left. What waits is
-executed as one motion, which is prolonged while the arm moves, see `queue_motion`. A move with a blend radius
+executed as one motion, which is prolonged while the arm moves, see `motion`. A move with a blend radius
 that takes no more than `SHORT_S` is held back for `BLEND_WAIT_S`, and each further one renews that: the next
 one could not be planned in time.
 
@@ -21,10 +21,10 @@ import numpy as np
 
 from app.services.motion.execution import MotionService
 from app.services.motion.planning import PlanningService
-from app.services.motion.queue_jobs import QueueJobs
-from app.services.motion.queue_line import MAX_JOINED_LEGS, QueueLine
-from app.services.motion.queue_motion import IDLE, QueueMotion
-from app.services.motion.queue_moves import MovePlanner, QueuedMove, QueueRequest
+from app.services.motion.queue.jobs import QueueJobs
+from app.services.motion.queue.line import MAX_JOINED_LEGS, QueueLine
+from app.services.motion.queue.motion import IDLE, QueueMotion
+from app.services.motion.queue.moves import MovePlanner, QueuedMove, QueueRequest
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.rights.claims import Caller, Claim
 from app.services.rights.job import Job, JobKind

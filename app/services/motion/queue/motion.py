@@ -15,12 +15,12 @@ from dataclasses import replace
 from enum import Enum, auto
 
 from app.services.motion.execution import MotionService
-from app.services.motion.queue_chains import joinable, to_go
-from app.services.motion.queue_jobs import QueueJobs, report_stops
-from app.services.motion.queue_line import QueueLine
-from app.services.motion.queue_moves import PLAN_TIMEOUT_S, Left, MovePlanner, QueuedMove, passed
-from app.services.motion.queue_placement import QueueSignals
-from app.services.motion.queue_runs import Run, Runs
+from app.services.motion.queue.chains import joinable, to_go
+from app.services.motion.queue.jobs import QueueJobs, report_stops
+from app.services.motion.queue.line import QueueLine
+from app.services.motion.queue.moves import PLAN_TIMEOUT_S, Left, MovePlanner, QueuedMove, passed
+from app.services.motion.queue.placement import QueueSignals
+from app.services.motion.queue.runs import Run, Runs
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job
 from app.services.state.link import RobotLink

@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from app.services.motion.queue_chains import head
-from app.services.motion.queue_moves import MovePlanner, QueuedMove, QueueRequest
+from app.services.motion.queue.chains import head
+from app.services.motion.queue.moves import MovePlanner, QueuedMove, QueueRequest
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job
 from cobot.errors import CobotError, ConflictError

@@ -12,7 +12,7 @@ from app.services.motion.execution import MotionService
 from app.services.motion.goals import check_radii
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import LegRequest, begin_stretch, extend_stretch, leg
-from app.services.motion.queue_signals import MoveSignals
+from app.services.motion.queue.signals import MoveSignals
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job

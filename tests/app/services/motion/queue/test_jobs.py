@@ -16,7 +16,7 @@ import pytest
 from independent_models import second_robot
 from virtual_service import VirtualService
 
-from app.services.motion import queue as motion_queue
+from app.services.motion.queue import motion_queue
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 RADIUS_M = 0.05

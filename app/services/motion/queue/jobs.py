@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
-from app.services.motion.queue_moves import QueuedMove
+from app.services.motion.queue.moves import QueuedMove
 from app.services.rights.ownership import Ownership
 from cobot.errors import CobotError, MotionStopped
 from cobot.motions.stretches import Stretch

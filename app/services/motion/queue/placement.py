@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from app.services.motion.execution import MotionService
-from app.services.motion.queue_moves import QueuedMove
-from app.services.motion.queue_runs import Run
-from app.services.motion.queue_signals import later
+from app.services.motion.queue.moves import QueuedMove
+from app.services.motion.queue.runs import Run
+from app.services.motion.queue.signals import later
 from app.services.motion.signal_follower import SignalFollower
 from app.services.rights.signal_results import NO_RESULTS, SignalResults
 from cobot.motions.signal_places import TcpWay

@@ -6,7 +6,7 @@ import contextlib
 import math
 from dataclasses import dataclass
 
-from app.services.motion.queue_moves import QueuedMove
+from app.services.motion.queue.moves import QueuedMove
 from app.services.state.link import RobotLink
 from cobot.errors import UnavailableError
 from cobot.motions.stretches import Stretch
