@@ -246,7 +246,7 @@ async def _require_rest(services: Services) -> None:
 
 
 def _require_within(services: Services, limits: JointLimits) -> None:
-    """Whether the arm may stand where it stands."""
+    """Reject new limits that do not include the arm's present position."""
     position = services.link.state().commanded_position
     try:
         check_positions(

@@ -1,4 +1,4 @@
-"""From the command line to a listening server."""
+"""The entry point of the service: it reads the command line and listens for connections."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ Message = dict[str, Any]
 
 
 class GoalError(InputError):
-    """The goal is invalid."""
+    """A goal of FollowJointTrajectory is invalid; the text says why."""
 
     error_code: ClassVar = FjtError.INVALID_GOAL
 

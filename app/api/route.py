@@ -46,8 +46,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def pieces(chunk: bytes) -> Iterator[bytes]:
-    """What the parser of forms gets at once: of a chunk in which much could be the beginning of a boundary,
-    which it takes apart a hundred times as slowly, little.
+    """The parts of a chunk that the parser of forms gets at once.
+
+    The parser is a hundred times as slow where the data may be the beginning of a boundary. A chunk with many
+    such places is therefore passed in small parts.
     """
     size = PIECE_BYTES if chunk.count(b"\r") > RETURNS else max(len(chunk), 1)
     for start in range(0, len(chunk), size):
@@ -56,7 +58,7 @@ def pieces(chunk: bytes) -> Iterator[bytes]:
 
 class _CobotRequest(Request):
     async def stream(self) -> AsyncGenerator[bytes]:
-        """The body; of a form in pieces, between which others have the event loop."""
+        """The body. A form comes in pieces, and other tasks run between them."""
         form = self.headers.get("content-type", "").lower().startswith("multipart/")
         async for chunk in super().stream():
             if not form:

@@ -84,7 +84,7 @@ def pose_inverse(robot: Services, pose: list[float]) -> list[float]:
 
 @service("Math")
 def pose_distance(robot: Services, p1: list[float], p2: list[float]) -> float:
-    """How far apart two poses are, whatever their orientations.
+    """The distance between the positions of two poses. Their orientations do not count.
 
     Args:
         p1: [x, y, z, rx, ry, rz], m and rad.

@@ -71,7 +71,7 @@ class Publisher:
                 subscription.deliver(content)
 
     def close(self) -> None:
-        """End it. May be called again."""
+        """End the advertisement of the topic. May be called again."""
         self.last = None  # It may be large, and this publisher may wait for the garbage collector.
         self._topics.drop(self._topic, self)
 
@@ -113,7 +113,7 @@ class Subscription:
             log.error("a subscriber of %s failed", self.topic, exc_info=exc)
 
     def close(self) -> None:
-        """End it. May be called again."""
+        """End the subscription. May be called again."""
         self._topics.drop(self._topic, self)
 
 

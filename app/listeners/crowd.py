@@ -70,7 +70,7 @@ class _Address:
     def count(self) -> int:
         return sum(map(len, self.visits.values()))
 
-    def dispensable(self, now_s: float) -> Visit | None:
+    def connection_to_evict(self, now_s: float) -> Visit | None:
         """The connection to evict; a new or waiting one only if there is no other."""
         oldest = [next(iter(self.visits[doing])) for doing in CLOSABLE if self.visits[doing]]
         settled = (visit for visit in oldest if now_s - visit.since_s >= _settled_s(visit))
@@ -111,7 +111,7 @@ class Crowd:
         """Whether a new connection might cost one its place of the reserve that has just got it."""
         if self._count < self.per_address or self._reserved.count < self._reserve:
             return False
-        oldest = self._reserved.dispensable(now_s)
+        oldest = self._reserved.connection_to_evict(now_s)
         return oldest is not None and now_s - oldest.since_s < grace_s
 
     def enter(self, address: str, close: Callable[[], object], now_s: float = 0.0) -> Visit | None:
@@ -163,7 +163,7 @@ class Crowd:
         return any(self._close_one(address, now_s) for address in addresses)
 
     def _close_one(self, address: _Address, now_s: float) -> bool:
-        visit = address.dispensable(now_s)
+        visit = address.connection_to_evict(now_s)
         if visit is not None:
             self.leave(visit)
             visit.close()

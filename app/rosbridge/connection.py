@@ -236,7 +236,7 @@ class Connection:
         other = known is not None and self._graph.messages.resolved(type_, "msg") != known[0].type
         if known is None or (other and not known[0].binding):
             if len(self._publishers) >= MAX_ENDS:
-                raise ConflictError(f"a client may advertise {MAX_ENDS} topics")
+                raise ConflictError(f"a client may advertise at most {MAX_ENDS} topics")
             publisher = self._graph.advertise(topic, type_, latch=latch, owner=self, inferred=inferred)
             if known is not None:  # its type was only a guess
                 known[0].close()
@@ -244,7 +244,7 @@ class Connection:
         elif other:
             raise InputError(f"{topic} is of type {known[0].type}, not {type_}")
         elif advertise_id not in known[1] and len(known[1]) >= MAX_PER_TOPIC:
-            raise ConflictError(f"a client may advertise one topic {MAX_PER_TOPIC} times")
+            raise ConflictError(f"a client may advertise one topic at most {MAX_PER_TOPIC} times")
         else:
             known[1].add(advertise_id)
 

@@ -1,4 +1,4 @@
-"""The services of /rosapi: what topics, services, actions and types there are.
+"""The services of /rosapi, which list the topics, services, actions and types.
 
 Source: https://github.com/RobotWebTools/rosbridge_suite/tree/ros2/rosapi_msgs
 """

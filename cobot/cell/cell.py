@@ -198,7 +198,7 @@ class Distance(Entry):
     @classmethod
     def _is_a_direction(cls, direction: tuple[float, float, float]) -> tuple[float, float, float]:
         if math.hypot(*direction) < 1e-6:
-            raise ValueError("direction is zero, it must point somewhere")
+            raise ValueError("direction is [0, 0, 0], it must not be zero")
         return direction
 
 

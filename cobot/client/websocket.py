@@ -173,13 +173,13 @@ class WebSocketTransport:
         """Wait until the condition returns a value, and return it."""
         found: Result | None = None
 
-        def met() -> bool:
+        def is_met() -> bool:
             nonlocal found
             found = condition()
             return found is not None or bool(self._lost)
 
         with self._changed:
-            self._changed.wait_for(met, ANSWER_S)
+            self._changed.wait_for(is_met, ANSWER_S)
         if found is None:
             raise UnavailableError(
                 f"{self.url}: {self._lost or f'the service has not {what} for {ANSWER_S:g} s'}"

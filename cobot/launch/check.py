@@ -24,7 +24,7 @@ from cobot.launch.endpoints import check_endpoints
 from cobot.launch.process import RUN_MODULE
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
-from cobot.robot.holding import check_holds, examine, take_up
+from cobot.robot.holding import attach_tool_and_objects, check_holds, examine
 from cobot.robot.limits import check_positions
 from cobot.robot.visuals import has_visuals, visuals_of
 from cobot.types import PlannerName, Scaling, vector
@@ -180,7 +180,7 @@ def _visuals(robot: RobotDescription) -> str:
 
 def _efforts(robot: RobotDescription, settings: Settings) -> str:
     """Whether the drives hold the arm, with its tool, in all postures free of collisions."""
-    take_up(robot, settings)
+    attach_tool_and_objects(robot, settings)
     holding = examine(robot.model, robot.collision, robot.limits)
     carried = robot.model.carried.mass
     load = f" with {carried:g} kg" if carried else ""

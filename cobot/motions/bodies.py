@@ -165,7 +165,7 @@ Cyclic = Annotated[
 
 
 class TcpMotion(SignalFields):
-    """Fields of a motion to a pose of the TCP, or along a path of it."""
+    """Fields of a motion of the TCP to a pose or along a path."""
 
     speed: Speed = 0.1
     accel_scale: AccelScale = 0.0

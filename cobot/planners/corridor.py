@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.planners.timing.uniform_spline import averaged, knots_of, spline_at
+from cobot.planners.timing.uniform_spline import knots_of, moving_average, spline_at
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
@@ -98,7 +98,7 @@ def _calm(rows: Array, steps: int, times: int) -> Array:
     """The averages over `steps` steps before and after each row, taken `times` times."""
     reach, calm = steps * PARTS, rows
     for _ in range(times):
-        calm = averaged(calm, 2 * reach + 1)
+        calm = moving_average(calm, 2 * reach + 1)
     return calm[times * reach : times * reach + len(rows)]
 
 

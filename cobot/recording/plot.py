@@ -94,7 +94,7 @@ def _modes(cycles: Cycles, span_s: float, height: float) -> list[str]:
 
 
 def _thinned(values: Array) -> np.ndarray:
-    """Indices of the values to draw: of each stretch the least and the greatest one."""
+    """Indices of the values to draw: the smallest and the largest one of each interval."""
     if len(values) <= MAX_POINTS:
         return np.arange(len(values))
     stretches = np.array_split(np.arange(len(values)), MAX_POINTS // 2)

@@ -81,7 +81,7 @@ def check_start(robot: RobotDescription, settings: Settings) -> None:
         model.carry(BARE)
 
 
-def take_up(robot: RobotDescription, settings: Settings) -> None:
+def attach_tool_and_objects(robot: RobotDescription, settings: Settings) -> None:
     """Give the model the tool and the attached objects with which the service would start.
 
     Raises:

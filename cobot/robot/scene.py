@@ -94,7 +94,7 @@ class Scene:
         return {name: each for name, each in self.objects.items() if each.attached and each.mass > 0.0}
 
     def may_touch(self) -> set[frozenset[str]]:
-        """The pairs that are not checked for collisions, by the names of their bodies."""
+        """Pairs of bodies, by name, whose collisions are not checked."""
         held = {
             frozenset((name, other))
             for name, each in self.objects.items()

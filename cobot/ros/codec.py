@@ -58,7 +58,7 @@ class Field(Protocol):
         ...
 
     def from_native(self, value: Any) -> Any:
-        """Back to a checked value."""
+        """Convert a native value back to a checked one."""
         ...
 
 

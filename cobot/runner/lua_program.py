@@ -1,4 +1,4 @@
-"""What a Lua program can do with the robot: the functions of the HTTP API, in Lua's words."""
+"""The functions that a Lua program can call: those of the REST API."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class CycleStudy(RobotStudy):
             )
         return answer
 
-    def varied(self, values: dict[str, Value]) -> list[StudyMove]:
+    def program_with(self, values: dict[str, Value]) -> list[StudyMove]:
         """The program with these parameters."""
         moves = list(self.program)
         for number, move in enumerate(self.program):
@@ -126,7 +126,7 @@ class _CycleKernel:
         """The duration, s; NaN with the reason if the program cannot be planned."""
         speed, radius_m = float(values.get("speed", 1.0)), float(values.get("blend_radius_m", 0.0))
         try:
-            planned = plan_program(self.robot, self.study.varied(values), speed, self.study.seed)
+            planned = plan_program(self.robot, self.study.program_with(values), speed, self.study.seed)
             return duration_of(planned, self.robot, radius_m), ""
         except (PlanningError, LimitError) as exc:
             return float("nan"), str(exc)[:200]

@@ -106,7 +106,7 @@ async def plan_gripper(body: PlanGripper, request: Request) -> PlanAnswer:
         call.services.gripper.check(asked.command)
     except InputError as exc:
         raise InputError(f"gripper.{exc}") from exc
-    return _made(await call.services.plans.make_gripper(asked, body.samples, call.timeout_s), call)
+    return _report_plan(await call.services.plans.make_gripper(asked, body.samples, call.timeout_s), call)
 
 
 EXECUTE: dict[str, Any] = {
@@ -272,10 +272,10 @@ async def _plan(
             base_frame = call.services.robot.base_frame
             tell(call.request, explained(exc, exc.explanation, motions, goals, base_frame))
         raise
-    return _made(plan, call)
+    return _report_plan(plan, call)
 
 
-def _made(plan: Plan, call: Call) -> PlanAnswer:
+def _report_plan(plan: Plan, call: Call) -> PlanAnswer:
     """Report a new plan, and return it as JSON."""
     kept = _kept(plan, call.services)
     events = call.services.link.events

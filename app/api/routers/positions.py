@@ -23,7 +23,7 @@ router = EndpointRouter(tags=["robot"])
 
 
 class TeachPosition(RequestModel):
-    """A name for a place."""
+    """A position to store under a name."""
 
     model_config = example({"name": "aside", "joints": [0.3, *HOME[1:]], "description": "next to home"})
 
@@ -32,7 +32,7 @@ class TeachPosition(RequestModel):
         None,
         min_length=1,
         max_length=64,
-        description="rad, one for each joint; without them where the arm is.",
+        description="Joint positions, rad; without them the present ones.",
     )
     description: str = Field("", max_length=200, description="For people.")
 

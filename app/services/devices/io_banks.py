@@ -15,7 +15,7 @@ RANGES = ((0.004, 0.020, "A"), (0.0, 10.0, "V"))
 
 @dataclass(slots=True)
 class Analog:
-    """An analog place: a value in V or A, as the domain says."""
+    """An analog input or output. Its domain states whether the value is in V or A."""
 
     domain: int = 1
     value: float = 0.0

@@ -127,9 +127,9 @@ class EqualMotions:
         return await services.motion.plan(claim, move, PLANNING_TIMEOUT_S)
 
     async def _follow(self, claims: dict[str, Claim], belongings: contextlib.ExitStack) -> None:
-        """See all to their end; one that does not arrive stops the others."""
+        """See all to their end; one that does not await_arrival stops the others."""
 
-        async def arrive(name: str, claim: Claim) -> None:
+        async def await_arrival(name: str, claim: Claim) -> None:
             try:
                 if claim.motion_id is not None:
                     await self._robots[name].motion.arrival(claim)
@@ -139,7 +139,7 @@ class EqualMotions:
                 _stop({other: each for other, each in claims.items() if other != name}, exc)
 
         with belongings:
-            await asyncio.gather(*(arrive(name, claim) for name, claim in claims.items()))
+            await asyncio.gather(*(await_arrival(name, claim) for name, claim in claims.items()))
 
 
 @contextlib.contextmanager

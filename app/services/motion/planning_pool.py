@@ -35,7 +35,7 @@ log = logging.getLogger("cobot.planning")
 
 
 class WorkerLost(Exception):
-    """The worker that was busy with the task has ended, or stands still, with how."""
+    """The worker of the task has ended or is suspended; the text says how."""
 
 
 class _NotBegun(Exception):
@@ -44,14 +44,15 @@ class _NotBegun(Exception):
 
 @dataclass(eq=False)
 class _Worker:
-    """A process.
+    """A planning process and the state of its present task.
 
     Attributes:
-        answer: to the task that it has, if it has one: whether it returned, and what.
-        begun: it has said so of that task.
-        usable: it has loaded its robot and has not ended.
-        dismissed: it is ours to have ended it.
-        paused: it was stopped when it was looked at last.
+        answer: of the present task: whether it has returned a value or raised an error, and this value or
+            error. None without a task.
+        begun: whether the process has reported that the present task has begun.
+        usable: whether the process has loaded its robot and has not ended.
+        dismissed: whether the pool itself has ended the process.
+        paused: whether the process was suspended at the last check.
     """
 
     process: subprocess.Popen[bytes] | Forked

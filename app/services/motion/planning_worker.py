@@ -69,7 +69,7 @@ def main() -> int:
 
 def _work(channel: Any, robot: Any) -> None:
     _send(channel, message(None))
-    while (task := _received(channel)) is not None:
+    while (task := _receive(channel)) is not None:
         _send(channel, LENGTH.pack(0))
         _send(channel, _outcome(task, robot))
 
@@ -88,8 +88,8 @@ def _send(channel: BinaryIO, content: bytes) -> None:
     channel.flush()
 
 
-def _received(channel: BinaryIO) -> bytes | None:
-    """A message's pickle; None at the end."""
+def _receive(channel: BinaryIO) -> bytes | None:
+    """Read the pickle of the next message; None when the channel has ended."""
     head = channel.read(LENGTH.size)
     if len(head) < LENGTH.size:
         return None

@@ -68,7 +68,7 @@ class ProgramService:
         return sorted(str(path.relative_to(folder)) for path in found)
 
     async def load(self, name: str) -> None:
-        """Check a program, and have it be the one that `run` runs.
+        """Check a program and select it for `run`.
 
         Args:
             name: below the folder, with its suffix.

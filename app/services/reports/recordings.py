@@ -129,7 +129,7 @@ class RecordingService:
             return None
 
     def status(self) -> RecorderStatus | None:
-        """None where nothing is recorded."""
+        """The status of the recorder; None if this robot is not recorded."""
         try:
             record = self._record()
         except TornReadError as exc:

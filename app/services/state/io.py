@@ -33,16 +33,16 @@ class IoService:
         return backend, list(self._report().points) if device.capabilities.io else None
 
     async def set_output(self, name: str, value: float, timeout_s: float) -> IoPoint:
-        """Set an output, and wait until the device reports that it is so.
+        """Set an output and wait until the device reports the new value.
 
         Args:
-            value: true or false, or a number, as the output's kind has it.
+            value: true or false, or a number, according to the kind of the output.
 
         Raises:
-            NotFoundError: there is no such output, with those that there are; the backend may have none.
+            NotFoundError: there is no such output; the text names the existing ones.
             InputError, LimitError: it is an input, or cannot have this value.
-            DeviceError: the device does not take it, with why.
-            DeviceTimeout: it has not reported the value within so long.
+            DeviceError: the device rejects the value; the text has its reason.
+            DeviceTimeout: the device has not reported the value in time.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:

@@ -158,7 +158,7 @@ class RobotiqGripper:
     def move(self, width: float, speed: float | None, force: float | None) -> None:
         if self._status().activation is not Activation.COMPLETE:
             raise GripperError(INACTIVE)
-        self._go(width, speed, force)
+        self._request_move(width, speed, force)
 
     def grasp(self, grasp: Grasp) -> None:
         status = self._status()
@@ -169,7 +169,7 @@ class RobotiqGripper:
             target_m = grasp.width + grasp.tolerance_outer + BEYOND_M
         else:
             target_m = 0.0 if grasp.width is None else grasp.width - grasp.tolerance_inner - BEYOND_M
-        self._go(target_m, grasp.speed, grasp.force)
+        self._request_move(target_m, grasp.speed, grasp.force)
 
     def release(self, width: float | None) -> None:
         self.move(self._stroke_m if width is None else width, None, None)
@@ -222,7 +222,7 @@ class RobotiqGripper:
     def _status(self) -> Status:
         return self._link.status()
 
-    def _go(self, width_m: float, speed_m_s: float | None, force_n: float | None) -> None:
+    def _request_move(self, width_m: float, speed_m_s: float | None, force_n: float | None) -> None:
         self._send(Request(True, True, self._count(width_m), *self._rates(speed_m_s, force_n)))
 
     def _rates(self, speed_m_s: float | None, force_n: float | None) -> tuple[int, int]:

@@ -137,7 +137,7 @@ def run_simulator(model: str = "2f85", **how: object) -> Iterator[Simulator]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run it until Ctrl-C."""
+    """Simulate a gripper until Ctrl-C."""
     parser = argparse.ArgumentParser(
         "cobot simulate robotiq", description="A simulated Robotiq gripper: docs/grippers.md."
     )

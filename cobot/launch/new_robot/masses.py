@@ -177,11 +177,11 @@ class _Settling:
             self.assumed |= self._is_open(link) and not self._of_file and not (stated and stated.mass)
             moments = mj.body_inertia[index] * mass / weight
             _set_inertial(link.body, mass, mj.body_ipos[index], moments, mj.body_iquat[index])
-            self._say(link, f"{self._origin(link, mass)}: {why}")
+            self._note(link, f"{self._origin(link, mass)}: {why}")
         elif stated and stated.mass:
             radius = self._ball_radius()
             set_ball(link.body, stated.mass, radius)
-            self._say(link, f"{stated.mass:g} kg as in the file, in a ball of {1e3 * radius:.3g} mm: {why}")
+            self._note(link, f"{stated.mass:g} kg as in the file, in a ball of {1e3 * radius:.3g} mm: {why}")
 
     def _origin(self, link: _Link, mass: float) -> str:
         if link.stated and link.stated.mass:
@@ -191,7 +191,7 @@ class _Settling:
             return f"mass {mass:.4g} kg of its shapes{volume} at the densities of the file"
         return f"mass {mass:.4g} kg assumed, {self._density:g} kg/m³ times its shapes{volume}"
 
-    def _say(self, link: _Link, sentence: str) -> None:
+    def _note(self, link: _Link, sentence: str) -> None:
         if self._is_open(link):
             self._said.append(f"{link.name}: {sentence}")
 
@@ -225,7 +225,7 @@ class _Settling:
             mass = self._density * 4.0 / 3.0 * math.pi * radius**3
             set_ball(link.body, mass, radius)
             self.assumed |= self._is_open(link)
-            self._say(
+            self._note(
                 link,
                 f"mass {mass:.3g} kg assumed, a ball of {1e3 * radius:.3g} mm: it moves, and the file has "
                 "neither a shape nor an <inertial> for it",

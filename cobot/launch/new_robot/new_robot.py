@@ -132,7 +132,7 @@ class NewRobot:
         check_driven(self.file, root, joints, self.without)
         said, assumed = masses.settle(self.file, spec, self.wishes, source.stated)
         self.guessed += said
-        gripper, tcp = self._keep_fingers(spec, fingers, resting, tcp)
+        gripper, tcp = self._configure_gripper(spec, fingers, resting, tcp)
         base, tcp = guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
         for joint in joints:
             motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -264,10 +264,10 @@ class NewRobot:
         self._last_link = guess_tcp(chain[-1].joint.parent)[0]
         return joints, tcp, None if isinstance(pair, str) else pair, resting
 
-    def _keep_fingers(
+    def _configure_gripper(
         self, spec: mujoco.MjSpec, fingers: FingerPair | None, resting: dict[str, float], tcp: str | None
     ) -> tuple[dict[str, Any], str]:
-        """The setting robot.gripper, empty without fingers that can be simulated; and the TCP."""
+        """Return the setting robot.gripper, empty without fingers that can be simulated, and the TCP."""
         gripper: dict[str, Any] = {}
         if fingers is not None:
             found = fingers.open(spec, compiled(self.file, spec), resting)

@@ -59,7 +59,7 @@ def solids(vertices: Array, triangles: Indices, split: bool) -> Solids:
         InputError: the mesh is a line or a point.
     """
     corners = np.unique(vertices[np.unique(triangles)], axis=0)
-    thick = _thick(corners)
+    thick = _with_thickness(corners)
     if len(thick) != len(corners):
         return Solids([_hull(thick)], 0.0, False, True)
     hull = _hull(corners)
@@ -78,8 +78,8 @@ def _hull(points: Array) -> trimesh.Trimesh:
     return trimesh.convex.convex_hull(points)
 
 
-def _thick(corners: Array) -> Array:
-    """The points of a mesh; a flat one gets two sides."""
+def _with_thickness(corners: Array) -> Array:
+    """The points of a mesh. A flat mesh gets a second side, so that it has a volume."""
     middle = corners.mean(axis=0)
     _, _, axes = np.linalg.svd(corners - middle, full_matrices=False)
     extents = np.ptp((corners - middle) @ axes.T, axis=0)
@@ -135,7 +135,7 @@ def _decomposed(vertices: Array, triangles: Indices, size_m: float) -> list[trim
         mcts_max_depth=2,
         seed=0,
     )
-    hulls = [_hull(_thick(np.asarray(corners, float))) for corners, _ in parts]
+    hulls = [_hull(_with_thickness(np.asarray(corners, float))) for corners, _ in parts]
     return _covering(
         hulls, np.concatenate([vertices[triangles].mean(axis=1), vertices[np.unique(triangles)]])
     )

@@ -18,7 +18,7 @@ import numpy as np
 
 from cobot.planners.corridor import PARTS, asked_curve, deviation
 from cobot.planners.jerk_fit import fit
-from cobot.planners.timing.uniform_spline import AT_REST, averaged, spline_motion, stretch_needed
+from cobot.planners.timing.uniform_spline import AT_REST, moving_average, spline_motion, stretch_needed
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
@@ -121,7 +121,9 @@ class _Fitting:
         """The curve's averages over each step, and their times, with rest at both ends."""
         curve = self._curve
         rows_s = np.linspace(0.0, curve.duration_s, len(curve.positions))
-        means, times_s = (averaged(each, PARTS)[PARTS // 2 :: PARTS] for each in (curve.positions, rows_s))
+        means, times_s = (
+            moving_average(each, PARTS)[PARTS // 2 :: PARTS] for each in (curve.positions, rows_s)
+        )
         means[0], means[-1] = curve.positions[0], curve.positions[-1]
         pad = (AT_REST - 1, AT_REST - 1)
         return np.pad(means, (pad, (0, 0)), "edge"), np.pad(times_s, pad, "edge")
@@ -129,7 +131,7 @@ class _Fitting:
     @staticmethod
     def _averages(values: Array, counts: tuple[int, int]) -> Array:
         wide, narrow = counts
-        return averaged(averaged(averaged(values, wide), narrow), narrow)
+        return moving_average(moving_average(moving_average(values, wide), narrow), narrow)
 
     def _rounds(self) -> Iterator[None]:
         curve = self._curve

@@ -68,7 +68,7 @@ def spline_at(control: Array, step_s: float, times_s: Array) -> tuple[Array, Arr
     return np.asarray(position) / 6.0, np.asarray(velocity) / (2.0 * step_s)
 
 
-def averaged(values: Array, count: int) -> Array:
+def moving_average(values: Array, count: int) -> Array:
     """The moving average over `count` rows, longer by `count` - 1, with rest before and after both ends.
 
     It keeps every bound of the values' differences, and divides their next difference by `count`.

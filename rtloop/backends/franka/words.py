@@ -62,7 +62,7 @@ def in_words(names: Iterable[str]) -> str:
 
 
 def explained(text: str) -> str:
-    """A message of libfranka with its errors in words. libfranka puts their names in brackets."""
+    """A message of libfranka in which sentences replace the names of errors in brackets."""
     inside = text[text.find("[") + 1 : text.rfind("]")] if "[" in text and "]" in text else ""
     names = [name.strip(' "') for name in inside.split(",")]
     known = [name for name in names if name in REFLEXES]

@@ -88,7 +88,7 @@ class Answers:
                 position=position,
                 torque=self._overlaid("torque", self.torque, message, command),
                 wrench=self._overlaid("wrench", self.wrench, message, command),
-                io=self.outputs.in_answer(message, self._sequence),
+                io=self.outputs.values_in_answer(message, self._sequence),
                 framed=message.framed,
             )
         )

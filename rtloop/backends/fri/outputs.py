@@ -76,7 +76,7 @@ class Outputs:
         number = value if output.type == IoType.ANALOG else int(value)
         self._wanted[output.name] = _Wanted(replace(output, value=number), self._answers)
 
-    def in_answer(self, message: Monitoring, number: int) -> list[IoValue]:
+    def values_in_answer(self, message: Monitoring, number: int) -> list[IoValue]:
         """The outputs in the answer of this number to a message."""
         if not self._wanted:
             return []

@@ -83,7 +83,7 @@ def part(**changes: object) -> dict[str, Any]:
                     "a": {"type": "distance", "from_m": [0, 0, 1], "direction": [0, 0, 0], "range_m": 1}
                 }
             },
-            "direction is zero, it must point somewhere",
+            "direction is [0, 0, 0], it must not be zero",
         ),
         ({"hand": {"stroke_m": 5.0}}, "hand.stroke_m: must be less than or equal to 0.5, got 5.0"),
         ({"hand": {"tcp_from_tip_m": 0.2}}, "it must be at most the length of a finger, 0.055 m"),

@@ -20,7 +20,13 @@ from cobot.planners import WaypointRequest, jerk_fit, plan_waypoints
 from cobot.planners.corridor import asked_curve
 from cobot.planners.timing.course import BLEND_SHARE
 from cobot.planners.timing.timed_fit import fitted
-from cobot.planners.timing.uniform_spline import averaged, knots_of, spline_at, spline_motion, stretch_needed
+from cobot.planners.timing.uniform_spline import (
+    knots_of,
+    moving_average,
+    spline_at,
+    spline_motion,
+    stretch_needed,
+)
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, JointLimits, Waypoint
@@ -344,7 +350,9 @@ def test_a_moving_average_is_a_convolution_with_rest_at_both_ends() -> None:
     for count in (1, 2, 5):
         rows = np.concatenate([np.repeat(values[:1], count, 0), values, np.repeat(values[-1:], count - 1, 0)])
         expected = np.stack([np.convolve(c, np.full(count, 1.0 / count), "valid") for c in rows.T], axis=1)
-        assert averaged(values, count) == pytest.approx(expected[1:] if count > 1 else values, abs=1e-12)
+        assert moving_average(values, count) == pytest.approx(
+            expected[1:] if count > 1 else values, abs=1e-12
+        )
 
 
 @pytest.mark.parametrize("turns", [1, 7, 40])
