@@ -25,7 +25,7 @@ from app.robot_services import Services
 from app.routes import ENDPOINTS
 from app.services.rights.claims import Caller
 from cobot.cell import cell_of
-from cobot.config import Settings, load_endpoints, load_settings
+from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, load_settings, resolve
 from cobot.errors import (
     CobotError,
     CollisionError,
@@ -90,6 +90,17 @@ class Reloading:
         self._running = RunningConfig(config.parent) if config is not None and source is not None else None
         self._state = state
         self._task: asyncio.Task[None] | None = None
+
+    @property
+    def settings(self) -> Settings:
+        """The settings in force."""
+        return self._settings
+
+    @property
+    def user_file(self) -> Path | None:
+        """The settings file that the user edits; None if cobot started without one."""
+        own = self._source is not None and self._source != resolve(DEFAULT_SETTINGS, Path())
+        return self._source if own else None
 
     async def reload(self) -> Reloaded:
         """Take over what the files say now.

@@ -12,6 +12,7 @@ from starlette.routing import BaseRoute, Route
 from app.api.endpoints import Endpoint, declared
 from app.api.routers import (
     audit,
+    backups,
     cell,
     common,
     control,
@@ -67,7 +68,14 @@ OF_A_ROBOT = (
     stream.router,
 )
 """Their routes are there a second time, below the name of any robot. What is polled comes first."""
-OF_THE_SERVICE = (robots.router, operations.router, audit.router, vendor.router, rosbridge.router)
+OF_THE_SERVICE = (
+    robots.router,
+    operations.router,
+    backups.router,
+    audit.router,
+    vendor.router,
+    rosbridge.router,
+)
 
 
 def install(

@@ -179,6 +179,11 @@ class ChangeScene(RequestModel):
     objects: Annotated[dict[Name, PutObject | None], limit_entries(1000)] = Field(
         {}, max_length=1000, description="Solids by name, added or replaced; null removes one."
     )
+    move: Annotated[dict[Name, Place], limit_entries(1000)] = Field(
+        {},
+        max_length=1000,
+        description="New poses of objects by name. Shape, size and mass stay, so no file is needed again.",
+    )
     attach: Annotated[dict[Name, Annotated[list[str], Field(max_length=100)]], limit_entries(1000)] = Field(
         {},
         max_length=1000,

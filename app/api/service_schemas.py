@@ -103,6 +103,13 @@ class ReloadAnswer(BaseModel):
     needs_restart: list[str] = Field(description="What has changed too, and counts after a restart of cobot.")
 
 
+class RestoreAnswer(BaseModel):
+    """A backup that was checked. The next start of cobot restores it."""
+
+    created: str = Field(description="When the backup was made, ISO 8601 in UTC.")
+    contents: list[str] = Field(description="What it has, as sentences.")
+
+
 class RobotAnswer(BaseModel):
     """A robot that is served."""
 

@@ -128,7 +128,8 @@ class Client(ForceMoves, Steps, EventConnection):
         """Change the scene, completely or not at all: `version`, `stopped`, `contacts`.
 
         Args:
-            changes: `clear`, `detach`, `frames`, `objects`, `attach` and `allowed`, as in POST /scene.
+            changes: `clear`, `detach`, `frames`, `objects`, `move`, `attach` and `allowed`, as in POST
+                /scene.
         """
         return self._json("POST", "/scene", json=changes)
 
@@ -197,6 +198,19 @@ class Client(ForceMoves, Steps, EventConnection):
     def remove_recording(self, name: str) -> None:
         """Delete a recording at the service permanently."""
         self._json("DELETE", f"/recordings/{quote(name, safe='')}")
+
+    def fetch_backup(self, path: str | Path) -> None:
+        """Write a backup of settings, tool, scene, taught positions and stored programs to a local file."""
+        self._fetch("/admin/backup", Path(path))
+
+    def fetch_support(self, path: str | Path) -> None:
+        """Write a bundle with settings without secrets, versions, health and logs to a local file."""
+        self._fetch("/admin/support", Path(path))
+
+    def restore(self, path: str | Path) -> Json:
+        """Have a backup checked now, and restored with the next start of cobot: `created`, `contents`."""
+        with Path(path).open("rb") as file:
+            return self._json("POST", "/admin/restore", files={"file": (Path(path).name, file)})
 
     def start_sequence(self, path: str | Path, **options: str | float) -> Json:
         """Start a sequence file; options as in POST /sequences/start."""

@@ -17,7 +17,7 @@ from cobot.commands import options
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
 from cobot.foreign import plain_lines
-from cobot.launch import recording_options, token
+from cobot.launch import backup_options, recording_options, token
 from cobot.launch.parser import SIMULATORS, make_parser
 from cobot.launch.process import RUN_MODULE, in_words, require_limits
 
@@ -54,6 +54,11 @@ def _run(chosen: argparse.Namespace) -> int:
     try:
         if chosen.command == "token":
             token.run(chosen)
+            return EXIT_OK
+        if chosen.command in backup_options.COMMANDS:
+            from cobot.launch import backups
+
+            backups.run(chosen)
             return EXIT_OK
         if chosen.command in recording_options.COMMANDS:
             from cobot.launch import recordings
@@ -94,10 +99,11 @@ def _run(chosen: argparse.Namespace) -> int:
             print(write_moveit_config(settings, chosen.folder))
             return EXIT_OK
         require_limits()
+        from cobot.launch.backups import restore_staged
         from cobot.launch.forked import fork_processes
         from cobot.launch.supervisor import Supervisor
 
-        settings = _with_cell(settings, chosen.cell)
+        settings = _with_cell(restore_staged(settings, chosen.config), chosen.cell)
         given = _overridden(settings, chosen)
         processes = len(given.each) + 1 + given.web.enabled + given.ros.enabled
         if chosen.is_program:

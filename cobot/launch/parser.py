@@ -10,7 +10,7 @@ from typing import Any
 
 from cobot.commands import options
 from cobot.config import SETTINGS_FILE
-from cobot.launch import recording_options, token
+from cobot.launch import backup_options, recording_options, token
 
 DESCRIPTION = """\
 A robot arm behind a REST service.
@@ -32,6 +32,8 @@ A robot arm behind a REST service.
   cobot record   write down what the robot did or does; cobot plot draws it, cobot replay moves the arm again
   cobot mcp      let an agent that speaks MCP over stdio use a running service, see docs/mcp.md
   cobot token    make, list and revoke the tokens that a service on the network asks for
+  cobot backup   write what people have set up to one file; cobot restore takes it back
+  cobot support  write versions, health, logs and settings without secrets to one file
   cobot doctor   whether this computer is fit for it, and what to type where it is not
   cobot completion  print what makes bash, zsh or fish complete commands
   cobot install  make it a service of systemd; cobot uninstall takes that back
@@ -54,6 +56,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_clients(commands)
     _add_simulate_and_backend(commands)
     token.add_parser(commands, config)
+    backup_options.add_parsers(commands, config)
     recording_options.add_parsers(commands)
     _add_check(commands, config)
     _add_stop(commands, config)

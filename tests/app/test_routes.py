@@ -18,7 +18,9 @@ from app.main import create_app
 from app.routes import ENDPOINTS
 from cobot.config import Settings
 
-OF_THE_SERVICE = {"/audit", "/metrics", "/health/live", "/admin/reload"}
+OF_THE_SERVICE = {"/audit", "/metrics", "/health/live"} | {
+    f"/admin/{each}" for each in ("reload", "backup", "restore", "support")
+}
 
 
 @pytest.fixture(scope="module")

@@ -63,6 +63,9 @@ OPERATIONS = {
     ("get", "/health/ready"),
     ("get", "/metrics"),
     ("post", "/admin/reload"),
+    ("get", "/admin/backup"),
+    ("post", "/admin/restore"),
+    ("get", "/admin/support"),
 }
 JOBS = {("get", "/jobs"), ("get", "/robot/speed_override"), ("post", "/robot/speed_override")}
 PROGRAMS = {("get", "/programs")}

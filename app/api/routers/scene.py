@@ -63,6 +63,7 @@ async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
         )
     for name, solid in body.objects.items():
         edits.append(remove_object(name) if solid is None else await _put(service, name, solid))
+    edits += [service.move_object(name, _pose(place), place.frame_id) for name, place in body.move.items()]
     edits += [service.attach(name, touch) for name, touch in body.attach.items()]
     if body.allowed is not None:
         edits.append(service.allow([(first, second) for first, second in body.allowed]))

@@ -1,4 +1,5 @@
 // How fast all motions go, and the motion that runs: how far it is, its pause and how it has ended.
+import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -108,8 +109,9 @@ export class Job {
     const paused = state === "paused";
     const going = paused || GOING.includes(state);
     write("pause", word(paused ? "resume" : "pause"));
-    element("pause").disabled = element("end").disabled = !going;
-    element("step").disabled = !going || !WITH_STEPS.includes(kind);
+    const idle = going ? "" : "why_no_motion";
+    for (const id of ["pause", "end"]) allow(element(id), idle);
+    allow(element("step"), idle || (WITH_STEPS.includes(kind) ? "" : "why_no_steps"));
     element("progress").value = going || state === "finished" ? progress : 0;
     write("job", this.job ? word("job_of", { state: word(STATES[state]), owner }) : word("job_none"));
     write("job-error", error?.detail ?? "");

@@ -20,7 +20,7 @@ function said(type, data) {
     if (values[field]) values[field] = word(`${of}_${values[field]}`);
   }
   if (type === "speed") values.percent = Math.round(100 * values.fraction);
-  if (Array.isArray(values.objects)) values.objects = values.objects.join(", ") || word("scene_none");
+  if (Array.isArray(values.objects)) values.objects = values.objects.join(", ") || word("object_none");
   if (Array.isArray(values.robots)) values.robots = values.robots.join(", ");
   if (Array.isArray(values.planners)) values.planners = values.planners.join(", ");
   if (values.duration_s) values.duration_s = values.duration_s.toFixed(1);

@@ -40,6 +40,7 @@ import { installLanguages, word } from "./words.js";
 const GEOMETRY_EVERY_MS = 30_000; // no event tells of changed limits
 const AGAIN_MS = 1000;
 const DOORS = [401, 403];
+const LATCHED = ["ESTOP", "FAULT"];
 const LOOKED_AT = ["hello", "scene", "tool", "service"];
 const element = (id) => document.getElementById(id);
 
@@ -75,7 +76,7 @@ class Panel {
     this.recordings = new Recordings(api, this.motions, () => this.view);
     this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
     this.live = new Live();
-    this.setup = new Setup(api, () => this.state);
+    this.setup = new Setup(api, () => this);
     this.typed = new Typed(this.motions, () => this);
     this.viewTools = new ViewTools(() => this.view);
     this.pages = new Pages(() => this.view?.resize());
@@ -223,6 +224,7 @@ class Panel {
     this.banner.show(state);
     this.viewTools.show(state);
     this.view?.show(state);
+    this.view?.blame(LATCHED.includes(state.mode) ? state.reason : "");
   }
 }
 

@@ -1,4 +1,5 @@
 // Go to a named position: plan, look at it, execute.
+import { allow } from "./able.js";
 import { moved } from "./follow.js";
 import { oneAtATime } from "./once.js";
 import { followed } from "./sequence.js";
@@ -35,7 +36,10 @@ export class Motions {
     element("position-teach").addEventListener("click", () => this.teach());
     element("position-forget").addEventListener("click", () => this.forget());
     element("position-name").addEventListener("input", () => this.mark());
-    inEachLanguage(() => this.say(this.words));
+    inEachLanguage(() => {
+      this.say(this.words);
+      this.mark();
+    });
     this.writeSpeed();
   }
 
@@ -239,10 +243,11 @@ export class Motions {
   }
 
   mark() {
-    element("execute").disabled = !this.plan?.duration_s || !this.plan.plan_id;
-    element("rehearse").disabled = this.rehearsing || !this.plan?.duration_s;
-    element("discard").disabled = !this.plan && !this.looked;
-    element("position-forget").disabled = !this.taught.includes(element("position-name").value.trim());
+    const planned = this.plan?.duration_s ? "" : "why_no_plan";
+    allow(element("execute"), planned || (this.plan.plan_id ? "" : "why_shown_only"));
+    allow(element("rehearse"), this.rehearsing ? "rehearsing" : planned);
+    allow(element("discard"), this.plan || this.looked ? "" : "why_no_plan");
+    allow(element("position-forget"), this.taught.includes(element("position-name").value.trim()) ? "" : "why_not_taught");
     for (const button of element("positions").children) {
       button.setAttribute("aria-pressed", String(button.dataset.position === this.name));
     }

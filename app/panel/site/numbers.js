@@ -31,6 +31,26 @@ export class Numbers {
     });
   }
 
+  // The same as if they were typed over.
+  type(values) {
+    const { given } = this;
+    const before = this.rows.map(({ field }) => field.defaultValue);
+    this.set(values);
+    this.rows.forEach(({ field }, index) => (field.defaultValue = before[index]));
+    this.given = given;
+  }
+
+  // What the fields have now, for `settle`.
+  get sent() {
+    return { values: this.values(), texts: this.rows.map(({ field }) => field.value) };
+  }
+
+  // This was saved. What was typed meanwhile stays typed.
+  settle({ values, texts }) {
+    this.given = values;
+    this.rows.forEach(({ field }, index) => (field.defaultValue = texts[index]));
+  }
+
   // In m and rad; NaN for a field without a number. others: what the fields have that nobody typed over.
   values(others = this.given) {
     return this.rows.map(({ field, unit }, index) => (changed(field) ? field.valueAsNumber / UNITS[unit] : others[index]));

@@ -1,4 +1,7 @@
-// The page Setup: its parts, the limits of the joints and the surroundings, as the service has them.
+// The page Setup: its parts, and the limits of the joints as the service has them.
+import { Archives } from "./archives.js";
+import { tcpOf } from "./kinematics.js";
+import { Surroundings } from "./solids.js";
 import { Tabs } from "./tabs.js";
 import { Tool } from "./tool.js";
 import { inEachLanguage, word } from "./words.js";
@@ -13,11 +16,14 @@ function cell(tag, text) {
 }
 
 export class Setup {
-  // state: gives the newest state of the robot.
-  constructor(api, state) {
-    this.api = api;
-    this.tool = new Tool(api, state);
-    this.scene = null;
+  // now: {state, geometry}, of which one may be missing.
+  constructor(api, now) {
+    this.tool = new Tool(api, () => now().state);
+    this.surroundings = new Surroundings(api, () => {
+      const { state, geometry } = now();
+      return state && geometry ? tcpOf(geometry, state.commanded_position) : null;
+    });
+    this.archives = new Archives(api);
     this.ranges = [];
     const tabs = [...element("parts").children];
     this.parts = new Tabs(element("parts"), tabs, (chosen) => {
@@ -30,6 +36,7 @@ export class Setup {
   // Another robot.
   choose() {
     this.tool.choose();
+    this.surroundings.choose();
   }
 
   hear(event) {
@@ -41,21 +48,12 @@ export class Setup {
     this.write();
   }
 
-  async look() {
-    const { robot } = this.api;
+  look() {
     this.tool.look();
-    const scene = await this.api.get("/scene").catch(() => null);
-    if (robot !== this.api.robot) return;
-    this.scene = scene;
-    this.write();
+    this.surroundings.look();
   }
 
   write() {
-    this.writeLimits();
-    if (this.scene) this.writeScene(this.scene.objects);
-  }
-
-  writeLimits() {
     const head = document.createElement("tr");
     head.append(...["limit_joint", "limit_range", "limit_velocity", "limit_effort"].map((name) => cell("th", word(name))));
     const rows = this.ranges.map(({ name, slides, min_position: low, max_position: high, max_velocity: speed, max_effort: effort }) => {
@@ -70,10 +68,5 @@ export class Setup {
       return row;
     });
     element("limits").replaceChildren(head, ...rows);
-  }
-
-  writeScene(objects) {
-    const rows = objects.map(({ name, shape }) => cell("li", `${name} (${word(`shape_${shape}`, {}, shape)})`));
-    element("scene-all").replaceChildren(...(rows.length ? rows : [cell("li", word("scene_none"))]));
   }
 }

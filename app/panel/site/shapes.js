@@ -3,6 +3,7 @@ import * as THREE from "/three/three.module.min.js";
 import { readGlb } from "./glb.js";
 import { localPose } from "./kinematics.js";
 
+const BLAMED = 0xb00020;
 const ROUND = 28; // sides of what is round
 
 function solid({ shape, size, mesh }, meshes) {
@@ -64,6 +65,7 @@ export class Drawn {
   // looks: by link, see loadLooks. A ghost is the arm and what moves with it, in one colour.
   constructor(geometry, looks, ghost = false) {
     this.bodies = geometry.bodies;
+    this.joints = geometry.joints.map(({ name }) => name);
     this.root = new THREE.Group();
     this.groups = geometry.bodies.map(() => new THREE.Group());
     this.hidden = []; // the collision shapes of bodies that have a look, and their looks
@@ -112,6 +114,16 @@ export class Drawn {
   // The shapes of the collision checks, or what the robot looks like.
   showCollision(shown) {
     for (const [mesh, collides] of this.hidden) mesh.visible = collides === shown;
+  }
+
+  // The bodies that a sentence names, or that a joint moves which it names, in red; "" for none.
+  blame(sentence) {
+    const said = new Set(sentence.match(/[\w.-]+/g));
+    const names = ({ name, joints }) => [name, ...joints.map(({ index }) => this.joints[index])];
+    this.bodies.forEach((body, index) => {
+      const blamed = index > 0 && names(body).some((each) => said.has(each));
+      for (const { material: own } of this.groups[index].children) own?.emissive?.setHex(blamed ? BLAMED : 0);
+    });
   }
 
   place(joints) {

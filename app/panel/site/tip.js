@@ -1,4 +1,5 @@
 // Finds the TCP: the tip of the tool touches one fixed point in four poses or more, the service computes where it is.
+import { allow } from "./able.js";
 import { inEachLanguage, word } from "./words.js";
 
 const [NEEDED, MAX] = [4, 20];
@@ -85,9 +86,9 @@ export class Tip {
   write() {
     element("tip-points").replaceChildren(...this.points.map((_, index) => this.row(index)));
     element("tip-why").textContent = this.words();
-    element("tip-take").disabled = this.points.length >= MAX;
-    element("tip-clear").disabled = !this.points.length;
-    element("tip-set").disabled = !this.found;
+    allow(element("tip-take"), this.points.length < MAX ? "" : "why_enough_points");
+    allow(element("tip-clear"), this.points.length ? "" : "why_no_points");
+    allow(element("tip-set"), this.found ? "" : "why_no_tip");
   }
 
   row(index) {

@@ -35,6 +35,7 @@ export class View {
     this.camera.position.copy(this.controls.target).add(new THREE.Vector3(...VIEWS.iso));
     this.controls.addEventListener("change", () => this.draw());
     this.controls.update();
+    this.blamed = ""; // what a fault says, of which the links that it names are red
     this.framed = false;
     this.arm = this.ghost = this.path = this.way = this.plan = this.still = this.joints = null;
     this.parts = new Map(); // of a simulated cell, by name and shape
@@ -73,6 +74,7 @@ export class View {
     this.arm = new Drawn(geometry, this.looks);
     this.arm.showCollision(this.collision);
     this.arm.closed = this.closed;
+    this.arm.blame(this.blamed);
     this.scene.add(this.arm.root);
     if (this.joints?.length === geometry.joints.length) this.arm.place(this.joints);
     if (plan) this.preview(plan);
@@ -87,6 +89,14 @@ export class View {
     this.arm.place(state.position);
     if (!this.framed) this.look("iso");
     if (this.trace) this.followTcp();
+    this.draw();
+  }
+
+  // A sentence that names links or joints; "" for none.
+  blame(sentence) {
+    if (sentence === this.blamed) return;
+    this.blamed = sentence;
+    this.arm?.blame(sentence);
     this.draw();
   }
 

@@ -116,6 +116,18 @@ class SceneService:
 
         return edit
 
+    def move_object(self, name: str, pose: Numbers7, frame: str) -> Edit:
+        """Place an object elsewhere; `pose` is in `frame`. Its shape, size and mass stay."""
+
+        def edit(scene: Scene, hand: Pose) -> Scene:
+            item = named(scene, name)
+            if item.attached:
+                raise ConflictError(f"the object {shown(name)} is attached: detach it before it is moved")
+            moved = replace(item, pose=self._placed(scene, pose, frame))
+            return replace(scene, objects={**scene.objects, name: moved})
+
+        return edit
+
     def put_frame(self, name: str, pose: Numbers7, frame: str) -> Edit:
         """Name a place; `pose` is in `frame`, and stays where that is now."""
         self._require_own_name(name)

@@ -455,7 +455,7 @@ def role_by_the_docs(endpoint: str) -> Role:
     method, path = endpoint.split(" ")
     if path.startswith("/health/") or (path.startswith("/robots/") and path.endswith("/health/ready")):
         return Role.PUBLIC
-    if path in ("/audit", "/admin/reload"):
+    if path == "/audit" or path.startswith("/admin/"):
         return Role.ADMIN
     if "/plan/" in path or path.endswith("/rehearse"):
         return Role.AGENT
@@ -491,6 +491,7 @@ def test_each_route_asks_for_its_role(guarded: Guarded) -> None:
             assert (status == 403) == (role < needed), (name, role)
             assert status != 401
     once = {"GET /robots", "GET /audit", "GET /metrics", "GET /health/live", "POST /admin/reload"}
+    once |= {"GET /admin/backup", "POST /admin/restore", "GET /admin/support"}
     assert once < asked
     assert len(asked) == 2 * (len(ENDPOINTS) - 5) - len(once)  # each twice, but for those of the service
 

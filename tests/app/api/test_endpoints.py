@@ -33,6 +33,7 @@ WITHOUT_CONTROL = {
     "POST /recordings",
     "DELETE /recordings/{name}",
     "POST /robot/tool/calibrate",
+    "POST /admin/restore",
     "PUT /programs/{program}",
     "DELETE /programs/{program}",
     *(
@@ -47,6 +48,7 @@ VENDOR = "POST /{robot}/{Class}/{method}"
 FILES = {
     "POST /trajectory/send_csv": {"files": {"file": ("a.csv", b"t")}},
     "POST /sequences/start": {"files": {"config": ("a.json", b"{}")}},
+    "POST /admin/restore": {"files": {"file": ("a.zip", b"{}")}},
 }
 
 

@@ -118,3 +118,18 @@ def test_joint_names_are_shortened_to_what_is_different(panel: Panel) -> None:
     for short, names in given.items():
         found = panel.page.run(f"import('/panel/readouts.js').then((all) => all.shortNames({names}))")
         assert " ".join(found) == short
+
+
+def test_a_button_that_cannot_work_has_the_reason_as_its_tooltip(panel: Panel) -> None:
+    disabled = "'#dock button:disabled, #position-forget:disabled, #part-tool button:disabled'"
+    titles = f"[...document.querySelectorAll({disabled})].map((each) => [each.id, each.title])"
+    reasons = dict(panel.page.run(titles))
+    assert {"execute", "rehearse", "discard", "pause", "end", "step", "tip-set"} <= set(reasons)
+    assert all(reasons.values()), reasons
+    panel.page.click('[data-position="work"]')
+    panel.until("!document.querySelector('#execute').disabled")
+    assert panel.page.run("document.querySelector('#execute').title") == ""
+    panel.page.click("#discard")
+    set_to(panel, "#language", "de")
+    assert panel.page.run("document.querySelector('#execute').title") == "Zuerst eine Bewegung planen."
+    set_to(panel, "#language", "en")

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
+import trimesh
 from cobot_run import WAIT_S, until
 
 from app.api.tool_schemas import EXAMPLE_POINTS
-from panel.page import Panel
+from panel.page import Panel, forget, set_to
 
 TIP_M = [0.0, 0.0, 0.15]
 """Where the tip is that touches one point in all of `EXAMPLE_POINTS`."""
@@ -134,3 +137,152 @@ def test_no_pose_is_taken_over_while_the_arm_moves(panel: Panel, http: httpx.Cli
     shows(panel, "#tip-why", "The arm moves")
     http.post("/stop").raise_for_status()
     until(panel.rests)
+
+
+def chosen(panel: Panel, name: str) -> None:
+    """An object or a frame, from its list."""
+    selector = f".chips [data-name={json.dumps(name)}]"
+    panel.until(f"document.querySelector({json.dumps(selector)})")
+    panel.page.click(selector)
+
+
+def test_objects_and_frames_are_added_moved_sized_and_deleted(panel: Panel, http: httpx.Client) -> None:
+    """Oracle: GET /scene, and the bodies that the page draws."""
+
+    def objects() -> dict[str, Any]:
+        return {each["name"]: each for each in http.get("/scene").json()["objects"]}
+
+    panel.page.click("#tab-scene")
+    panel.page.write("#frame-name", "<b>x</b>")
+    panel.page.click("#frame-save")
+    shows(panel, "#frame-why", "letters from a to z")
+    panel.page.write("#frame-name", "pallet")
+    for axis, text in ((1, "100"), (2, "-700"), (3, "200"), (4, "90")):
+        panel.page.write(f"#frame-place-{axis}", text)
+    for axis in (5, 6):
+        panel.page.write(f"#frame-place-{axis}", "0")
+    panel.page.click("#frame-save")
+    shows(panel, "#frame-why", "is saved")
+    (frame,) = http.get("/scene").json()["frames"]
+    np.testing.assert_allclose(frame["position"], [0.1, -0.7, 0.2], atol=1e-9)
+    np.testing.assert_allclose(frame["quaternion"], [0, 0, 0.5**0.5, 0.5**0.5], atol=1e-9)
+
+    panel.page.click("#object-new")
+    panel.page.write("#object-name", "crate")
+    panel.until("document.querySelectorAll('#object-frame option').length === 2")
+    set_to(panel, "#object-frame", "pallet")
+    for axis in (1, 2, 3):
+        panel.page.write(f"#object-size-{axis}", str(10 * axis))
+        panel.page.write(f"#object-place-{axis}", "0")
+    panel.page.click("#object-save")
+    shows(panel, "#object-why", "is saved")
+    np.testing.assert_allclose(objects()["crate"]["size"], [0.01, 0.02, 0.03])
+    np.testing.assert_allclose(objects()["crate"]["position"], [0.1, -0.7, 0.2], atol=1e-9)
+    panel.until("cobotPanel.geometry.bodies.some((each) => each.name.includes('crate'))")
+
+    panel.until("document.querySelector('#object-place-2').value === '-700'")
+    panel.page.write("#object-place-2", "-650")
+    http.post("/scene", json={"frames": {"other": {"x": 0.0, "y": 0.0, "z": 0.0}}}).raise_for_status()
+    panel.until("document.querySelectorAll('#frames-all button').length === 2")
+    assert value(panel, "#object-place-2") == "-650", "what is typed stays"
+    for axis in (4, 5, 6):
+        panel.page.write(f"#object-place-{axis}", "0")
+    panel.page.click("#object-save")
+    until(lambda: abs(objects()["crate"]["position"][1] + 0.65) < 1e-9)
+    panel.page.write("#object-size-1", "-1")
+    panel.page.click("#object-save")
+    shows(panel, "#object-why", "greater than 0")
+    panel.page.write("#object-size-1", "50")
+    panel.page.click("#object-save")
+    until(lambda: abs(objects()["crate"]["size"][0] - 0.05) < 1e-9)
+
+    chosen(panel, "crate")
+    panel.page.click("#object-delete")
+    until(lambda: not objects())
+    chosen(panel, "pallet")
+    panel.page.click("#frame-here")
+    panel.page.click("#frame-save")
+    shows(panel, "#frame-why", "is saved")
+    tcp = http.get("/robot/pose").json()["position"]
+    frames = {each["name"]: each["position"] for each in http.get("/scene").json()["frames"]}
+    np.testing.assert_allclose(frames["pallet"], list(tcp.values()), atol=1e-4)
+    panel.page.click("#frame-delete")
+    until(lambda: [each["name"] for each in http.get("/scene").json()["frames"]] == ["other"])
+    panel.page.click("#frame-new")
+    assert value(panel, "#frame-name") == ""
+
+
+def test_a_mesh_is_imported_and_moved(panel: Panel, http: httpx.Client, tmp_path: Path) -> None:
+    """Oracle: the size of a box that trimesh writes, in mm."""
+    box = trimesh.creation.box((100.0, 200.0, 50.0))
+    file = tmp_path / "fixture.stl"
+    file.write_bytes(box.export(file_type="stl"))
+    panel.page.click("#tab-scene")
+    panel.page.click("#object-new")
+    panel.page.write("#object-name", "fixture")
+    set_to(panel, "#object-shape", "mesh")
+    panel.page.click("#object-save")
+    shows(panel, "#object-why", "Choose an STL or OBJ file")
+    panel.page.choose("#object-choose", file)
+    shows(panel, "#object-file-name", "fixture.stl")
+    set_to(panel, "#object-unit", "1")
+    panel.page.write("#object-place-2", "-900")
+    panel.page.click("#object-save")
+    shows(panel, "#object-why", "The arm touches now")
+    panel.page.click("#object-delete")
+    shows(panel, "#object-why", "is deleted")
+    panel.page.write("#object-name", "fixture")
+    set_to(panel, "#object-shape", "mesh")
+    panel.page.choose("#object-choose", file)
+    set_to(panel, "#object-unit", "0.001")
+    panel.page.click("#object-here")
+    panel.page.write("#object-place-2", "-900")
+    panel.page.click("#object-save")
+    shows(panel, "#object-why", "is saved")
+    (made,) = http.get("/scene").json()["objects"]
+    np.testing.assert_allclose(made["size"], [0.1, 0.2, 0.05], atol=1e-6)
+    panel.until("document.querySelector('#scene-all button')?.textContent.startsWith('fixture')")
+    panel.page.write("#object-place-3", "400")
+    panel.page.click("#object-save")
+    until(lambda: abs(http.get("/scene").json()["objects"][0]["position"][2] - 0.4) < 1e-9)
+    panel.page.write("#object-name", "renamed")
+    panel.page.click("#object-save")
+    shows(panel, "#object-why", "not renamed")
+    broken = tmp_path / "broken.stl"
+    broken.write_bytes(b"solid nothing\n" * 1000)
+    panel.page.click("#object-new")
+    panel.page.write("#object-name", "broken")
+    set_to(panel, "#object-shape", "mesh")
+    panel.page.choose("#object-choose", broken)
+    panel.page.click("#object-save")
+    shows(panel, "#object-why", "is not an STL or OBJ mesh")
+    huge = tmp_path / "huge.stl"
+    with huge.open("wb") as sparse:
+        sparse.truncate(500_000_000)
+    panel.page.choose("#object-choose", huge)
+    shows(panel, "#object-why", "500 MB")
+    forget(panel, "413", "422")
+
+
+def test_a_backup_is_downloaded_and_staged_and_a_bundle_made(
+    panel: Panel, http: httpx.Client, tmp_path: Path
+) -> None:
+    """Oracle: zipfile, and GET /robot/tool."""
+    http.post("/robot/tool", json={"name": "pen"}).raise_for_status()
+    archive = panel.page.save("#backup-make", tmp_path)
+    shows(panel, "#backup-why", "is downloaded")
+    with zipfile.ZipFile(archive) as files:
+        tool = json.loads(files.read(f"robots/{panel.run.name}/tool.json"))
+    assert tool["name"] == "pen"
+    panel.page.choose("#backup-choose", archive)
+    shows(panel, "#backup-why", "is valid. The next start of cobot restores it")
+    broken = tmp_path / "broken.zip"
+    broken.write_bytes(archive.read_bytes()[:-20])
+    panel.page.choose("#backup-choose", broken)
+    shows(panel, "#backup-why", "is not a ZIP archive")
+    forget(panel, "422")
+    next(panel.run.config.parent.rglob("*.restore.zip")).unlink()
+    bundle = panel.page.save("#support-make", tmp_path)
+    shows(panel, "#support-why", "is downloaded")
+    with zipfile.ZipFile(bundle) as files:
+        assert {"health.json", "jobs.json", "settings.yaml"} <= set(files.namelist())

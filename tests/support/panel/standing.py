@@ -140,19 +140,26 @@ def says_how_it_is(panel: Panel) -> None:
     assert seen == ["T1, safety stop 1: at rest", "bad"]
 
 
+RED = """(({ bodies, groups }) => bodies.filter((_, index) =>
+    groups[index].children.some((mesh) => mesh.material?.emissive?.getHex())).map(({ name }) => name))
+    (cobotPanel.view.arm)"""
+"""Names of the bodies that are drawn in red."""
+
+
 def fails_in_words(panel: Panel) -> None:
     """In each language, and why a reset is refused."""
     file = fault_file(panel.run.name)
-    file.write_text("drive 3 is too hot", encoding="utf-8")
+    file.write_text("the drive of joint3 is too hot", encoding="utf-8")
     try:
         panel.until("document.querySelector('#banner-title').innerText === 'Fault'")
-        assert panel.text("#banner-reason") == "reading from the robot failed: drive 3 is too hot"
+        assert panel.text("#banner-reason") == "reading from the robot failed: the drive of joint3 is too hot"
+        panel.until(f"JSON.stringify({RED}) === JSON.stringify(['link3'])")
         causes = {"de": "Der Roboter meldet", "zh": "无法读取", "en": "The robot does not report"}
         for language, cause in causes.items():
             set_to(panel, "#language", language)
             assert panel.text("#banner-cause").startswith(cause)
         panel.page.click("#reset")
-        panel.until("document.querySelector('#banner-way').innerText.includes('drive 3 is too hot')")
+        panel.until("document.querySelector('#banner-way').innerText.includes('joint3 is too hot')")
         panel.until("document.querySelector('#log [data-problem][data-type=fault]')")
     finally:
         file.unlink()
@@ -163,6 +170,7 @@ def fails_in_words(panel: Panel) -> None:
 
     until(reset)
     until(panel.rests)
+    panel.until(f"{RED}.length === 0")
     forget(panel, "409", "503")
 
 

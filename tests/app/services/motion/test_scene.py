@@ -344,3 +344,26 @@ def test_it_does_not_change_while_somebody_streams(robot):
     robot.until(lambda: robot.rig.mode.name == "HOLD")
     robot.sleep(1.0)
     assert put(robot, "ball", AHEAD).status_code == 200
+
+
+def test_a_moved_object_stays_what_it_is(robot):
+    """Also a mesh, whose file is not kept. Oracle: the object before."""
+    corners = [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
+    triangles = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    mesh = {"shape": "mesh", "vertices": corners, "triangles": triangles, "x": 0.0, "y": -0.9, "z": 0.2}
+    put(robot, "wedge", mesh | {"mass": 0.3})
+    (before,) = robot.get("/scene").json()["objects"]
+    change(robot, frames={"there": {"x": 0.0, "y": 0.5, "z": 0.0}})
+    moved = change(robot, move={"wedge": {"x": 0.0, "y": 0.4, "z": 0.3, "frame_id": "there"}})
+    assert moved.status_code == 200, moved.text
+    (after,) = robot.get("/scene").json()["objects"]
+    assert after == before | {"position": [0.0, 0.9, 0.3]}
+    for changes, status, said in (
+        ({"move": {"nothing": {"x": 0, "y": 0, "z": 0}}}, 404, "there is no object 'nothing'"),
+        ({"move": {"wedge": {"x": 1000.0, "y": 0, "z": 0}}}, 422, "move.wedge.x"),
+    ):
+        answer = change(robot, **changes)
+        assert (answer.status_code, said in answer.json()["detail"]) == (status, True), answer.text
+    change(robot, attach={"wedge": []})
+    held = change(robot, move={"wedge": {"x": 0, "y": 0.9, "z": 0}})
+    assert (held.status_code, "is attached: detach it" in held.json()["detail"]) == (409, True)

@@ -1,0 +1,134 @@
+// A list of named things with a form for the chosen one. Its subclasses say what the things are.
+import { allow } from "./able.js";
+import { abcOf } from "./kinematics.js";
+import { changed, poseFields } from "./numbers.js";
+import { inEachLanguage, word } from "./words.js";
+
+const NAME = /^[A-Za-z0-9_.-]{1,64}$/;
+const ORIGIN = [0, 0, 0, 0, 0, 0];
+const element = (id) => document.getElementById(id);
+const poseOf = ({ position, quaternion }) => [...position, ...abcOf(quaternion)];
+
+export class PlacedList {
+  // kind: "object" or "frame", the beginning of all ids. list: the id of the list.
+  // tcp: gives the pose of the TCP in the base frame, null while it is not known.
+  constructor(api, kind, list, tcp) {
+    Object.assign(this, { api, kind, tcp, list: element(list), all: [], chosen: null, words: () => "" });
+    this.place = poseFields(this.part("place"));
+    this.part("new").addEventListener("click", () => this.choose(null));
+    this.part("here").addEventListener("click", () => this.placeHere());
+    this.part("delete").addEventListener("click", () => this.remove());
+    element(kind).addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.save();
+    });
+    inEachLanguage(() => this.write());
+  }
+
+  part(name) {
+    return element(`${this.kind}-${name}`);
+  }
+
+  // What the service has now. A form in which somebody types stays as it is.
+  offer(all) {
+    this.all = all;
+    const now = this.chosen ? all.find(({ name }) => name === this.chosen.name) : null;
+    if (!this.typed) this.show(now ?? null);
+    else if (!now) this.mark(null);
+    this.write();
+  }
+
+  get typed() {
+    return this.place.changed || changed(this.part("name"));
+  }
+
+  choose(one) {
+    this.show(one);
+    this.say(() => "");
+    this.write();
+  }
+
+  show(one) {
+    this.part("name").value = this.part("name").defaultValue = one?.name ?? "";
+    this.place.set(one ? poseOf(one) : ORIGIN);
+    this.mark(one);
+  }
+
+  mark(one) {
+    this.chosen = one;
+    allow(this.part("delete"), one ? "" : "why_none_chosen");
+  }
+
+  placeHere() {
+    const pose = this.tcp();
+    if (pose) this.place.type(poseOf(pose));
+    else this.say(() => word("silence"), "warn");
+  }
+
+  // The fields as a request has them; null, with the reason shown, if one of them is nothing.
+  read() {
+    const name = this.part("name").value.trim();
+    const [x, y, z, a, b, c] = this.place.values();
+    if (!NAME.test(name)) this.say(() => word("name_letters"), "warn");
+    else if (![x, y, z, a, b, c].every(Number.isFinite)) this.say(() => word("number_missing"), "warn");
+    else return { name, place: { x, y, z, a, b, c } };
+    return null;
+  }
+
+  // changes: of POST /scene. Gives whether they were made.
+  async change(changes, words) {
+    const { robot } = this.api;
+    try {
+      const { stopped, contacts } = await this.api.post("/scene", changes);
+      if (robot !== this.api.robot) return false;
+      const touched = contacts.length ? word("scene_touches", { contacts: contacts.join("; ") }) : "";
+      this.say(() => [words(), stopped, touched].filter(Boolean).join(" "), stopped || touched ? "warn" : "good");
+      return true;
+    } catch (error) {
+      this.say(() => error.message, "warn");
+      return false;
+    }
+  }
+
+  get sent() {
+    return { place: this.place.sent };
+  }
+
+  // The form has what was saved; the list gets it with the next event, in the base frame.
+  settle(name, sent) {
+    this.mark({ ...this.chosen, name });
+    this.part("name").defaultValue = name;
+    this.place.settle(sent.place);
+  }
+
+  // The buttons stay as they are while nothing has changed: one may be under a finger.
+  write() {
+    const shown = JSON.stringify([this.chosen?.name, document.documentElement.lang, this.all.map((each) => this.title(each))]);
+    if (shown === this.shown) return;
+    this.shown = shown;
+    this.list.replaceChildren(...(this.all.length ? this.all.map((each) => this.row(each)) : [this.none()]));
+  }
+
+  none() {
+    const made = document.createElement("li");
+    made.textContent = this.empty;
+    return made;
+  }
+
+  row(one) {
+    const [row, button] = ["li", "button"].map((tag) => document.createElement(tag));
+    button.type = "button";
+    button.textContent = this.title(one);
+    button.setAttribute("aria-pressed", String(one.name === this.chosen?.name));
+    button.dataset.name = one.name;
+    button.addEventListener("click", () => this.choose(this.all.find(({ name }) => name === one.name) ?? one));
+    row.append(button);
+    return row;
+  }
+
+  say(words, level = "") {
+    this.words = words;
+    this.part("why").textContent = words();
+    this.part("why").dataset.level = level;
+  }
+}

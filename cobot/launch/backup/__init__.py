@@ -1,0 +1,1 @@
+"""Backups of what people have set up, and bundles for support."""
