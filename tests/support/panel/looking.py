@@ -121,6 +121,7 @@ def test_joint_names_are_shortened_to_what_is_different(panel: Panel) -> None:
 
 
 def test_a_button_that_cannot_work_has_the_reason_as_its_tooltip(panel: Panel) -> None:
+    panel.until("document.querySelector('#end').disabled")
     disabled = "'#dock button:disabled, #position-forget:disabled, #part-tool button:disabled'"
     titles = f"[...document.querySelectorAll({disabled})].map((each) => [each.id, each.title])"
     reasons = dict(panel.page.run(titles))
