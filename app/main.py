@@ -90,6 +90,7 @@ def create_app(
         several=len(robots) > 1,
         tokens=_authenticator(settings, clock, ros_token),
         events=Events(clock),
+        study_turn=asyncio.Lock(),
     )
     agents = McpEndpoint()
     app = _application(Lifetime(settings, robots, shared, agents, reload_by_signal=source is not None))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ from app.services.motion.trajectories import TrajectoryService
 from app.services.programs.programs import ProgramService
 from app.services.programs.sequences import SequenceService
 from app.services.programs.stored import StoredPrograms
+from app.services.programs.studies import StudyService
 from app.services.reports.health import HealthService
 from app.services.reports.recordings import RecordingService
 from app.services.reports.states import StateTexts
@@ -72,6 +74,7 @@ class SharedParts:
         several: whether there is more than one, so that log lines and addresses have to say which.
         tokens: the tokens that programs have while they run.
         events: the events of the service, for its listeners.
+        study_turn: held while a study of any robot runs.
     """
 
     config: Path | None
@@ -84,6 +87,7 @@ class SharedParts:
     several: bool
     tokens: Authenticator
     events: Events
+    study_turn: asyncio.Lock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,6 +108,7 @@ class Services:
     trajectories: TrajectoryService
     sequences: SequenceService
     stored: StoredPrograms
+    studies: StudyService
     stopping: StopService
     control: ControlService
     health: HealthService
@@ -147,6 +152,7 @@ async def serving_robot(
         watch = watching(link, services.ownership, planning, settings.web.stale_after_s)
         async with watch, services.tool.in_force():
             yield services
+        await services.studies.close()
         services.servo.close()
         services.force.close()
         services.freedrive.close()
@@ -197,6 +203,7 @@ def _services(
     stale_s = settings.web.stale_after_s
     recordings = RecordingService(settings, shared.default_robot)
     queue = MotionQueue(link, ownership, motion, planning, tool_and_limits)
+    studies = StudyService(settings, shared.config, ownership, shared.study_turn)
     plans = PlanService(robot, link.clock, goals, motion, moves, planning, settings)
     plans.command_gripper = gripper.run_plan
     return Services(
@@ -214,6 +221,7 @@ def _services(
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,
         stored=StoredPrograms(settings.programs_folder, link),
+        studies=studies,
         stopping=stopping,
         health=HealthService(
             settings.robot.name, link, ownership, sequences, streams, planning, recordings, stale_s
@@ -234,7 +242,7 @@ def _services(
         planning=planning,
         settings=tool_and_limits,
         queue=queue,
-        jobs=JobService(jobs, ownership, stopping, sequences, queue, gripper),
+        jobs=JobService(jobs, ownership, stopping, sequences, queue, gripper, studies),
         servo=servo,
         fjt=FollowJointTrajectory(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad

@@ -34,6 +34,7 @@ from app.api.routers import (
     scene,
     sequences,
     stream,
+    studies,
     tool,
     trajectory,
 )
@@ -62,6 +63,7 @@ OF_A_ROBOT = (
     recordings.router,
     sequences.router,
     programs.router,
+    studies.router,
     events.router,
     foxglove.router,
     common.router,

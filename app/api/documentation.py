@@ -51,6 +51,10 @@ TAGS = [
     {"name": "trajectory", "description": "Timed joint trajectories."},
     {"name": "recordings", "description": "What the robot did, as MCAP files."},
     {"name": "sequences", "description": "Sequences of motions, and Lua programs."},
+    {
+        "name": "studies",
+        "description": "Questions that need thousands of computations, such as maps of the reach.",
+    },
     {"name": "events", "description": "Events, as they happen."},
     {
         "name": "jobs",

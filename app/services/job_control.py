@@ -14,8 +14,9 @@ from app.services.motion.queue.motion_queue import MotionQueue
 from app.services.motion.queue.moves import QueueRequest
 from app.services.programs.sequences import SequenceService
 from app.services.programs.steps import NEXT, Steps
+from app.services.programs.studies import StudyService
 from app.services.rights.claims import Caller
-from app.services.rights.job import Job, JobKind, JobRecord, JobState
+from app.services.rights.job import WITHOUT_ARM, Job, JobRecord, JobState
 from app.services.rights.job_book import JobBook, unknown
 from app.services.rights.ownership import Ownership
 from app.services.rights.stopping import StopService
@@ -39,8 +40,10 @@ class JobService:
         sequences: SequenceService,
         queue: MotionQueue,
         gripper: GripperService,
+        studies: StudyService,
     ) -> None:
         self.book = book
+        self._studies = studies
         self._gripper = gripper
         self._queue = queue
         self._sequences = sequences
@@ -113,7 +116,7 @@ class JobService:
             stopped = await self._stopping.stop(timeout_s, str(error))
             if not stopped.success:
                 raise ExecutionError(stopped.message)
-        elif not (self._queue.cancel(job, error) or self._gripper.cancel(job, error)):
+        elif not any(each.cancel(job, error) for each in (self._queue, self._gripper, self._studies)):
             self._ownership.cancel(job, error)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(job.ended.wait(), timeout_s)
@@ -136,8 +139,10 @@ class JobService:
         job = self._going(number)
         if job.state is JobState.QUEUED:
             raise ConflictError(f"job {number} is queued: pause the one before it, and it waits")
-        if job.kind is JobKind.GRIPPER:
-            raise ConflictError(f"job {number} is a command to the gripper, which cannot pause: cancel it")
+        if job.kind in WITHOUT_ARM:
+            raise ConflictError(
+                f"job {number} ({job.kind}) does not move the arm and cannot pause: cancel it"
+            )
         if at_waypoint is None:
             await self._pause(job)
         else:

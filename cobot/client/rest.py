@@ -291,6 +291,37 @@ class Client(ForceMoves, Steps, EventConnection):
         """Run a stored program; options as in POST /programs/{program}/run. `sequence_status` follows it."""
         return self._json("POST", f"{_program_path(program)}/run", json=options)
 
+    def start_study(self, document: Mapping[str, Any], max_s: float = 3600.0) -> Json:
+        """Start a study of the service, or continue it; returns as `study`, once its tasks are known.
+
+        Args:
+            document: as a study's file, without files and functions; `program` may be {"stored": ID}.
+            max_s: maximum duration of this run.
+        """
+        body = {**document, "max_s": max_s}
+        return self._json("POST", "/studies", json=body, timeout=self._motion_timeout_s)
+
+    def studies(self) -> list[Json]:
+        """The studies of the service, the newest first; see `study`."""
+        return list(self._json("GET", "/studies")["studies"])
+
+    def study(self, study: str) -> Json:
+        """A study: `state` (running, finished, partial, failed), `reason`, `done`, `tasks`, `left_s`,
+        `answer` (partial while it runs), `job`, whose cancel ends it."""
+        return self._json("GET", f"/studies/{study}")
+
+    def study_map(self, study: str) -> Json:
+        """The map of a reach study: `x`, `y`, `z`, `values` by metric, `ranges`, `metrics`."""
+        return self._json("GET", f"/studies/{study}/map")
+
+    def study_table(self, study: str) -> bytes:
+        """All results of a study, as a file of SQLite or Parquet."""
+        return self._send("GET", f"/studies/{study}/table").content
+
+    def delete_study(self, study: str) -> list[Json]:
+        """Delete a study with its results; returns the studies that are left."""
+        return list(self._json("DELETE", f"/studies/{study}")["studies"])
+
     def call_service(self, robot: str, robot_class: str, method: str, arguments: Mapping[str, Any]) -> Json:
         """Call a vendor service of the robot by its name; `code` (0 is success), `message`, `result`."""
         base = self._http.base_url

@@ -78,6 +78,11 @@ class Settings(Section):
         return (self.kept or self.logs) / f"{self.robot.name}.programs"
 
     @property
+    def studies_folder(self) -> Path:
+        """Folder with the results of studies, which the service writes."""
+        return (self.kept or self.logs) / f"{self.robot.name}.studies"
+
+    @property
     def positions_file(self) -> Path:
         """File with the named positions that people have taught, which the service writes."""
         return (self.kept or self.logs) / f"{self.robot.name}.positions.json"

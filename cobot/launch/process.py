@@ -37,6 +37,7 @@ class Niceness(IntEnum):
     PROMPT = -10  # threads that answer people
     ORDINARY = 0
     BACKGROUND = 10  # takes only the time that nothing else needs
+    STUDY = 19  # and less than those in the background
 
 
 def is_stopped(pid: int) -> bool:

@@ -30,14 +30,7 @@ def map_page(
         columns: x, y, z (m) and the metrics.
         metrics: columns that may colour it, the chosen one first.
     """
-    values = {name: np.asarray(columns[name], dtype=float) for name in metrics}
-    data = {axis: _short(np.asarray(columns[axis], dtype=float)) for axis in "xyz"}
-    content = data | {
-        "values": {name: _short(each) for name, each in values.items()},
-        "ranges": {name: range_of(each) for name, each in values.items()},
-        "scale": SCALE.tolist(),
-        "spacing": spacing_m,
-    }
+    content = map_content(columns, metrics, spacing_m)
     parts = {
         "title": html.escape(question),
         "gradient": ", ".join("rgb({:.0f},{:.0f},{:.0f})".format(*colour) for colour in SCALE),
@@ -49,6 +42,18 @@ def map_page(
     }
     page = _PAGE.read_text(encoding="utf-8")
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], page)
+
+
+def map_content(columns: Columns, metrics: Sequence[str], spacing_m: float) -> dict[str, Any]:
+    """The points of a map as JSON, with the ranges and colours of their metrics; see `map_page`."""
+    values = {name: np.asarray(columns[name], dtype=float) for name in metrics}
+    data = {axis: _short(np.asarray(columns[axis], dtype=float)) for axis in "xyz"}
+    return data | {
+        "values": {name: _short(each) for name, each in values.items()},
+        "ranges": {name: range_of(each) for name, each in values.items()},
+        "scale": SCALE.tolist(),
+        "spacing": spacing_m,
+    }
 
 
 def _short(values: Array) -> list[float | None]:

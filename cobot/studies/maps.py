@@ -3,22 +3,54 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from cobot.robot.kept import keep
-from cobot.studies.chunks import Columns, has_result
+from cobot.studies.chunks import Column, Columns, has_result
 from cobot.studies.map_html import map_page
 from cobot.studies.map_png import draw_map
 from cobot.studies.results_folder import ResultsFolder
-from cobot.studies.study import Study
+from cobot.studies.study import MAX_TASKS, Study
 
 PNG, HTML = "map.png", "map.html"
 MAX_POINTS = 100_000
 """Maximum number of places in a page, which a browser can turn."""
 SAMPLES = 200
 METRICS = ("share", "manipulability", "redundancy")
+
+
+class MapColumns(NamedTuple):
+    """The places of a map with their metrics, NaN where a place is not reached.
+
+    Attributes:
+        metrics: names of the columns that may colour it, the chosen one first.
+        every: one of so many places is in the columns.
+    """
+
+    columns: Columns
+    metrics: list[str]
+    spacing_m: float
+    every: int
+
+
+def map_columns(study: Study, columns: Columns, max_points: int) -> MapColumns | None:
+    """What a map shows of a study's results, at most so many places; None if they are no places."""
+    if not study.maps or not columns or "share" not in columns:
+        return None
+    known = has_result(columns)
+    if not known.any():
+        return None
+    found: dict[str, Column] = {axis: np.asarray(columns[axis][known], dtype=float) for axis in "xyz"}
+    share = np.asarray(columns["share"][known], dtype=float)
+    for name in METRICS:
+        found[name] = np.where(share > 0.0, np.asarray(columns[name][known], dtype=float), np.nan)
+    spacing_m = _spacing(np.column_stack([found[axis] for axis in "xyz"]))
+    every = -(-len(share) // max_points)
+    metrics = [study.metric_of_map, *(name for name in METRICS if name != study.metric_of_map)]
+    return MapColumns({name: each[::every] for name, each in found.items()}, metrics, spacing_m, every)
 
 
 def write_maps(
@@ -29,22 +61,15 @@ def write_maps(
     Raises:
         UnavailableError: the folder cannot be written.
     """
-    if not study.maps or not columns or "share" not in columns:
+    whole, shown = (map_columns(study, columns, most) for most in (MAX_TASKS, MAX_POINTS))
+    if whole is None or shown is None:
         return []
-    known = has_result(columns)
-    columns = {name: values[known] for name, values in columns.items()}
-    if not len(columns["x"]):
-        return []
-    places = np.column_stack([np.asarray(columns[axis], dtype=float) for axis in "xyz"])
-    share = np.asarray(columns["share"], dtype=float)
-    values = {name: np.where(share > 0.0, np.asarray(columns[name], dtype=float), np.nan) for name in METRICS}
-    metrics = [study.metric_of_map, *(name for name in METRICS if name != study.metric_of_map)]
-    picture = draw_map(places, values[study.metric_of_map], study.metric_of_map)
-    every = -(-len(places) // MAX_POINTS)
-    shown = {name: each[::every] for name, each in (dict(columns) | values).items()}
-    if every > 1:
-        answer = answer | {"shown here": f"one of {every} places"}
-    page = map_page(study.question, answer, shown, metrics, _spacing(places))
+    places = np.column_stack([np.asarray(whole.columns[axis], dtype=float) for axis in "xyz"])
+    chosen = whole.metrics[0]
+    picture = draw_map(places, np.asarray(whole.columns[chosen], dtype=float), chosen)
+    if shown.every > 1:
+        answer = answer | {"shown here": f"one of {shown.every} places"}
+    page = map_page(study.question, answer, shown.columns, shown.metrics, whole.spacing_m)
     paths = [folder.path / PNG, folder.path / HTML]
     for path, content in zip(paths, (picture, page.encode()), strict=True):
         keep(path, content, "the map")

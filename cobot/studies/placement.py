@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from cobot.errors import InputError, LimitError, NotSupportedError, PlanningError
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
-from cobot.robot.tool import BARE
+from cobot.robot.tool import Tool
 from cobot.studies.chunks import Columns
 from cobot.studies.parameters import Value
 from cobot.studies.program_moves import Program, StudyMove, plan_program
@@ -69,6 +69,18 @@ class PlacementStudy(RobotStudy):
         if self.metric == "duration_s" and "goal" not in self.model_fields_set:
             raise ValueError("goal: is missing; give min for the shortest program")
         return self
+
+    def best_placement(self, columns: Columns) -> dict[str, list[float]] | None:
+        """The best placement, as poses x, y, z, w, x, y, z: base in the present base frame, and TCP in
+        the flange's frame. None without a finite value, or with samples, which are not placements.
+        """
+        values = np.asarray(columns.get(self.measure, ()), dtype=float)
+        if not np.isfinite(values).any() or (self.samples or 1) > 1:
+            return None
+        best = int((np.nanargmax if self.goal == "max" else np.nanargmin)(values))
+        at = {name: columns[name][best].item() for name in self.axes}
+        present = Pose.from_numbers(self.description.model.tcp_in_flange(self.robot.carried()))
+        return {"base": list(_base_of(at).numbers), "tcp": list((present @ _tip_of(at)).numbers)}
 
     def contents(self) -> dict[str, str]:
         return super().contents() | ({} if self.targets is None else self.targets.contents())
@@ -135,6 +147,7 @@ class _PlacementKernel:
     study: PlacementStudy
     robot: RobotDescription
     scene: Scene
+    tool: Tool
     fixed: _Surroundings
     reach: ReachKernel | None
     targets: Array
@@ -144,16 +157,16 @@ class _PlacementKernel:
         """Raises:
         CobotError: the study contradicts the robot.
         """
-        scene, fixed = robot.collision.scene, _Surroundings.of(robot)
+        scene, tool, fixed = robot.collision.scene, study.robot.carried(), _Surroundings.of(robot)
         if study.targets is None:
             if study.program is not None:
                 plan_program(robot, study.program[:1], 1.0, study.seed)
-            return cls(study, robot, scene, fixed, None, np.zeros((0, 0, 7)))
+            return cls(study, robot, scene, tool, fixed, None, np.zeros((0, 0, 7)))
         places = places_of(study.targets)
         reach = ReachKernel(robot, places, study.approach, study.spins, study.method, None, study.seed)
         targets = np.array([reach.poses(number) for number in range(len(places.positions))])
         none = Places(np.zeros((0, 3)), None)
-        return cls(study, robot, scene, fixed, replace(reach, places=none), targets)
+        return cls(study, robot, scene, tool, fixed, replace(reach, places=none), targets)
 
     def __call__(self, first: int, last: int) -> Columns:
         tool = self.robot.model.tool
@@ -167,9 +180,8 @@ class _PlacementKernel:
         return {**self.study.parameters(first, last), **results}
 
     def _evaluate(self, values: dict[str, Value]) -> dict[str, float]:
-        base = _pose(values, "base", "yaw", [0.0, 0.0, 1.0])
-        tip = _pose(values, "tcp", "pitch", [0.0, 1.0, 0.0])
-        self._place(base, tip)
+        base = _base_of(values)
+        self._place(base, _tip_of(values))
         found: dict[str, float] = {}
         if self.reach is not None:
             found |= self._reach(self.reach, base)
@@ -179,15 +191,14 @@ class _PlacementKernel:
 
     def _place(self, base: Pose, tip: Pose) -> None:
         """Move what stands around the base, and the TCP."""
-        back, choice = base.inverse(), self.study.robot.tool
+        back = base.inverse()
         objects = {
             name: each if each.attached else replace(each, pose=(back @ Pose.from_numbers(each.pose)).numbers)
             for name, each in self.scene.objects.items()
         }
         model = self.robot.model
-        declared = BARE if choice is None else choice.tool()
-        tcp = Pose.from_numbers(model.tcp_in_flange(declared)) @ tip
-        tool = replace(declared, version=1, tcp=tcp.numbers)
+        tcp = Pose.from_numbers(model.tcp_in_flange(self.tool)) @ tip
+        tool = replace(self.tool, version=1, tcp=tcp.numbers)
         scene = replace(self.scene, objects=objects)
         model.carry(tool, scene)
         self.fixed.move(back)
@@ -220,6 +231,16 @@ class _PlacementKernel:
         except (PlanningError, LimitError):
             return float("nan")
         return float(sum(0.0 if move.trajectory is None else move.trajectory.duration_s for move in planned))
+
+
+def _base_of(values: dict[str, Value]) -> Pose:
+    """The new base in the present base frame."""
+    return _pose(values, "base", "yaw", [0.0, 0.0, 1.0])
+
+
+def _tip_of(values: dict[str, Value]) -> Pose:
+    """The new TCP in the present TCP's frame."""
+    return _pose(values, "tcp", "pitch", [0.0, 1.0, 0.0])
 
 
 def _pose(values: dict[str, Value], what: str, angle: str, axis: list[float]) -> Pose:

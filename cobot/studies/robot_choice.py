@@ -10,20 +10,23 @@ from typing import Annotated
 
 import mujoco
 import numpy as np
-from pydantic import Field
+from pydantic import Field, TypeAdapter, ValidationError
 
 from cobot.config import Location, Settings, load_settings
 from cobot.errors import ConfigError, InputError
+from cobot.foreign import plain_error
 from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.kept import read_kept
 from cobot.robot.scene import Numbers3, Scene, SceneFile, SceneObject
-from cobot.robot.tool import BARE, Tool, check_tool
+from cobot.robot.tool import BARE, Tool, ToolFile, check_tool
 from cobot.strict import StrictModel, unknown_key
-from cobot.types import Array, Numbers7
+from cobot.types import Array, NamedPosition, Numbers7
 
 SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
 LENGTH_TOLERANCE = 1e-3
 """How much the length of a quaternion may differ from 1."""
 Positive = Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)]
+_POSITIONS = TypeAdapter(dict[str, NamedPosition])
 Finite = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False)]
 
 
@@ -76,6 +79,8 @@ class RobotChoice(StrictModel):
         name: of a robot of the settings; None: the default one.
         scene: file with a scene, as the service keeps it.
         objects: further objects, by name.
+        tool_file: file with the tool, as the service keeps it; for a robot without `tool`.
+        positions: file with taught positions, as the service keeps it.
     """
 
     settings: Location | None = None
@@ -83,6 +88,8 @@ class RobotChoice(StrictModel):
     scene: Location | None = None
     objects: dict[str, StudyObject] = Field(default_factory=dict)
     tool: StudyTool | None = None
+    tool_file: Location | None = None
+    positions: Location | None = None
 
     def load_settings(self) -> Settings:
         """Raises:
@@ -104,9 +111,10 @@ class RobotChoice(StrictModel):
         """
         settings = self.load_settings()
         robot = load_robot(settings)
-        scene, tool = self._scene(), BARE if self.tool is None else self.tool.tool()
-        if self.tool is not None:
+        scene, tool = self._scene(), self.carried()
+        if tool != BARE:
             check_tool(tool, settings.robot.max_payload_kg, robot.model.file_gravity)
+        robot = replace(robot, positions=self._taught() | robot.positions)
         for name in self.objects:
             if name in robot.model.frame_names:
                 raise InputError(
@@ -116,6 +124,27 @@ class RobotChoice(StrictModel):
         robot.collision.surround(scene, tool)
         return robot
 
+    def carried(self) -> Tool:
+        """The tool on the flange.
+
+        Raises:
+            ConfigError, InputError: it is invalid.
+        """
+        if self.tool is not None:
+            return self.tool.tool()
+        tool = BARE if self.tool_file is None else ToolFile(self.tool_file).read()
+        return tool if tool == BARE else replace(tool, version=1)  # how often it has changed does not matter
+
+    def _taught(self) -> dict[str, NamedPosition]:
+        if self.positions is None:
+            return {}
+        try:
+            return _POSITIONS.validate_json(read_kept(self.positions))
+        except (OSError, ValidationError) as exc:
+            raise ConfigError(
+                f"robot.positions: {self.positions}: cannot be read: {plain_error(exc)}"
+            ) from exc
+
     def _scene(self) -> Scene:
         if self.scene is not None and not self.scene.is_file():
             raise ConfigError(f"robot.scene: {self.scene}: no such file")
@@ -124,7 +153,7 @@ class RobotChoice(StrictModel):
         twice = sorted(scene.objects.keys() & solids.keys())
         if twice:
             raise InputError(f"robot.objects.{twice[0]}: is also in {self.scene}; rename one of them")
-        return replace(scene, objects=scene.objects | solids)
+        return replace(scene, version=0, loads=0, objects=scene.objects | solids)
 
 
 def hashes_of(robot: RobotDescription) -> dict[str, str]:

@@ -61,7 +61,7 @@ def with_programs(document: dict[str, Any], folder: Path, name: str) -> dict[str
     found = dict(document)
     if isinstance(program := document.get("program"), dict):
         choice = parse(SequenceProgram, folder / Path(name).name, program, "program: ")
-        found["program"] = read_program(choice.file, choice.moves)
+        found["program"] = program_of(_read(choice.file), str(choice.file), choice.moves)
     if isinstance(study := document.get("study"), dict):
         found["study"] = with_programs(study, folder, name)
     if isinstance(variants := document.get("variants"), dict):
@@ -72,26 +72,28 @@ def with_programs(document: dict[str, Any], folder: Path, name: str) -> dict[str
     return found
 
 
-def read_program(path: Path, changes: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+def program_of(text: str, name: str, changes: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
     """The motions of one iteration: from `home` to all waypoints and back. Without `home` they begin at the
     first waypoint.
 
     Args:
+        text: content of a sequence file.
+        name: of the file, for errors.
         changes: see `SequenceProgram.moves`.
 
     Raises:
         ConfigError: see `with_programs`.
     """
-    content = _read(path)
+    content = _parsed(text, name)
     word = "waypoints" if "waypoints" in content else "steps"
     if not isinstance(items := content.get(word), list):
-        raise ConfigError(f"{path}: has no list of waypoints or steps, so it is not a sequence file")
+        raise ConfigError(f"{name}: has no list of waypoints or steps, so it is not a sequence file")
     moves: dict[str, dict[str, Any]] = {}
     if content.get(HOME) is not None:
-        moves[HOME] = _move(path, HOME, content[HOME])
-    for place, step in _motions(path, word, items):
+        moves[HOME] = _move(name, HOME, content[HOME])
+    for place, step in _motions(word, items):
         if step is not None:
-            moves[place] = _move(path, place, step)
+            moves[place] = _move(name, place, step)
         elif moves:
             moves[next(reversed(moves))]["stop"] = True
     for place, change in changes.items():
@@ -101,50 +103,57 @@ def read_program(path: Path, changes: Mapping[str, Mapping[str, Any]]) -> list[d
     return [*moves.values(), *([moves[HOME]] if HOME in moves else [])]
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> str:
     try:
-        content = json.loads(path.read_text("utf-8-sig"), object_pairs_hook=without_repetition)
+        return path.read_text("utf-8-sig")
     except OSError as exc:
         raise ConfigError(f"program.file: {path}: cannot be read: {exc.strerror}") from exc
+    except UnicodeDecodeError as exc:
+        raise ConfigError(f"program.file: {path}: is not UTF-8: {exc}") from exc
+
+
+def _parsed(text: str, name: str) -> dict[str, Any]:
+    try:
+        content = json.loads(text, object_pairs_hook=without_repetition)
     except (ValueError, RecursionError) as exc:
-        raise ConfigError(f"program.file: {path}: not valid JSON: {exc}") from exc
+        raise ConfigError(f"{name}: not valid JSON: {exc}") from exc
     if not isinstance(content, dict):
-        raise ConfigError(f"program.file: {path}: is not a JSON object, so it is not a sequence file")
+        raise ConfigError(f"{name}: is not a JSON object, so it is not a sequence file")
     return content
 
 
-def _motions(path: Path, place: str, steps: list[Any]) -> Iterator[tuple[str, Any]]:
+def _motions(place: str, steps: list[Any]) -> Iterator[tuple[str, Any]]:
     """The steps with their places in the file; None for one during which the arm stands still."""
     for number, step in enumerate(steps):
         here = f"{place}[{number}]"
         keys = set(step) if isinstance(step, dict) else set()
         if "on_error" in keys and isinstance(step.get("do"), list):
-            yield from _motions(path, f"{here}.do", step["do"])
+            yield from _motions(f"{here}.do", step["do"])
         elif keys & STANDING:
             yield here, None
         else:
             yield here, step
 
 
-def _move(path: Path, place: str, step: Any) -> dict[str, Any]:
+def _move(name: str, place: str, step: Any) -> dict[str, Any]:
     """A waypoint as a move of a study."""
     if not isinstance(step, dict):
-        raise ConfigError(f"{path}: {place}: must be a waypoint, got {shown(step)}")
+        raise ConfigError(f"{name}: {place}: must be a waypoint, got {shown(step)}")
     if other := [key for key in OTHER_STEPS if key in step]:
-        raise ConfigError(f"{path}: {place}: a study does not compute {other[0]}; {INSTEAD}")
+        raise ConfigError(f"{name}: {place}: a study does not compute {other[0]}; {INSTEAD}")
     fields = {key: value for key, value in step.items() if key not in ("label", "radius")}
     if "named" in fields:
         fields["name"] = fields.pop("named")
     try:
         body = _MOTION.validate_python(fields)
     except ValidationError as exc:
-        raise ConfigError(f"{path}: {place}: {sentences(exc.errors(), ignored=MOTION_TAGS)}") from exc
+        raise ConfigError(f"{name}: {place}: {sentences(exc.errors(), ignored=MOTION_TAGS)}") from exc
     unused = sorted(body.model_fields_set - USED - LEFT_OUT)
     if isinstance(body, MoveArc) or unused or fields.get("frame_id"):
         what = "arcs" if isinstance(body, MoveArc) else ", ".join(unused or ["frame_id"])
-        raise ConfigError(f"{path}: {place}: a study does not compute {what}; {INSTEAD}")
+        raise ConfigError(f"{name}: {place}: a study does not compute {what}; {INSTEAD}")
     label = f"{place} {step['label']}" if step.get("label") else place
-    found = {"label": label} | {name: getattr(body, name) for name in COPIED if hasattr(body, name)}
+    found = {"label": label} | {key: getattr(body, key) for key in COPIED if hasattr(body, key)}
     if found.get("speed_m_s") is not None and "speed" not in body.model_fields_set:
         found["speed"] = 1.0
     if isinstance(body, MovePose):

@@ -136,6 +136,9 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
                 client.delete(f"/robot/positions/{each['name']}")
         for each in client.get("/programs").raise_for_status().json():
             client.delete(f"/programs/{each['id']}")
+        for each in client.get("/studies").raise_for_status().json()["studies"]:
+            client.post(f"/jobs/{each['job']}/cancel")
+            client.delete(f"/studies/{each['id']}")
     assert result.returncode == 0, result.stdout[-6000:] + result.stderr[-2000:]
     assert re.search(r"\d+ passed", result.stdout)
     return result.stdout

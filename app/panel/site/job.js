@@ -62,7 +62,7 @@ export class Job {
   async newest() {
     for (const states of [["paused", ...GOING], OVER]) {
       const { jobs } = await this.api.get(`/jobs?n=10${among(states)}`);
-      const found = jobs.find((job) => job.parent === null);
+      const found = jobs.find((job) => job.parent === null && job.kind !== "study"); // a study moves nothing
       if (found) return found;
     }
     return null;

@@ -34,6 +34,7 @@ class JobKind(StrEnum):
     SYNCHRONOUS = "synchronous"
     FORCE = "force"
     GRIPPER = "gripper"
+    STUDY = "study"
 
 
 class JobState(StrEnum):
@@ -54,6 +55,8 @@ def new_job_id() -> str:
     return f"job_{secrets.token_hex(8)}"
 
 
+WITHOUT_ARM = frozenset({JobKind.GRIPPER, JobKind.STUDY})
+"""Kinds that go on while the arm is paused."""
 ENDS = frozenset({JobState.FINISHED, JobState.FAILED, JobState.CANCELLED, JobState.INTERRUPTED})
 
 
@@ -171,7 +174,7 @@ class Job:
             return self.end_record.state
         if self._override is None:
             return JobState.QUEUED
-        if self._held or (self._override.paused and self.kind is not JobKind.GRIPPER):
+        if self._held or (self._override.paused and self.kind not in WITHOUT_ARM):
             return JobState.PAUSED
         return JobState.PLANNING if self._started_at is None else JobState.RUNNING
 

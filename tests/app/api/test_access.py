@@ -463,6 +463,8 @@ def role_by_the_docs(endpoint: str) -> Role:
         return Role.OBSERVER
     if method == "DELETE" and "/recordings/" in path:
         return Role.PROGRAMMER
+    if method in ("POST", "DELETE") and "/studies" in path:
+        return Role.PROGRAMMER
     if method in ("PUT", "DELETE") and "/programs/" in path:
         return Role.PROGRAMMER
     return Role.PROGRAMMER if path.endswith(("/sequences/start", "/tool")) else Role.OPERATOR

@@ -36,6 +36,8 @@ WITHOUT_CONTROL = {
     "POST /admin/restore",
     "PUT /programs/{program}",
     "DELETE /programs/{program}",
+    "POST /studies",
+    "DELETE /studies/{study}",
     *(
         f"POST /robot/plan/{kind}"
         for kind in ("named", "joints", "pose", "arc", "path", "sequence", "gripper")

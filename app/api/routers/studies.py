@@ -1,0 +1,192 @@
+"""Studies: questions about the robot that need thousands of computations, in a process of their own."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated, Any, Literal
+
+from fastapi import Path, Request
+from fastapi.responses import FileResponse
+from pydantic import BaseModel, Field
+
+from app.api.dependencies import Call
+from app.api.errors import responses
+from app.api.route import EndpointRouter
+from app.services.programs.studies import MAP, TABLES, StudyStatus
+from cobot import audit
+from cobot.access.roles import Role
+from cobot.errors import InputError
+from cobot.loose_lists import RequestModel
+from cobot.motions.fields import example
+from cobot.strict import shown
+
+router = EndpointRouter(tags=["studies"])
+BOX = {"low": [0.3, -0.3, 0.2], "high": [0.7, 0.3, 0.6]}
+TABLE: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}
+}
+Id = Annotated[str, Path(max_length=200, description="Id of a study: 12 hexadecimal digits.")]
+Part = dict[str, Any]
+
+
+class StartStudy(RequestModel):
+    """A study as in its file, without files and functions. Its process checks which keys its kind has."""
+
+    model_config = example(
+        {
+            "question": "Which places does the arm reach?",
+            "kind": "reach",
+            "space": {"box": BOX, "spacing_m": 0.2},
+        }
+    )
+
+    question: str = Field(min_length=1, max_length=500, description="The question in words, for people.")
+    kind: Literal["reach", "placement", "cycle", "robustness", "compare"]
+    seed: int | None = Field(None, ge=0, lt=2**63, description="Of all random numbers; 0 by default.")
+    metric: str | None = Field(None, max_length=100, description="The result that the answer is about.")
+    robot: Part | None = Field(None, description="Further objects, and another tool than the present one.")
+    space: Part | None = Field(None, description="Places or parameters.")
+    targets: Part | None = Field(None, description="Of placements: places to reach.")
+    method: str | None = Field(None, max_length=100, description="Of reach: ik, free or lin.")
+    approach: Any = Field(None, description="Directions of the TCP's z axis.")
+    spins: int | None = Field(None, description="Number of turns about each direction.")
+    start: str | list[float] | None = Field(None, description="Of the method lin.")
+    program: list[Part] | Part | None = Field(
+        None, description='Moves, or `{"stored": ID, "moves": {...}}` of a stored program.'
+    )
+    orders: list[list[int]] | None = Field(None, description="Groups of moves whose order is free.")
+    samples: int | None = Field(None, description="Number of samples of the random parameters.")
+    design: str | None = Field(None, max_length=100, description="Of the samples.")
+    goal: str | None = Field(None, max_length=100, description="max or min.")
+    confidence: float | None = Field(None, description="Of intervals.")
+    search: Part | None = Field(None, description="Search by Optuna.")
+    study: Part | None = Field(None, description="Of comparisons: what all variants have in common.")
+    variants: dict[str, Part] | None = Field(None, description="Of comparisons: their variants.")
+    max_s: float = Field(
+        3600.0, gt=0.0, le=86400.0, allow_inf_nan=False, description="Maximum duration of this run, s."
+    )
+
+
+class Placement(BaseModel):
+    """The best placement: poses x, y, z, m, and w, x, y, z."""
+
+    base: list[float] = Field(description="Of the base in the present base frame.")
+    tcp: list[float] = Field(description="Of the TCP in the flange's frame.")
+
+
+class StudyAnswer(BaseModel):
+    """A study."""
+
+    id: str = Field(description="Named by a hash of the question, the robot, its tool and its scene.")
+    question: str
+    kind: str
+    state: Literal["running", "finished", "partial", "failed"] = Field(
+        description="partial: it can be continued by starting the same study again."
+    )
+    reason: str = Field(description="Why it is not finished; empty while it runs or once it is.")
+    tasks: int = Field(description="Number of tasks.")
+    done: int = Field(description="Number of tasks that are done.")
+    rate_hz: float = Field(description="Tasks per second of the present run.")
+    left_s: float | None = Field(description="Estimated remaining time, s; null while it is unknown.")
+    answer: dict[str, Any] = Field(description="From the results so far, by names for people.")
+    placement: Placement | None = Field(description="Of a study of placements that has ended: the best one.")
+    maps: bool = Field(description="Whether it has a map: GET /studies/{study}/map.")
+    job: str = Field(description="The job of its last run: POST /jobs/{job}/cancel ends it.")
+    owner: str = Field(description="The client that started it.")
+    started_at: str = Field(description="When its last run was started, ISO 8601, UTC.")
+    document: dict[str, Any] = Field(description="The study as it was asked for.")
+
+
+class StudiesAnswer(BaseModel):
+    """Studies."""
+
+    studies: list[StudyAnswer] = Field(description="The newest first.")
+
+
+class StudyMap(BaseModel):
+    """Places with their results, for a map. The lists have one item per place."""
+
+    x: list[float] = Field(description="m in the base frame.")
+    y: list[float] = Field(description="m in the base frame.")
+    z: list[float] = Field(description="m in the base frame.")
+    values: dict[str, list[float | None]] = Field(description="By metric; null where a place is not reached.")
+    ranges: dict[str, list[float]] = Field(description="By metric, lowest and highest value of the scale.")
+    scale: list[list[float]] = Field(description="Colours of the scale at even distances, RGB, 0 to 255.")
+    spacing: float = Field(description="Distance of neighbouring places, m.")
+    metrics: list[str] = Field(description="The chosen metric first.")
+    every: int = Field(description="The map has one of so many places.")
+
+
+@router.endpoint("GET /studies", Role.OBSERVER, timeout_s=5.0)
+async def studies(request: Request) -> StudiesAnswer:
+    """The studies of the robot; of a running one, with its partial answer."""
+    return StudiesAnswer(studies=[_answer(each) for each in await Call(request).services.studies.all()])
+
+
+@router.endpoint("POST /studies", Role.PROGRAMMER, timeout_s=60.0, responses=responses(404, 409, 501, 503))
+async def start_study(body: StartStudy, request: Request) -> StudyAnswer:
+    """Start a study in a process of the lowest priority, or continue it; answers once its tasks are known.
+
+    It uses the service's robot, scene, tool and positions as they are now. One study runs at a time.
+    """
+    call = Call(request)
+    document = body.model_dump(exclude_unset=True, exclude={"max_s"})
+    stored = None
+    if isinstance(body.program, dict):
+        name = body.program.get("stored")
+        if not isinstance(name, str):
+            raise InputError(f"program.stored: must be the id of a stored program, got {shown(name)}")
+        found = await call.services.stored.read(name)
+        if found.saved.kind != "sequence":
+            raise InputError(f"program.stored: {name} is a Lua program; a study takes sequences")
+        stored = (found.saved.text, found.file_name)
+    status = await call.services.studies.start(document, stored, body.max_s, call.timeout_s)
+    audit.add_details(study=status.id, job=status.job)
+    return _answer(status)
+
+
+@router.endpoint("GET /studies/{study}", Role.OBSERVER, timeout_s=5.0, responses=responses(404, 422))
+async def study(study: Id, request: Request) -> StudyAnswer:
+    """A study; its answer is partial while it runs."""
+    return _answer(await Call(request).services.studies.read(study))
+
+
+@router.endpoint(
+    "GET /studies/{study}/map",
+    Role.OBSERVER,
+    timeout_s=5.0,
+    response_class=FileResponse,
+    responses=responses(404, 422) | {200: {"model": StudyMap}},
+)
+async def study_map(study: Id, request: Request) -> FileResponse:
+    """The map of a reach study, at most 20000 places of it."""
+    path = await Call(request).services.studies.file(study, MAP)
+    return FileResponse(path, media_type="application/json")
+
+
+@router.endpoint(
+    "GET /studies/{study}/table",
+    Role.OBSERVER,
+    timeout_s=5.0,
+    response_class=FileResponse,
+    responses=responses(404, 422) | TABLE,
+)
+async def study_table(study: Id, request: Request) -> FileResponse:
+    """All results at the end of a run, as a file of SQLite or Parquet with one row per task."""
+    path = await Call(request).services.studies.file(study, *TABLES)
+    name = f"{study}-{path.name}"
+    return FileResponse(path, media_type="application/octet-stream", filename=name)
+
+
+@router.endpoint(
+    "DELETE /studies/{study}", Role.PROGRAMMER, timeout_s=10.0, responses=responses(404, 409, 422, 503)
+)
+async def delete_study(study: Id, request: Request) -> StudiesAnswer:
+    """Delete a study with its results; answers the studies that are left."""
+    service = Call(request).services.studies
+    await service.delete(study)
+    return StudiesAnswer(studies=[_answer(each) for each in await service.all()])
+
+
+def _answer(status: StudyStatus) -> StudyAnswer:
+    return StudyAnswer.model_validate(asdict(status))

@@ -1,0 +1,436 @@
+"""Studies that clients ask for: each runs in a process of its own, with the lowest priority, into a folder.
+
+The folder is named by a hash of the question, the robot, its tool and its scene. The same study asked for
+again continues where it ended, whatever ended it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import re
+import shutil
+import signal
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from app.services.rights.job import Job, JobKind
+from app.services.rights.ownership import Ownership
+from cobot.cell.surroundings import tool_file
+from cobot.config import Settings
+from cobot.errors import (
+    CobotError,
+    ConflictError,
+    ExecutionError,
+    InputError,
+    LimitError,
+    MotionStopped,
+    NotFoundError,
+    NotSupportedError,
+    UnavailableError,
+)
+from cobot.launch.process import RUN_MODULE, Niceness
+from cobot.logs.lines import printable
+from cobot.robot.kept import keep, read_kept
+from cobot.strict import shown
+
+MAX_STUDIES = 30
+MAX_TASKS = 300_000
+MAX_TOTAL_BYTES = 1_000_000_000
+"""Maximum size of all studies of a robot together, in bytes."""
+MIN_BYTES = 10_000_000
+"""Without so much room no study begins."""
+MAX_STARTS = 3
+"""Number of times that the process of a study is started, if it is killed."""
+LINE_BYTES = 4_000_000
+END_S = 5.0
+"""Timeout for a cancelled study to write its partial answer, in seconds."""
+STATUS, MAP = "status.json", "map.json"
+TABLES = ("results.parquet", "results.sqlite")
+PROCESS = "cobot.studies.served"
+ID_PATTERN = r"^[0-9a-f]{12}$"
+_ID = re.compile(ID_PATTERN)
+_ERRORS: dict[str, type[CobotError]] = {
+    kind.code: kind
+    for kind in (
+        ConflictError,
+        InputError,
+        LimitError,
+        NotSupportedError,
+        UnavailableError,
+    )
+}
+"""Errors of the process by their codes. Any other one means that the study does not fit the robot."""
+log = logging.getLogger("cobot.studies")
+
+
+@dataclass(frozen=True, slots=True)
+class StudyStatus:
+    """How a study stands.
+
+    Attributes:
+        state: running, finished, partial (it can be continued), or failed.
+        reason: why it is not finished; "" while it runs or once it is.
+        answer: from the results so far, by names for people.
+        left_s: estimated remaining time; None while it is unknown.
+        placement: of a study of placements, the best base and TCP: poses x, y, z, w, x, y, z.
+        maps: whether it has a map.
+        job: of its last run.
+    """
+
+    id: str
+    question: str
+    kind: str
+    document: dict[str, Any]
+    owner: str
+    started_at: str
+    state: str = "running"
+    reason: str = ""
+    tasks: int = 0
+    done: int = 0
+    rate_hz: float = 0.0
+    left_s: float | None = None
+    answer: dict[str, Any] = field(default_factory=dict)
+    placement: dict[str, list[float]] | None = None
+    maps: bool = False
+    job: str = ""
+
+
+_STATUS = TypeAdapter(StudyStatus)
+
+
+@dataclass(eq=False, slots=True)
+class _Run:
+    """A study that runs.
+
+    Attributes:
+        known: set once its folder is known, or it has failed before.
+        error: why it has failed.
+        cancelled: why it is cancelled.
+    """
+
+    request: dict[str, Any]
+    status: StudyStatus
+    job: Job
+    known: asyncio.Event = field(default_factory=asyncio.Event)
+    error: CobotError | None = None
+    ended: bool = False
+    cancelled: MotionStopped | None = None
+    process: asyncio.subprocess.Process | None = None
+
+
+class StudyService:
+    """The studies of one robot.
+
+    Args:
+        config: file of the settings; None for the shipped ones.
+        turn: held while a study of any robot runs.
+
+    Attributes:
+        niceness: of the computation.
+    """
+
+    def __init__(
+        self, settings: Settings, config: Path | None, ownership: Ownership, turn: asyncio.Lock
+    ) -> None:
+        self._settings = settings
+        self._config = config
+        self._ownership = ownership
+        self._turn = turn
+        self._run: _Run | None = None
+        self._task: asyncio.Task[None] | None = None
+        self.folder = settings.studies_folder
+        self.niceness = Niceness.STUDY
+
+    async def start(
+        self, document: dict[str, Any], stored: tuple[str, str] | None, max_s: float, timeout_s: float
+    ) -> StudyStatus:
+        """Start a study, or continue it; returns once its tasks are known.
+
+        Args:
+            document: as the file of a study, without files.
+            stored: text and file name of the stored program that it names.
+            max_s: maximum duration of this run.
+
+        Raises:
+            ConflictError: another study runs, or there are too many.
+            CobotError: the study is invalid.
+            UnavailableError: its process cannot be started, or does not answer in time.
+        """
+        if self._turn.locked():
+            raise ConflictError("another study is running; wait for it, or cancel its job")
+        await self._turn.acquire()  # `_follow` releases it
+        try:
+            request = await asyncio.to_thread(self._request, document, stored, max_s)
+        except BaseException:
+            self._turn.release()
+            raise
+        question = printable(str(document["question"]), 500)
+        job = self._ownership.new_job(JobKind.STUDY, question)
+        began = job.record().created_at.isoformat()
+        status = StudyStatus("", question, str(document["kind"]), document, job.owner, began, job=job.id)
+        run = self._run = _Run(request, status, job)
+        job.begin(self._ownership.speed_override)
+        job.start()
+        self._task = asyncio.create_task(self._follow(run), name="study")
+        try:
+            await asyncio.wait_for(run.known.wait(), timeout_s)
+        except TimeoutError:
+            run.error = UnavailableError(f"the study did not begin within {timeout_s:g} s; try again later")
+            _kill(run)
+            raise run.error from None
+        if run.error is not None and not run.status.id:
+            raise run.error
+        return run.status
+
+    async def all(self) -> list[StudyStatus]:
+        """All studies, the newest first."""
+        found = await asyncio.to_thread(self._all)
+        return [self._with_run(each) for each in found]
+
+    async def read(self, study: str) -> StudyStatus:
+        """One study.
+
+        Raises:
+            NotFoundError: there is none of this id.
+        """
+        return self._with_run(await asyncio.to_thread(self._read, study))
+
+    async def file(self, study: str, *names: str) -> Path:
+        """The first of these files that the study has.
+
+        Raises:
+            NotFoundError: there is no such study, or it has none of these files yet.
+        """
+        status = await self.read(study)
+        for name in names:
+            if (path := self.folder / status.id / name).is_file():
+                return path
+        raise NotFoundError(
+            f"study {study} has no such results yet: {status.done} of {status.tasks} tasks are done"
+        )
+
+    async def delete(self, study: str) -> None:
+        """Delete a study with its results.
+
+        Raises:
+            NotFoundError: there is none of this id.
+            ConflictError: it runs.
+            UnavailableError: the disk does not permit it.
+        """
+        if (await self.read(study)).state == "running":
+            raise ConflictError(f"study {study} is running: cancel its job first")
+        try:
+            await asyncio.to_thread(shutil.rmtree, self.folder / study)
+        except OSError as exc:
+            raise UnavailableError(f"study {study} cannot be deleted: {exc.strerror}") from exc
+
+    def cancel(self, job: Job, cause: MotionStopped) -> bool:
+        """End the study of this job with a partial answer; whether it is the job of one."""
+        run = self._run
+        if run is None or run.job is not job:
+            return False
+        run.cancelled = run.cancelled or cause
+        if run.process is not None:
+            with contextlib.suppress(ProcessLookupError):
+                run.process.terminate()
+            asyncio.get_running_loop().call_later(END_S, _kill, run)
+        return True
+
+    async def close(self) -> None:
+        """End the running study at once; it can be continued later."""
+        if self._run is not None:
+            _kill(self._run)
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.wait({self._task})
+
+    def _request(
+        self, document: dict[str, Any], stored: tuple[str, str] | None, max_s: float
+    ) -> dict[str, Any]:
+        used = _size(self.folder)
+        if used > MAX_TOTAL_BYTES - MIN_BYTES:
+            raise ConflictError(
+                f"studies take {used} bytes, {MAX_TOTAL_BYTES} are allowed; delete some: DELETE /studies/ID"
+            )
+        copies = {"tool_file": json.dumps(asdict(tool_file(self._settings).read()))}
+        for key, path in (("scene", self._settings.scene_file), ("positions", self._settings.positions_file)):
+            with contextlib.suppress(FileNotFoundError):
+                copies[key] = read_kept(path).decode()
+        return {
+            "parent": os.getpid(),
+            "document": document,
+            "stored": stored,
+            "base": str(self.folder),
+            "copies": copies,
+            "settings": None if self._config is None else str(self._config),
+            "robot": self._settings.robot.name,
+            "niceness": self.niceness,
+            "workers": max(1, len(os.sched_getaffinity(0)) - 1),
+            "may_create": len(self._ids()) < MAX_STUDIES,
+            "max_tasks": MAX_TASKS,
+            "max_bytes": MAX_TOTAL_BYTES - used,
+            "max_s": max_s,
+        }
+
+    async def _follow(self, run: _Run) -> None:
+        """Compute a study to its end, also if its process is killed."""
+        error: BaseException | None = None
+        try:
+            for _ in range(MAX_STARTS):
+                await self._compute(run)
+                if run.ended or run.error is not None or run.cancelled is not None:
+                    break
+            else:
+                run.error = ExecutionError(
+                    f"the process of the study died {MAX_STARTS} times, perhaps for lack of memory; "
+                    "start the same study again to continue"
+                )
+            error = run.cancelled or run.error
+            if error is None and run.status.state != "finished":
+                error = ExecutionError(run.status.reason)
+        except OSError as exc:
+            error = run.error = UnavailableError(
+                f"the process of the study cannot be started: {exc.strerror}"
+            )
+        except BaseException as exc:
+            error = exc
+            _kill(run)
+            raise
+        finally:
+            self._run = None
+            self._turn.release()
+            await self._settle(run, error)
+            self._ownership.end(run.job, error, stopped=error is not None and error is run.cancelled)
+            run.known.set()
+
+    async def _settle(self, run: _Run, error: BaseException | None) -> None:
+        """Keep how the study has ended."""
+        status = run.status
+        if not status.id:
+            return
+        if status.state == "running" or run.error is not None:
+            state = "failed" if run.error is not None else "partial"
+            status = replace(status, state=state, reason=str(error) if isinstance(error, CobotError) else "")
+        elif run.cancelled is not None and status.state != "finished":
+            status = replace(status, reason=str(run.cancelled))
+        run.status = replace(status, rate_hz=0.0, left_s=None)
+        self._keep(run.status)
+
+    def _keep(self, status: StudyStatus) -> None:
+        content = _STATUS.dump_json(status)
+        try:
+            keep(self.folder / status.id / STATUS, content, "the study")
+        except UnavailableError as exc:
+            log.error("%s", exc)
+
+    async def _compute(self, run: _Run) -> None:
+        """Start the process of a study, and follow it to its end."""
+        run.process = await asyncio.create_subprocess_exec(
+            *RUN_MODULE,
+            PROCESS,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            start_new_session=True,
+            limit=LINE_BYTES,
+        )
+        assert run.process.stdin is not None
+        assert run.process.stdout is not None
+        try:
+            with contextlib.suppress(ConnectionError):
+                run.process.stdin.write(json.dumps(run.request).encode())
+                await run.process.stdin.drain()
+                run.process.stdin.close()
+            while line := await run.process.stdout.readline():
+                self._take(run, json.loads(line))
+        except ValueError:  # an answer beyond LINE_BYTES, or the last line of a killed process
+            run.error = run.error or ExecutionError("the answer of the study is too large, or was cut")
+        finally:
+            _kill(run)
+            await run.process.wait()
+
+    def _take(self, run: _Run, line: dict[str, Any]) -> None:
+        """A line of the process, see `cobot.studies.served`."""
+        status = run.status
+        if (error := line.get("error")) is not None:
+            kind = _ERRORS.get(error["code"], ExecutionError if status.id else InputError)
+            run.error = kind(error["detail"])
+            run.known.set()
+        elif (end := line.get("end")) is not None:
+            whole = end["done"] == end["tasks"]
+            reason = "" if whole else end["reason"] or "cancelled"
+            run.ended = True
+            run.status = replace(
+                status,
+                state="finished" if whole else "partial",
+                reason=reason,
+                answer=end["answer"],
+                done=end["done"],
+                placement=end["placement"],
+            )
+        else:
+            known = {
+                name: line[name]
+                for name in ("id", "tasks", "done", "rate_hz", "left_s", "answer", "maps")
+                if name in line
+            }
+            run.status = replace(status, **known)
+            if "id" in line:
+                self._keep(run.status)
+                run.known.set()
+        run.job.at_waypoint(run.status.done, run.status.tasks)
+
+    def _with_run(self, status: StudyStatus) -> StudyStatus:
+        """A study as it is now: what the file says of a running one is old."""
+        run = self._run
+        if run is not None and run.status.id == status.id:
+            return run.status
+        if status.state == "running":
+            return replace(
+                status, state="partial", reason="the service ended meanwhile", rate_hz=0.0, left_s=None
+            )
+        return status
+
+    def _ids(self) -> list[str]:
+        with contextlib.suppress(FileNotFoundError):
+            return [path.name for path in self.folder.iterdir() if _ID.fullmatch(path.name)]
+        return []
+
+    def _all(self) -> list[StudyStatus]:
+        found = []
+        for study in self._ids():
+            try:
+                found.append(self._read(study))
+            except NotFoundError as exc:  # deleted meanwhile, or damaged
+                log.warning("%s", exc)
+        return sorted(found, key=lambda each: each.started_at, reverse=True)
+
+    def _read(self, study: str) -> StudyStatus:
+        if not _ID.fullmatch(study):
+            raise NotFoundError(f"there is no study {shown(study)}; GET /studies lists them")
+        try:
+            return _STATUS.validate_json(read_kept(self.folder / study / STATUS))
+        except (OSError, ValidationError) as exc:
+            raise NotFoundError(f"there is no study {shown(study)}; GET /studies lists them") from exc
+
+
+def _kill(run: _Run) -> None:
+    """End the process with its workers, which are in its session."""
+    if run.process is not None and run.process.returncode is None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(run.process.pid, signal.SIGKILL)
+
+
+def _size(folder: Path) -> int:
+    """Bytes of all files in a folder."""
+    found = 0
+    for path in folder.rglob("*"):
+        with contextlib.suppress(OSError):
+            found += path.lstat().st_size
+    return found
