@@ -19,11 +19,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cobot.config.section import parse
 from cobot.errors import CobotError, ConfigError, ConflictError, InputError, LimitError, exhausted
 from cobot.foreign import plain_error
 from cobot.launch.process import Niceness, be, die_with_parent
 from cobot.robot.kept import keep
-from cobot.strict import StrictModel, shown
+from cobot.strict import StrictModel, shown, unknown_key
 from cobot.studies.chunks import Columns
 from cobot.studies.map_html import map_content
 from cobot.studies.maps import map_columns
@@ -237,13 +238,11 @@ def require_no_files(part: dict[str, Any], place: str = "") -> None:
 def _stored_program(request: ServedRequest, choice: dict[str, Any]) -> list[dict[str, Any]]:
     if request.stored is None:
         raise InputError("program.stored: there is no such program")
-    given = {"file": "stored", "moves": choice.get("moves", {})} | {
-        key: value for key, value in choice.items() if key not in ("stored", "moves")
-    }
-    try:
-        moves = SequenceProgram.model_validate(given, context={"folder": Path()}).moves
-    except ValueError as exc:
-        raise InputError(f"program: {plain_error(exc)}") from exc
+    for key in choice:
+        if key not in ("stored", "moves"):
+            raise InputError(f"program: {unknown_key(key, ['stored', 'moves'])}")
+    given = {"file": "stored", "moves": choice.get("moves", {})}
+    moves = parse(SequenceProgram, Path("study"), given, "program: ").moves
     text, name = request.stored
     return program_of(text, name, moves)
 
