@@ -314,9 +314,9 @@ class Client(ForceMoves, Steps, EventConnection):
         """The map of a reach study: `x`, `y`, `z`, `values` by metric, `ranges`, `metrics`."""
         return self._json("GET", f"/studies/{study}/map")
 
-    def study_table(self, study: str) -> bytes:
-        """All results of a study, as a file of SQLite or Parquet."""
-        return self._send("GET", f"/studies/{study}/table").content
+    def fetch_study_table(self, study: str, file: Path | str) -> None:
+        """Write all results of a study to a file of SQLite, or of Parquet if the service has duckdb."""
+        self._fetch(f"/studies/{study}/table", Path(file))
 
     def delete_study(self, study: str) -> list[Json]:
         """Delete a study with its results; returns the studies that are left."""
