@@ -45,7 +45,7 @@ MAX_TASKS = 300_000
 MAX_TOTAL_BYTES = 1_000_000_000
 """Maximum size of all studies of a robot together, in bytes."""
 MIN_BYTES = 10_000_000
-"""Without so much room no study begins."""
+"""Free part of this size that a study needs at its start, in bytes."""
 MAX_STARTS = 3
 """Number of times that the process of a study is started, if it is killed."""
 LINE_BYTES = 4_000_000
