@@ -3,7 +3,10 @@ import { inEachLanguage, word } from "./words.js";
 
 const NAME = "panel.lua";
 const WRONG = new RegExp(`${NAME.replace(".", "[.]")}:(\\d+):`);
-const LINES = 50;
+const LINES = 300;
+const PRINTED = /^program: /;
+const SHOWN = /^(program: |error: | {4}\| )/; // the last: another line of the same text
+const MOMENT = /^\S+ /; // when a line was printed
 const element = (id) => document.getElementById(id);
 
 export class Lua {
@@ -37,8 +40,10 @@ export class Lua {
   }
 
   async ended({ returncode }) {
+    const { own } = this;
     this.own = null;
-    const { lines, missing } = await this.api.get(`/sequences/logs?n=${LINES}`).catch((error) => ({ lines: [], missing: error.message }));
+    const { lines: all, missing } = await this.api.get(`/sequences/logs?n=${LINES}`).catch((error) => ({ lines: [], missing: error.message }));
+    const lines = ofRun(all, own);
     element("lua-log").textContent = lines.join("\n");
     element("lua-log").scrollTop = element("lua-log").scrollHeight;
     const wrong = returncode ? lines.findLast((line) => WRONG.test(line)) : null;
@@ -55,4 +60,10 @@ export class Lua {
   write() {
     element("lua-why").textContent = this.words();
   }
+}
+
+// What this run has printed, and its error: the log has the lines of all runs, with the runner's own.
+function ofRun(lines, number) {
+  const begun = lines.findLastIndex((line) => line.includes(` sequence ${number} started, `));
+  return lines.slice(begun + 1).map((line) => line.replace(MOMENT, "")).filter((line) => SHOWN.test(line)).map((line) => line.replace(PRINTED, ""));
 }

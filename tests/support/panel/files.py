@@ -33,6 +33,9 @@ def test_a_lua_program_is_run_and_its_mistakes_are_marked(panel: Panel) -> None:
         panel.page.click("#lua-run")
         panel.until("document.querySelector('#lua-why').innerText.startsWith('Ended with 2')")
         assert "joint1" in panel.text("#lua-why")
+        shown = panel.text("#lua-log").splitlines()
+        assert shown[0] == "one", "nothing of the run before, of the runner or of the clock"
+        assert "there" not in shown
         begin = panel.page.run("document.querySelector('#program-text').selectionStart")
         assert begin == len("print('one')\n"), "the second line is selected"
     finally:
