@@ -51,6 +51,7 @@ MAX_STARTS = 3
 LINE_BYTES = 4_000_000
 END_S = 5.0
 """Timeout for a cancelled study to write its partial answer, in seconds."""
+ENDED = "the service ended meanwhile"
 STATUS, MAP = "status.json", "map.json"
 TABLES = ("results.parquet", "results.sqlite")
 PROCESS = "cobot.studies.served"
@@ -317,7 +318,9 @@ class StudyService:
             return
         if status.state == "running" or run.error is not None:
             state = "failed" if run.error is not None else "partial"
-            status = replace(status, state=state, reason=str(error) if isinstance(error, CobotError) else "")
+            status = replace(
+                status, state=state, reason=str(error) if isinstance(error, CobotError) else ENDED
+            )
         elif run.cancelled is not None and status.state != "finished":
             status = replace(status, reason=str(run.cancelled))
         run.status = replace(status, rate_hz=0.0, left_s=None)
@@ -392,9 +395,7 @@ class StudyService:
         if run is not None and run.status.id == status.id:
             return run.status
         if status.state == "running":
-            return replace(
-                status, state="partial", reason="the service ended meanwhile", rate_hz=0.0, left_s=None
-            )
+            return replace(status, state="partial", reason=ENDED, rate_hz=0.0, left_s=None)
         return status
 
     def _ids(self) -> list[str]:

@@ -181,9 +181,13 @@ def test_killed_workers_and_processes_lose_nothing(tmp_path: Path) -> None:
             done = (await made.service.read(status.id)).done
             await made.until_done(status, done + 1)  # it has another worker
             os.kill(process, signal.SIGKILL)
-            await made.until_done(status, done + 2)
-            (other,) = [pid for pid in processes(tmp_path) if os.getsid(pid) == pid]
-            assert other != process
+
+            async def is_replaced() -> bool:
+                leaders = [pid for pid in processes(tmp_path) if os.getsid(pid) == pid]
+                return bool(leaders) and process not in leaders
+
+            await made.until(is_replaced)
+            await made.until_done(status, (await made.service.read(status.id)).done + 1)
             job = made.book.live(status.job)
             assert job is not None
             assert made.service.cancel(job, MotionStopped("cancelled by a test"))
@@ -211,8 +215,8 @@ def test_one_study_runs_at_a_time_and_the_end_of_the_service_keeps_its_results(t
         assert processes(tmp_path) == []
         async with bench(tmp_path) as made:
             found = await made.service.read(status.id)
-            assert found.state in ("partial", "failed")
-            assert found.reason
+            assert found.state == "partial"
+            assert found.reason == "the service ended meanwhile"
             assert ResultsFolder(made.service.folder / status.id).chunks()
 
     asyncio.run(scenario())
