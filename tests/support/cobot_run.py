@@ -19,7 +19,7 @@ import psutil
 import yaml
 from folders import ROOT, SUPPORT
 
-WAIT_S = 40.0
+WAIT_S = 120.0
 POLL_S = (0.01, 0.05)
 """Between two looks at a condition, at first and at last: what is looked at costs the processor too."""
 TRIES = 5

@@ -229,6 +229,7 @@ def test_a_mesh_is_imported_and_moved(panel: Panel, http: httpx.Client, tmp_path
     panel.page.write("#object-place-2", "-900")
     panel.page.click("#object-save")
     shows(panel, "#object-why", "The arm touches now")
+    panel.until("document.querySelector('#scene-all button')")  # its row moves what is below
     panel.page.click("#object-delete")
     shows(panel, "#object-why", "is deleted")
     panel.page.write("#object-name", "fixture")
