@@ -7,6 +7,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from cobot.clock import SYSTEM
+from cobot.grippers.modbus_points import ModbusOptions, check_names, port_of
 from cobot.grippers.point_rigs import DigitalRig
 from cobot.grippers.positions import Goal, Name, Seconds, TwoPositions
 from cobot.grippers.protocol import (
@@ -21,7 +22,7 @@ from cobot.grippers.protocol import (
 
 
 class DigitalOptions(GripperOptions):
-    """Options of `DigitalGripper`. Names are those of GET /robot/io."""
+    """Options of `DigitalGripper`. Names are those of GET /robot/io, or of `modbus_points`."""
 
     close_output: Annotated[Name | None, Field(description="On: the fingers close.")] = None
     open_output: Annotated[Name | None, Field(description="On: the fingers open.")] = None
@@ -35,6 +36,9 @@ class DigitalOptions(GripperOptions):
     open_width: Annotated[float, Field(gt=0.0, le=1.0, description="Between open fingers, m.")] = 0.05
     closed_width: Annotated[float, Field(ge=0.0, le=1.0, description="Between closed fingers, m.")] = 0.0
     on_power_loss: PowerLoss = PowerLoss.UNKNOWN
+    modbus: Annotated[
+        ModbusOptions | None, Field(description="The points are those of this device, not the robot's.")
+    ] = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -46,6 +50,9 @@ class DigitalOptions(GripperOptions):
             raise ValueError(
                 f"closed_width is {self.closed_width:g}, it must be below open_width, {self.open_width:g}"
             )
+        check_names(
+            self.modbus, (self.close_output, self.open_output), (self.closed_input, self.opened_input)
+        )
         return self
 
 
@@ -60,7 +67,7 @@ class DigitalGripper(TwoPositions):
     Options = DigitalOptions
 
     def __init__(self, options: DigitalOptions, port: IoPort, clock: Now = SYSTEM) -> None:
-        super().__init__(port, (options.closed_width, options.open_width), clock)
+        super().__init__(port_of(options.modbus, port), (options.closed_width, options.open_width), clock)
         self._options = options
         self.capabilities = GripperCapabilities(
             width_m=(options.closed_width, options.open_width),
@@ -72,12 +79,14 @@ class DigitalGripper(TwoPositions):
     @staticmethod
     def contract_rig(options: DigitalOptions) -> DigitalRig:
         """Fingers at such outputs and inputs."""
-        return DigitalRig(options)
+        return DigitalRig(options.model_copy(update={"modbus": None}))
 
     def connect(self) -> None:
         """The outputs tell what the last command was, of an earlier run of cobot too."""
         options = self._options
-        self._require(options.close_output, options.open_output, options.closed_input, options.opened_input)
+        self._require_points(
+            options.close_output, options.open_output, options.closed_input, options.opened_input
+        )
         if self.goal is Goal.NEITHER:
             closes = self._input(options.close_output, False)
             opens = self._input(options.open_output, False)

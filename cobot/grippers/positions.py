@@ -9,6 +9,7 @@ from typing import Annotated
 from pydantic import Field
 
 from cobot.clock import SYSTEM
+from cobot.grippers.modbus_points import ModbusPoints
 from cobot.grippers.protocol import Grasp, GripperError, IoPort, Now, Range
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -66,6 +67,8 @@ class TwoPositions:
 
     def disconnect(self) -> None:
         """Outputs stay as they are."""
+        if isinstance(self._port, ModbusPoints):
+            self._port.close()
 
     def _command(self, goal: Goal) -> None:
         self.goal, self._begun_s = goal, self._clock.now_s()
@@ -83,8 +86,10 @@ class TwoPositions:
         """Time since the last command."""
         return self._clock.now_s() - self._begun_s
 
-    def _require(self, *names: str | None) -> None:
-        """See that the robot has these inputs and outputs."""
+    def _require_points(self, *names: str | None) -> None:
+        """Connect to the device that has these inputs and outputs, and see that it has them."""
+        if isinstance(self._port, ModbusPoints):
+            self._port.open()
         for name in names:
             if name is not None:
                 self._port.read(name)

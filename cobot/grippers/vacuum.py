@@ -8,6 +8,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from cobot.clock import SYSTEM
+from cobot.grippers.modbus_points import ModbusOptions, check_names, port_of
 from cobot.grippers.point_rigs import VacuumRig
 from cobot.grippers.positions import Goal, Name, Seconds, TwoPositions
 from cobot.grippers.protocol import (
@@ -29,7 +30,7 @@ OF_BLOW = ("blow_value", "blow_time_s")
 
 
 class VacuumOptions(GripperOptions):
-    """Options of `VacuumGripper`. Names are those of GET /robot/io."""
+    """Options of `VacuumGripper`. Names are those of GET /robot/io, or of `modbus_points`."""
 
     output: Annotated[Name, Field(description="Of the ejector or the pump: boolean or analog.")]
     on_value: Annotated[Finite, Field(description="Of the output, for vacuum.")] = 1.0
@@ -52,6 +53,9 @@ class VacuumOptions(GripperOptions):
     )
     release_time_s: Annotated[Seconds, Field(description="The part has come off after this time.")] = 0.3
     on_power_loss: PowerLoss = PowerLoss.UNKNOWN
+    modbus: Annotated[
+        ModbusOptions | None, Field(description="The points are those of this device, not the robot's.")
+    ] = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -65,6 +69,7 @@ class VacuumOptions(GripperOptions):
             alone = [name for name in names if name in self.model_fields_set]
             if alone and getattr(self, needed) is None:
                 raise ValueError(f"{alone[0]} needs {needed}: the name of a point of GET /robot/io")
+        check_names(self.modbus, (self.output, self.blow_output), (self.sensor,))
         return self
 
 
@@ -78,7 +83,7 @@ class VacuumGripper(TwoPositions):
     Options = VacuumOptions
 
     def __init__(self, options: VacuumOptions, port: IoPort, clock: Now = SYSTEM) -> None:
-        super().__init__(port, None, clock)
+        super().__init__(port_of(options.modbus, port), None, clock)
         self._options = options
         self._vacuum = False
         self.capabilities = GripperCapabilities(
@@ -91,12 +96,12 @@ class VacuumGripper(TwoPositions):
     @staticmethod
     def contract_rig(options: VacuumOptions) -> VacuumRig:
         """A cup at such an output, which a part can close."""
-        return VacuumRig(options)
+        return VacuumRig(options.model_copy(update={"modbus": None}))
 
     def connect(self) -> None:
         """The output tells what the last command was, of an earlier run of cobot too."""
         options = self._options
-        self._require(options.output, options.blow_output, options.sensor)
+        self._require_points(options.output, options.blow_output, options.sensor)
         if self.goal is Goal.NEITHER:
             value = self._port.read(options.output)
             sucks = abs(value - options.on_value) < abs(value - options.off_value)

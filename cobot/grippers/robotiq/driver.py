@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from cobot.clock import SYSTEM
+from cobot.grippers.modbus import SOCKET, Master
 from cobot.grippers.protocol import (
     Grasp,
     GripperCapabilities,
@@ -33,7 +34,6 @@ from cobot.grippers.robotiq.registers import (
     share,
 )
 from cobot.grippers.robotiq.rig import RobotiqRig
-from cobot.grippers.robotiq.rtu import SOCKET, Master
 from cobot.grippers.robotiq.urcap import PORT, UrcapLink
 from cobot.strict import shown
 

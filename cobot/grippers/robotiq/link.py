@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from cobot.grippers.modbus import Master
 from cobot.grippers.robotiq.registers import COUNT, REQUEST, STATUS, Request, Status
-from cobot.grippers.robotiq.rtu import Master
 
 
 class GripperLink(Protocol):

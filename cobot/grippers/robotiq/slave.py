@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
+from cobot.grippers.modbus import REFUSED, Function, framed, is_whole
 from cobot.grippers.robotiq.registers import (
     COUNT,
     FULL,
@@ -20,7 +21,6 @@ from cobot.grippers.robotiq.registers import (
     Request,
     Status,
 )
-from cobot.grippers.robotiq.rtu import REFUSED, Function, framed, is_whole
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 HOLDING_A = 0.4

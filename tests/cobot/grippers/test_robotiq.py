@@ -15,11 +15,11 @@ from cobot_run import WAIT_S
 from pymodbus.framer import FramerRTU
 
 from cobot.grippers import GripperError, GripperState, HeldObject
+from cobot.grippers.modbus import crc, framed, is_whole
 from cobot.grippers.protocol import Grasp
 from cobot.grippers.robotiq.driver import RobotiqGripper, RobotiqOptions
 from cobot.grippers.robotiq.registers import Activation, Detection, Request, Status
 from cobot.grippers.robotiq.rig import RobotiqRig
-from cobot.grippers.robotiq.rtu import crc, framed, is_whole
 from cobot.grippers.robotiq.simulator import Simulator, run_simulator
 from cobot.grippers.robotiq.slave import Fingers, Slave
 from cobot.grippers.robotiq.text_slave import TextSlave

@@ -1,8 +1,9 @@
-"""Frames of Modbus RTU, and a master that reads and writes registers.
+"""Frames of Modbus RTU and of Modbus TCP, and a master that reads and writes registers and coils.
 
-Sources: MODBUS over Serial Line V1.02 and MODBUS Application Protocol V1.1b3, modbus.org. An answer that is
-anything else than these say is an error. An answer that comes after its time must not be taken for that to
-the next request: after an error the line has to be quiet for the time of an answer first.
+Sources: MODBUS over Serial Line V1.02, MODBUS Messaging on TCP/IP V1.0b and MODBUS Application Protocol
+V1.1b3, modbus.org. An answer that is anything else than these say is an error. An answer that comes after its
+time must not be taken for that to the next request: after an error the line has to be quiet for the time of
+an answer first.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ REFUSED = 0x80
 SHORTEST = 5
 """Bytes of the shortest answer, a refusal."""
 REFUSALS = {1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure", 6: "busy"}
+COIL_ON = 0xFF00
+HEAD = 6
+"""Bytes of a frame of Modbus TCP in front of the unit."""
 SOCKET = "socket://"
 MAX_DRAINS = 8
 """How often a line is listened to until it is quiet."""
@@ -30,8 +34,11 @@ LOST = (OSError, termios.error)
 
 
 class Function(IntEnum):
+    READ_COILS = 1
+    READ_DISCRETE = 2
     READ_HOLDING = 3
     READ_INPUT = 4
+    WRITE_COIL = 5
     WRITE = 16
     READ_WRITE = 23
 
@@ -74,12 +81,19 @@ class Master:
         unit: address of the slave.
         timeout_s: for each answer.
         line: makes another port than pyserial's, for tests.
+        slave: what it is, for errors.
     """
 
     def __init__(
-        self, device: str, unit: int, baud: int, timeout_s: float, line: Callable[[], Any] | None = None
+        self,
+        device: str,
+        unit: int,
+        baud: int,
+        timeout_s: float,
+        line: Callable[[], Any] | None = None,
+        slave: str = "the gripper",
     ) -> None:
-        self._line = line
+        self._line, self._slave = line, slave
         self._device, self._unit, self._baud, self._timeout_s = device, unit, baud, timeout_s
         self._port: Any = None
         self._expects_late = False
@@ -109,13 +123,13 @@ class Master:
             if connection is not None:
                 connection.close()
 
-    def read(self, address: int, count: int) -> list[int]:
-        """Holding registers.
+    def read(self, address: int, count: int, function: Function = Function.READ_HOLDING) -> list[int]:
+        """Holding registers, or input registers.
 
         Raises:
             GripperError: no answer, or one that is not the right one; with what.
         """
-        data = self._ask(Function.READ_HOLDING, struct.pack(">HH", address, count), 1 + 2 * count)
+        data = self._ask(function, struct.pack(">HH", address, count), 1 + 2 * count)
         if data[0] != 2 * count:
             raise self._error("has answered something else than was asked")
         return list(struct.unpack(f">{count}H", data[1:]))
@@ -127,6 +141,19 @@ class Master:
         if self._ask(Function.WRITE, head + body, len(head)) != head:
             raise self._error("has answered something else than was asked")
 
+    def read_bit(self, address: int, function: Function = Function.READ_COILS) -> bool:
+        """A coil or a discrete input; raises as `read`."""
+        data = self._ask(function, struct.pack(">HH", address, 1), 2)
+        if data[0] != 1:
+            raise self._error("has answered something else than was asked")
+        return bool(data[1] & 1)
+
+    def write_coil(self, address: int, on: bool) -> None:
+        """Set a coil; raises as `read`."""
+        request = struct.pack(">HH", address, COIL_ON if on else 0)
+        if self._ask(Function.WRITE_COIL, request, len(request)) != request:
+            raise self._error("has answered something else than was asked")
+
     def _ask(self, function: Function, data: bytes, length: int) -> bytes:
         """What an answer of this length holds between its function and its checksum."""
         if self._port is None:
@@ -134,10 +161,7 @@ class Master:
         try:
             self._await_quiet()
             self._port.reset_input_buffer()
-            self._port.write(framed(bytes((self._unit, function)) + data))
-            frame = self._port.read(SHORTEST)
-            if len(frame) == SHORTEST and not frame[1] & REFUSED:
-                frame += self._port.read(length + 4 - SHORTEST)
+            frame = self._exchange(bytes((self._unit, function)) + data, length)
         except LOST as exc:
             raise self._error(f"has lost its connection: {exc}") from exc
         self._expects_late = True
@@ -154,6 +178,14 @@ class Master:
             )
         return bytes(frame[2:-2])
 
+    def _exchange(self, request: bytes, length: int) -> bytes:
+        """Send a request, and return what comes of the frame of its answer."""
+        self._port.write(framed(request))
+        frame: bytes = self._port.read(SHORTEST)
+        if len(frame) == SHORTEST and not frame[1] & REFUSED:
+            frame += self._port.read(length + 4 - SHORTEST)
+        return frame
+
     def _await_quiet(self) -> None:
         """After an error: wait until nothing more comes."""
         if self._expects_late:
@@ -165,4 +197,23 @@ class Master:
         self._expects_late = False
 
     def _error(self, what: str) -> GripperError:
-        return GripperError(f"{self._device}, unit {self._unit}: the gripper {what}")
+        return GripperError(f"{self._device}, unit {self._unit}: {self._slave} {what}")
+
+
+class TcpMaster(Master):
+    """A master on a TCP connection with the frames of Modbus TCP."""
+
+    _transaction = 0
+
+    def _exchange(self, request: bytes, length: int) -> bytes:
+        self._transaction = (self._transaction + 1) % 0x10000
+        self._port.write(struct.pack(">HHH", self._transaction, 0, len(request)) + request)
+        head = self._port.read(HEAD)
+        if len(head) < HEAD:
+            return bytes(head)
+        transaction, protocol, count = struct.unpack(">HHH", head)
+        if (transaction, protocol) != (self._transaction, 0) or not 3 <= count <= length + 2:
+            self._expects_late = True
+            raise self._error(f"has answered garbage ({head.hex(' ')}): it may not speak Modbus TCP")
+        body: bytes = self._port.read(count)
+        return framed(body) if len(body) == count else body

@@ -1,0 +1,112 @@
+"""Coils, inputs and registers of a Modbus device, in place of the robot's inputs and outputs."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from cobot.grippers.modbus import Function, Master, TcpMaster
+from cobot.grippers.protocol import GripperError, IoPort
+
+KINDS = {
+    "coil": Function.READ_COILS,
+    "input": Function.READ_DISCRETE,
+    "register": Function.READ_HOLDING,
+    "input register": Function.READ_INPUT,
+}
+"""Kinds of points, with the function that reads them."""
+WRITABLE = ("coil", "register")
+BITS = ("coil", "input")
+MAX_WORD = 65535
+_NAME = re.compile(rf"({'|'.join(KINDS)}) ([0-9]{{1,5}})")
+
+
+class ModbusOptions(BaseModel):
+    """Where the points of a gripper are, if they are not those of the robot."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    device: Annotated[
+        str, Field(min_length=1, max_length=200, description="HOST:PORT, or a serial port with rtu.")
+    ]
+    protocol: Annotated[Literal["tcp", "rtu"], Field(description="rtu: also over TCP.")] = "tcp"
+    unit: Annotated[int, Field(ge=0, le=255, description="Address of the device.")] = 1
+    baud: Annotated[int, Field(ge=1200, le=4_000_000, description="Of a serial port.")] = 115_200
+    timeout_s: Annotated[float, Field(gt=0.0, le=2.0, description="For each answer.")] = 0.2
+
+
+class ModbusPoints:
+    """See `IoPort`. Names are `coil 3`, `input 0`, `register 7`, `input register 2`, from 0 on."""
+
+    def __init__(self, options: ModbusOptions) -> None:
+        kind = TcpMaster if options.protocol == "tcp" else Master
+        self._master = kind(
+            options.device, options.unit, options.baud, options.timeout_s, slave="the Modbus device"
+        )
+
+    def open(self) -> None:
+        """Raises GripperError: the device cannot be reached."""
+        self._master.open()
+
+    def close(self) -> None:
+        self._master.close()
+
+    def read(self, name: str) -> float:
+        kind, address = parts_of(name)
+        if kind in BITS:
+            return float(self._master.read_bit(address, KINDS[kind]))
+        return float(self._master.read(address, 1, KINDS[kind])[0])
+
+    def set(self, name: str, value: float) -> None:
+        kind, address = parts_of(name)
+        if kind not in WRITABLE:
+            raise GripperError(f"{name} is an input of the Modbus device; name a coil or a register")
+        if kind == "coil":
+            self._master.write_coil(address, value != 0.0)
+            return
+        if not 0.0 <= value <= MAX_WORD:
+            raise GripperError(f"{name} is {value:g}, allowed is 0 to {MAX_WORD}")
+        self._master.write(address, [round(value)])
+
+
+def port_of(modbus: ModbusOptions | None, port: IoPort) -> IoPort:
+    """The points of the options, else those of the robot."""
+    return port if modbus is None else ModbusPoints(modbus)
+
+
+def parts_of(name: str) -> tuple[str, int]:
+    """Kind and address of a point.
+
+    Raises:
+        GripperError: it is no such name.
+    """
+    found = _NAME.fullmatch(name)
+    if found is None or int(found[2]) > MAX_WORD:
+        raise GripperError(
+            f"{name!r} is not a point of a Modbus device; valid are "
+            f"{', '.join(f'{kind} N' for kind in KINDS)}, with N from 0 to {MAX_WORD}"
+        )
+    return found[1], int(found[2])
+
+
+def check_names(
+    modbus: ModbusOptions | None, outputs: tuple[str | None, ...], inputs: tuple[str | None, ...]
+) -> None:
+    """See that the points of a Modbus device have names of such a device.
+
+    Raises:
+        ValueError: one has not, or an output is an input.
+    """
+    if modbus is None:
+        return
+    for name in (*outputs, *inputs):
+        if name is None:
+            continue
+        try:
+            kind, _ = parts_of(name)
+        except GripperError as exc:
+            raise ValueError(str(exc)) from exc
+        if name in outputs and kind not in WRITABLE:
+            raise ValueError(f"{name} is an input of the Modbus device; name a coil or a register")
