@@ -15,6 +15,8 @@ cdef class PathClock:
     cdef double profile_target, profile_s  # time into the profile; negative: there is none
     cdef bint pending, held, urgent
     cdef int rung, failed_at_rest
+    cdef int crest
+    cdef double tried  # the last share of the steepest profile that a stop at contact has looked at
     cdef double waited_s
 
     cdef void c_reset(self) noexcept nogil
@@ -32,10 +34,12 @@ cdef class PathClock:
     cdef void _try_rung(self, Path path) noexcept nogil
     cdef void _try_sooner(self, Path path) noexcept nogil
     cdef bint _find_steepest(self, Path path) noexcept nogil
+    cdef void _try_shorter(self, Path path) noexcept nogil
+    cdef void _begin_search(self) noexcept nogil
     cdef bint _try(self, Path path, double share) noexcept nogil
     cdef void _lower_aim(self) noexcept nogil
     cdef void _take_candidate(self) noexcept nogil
-    cdef bint _plan(self, Path path, double share) noexcept nogil
+    cdef bint _plan(self, Path path, double share, double crest=*) noexcept nogil
     cdef bint _admissible(self, Path path) noexcept nogil
     cdef bint _holds(
         self, Path path, double path_time_s, double rate, double slope, double bend

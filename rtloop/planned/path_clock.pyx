@@ -9,7 +9,7 @@ derivatives of P by s,
 so a change of the rate must itself be smooth, and slow enough for what the path is doing meanwhile.
 """
 
-from libc.math cimport fabs, fmax, fmin
+from libc.math cimport fabs, fmax, fmin, sqrt
 
 from cobot.arrays cimport MAX_DOF
 from rtloop.generators.otg cimport MAX_PHASES, OTG_OK, Problem, otg_velocity, profile_at
@@ -18,6 +18,7 @@ from rtloop.planned.path cimport MAX_BREAKPOINTS, Path
 
 cdef enum:
     RUNGS = 10
+    CRESTS = 3
     SAMPLES = 11  # Places in each phase of a profile where the joints' acceleration and jerk are looked at.
 
 # Fractions of the steepest profile that are tried, one a cycle.
@@ -41,6 +42,12 @@ cdef double URGENT_JERK = 500_000.0
 cdef int URGENT_TRIES = 8
 cdef double GENTLER = 0.8
 cdef int HALVINGS = 6
+cdef int SHORTER_TRIES = 24
+cdef double[CRESTS] CREST = [1.0, 0.85, 0.7]
+# In the cycles after it, steps between the shares that are tried, and how much shorter, in path time, another
+# stop must be.
+cdef double FINER = 0.003
+cdef double SHORTER_S = 1e-5
 # A profile that lasts longer is not taken, because an operator waits for the stop.
 cdef double LONGEST_S = 2.0
 # Where no profile leads from rest to the target rate, one leads to this share of it, or to the share of that.
@@ -163,6 +170,7 @@ cdef class PathClock:
     cdef void c_end_urgently(self) noexcept nogil:
         """Come to rest on the path as soon as the joints permit, however slowly they move."""
         self.urgent = True
+        self._begin_search()
         self.c_request(0.0)
 
     cdef void c_begin(self) noexcept nogil:
@@ -198,6 +206,8 @@ cdef class PathClock:
             found = self._try(path, LADDER[self.rung])
         if found:
             self._take_candidate()
+            if self.urgent:
+                self._try_shorter(path)
             return
         self.rung = (self.rung + 1) % RUNGS
         self.failed_at_rest = self.failed_at_rest + 1 if self.rate == 0.0 and self.profile_s < 0.0 else 0
@@ -248,14 +258,45 @@ cdef class PathClock:
     cdef void _try_sooner(self, Path path) noexcept nogil:
         """A gentle profile gives way to one that arrives sooner, as soon as the path leaves room for it."""
         cdef double sooner_s = SOONER * (self.profile.duration - self.profile_s)
+        if self.urgent:
+            self._try_shorter(path)
+            return
         self.rung = (self.rung + 1) % RUNGS
         if not self._plan(path, LADDER[self.rung]):
             return
         if self.candidate.duration < sooner_s and self._admissible(path):
             self.profile, self.profile_s = self.candidate, 0.0
 
-    cdef bint _plan(self, Path path, double share) noexcept nogil:
-        """Whether there is a candidate with this share of the steepest profile."""
+    cdef void _try_shorter(self, Path path) noexcept nogil:
+        """A stop at contact gives way to each one that ends before it.
+
+        The shares of the steepest profile that hold are several intervals, of which the first cycle has found
+        one. So all are tried, some in each cycle, also with flatter crests, which are longer but hold more often.
+        While the first ones are tried, the arm has hardly slowed down.
+        """
+        cdef int _attempt
+        for _attempt in range(SHORTER_TRIES):
+            self.crest = (self.crest + 1) % CRESTS
+            if self.crest == 0:
+                self.tried = self.tried - FINER if self.tried > 1.5 * FINER else 1.0
+            if not self._plan(path, self.tried, CREST[self.crest]):
+                continue
+            if self.candidate.end_position > self.profile.end_position - SHORTER_S:
+                if self.crest == 0:  # all gentler ones are longer still
+                    self._begin_search()
+                    return
+            elif self._admissible(path):
+                self.profile, self.profile_s = self.candidate, 0.0
+                self._begin_search()
+                return
+
+    cdef void _begin_search(self) noexcept nogil:
+        self.tried, self.crest = 1.0 + FINER, CRESTS - 1
+
+    cdef bint _plan(self, Path path, double share, double crest=1.0) noexcept nogil:
+        """Whether there is a candidate with this share of the steepest profile, and this share of the slope
+        that it comes to.
+        """
         cdef int joint
         cdef double steepest = URGENT_ACCELERATION if self.urgent else MAX_ACCELERATION
         cdef double jerk = URGENT_JERK if self.urgent else MAX_JERK, speed
@@ -271,7 +312,12 @@ cdef class PathClock:
         problem.target_position, problem.target_velocity = 0.0, self.aim
         problem.min_velocity, problem.max_velocity = -2.0, 2.0  # Not used by this interface.
         # Never below the present slope: else a phase in front would first bring it below.
-        problem.max_acceleration = fmax(steepest * share, fabs(self.rate_slope) * (1.0 + 1e-9))
+        steepest *= share
+        if crest < 1.0:
+            steepest = fmin(steepest, crest * sqrt(
+                jerk * share * fabs(self.rate - self.aim) + 0.5 * self.rate_slope * self.rate_slope
+            ))
+        problem.max_acceleration = fmax(steepest, fabs(self.rate_slope) * (1.0 + 1e-9))
         problem.min_acceleration = -problem.max_acceleration
         problem.max_jerk = jerk * share
         return otg_velocity(&problem, &self.candidate) == OTG_OK and self.candidate.duration <= LONGEST_S

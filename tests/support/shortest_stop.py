@@ -10,8 +10,8 @@ from cobot.types import Array, JointLimits
 
 SHARES = np.linspace(1.0, 0.05, 951)
 """Shares of the jerk and acceleration of an even stop that are tried."""
-SAMPLES = np.linspace(0.0, 1.0, 100)
-"""Places in each phase of a stop on the path where the limits are checked."""
+COARSE, FINE = np.linspace(0.0, 1.0, 100), np.linspace(0.0, 1.0, 3000)
+"""Places in each phase of a stop on the path where the limits are checked: first, and then."""
 
 
 def rest_of_joints(state: Array, limits: JointLimits) -> Array:
@@ -35,7 +35,7 @@ def rest_on_path(path: Trajectory, path_time_s: float, limits: JointLimits) -> A
     start = np.array([[path_time_s], [1.0], [0.0]])
     for share in SHARES:
         stop = _stop(start, share * acceleration, share * jerk)
-        if _keeps(stop, path, limits):
+        if _keeps(stop, path, limits, COARSE) and _keeps(stop, path, limits, FINE):
             return path.sample(_end(stop))[0]
     return None
 
@@ -60,10 +60,10 @@ def _end(stop: ruckig.Trajectory) -> Array:
     return np.array(end)
 
 
-def _keeps(stop: ruckig.Trajectory, path: Trajectory, limits: JointLimits) -> bool:
+def _keeps(stop: ruckig.Trajectory, path: Trajectory, limits: JointLimits, places: Array) -> bool:
     """Whether each joint keeps its acceleration and jerk during a stop of path time."""
     profile = stop.profiles[0][0]
-    t = np.array(profile.t)[:, None] * SAMPLES
+    t = np.array(profile.t)[:, None] * places
     s, r, a, j = (np.array(values)[: len(t), None] for values in (profile.p, profile.v, profile.a, profile.j))
     times_s = (s + t * (r + t * (a / 2 + t * j / 6))).ravel()
     rate = (r + t * (a + t * j / 2)).reshape(-1, 1)
