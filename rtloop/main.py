@@ -14,6 +14,7 @@ from types import FrameType
 
 import numpy as np
 
+from cobot.cell import cell_of
 from cobot.cell.surroundings import scene_file, tool_file
 from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError, ConfigError
@@ -127,8 +128,9 @@ def _recording(robot: str) -> RecordingMemory | None:
 
 
 def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
-    """The tool with the attached objects. If the scene cannot be read, only the tool: with that file neither
-    the service, which starts all motions, nor a session starts.
+    """The tool with the attached objects, except parts of a cell, because the cell begins again. If the scene
+    cannot be read, only the tool: with that file neither the service, which starts all motions, nor a session
+    starts.
     """
     model = robot.model
     tool = tool_file(settings).read_checked(settings.robot.max_payload_kg, model.file_gravity)
@@ -137,7 +139,9 @@ def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
     except ConfigError as exc:
         log.error("%s", exc)
         return tool
-    return carrying(tool, scene, model.tcp_in_flange(tool))
+    cell = cell_of(settings)
+    parts = () if cell is None else tuple(cell.parts)
+    return carrying(tool, scene.without(parts), model.tcp_in_flange(tool))
 
 
 def _permissions(rt: RtSection, clock_name: str) -> Permissions:

@@ -1,9 +1,9 @@
 """What the arm carries, and what stands around it: both change while it rests."""
 
 from cobot.errors import CobotError, InputError, LimitError
-from cobot.ipc.tool_record import tool_of
+from cobot.ipc.tool_record import load_of
 from cobot.robot.tool import check_tool
-from rtloop.backends import BackendError, CarriesTool
+from rtloop.backends import BackendError, CarriesTool, HasCell
 from rtloop.results import ACCEPTED, LATER, Rejected
 from rtloop.streaming.surroundings import Surroundings
 
@@ -27,15 +27,20 @@ cdef class ToolAndScene:
         self.known = ALL
         self.scene_known = ACCEPTED
 
-    def carry(self, tool):
+    def carry(self, tool, mounted=None):
         """Have this tool on the flange from the next cycle on: in the model and, if it wants to know, in the
         backend. Some 500 µs, so only while nothing moves.
+
+        Args:
+            mounted: the tool without the parts of a simulated cell; None: none are held.
 
         Raises:
             BackendError: the robot refuses it; nothing has changed.
         """
         if isinstance(self._backend, CarriesTool):
             self._backend.set_tool(tool)
+        if isinstance(self._backend, HasCell):
+            self._backend.mount(tool if mounted is None else mounted)
         self._model.carry(tool)
         self._info.data["flange"] = self._model.flange_in_tcp().numbers
         self._info.data["tool_version"] = tool.version
@@ -48,11 +53,12 @@ cdef class ToolAndScene:
         if not self._tool.try_read():
             return Rejected("the tool could not be read")
         try:
-            tool = tool_of(self._tool.data)
-            check_tool(tool, self._max_payload_kg, self._model.file_gravity)
+            tool, mounted = load_of(self._tool.data)
+            for each in (tool, mounted):
+                check_tool(each, self._max_payload_kg, self._model.file_gravity)
             if tool.version != version:
                 return Rejected(f"version {tool.version} of the tool stands there, not {version}")
-            self.carry(tool)
+            self.carry(tool, mounted)
             self.hear_of(scene_version)  # Its shapes stand in its file.
         except (InputError, LimitError, ValueError, BackendError) as exc:
             return Rejected(str(exc))

@@ -26,10 +26,14 @@ MAX_SWITCHES = 16
 MAX_OUTPUTS = 16
 HAND = "hand"
 """Name of the hand, and first part of the names of its inputs and outputs."""
+CUP = "cup"
+"""Name of the suction cup, likewise."""
 COUNT = "count"
 """Last part of the name of the input with a light barrier's count."""
 SPEED = "speed"
 """Last part of the name of the output that sets a belt's speed."""
+SUCTION, VACUUM = "suction", "vacuum"
+"""Last parts of the names of the cup's output and of its sensor, which reports kPa."""
 SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
 """Shapes of parts and fixtures, with the number of their lengths."""
 
@@ -86,6 +90,27 @@ class Hand(Entry):
     def tcp_m(self) -> float:
         """Distance of the TCP from the flange."""
         return self.palm_m[2] + self.finger_m[2] - self.tcp_from_tip_m
+
+
+class Cup(Entry):
+    """A suction cup at the flange. The flange's z axis points out of the cup; the TCP is in the middle of the
+    lip.
+
+    Attributes:
+        force_n: pull at which a part comes off, at full vacuum.
+        vacuum_kpa: full vacuum, below the pressure of the air: of a cup that sits on a part.
+        evacuate_s: time constant in which the vacuum builds up.
+        radius_m: of the lip.
+        length_m: distance of the lip from the flange.
+        mass_kg: of the cup with its holder.
+    """
+
+    force_n: Annotated[float, Field(ge=0.1, le=5000.0)] = 60.0
+    vacuum_kpa: Annotated[float, Field(ge=1.0, le=100.0)] = 70.0
+    evacuate_s: Annotated[float, Field(ge=0.005, le=5.0)] = 0.05
+    radius_m: Annotated[float, Field(ge=0.003, le=0.2)] = 0.015
+    length_m: Annotated[float, Field(ge=0.02, le=0.5)] = 0.1
+    mass_kg: Annotated[float, Field(ge=0.01, le=50.0)] = 0.3
 
 
 class CellSolid(Entry):
@@ -220,6 +245,7 @@ class Cell(Entry):
 
     floor_m: Coordinate | None = 0.0
     hand: Hand | None = None
+    cup: Cup | None = None
     parts: Annotated[dict[Name, CellPart], Field(default_factory=dict, max_length=MAX_PARTS)]
     fixtures: Annotated[dict[Name, CellSolid], Field(default_factory=dict, max_length=MAX_FIXTURES)]
     belts: Annotated[dict[Name, Belt], Field(default_factory=dict, max_length=MAX_BELTS)]
@@ -227,13 +253,19 @@ class Cell(Entry):
     outputs: Annotated[dict[Name, Output], Field(default_factory=dict, max_length=MAX_OUTPUTS)]
 
     @model_validator(mode="after")
+    def _has_one_gripper(self) -> Cell:
+        if self.hand is not None and self.cup is not None:
+            raise ValueError("hand and cup are both given; the arm has one flange: leave one of them out")
+        return self
+
+    @model_validator(mode="after")
     def _has_each_name_once(self) -> Cell:
         bodies = [*self.parts, *self.fixtures, *self.belts]
         points = [*self.switches, *self.outputs, *self.belts]
         for names in (bodies, points):
             for index, name in enumerate(names):
-                if name == HAND:
-                    raise ValueError(f"the name {HAND!r} is reserved for the hand")
+                if name in (HAND, CUP):
+                    raise ValueError(f"the name {name!r} is reserved for what is at the flange")
                 if name in names[:index]:
                     raise ValueError(f"the name {name!r} occurs twice: each needs a name of its own")
         for name, switch in self.switches.items():

@@ -94,7 +94,7 @@ def hand_of(settings: Settings) -> AnyHand | None:
 def cell_of(settings: Settings) -> Cell | None:
     """The simulated cell; an empty one for a hand without a cell file, None for the bare arm.
 
-    Its `hand` is that of the cell file, and None if the model has its own.
+    Its `hand` and `cup` are those of the cell file, and None if the model has a hand of its own.
 
     Raises:
         ConfigError: as for `hand_of`.
@@ -103,4 +103,4 @@ def cell_of(settings: Settings) -> Cell | None:
     if settings.robot.cell is None:
         return None if own is None else NO_CELL
     cell = load_cell(settings.robot.cell)
-    return cell if own is None else cell.model_copy(update={"hand": None})
+    return cell if own is None else cell.model_copy(update={"hand": None, "cup": None})

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from cobot.cell.cell import HAND, Belt, Cell, CellPart, CellSolid, Hand, cell_file
+from cobot.cell.cell import CUP, HAND, Belt, Cell, CellPart, CellSolid, Cup, Hand, cell_file
 from cobot.cell.own_hand import AnyHand, OwnHand, cell_of, hand_of
-from cobot.cell.surroundings import FINGER_SHARE, pose_of
+from cobot.cell.surroundings import FINGER_SHARE, LIP_M, pose_of
 from cobot.config import Settings
 from cobot.errors import CollisionError, ConfigError, exhausted
 from cobot.robot.description import RobotDescription
@@ -27,6 +27,10 @@ from cobot.types import Array, Pose
 FLOOR = "floor of the cell"
 FINGERS = ("hand finger 1", "hand finger 2")
 """Names of the joints of the fingers, and of the bodies and shapes of a cell file's hand."""
+LIPS = tuple(f"{CUP} lip {number}" for number in range(1, 9))
+"""Names of the balls that are a cup's lip: it is closed where all of them touch one body."""
+SOFT_M = 0.0005
+"""How far a lip reaches beyond its balls, as it is soft."""
 OVERLAP_M = 0.001
 """How far bodies may overlap at the start."""
 IMPEDANCE_RATIO = 10.0
@@ -52,6 +56,7 @@ class Plant:
     Attributes:
         hand: None without one.
         start: its joint positions at the start; those of the arm are zeros.
+        flange: the site that carries the tool.
         tcp_body: the body with the TCP.
         parts: the bodies of the parts, in the cell's order.
         base: pose of the base frame in the world.
@@ -61,9 +66,15 @@ class Plant:
     hand: AnyHand | None
     mj: mujoco.MjModel
     start: Array
+    flange: int
     tcp_body: int
     parts: tuple[int, ...]
     base: Pose
+
+    @property
+    def has_tool(self) -> bool:
+        """Whether the first tool of the arm is a body of the plant: the hand or the cup of the cell file."""
+        return isinstance(self.hand, Hand) or self.cell.cup is not None
 
 
 def plant_of(robot: RobotModel, settings: Settings) -> Plant:
@@ -92,7 +103,7 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: OwnHand
     _make_contacts_stiff(spec)
     base_pose = _base_pose(robot.mj, base)
     frames = robot.frame_names
-    for name in (*_added_by(hand), *cell.parts, *cell.fixtures, *cell.belts):
+    for name in (*_added_by(hand, cell), *cell.parts, *cell.fixtures, *cell.belts):
         if name in frames:
             raise ConfigError(f"the arm has a body or site named {name!r}: rename that of the cell")
     if cell.floor_m is not None:
@@ -102,13 +113,15 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: OwnHand
         fingers = _add_hand(spec, robot, hand, tcp)
     elif hand is not None:
         fingers = _add_own_hand(spec, hand)
+    if cell.cup is not None:
+        fingers = _add_cup(spec, robot, cell.cup, tcp)
     for name, solid in cell.solids():
         _add_solid(spec.body(base), name, solid, pose_of(solid))
     for name, part in cell.parts.items():
         body = _add_solid(spec.worldbody, name, part, base_pose @ pose_of(part))
         body.add_freejoint()
         for finger in fingers:
-            _add_grasp(spec, finger.name, name, part)
+            _add_grasp(spec, finger, name, part)
     mj = _compiled(spec)
     arm = robot.limits.names
     if tuple(mj.joint(index).name for index in range(len(arm))) != arm:
@@ -125,14 +138,17 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: OwnHand
         hand=hand,
         mj=mj,
         start=start,
+        flange=mj.site(_flange(robot.mj, tcp)).id,
         tcp_body=int(mj.site_bodyid[mj.site(tcp).id]),
         parts=tuple(mj.body(name).id for name in cell.parts),
         base=base_pose,
     )
 
 
-def _added_by(hand: Hand | OwnHand | None) -> tuple[str, ...]:
-    """The names that a hand adds to the model; the arm's own hand adds none."""
+def _added_by(hand: Hand | OwnHand | None, cell: Cell) -> tuple[str, ...]:
+    """The names that a hand or a cup adds to the model; the arm's own hand adds none."""
+    if cell.cup is not None:
+        return (CUP, *LIPS)
     return (HAND, *FINGERS) if isinstance(hand, Hand) else ()
 
 
@@ -150,7 +166,13 @@ def check_start(plant: Plant, joints: Array) -> None:
     data.qpos[:] = plant.start
     data.qpos[: len(joints)] = joints
     mujoco.mj_fwdPosition(mj, data)
-    new = {*plant.cell.parts, *plant.cell.fixtures, *plant.cell.belts, *_added_by(plant.hand), FLOOR}
+    new = {
+        *plant.cell.parts,
+        *plant.cell.fixtures,
+        *plant.cell.belts,
+        *_added_by(plant.hand, plant.cell),
+        FLOOR,
+    }
     for contact in data.contact:
         names = [_name_of_geom(mj, geom) for geom in (contact.geom1, contact.geom2)]
         if contact.dist < -OVERLAP_M and not new.isdisjoint(names):
@@ -184,7 +206,7 @@ def check_cell(robot: RobotDescription, settings: Settings) -> str:
         (cell.switches, "switches"),
     )
     own = "the hand of the arm's model" if isinstance(plant.hand, OwnHand) else "a hand"
-    hand = "no hand" if plant.hand is None else own
+    hand = "a suction cup" if cell.cup is not None else "no hand" if plant.hand is None else own
     return f"{file}: {hand}, " + ", ".join(f"{len(entries)} {what}" for entries, what in counts)
 
 
@@ -222,14 +244,23 @@ def _replace_floor(spec: mujoco.MjSpec, base: Pose, height_m: float) -> None:
     )
 
 
-def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> list[mujoco.MjsGeom]:
-    """Add the hand at the flange; the shapes of its fingers."""
-    mj = robot.mj
+def _flange(mj: mujoco.MjModel, tcp: str) -> str:
+    """The site that carries the tool: the arm's flange, or without one its TCP."""
     flange = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_SITE, "flange")
     if flange < 0 or mj.body_weldid[mj.site_bodyid[flange]] != mj.body_weldid[mj.site(tcp).bodyid[0]]:
-        flange = mj.site(tcp).id
-    site = spec.site(mj.site(flange).name)
-    palm = site.parent.add_body(name=HAND, pos=mj.site_pos[flange], quat=mj.site_quat[flange])
+        return tcp
+    return "flange"
+
+
+def _body_at_flange(spec: mujoco.MjSpec, robot: RobotModel, tcp: str, name: str) -> mujoco.MjsBody:
+    flange = _flange(robot.mj, tcp)
+    place = robot.mj.site(flange)
+    return spec.site(flange).parent.add_body(name=name, pos=place.pos, quat=place.quat)
+
+
+def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> list[mujoco.MjsGeom]:
+    """Add the hand at the flange; the shapes of its fingers."""
+    palm = _body_at_flange(spec, robot, tcp, HAND)
     height, (thickness, width, length) = hand.palm_m[2], hand.finger_m
     palm.add_geom(
         name=HAND,
@@ -250,6 +281,35 @@ def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> l
             mass=FINGER_SHARE * hand.mass_kg,
         )
     return _couple(spec, (spec.body(FINGERS[0]), spec.body(FINGERS[1])), 1.0)
+
+
+def _add_cup(spec: mujoco.MjSpec, robot: RobotModel, cup: Cup, tcp: str) -> list[mujoco.MjsGeom]:
+    """Add the suction cup at the flange; its lip."""
+    holder, radius_m = _body_at_flange(spec, robot, tcp, CUP), 0.5 * LIP_M
+    length_m = cup.length_m - LIP_M
+    holder.add_geom(
+        name=CUP,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[cup.radius_m, 0.5 * length_m, 0.0],
+        pos=[0.0, 0.0, 0.5 * length_m],
+        mass=cup.mass_kg,
+        **CONTACT,
+    )
+    around_m = cup.radius_m - radius_m
+    return [
+        holder.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[radius_m, 0.0, 0.0],
+            pos=[around_m * np.cos(angle), around_m * np.sin(angle), cup.length_m - radius_m],
+            mass=0.0,
+            condim=4,
+            friction=[1.0, TORSION_M, ROLLING_M],
+            gap=SOFT_M,
+            **CONTACT,
+        )
+        for name, angle in zip(LIPS, np.linspace(0.0, 2.0 * np.pi, len(LIPS), endpoint=False), strict=True)
+    ]
 
 
 def _add_own_hand(spec: mujoco.MjSpec, hand: OwnHand) -> list[mujoco.MjsGeom]:
@@ -341,11 +401,12 @@ def _add_solid(parent: mujoco.MjsBody, name: str, solid: CellSolid | Belt, pose:
     return body
 
 
-def _add_grasp(spec: mujoco.MjSpec, finger: str, name: str, part: CellPart) -> None:
-    """Add the contact between a shape of a finger and a part."""
+def _add_grasp(spec: mujoco.MjSpec, finger: mujoco.MjsGeom, name: str, part: CellPart) -> None:
+    """Add the contact between a shape of a finger or a cup and a part."""
     pair = spec.add_pair(
-        geomname1=finger,
+        geomname1=finger.name,
         geomname2=name,
+        gap=finger.gap,
         condim=4 if part.shape == "box" else 6,
         friction=[part.friction, part.friction, TORSION_M, ROLLING_M, ROLLING_M],
     )

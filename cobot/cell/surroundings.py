@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from cobot.cell.cell import HAND, Belt, Cell, CellPart, CellSolid, Hand, load_cell
-from cobot.cell.own_hand import hand_of
+from cobot.cell.cell import CUP, HAND, Belt, Cell, CellPart, CellSolid, Cup, Hand, load_cell
+from cobot.cell.own_hand import cell_of, hand_of
 from cobot.config import Settings
 from cobot.robot.scene import SceneFile, SceneObject
 from cobot.robot.tool import BARE, Tool, ToolFile
@@ -15,6 +15,8 @@ from cobot.types import Numbers7, Pose
 CLEAR_M, MIN_EDGE_M = 0.025, 0.002
 """The fingers of the planners end so far before the TCP, m, because streams keep 20 mm away from everything
 and the TCP has to reach what lies on a table. Shapes shorter than the second length are left out."""
+LIP_M = 0.004
+"""Height of a cup's lip, which has no mass."""
 FINGER_SHARE = 0.1
 """Share of the hand's mass in each finger."""
 
@@ -30,12 +32,14 @@ def scene_file(settings: Settings) -> SceneFile:
 
 
 def tool_file(settings: Settings) -> ToolFile:
-    """The file with the robot's tool. Until a tool is set it is the hand of the robot's cell.
+    """The file with the robot's tool. Until a tool is set it is the hand or the cup of the robot's cell.
 
     Raises:
         ConfigError: the cell file is invalid.
     """
-    hand = hand_of(settings)
+    hand, cell = hand_of(settings), cell_of(settings)
+    if cell is not None and cell.cup is not None:
+        return ToolFile(settings.tool_file, cup_as_tool(cell.cup))
     return ToolFile(settings.tool_file, hand_as_tool(hand) if isinstance(hand, Hand) else BARE)
 
 
@@ -81,6 +85,23 @@ def hand_as_tool(hand: Hand) -> Tool:
                 if length > MIN_EDGE_M
             },
         },
+    )
+
+
+def cup_as_tool(cup: Cup) -> Tool:
+    """The first tool of a robot whose cell has a suction cup: mass, TCP, and its shape, which ends `CLEAR_M`
+    before the TCP.
+    """
+    length = cup.length_m - CLEAR_M
+    pose = (0.0, 0.0, 0.5 * length, 1.0, 0.0, 0.0, 0.0)
+    shape = SceneObject(shape="cylinder", size=(cup.radius_m, length), pose=pose)
+    return Tool(
+        version=1,
+        name=CUP,
+        mass=cup.mass_kg,
+        centre=(0.0, 0.0, 0.5 * (cup.length_m - LIP_M)),
+        tcp=(0.0, 0.0, cup.length_m, 1.0, 0.0, 0.0, 0.0),
+        shapes={CUP: shape} if length > MIN_EDGE_M else {},
     )
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cobot.cell import hand_of
+from cobot.cell import Cup, cell_of, hand_of
+from cobot.cell.cell import CUP, SUCTION, VACUUM
 from cobot.config import Settings
 from cobot.config.backend import BackendSection, options_of
 from cobot.entry_points import Registry
@@ -26,6 +27,11 @@ REGISTRY = Registry(
 )
 
 
+HELD_SHARE, LOST_SHARE, GRASP_TIMES = 0.7, 0.5, 20.0
+"""The cup of a simulated cell holds a part at this share of its full vacuum, and has lost it at the next one.
+A grasp takes at most this many of its time constants."""
+
+
 def gripper_names() -> dict[str, str]:
     """The names that `robot.gripper` may have, each with the place of its class."""
     return REGISTRY.names()
@@ -41,7 +47,7 @@ def gripper_class(name: str) -> Callable[..., Gripper]:
 
 
 def gripper_section(settings: Settings) -> BackendSection | None:
-    """The robot's gripper: `robot.gripper`, else the hand of its cell, else None.
+    """The robot's gripper: `robot.gripper`, else the hand or the cup of its cell, else None.
 
     Raises:
         ConfigError: the cell file is invalid.
@@ -49,9 +55,23 @@ def gripper_section(settings: Settings) -> BackendSection | None:
     cell = settings.robot.cell
     if settings.robot.gripper is not None or cell is None:
         return settings.robot.gripper
+    made = cell_of(settings)
+    if made is not None and made.cup is not None:
+        return BackendSection(type="vacuum", options=_of_cup(made.cup), folder=cell)
     if hand_of(settings) is None:
         return None
     return BackendSection(type="simulated", options={}, folder=cell)
+
+
+def _of_cup(cup: Cup) -> dict[str, Any]:
+    """The options of the driver for the cup of a simulated cell."""
+    return {
+        "output": f"{CUP}.{SUCTION}",
+        "sensor": f"{CUP}.{VACUUM}",
+        "threshold": HELD_SHARE * cup.vacuum_kpa,
+        "hysteresis": (HELD_SHARE - LOST_SHARE) * cup.vacuum_kpa,
+        "grasp_time_s": min(GRASP_TIMES * cup.evacuate_s, 30.0),
+    }
 
 
 def gripper_options(settings: Settings) -> GripperOptions:

@@ -188,6 +188,9 @@ TOOL = np.dtype(
         ("inertia", "f8", (6,)),  # about the centre: xx, xy, xz, yy, yz, zz, kg·m²; NaN: a point mass
         ("tcp", "f8", (7,)),  # in the flange's frame; NaN: the model's
         ("gravity", "f8", (3,)),  # in the base frame, m/s²; NaN: the model's
+        ("mounted_mass", "f8"),  # without the parts of a simulated cell, which are bodies of their own
+        ("mounted_centre", "f8", (3,)),
+        ("mounted_inertia", "f8", (6,)),
     ]
 )
 """A `cobot.robot.tool.Tool`, without its name and shapes."""

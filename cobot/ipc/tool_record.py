@@ -1,7 +1,8 @@
-"""The tool in shared memory, as far as rtloop needs it."""
+"""The load of the arm in shared memory, as far as rtloop needs it."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,23 +10,40 @@ import numpy as np
 from cobot.robot.tool import Tool
 
 
-def fill(record: np.ndarray, tool: Tool) -> None:
-    """Write a tool into a record of `cobot.ipc.layout.TOOL`."""
+def fill(record: np.ndarray, tool: Tool, mounted: Tool) -> None:
+    """Write a load into a record of `cobot.ipc.layout.TOOL`.
+
+    Args:
+        tool: with all that the arm carries.
+        mounted: the same without the parts of a simulated cell.
+    """
     record["version"], record["mass"], record["centre"] = tool.version, tool.mass, tool.centre
+    record["mounted_mass"], record["mounted_centre"] = mounted.mass, mounted.centre
     for name in ("inertia", "tcp", "gravity"):
-        value = getattr(tool, name)
-        record[name] = np.nan if value is None else value
+        record[name] = _or_nan(getattr(tool, name))
+    record["mounted_inertia"] = _or_nan(mounted.inertia)
 
 
-def tool_of(record: np.ndarray) -> Tool:
-    """Read a tool from a record, without its name and shapes.
+def load_of(record: np.ndarray) -> tuple[Tool, Tool]:
+    """Read a load from a record, without names and shapes: the tools that `fill` has written.
 
     Raises:
         ValueError: the record is invalid; `cobot.robot.tool.check_tool` checks the rest.
     """
-    fields: dict[str, Any] = {}
-    for name in ("inertia", "tcp", "gravity"):
-        values = record[name].tolist()
-        fields[name] = None if np.isnan(values).all() else tuple(values)
-    mass, centre = float(record["mass"]), tuple(record["centre"].tolist())
-    return Tool(version=int(record["version"]), mass=mass, centre=centre, **fields)
+    fields = {name: _or_none(record[name]) for name in ("inertia", "tcp", "gravity")}
+    tool = Tool(version=int(record["version"]), **_mass_of(record, ""), **fields)
+    mounted = _mass_of(record, "mounted_") | {"inertia": _or_none(record["mounted_inertia"])}
+    return tool, replace(tool, **mounted)
+
+
+def _mass_of(record: np.ndarray, prefix: str) -> dict[str, Any]:
+    mass, centre = record[f"{prefix}mass"], record[f"{prefix}centre"]
+    return {"mass": float(mass), "centre": tuple(centre.tolist())}
+
+
+def _or_nan(values: tuple[float, ...] | None) -> Any:
+    return np.nan if values is None else values
+
+
+def _or_none(values: np.ndarray) -> Any:
+    return None if np.isnan(values).all() else tuple(values.tolist())

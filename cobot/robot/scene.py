@@ -5,6 +5,7 @@ The file is replaced atomically: a process that is killed while writing leaves t
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -92,6 +93,10 @@ class Scene:
     def load(self) -> dict[str, SceneObject]:
         """The attached objects with a mass, which the arm carries."""
         return {name: each for name, each in self.objects.items() if each.attached and each.mass > 0.0}
+
+    def without(self, names: Collection[str]) -> Scene:
+        """The same scene without some objects."""
+        return replace(self, objects={name: each for name, each in self.objects.items() if name not in names})
 
     def may_touch(self) -> set[frozenset[str]]:
         """Pairs of bodies, by name, whose collisions are not checked."""

@@ -47,8 +47,7 @@ cdef class CellBackend(MujocoBackend):
         # Contacts, limits and dry friction act in the plant.
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         base = model.body(names.base_frame).id
-        # With a hand the plant carries the hand and what it holds, and no tool in addition.
-        self._carrier = None if plant.hand is not None else Carrier(model, base, model.site(names.tcp).id)
+        self._carrier = None if plant.has_tool else Carrier(model, base, plant.flange)
         self.part_names = tuple(plant.cell.parts)
         self._part_places = [model.jnt_qposadr[model.body_jntadr[body]] for body in plant.parts]
         inverse = plant.base.inverse().quaternion
@@ -72,10 +71,11 @@ cdef class CellBackend(MujocoBackend):
 
     def set_tool(self, tool: object) -> None:
         super().set_tool(tool)
-        gravity = self._model.opt.gravity
+        self.plant.mj.opt.gravity[:] = self._model.opt.gravity
+
+    def mount(self, tool: object) -> None:
         if self._carrier is not None:
-            self._carrier.load(tool, gravity)
-        self.plant.mj.opt.gravity[:] = gravity
+            self._carrier.load(tool, self._model.opt.gravity)
 
     def io(self) -> object:
         return self._devices.io()

@@ -4,6 +4,7 @@ cdef enum:
     MAX_POINTS = 64
     MAX_BELTS = 8
     MAX_SWITCHES = 16
+    LIP_BALLS = 8
 
 
 cdef struct Ray:
@@ -29,10 +30,13 @@ cdef class CellDevices:
     cdef int _finger_position[2]
     cdef int _finger_dof[2]
     cdef double _finger_share[2]  # of the width that each finger makes
-    cdef int _finger_body[2]
+    cdef int _finger_body[2]  # of a cup both are the cup
     cdef double* _turning
     cdef object _turning_array
-    cdef bint _has_hand
+    cdef bint _has_hand, _has_cup
+    cdef int _lip  # the first ball of the cup's lip; the others follow it
+    cdef int _sucked  # the body that the cup presses against; negative: none
+    cdef double _holding_n, _full_kpa, _lip_m, _evacuate_s
     cdef double _reference, _stroke_m, _period_s, _stiffness, _damping
     cdef int _still_cycles, _cycles_to_rest
     cdef int _belt_geom[MAX_BELTS]
@@ -44,6 +48,9 @@ cdef class CellDevices:
     cdef void c_keep_grasp(self) noexcept nogil
     cdef void c_sense(self) noexcept nogil
     cdef void _drive_hand(self) noexcept nogil
+    cdef void _suck(self) noexcept nogil
+    cdef int _covered(self, int* body) noexcept nogil
+    cdef void _press(self, int body, double force_n) noexcept nogil
     cdef void _keep(self, const mjContact* contact) noexcept nogil
     cdef void _sense_hand(self) noexcept nogil
     cdef double _look(self, const Ray* ray) noexcept nogil

@@ -1,4 +1,4 @@
-"""What acts and senses in a simulated cell besides the arm: the hand, the belts and the switches."""
+"""What acts and senses in a simulated cell besides the arm: the hand or the cup, the belts and the switches."""
 
 from libc.math cimport fabs
 
@@ -7,8 +7,8 @@ import numpy as np
 from cobot.arrays cimport doubles
 from cobot.robot.mujoco cimport data_of, mj_jacDot, mj_ray, model_of
 
-from cobot.cell.cell import COUNT, SPEED, ContactSwitch, LightBarrier
-from cobot.cell.plant import DRIVE_KG, FINGERS
+from cobot.cell.cell import COUNT, CUP, SPEED, ContactSwitch, LightBarrier
+from cobot.cell.plant import DRIVE_KG, FINGERS, LIPS
 from rtloop.backends.cell_points import HAND_POINTS, cell_points
 from rtloop.backends.protocols import BackendError
 
@@ -20,6 +20,11 @@ cdef enum:
     MEASURED_WIDTH
     MEASURED_FORCE
     MOVING
+
+# Those of a cup, which a cell has instead.
+cdef enum:
+    SUCTION
+    VACUUM
 
 cdef enum:
     LIGHT_BARRIER
@@ -33,11 +38,14 @@ cdef double STILL_M_S = 0.001
 cdef double REACHED_M = 0.0002
 # They rest after so long.
 cdef double REST_S = 0.05
+# An open cup comes to this share of its vacuum, because air flows in; an open one loses it in this time.
+cdef double OPEN_SHARE = 0.1
+cdef double OPEN_S = 0.01
 
 
 cdef class CellDevices:
-    """The hand, the belts and the switches of a plant, and their inputs and outputs. Methods that begin with
-    `c_` run in the cycle.
+    """The hand or the cup, the belts and the switches of a plant, and their inputs and outputs. Methods that
+    begin with `c_` run in the cycle.
     """
 
     def __init__(self, plant, data, double period_s):
@@ -60,11 +68,19 @@ cdef class CellDevices:
                 self._finger_dof[index] = plant.mj.joint(name).dofadr[0]
                 self._finger_share[index] = plant.mj.joint(name).range[1] / self._stroke_m
                 self._finger_body[index] = plant.mj.jnt_bodyid[plant.mj.joint(name).id]
-            self._turning_array = np.zeros((2, 3, plant.mj.nv))
-            self._turning = doubles(self._turning_array, 6 * plant.mj.nv)
             self._stiffness = DRIVE_KG * FINGER_FREQUENCY_RAD_S * FINGER_FREQUENCY_RAD_S
             self._damping = 2.0 * DRIVE_KG * FINGER_FREQUENCY_RAD_S
             self._cycles_to_rest = round(REST_S / period_s)
+        self._has_cup = cell.cup is not None
+        if self._has_cup:
+            assert len(LIPS) == LIP_BALLS
+            self._finger_body[0] = self._finger_body[1] = plant.mj.body(CUP).id
+            self._lip = plant.mj.geom(LIPS[0]).id
+            self._holding_n, self._full_kpa = cell.cup.force_n, cell.cup.vacuum_kpa
+            self._lip_m, self._evacuate_s = cell.cup.length_m, cell.cup.evacuate_s
+        self._sucked = -1
+        self._turning_array = np.zeros((2, 3, plant.mj.nv))
+        self._turning = doubles(self._turning_array, 6 * plant.mj.nv)
         self._belts = len(cell.belts)
         for index, name in enumerate(cell.belts):
             self._belt_geom[index] = plant.mj.geom(name).id
@@ -141,10 +157,12 @@ cdef class CellDevices:
         return index
 
     cdef void c_drive(self) noexcept nogil:
-        """Set the forces of the fingers and the speeds of the belts for the next step."""
+        """Set the forces of the fingers or the cup and the speeds of the belts for the next step."""
         cdef int index
         if self._has_hand:
             self._drive_hand()
+        if self._has_cup:
+            self._suck()
         for index in range(self._belts):
             self._model.geom_surfacevel[6 * self._belt_geom[index]] = self._values[self._belt_point[index]]
 
@@ -173,6 +191,62 @@ cdef class CellDevices:
             )
             self._data.qfrc_applied[dof] = min(max(pull, -force), force)
 
+    cdef void _suck(self) noexcept nogil:
+        """Change the vacuum, and press the cup and what it sits on against each other.
+
+        The air presses on both in the middle of the lip, whose contacts carry this force. So a part comes off
+        where the arm pulls harder, and slides where friction is too small.
+        """
+        cdef int body = -1, balls = self._covered(&body)
+        cdef double share = self._values[VACUUM] / self._full_kpa, aim = 0.0, time_s = OPEN_S
+        if self._values[SUCTION] != 0.0:
+            aim = 1.0 if balls == LIP_BALLS else OPEN_SHARE
+        if aim > share:
+            time_s = self._evacuate_s
+        share += (aim - share) * min(1.0, self._period_s / time_s)
+        self._values[VACUUM] = share * self._full_kpa
+        self._press(self._finger_body[0], 0.0)
+        if self._sucked >= 0:
+            self._press(self._sucked, 0.0)
+        self._sucked = body
+        if body >= 0:
+            self._press(self._finger_body[0], share * self._holding_n)
+            self._press(body, -share * self._holding_n)
+
+    cdef int _covered(self, int* body) noexcept nogil:
+        """How many balls of the lip the body touches that touches most, and which body that is."""
+        cdef const int* body_of = self._model.geom_bodyid
+        cdef int touched[LIP_BALLS]
+        cdef int index, ball, side, other, count, most = 0
+        for ball in range(LIP_BALLS):
+            touched[ball] = -1
+        for index in range(self._data.ncon):
+            for side in range(2):
+                ball = self._data.contact[index].geom[side] - self._lip
+                if 0 <= ball < LIP_BALLS:
+                    touched[ball] = body_of[self._data.contact[index].geom[1 - side]]
+        for ball in range(LIP_BALLS):
+            count = 0
+            for other in range(LIP_BALLS):
+                count += touched[other] == touched[ball]
+            if touched[ball] >= 0 and count > most:
+                most, body[0] = count, touched[ball]
+        return most
+
+    cdef void _press(self, int body, double force_n) noexcept nogil:
+        """Set a force on a body, along the cup's axis, in the middle of its lip."""
+        cdef const double* turn = self._data.xmat + 9 * self._finger_body[0]
+        cdef const double* cup = self._data.xpos + 3 * self._finger_body[0]
+        cdef double* force = self._data.xfrc_applied + 6 * body
+        cdef double lever[3]
+        cdef int axis
+        for axis in range(3):
+            force[axis] = force_n * turn[3 * axis + 2]
+            lever[axis] = cup[axis] + self._lip_m * turn[3 * axis + 2] - self._data.xipos[3 * body + axis]
+        force[3] = lever[1] * force[2] - lever[2] * force[1]
+        force[4] = lever[2] * force[0] - lever[0] * force[2]
+        force[5] = lever[0] * force[1] - lever[1] * force[0]
+
     cdef void c_keep_grasp(self) noexcept nogil:
         """Have held parts turn with the hand: between the two halves of a step of the plant.
 
@@ -182,7 +256,7 @@ cdef class CellDevices:
         """
         cdef const int* body_of = self._model.geom_bodyid
         cdef int index, first, second
-        if not self._has_hand:
+        if not (self._has_hand or self._has_cup):
             return
         for index in range(self._data.ncon):
             if self._data.contact[index].efc_address < 0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cobot.cell import AnyHand
-from cobot.cell.cell import COUNT, HAND, SPEED, Cell, Distance, LightBarrier
+from cobot.cell.cell import COUNT, CUP, HAND, SPEED, SUCTION, VACUUM, Cell, Distance, LightBarrier
 from cobot.robot.io_points import MAX_DIGITAL, IoKind, IoPoint
 
 HAND_POINTS = 6
@@ -33,8 +33,8 @@ class CellPoint:
 
 
 def cell_points(cell: Cell, hand: AnyHand | None) -> tuple[CellPoint, ...]:
-    """All points of a cell: those of the hand, the belts' speeds, the switches, and the other outputs."""
-    return (*_of_hand(hand), *_of_belts(cell), *_of_switches(cell), *_other_outputs(cell))
+    """All points of a cell: of its hand or cup, the speeds of its belts, its switches, and other outputs."""
+    return (*_of_hand(hand), *_of_cup(cell), *_of_belts(cell), *_of_switches(cell), *_other_outputs(cell))
 
 
 def _of_hand(hand: AnyHand | None) -> list[CellPoint]:
@@ -49,6 +49,15 @@ def _of_hand(hand: AnyHand | None) -> list[CellPoint]:
         CellPoint(f"{HAND}.measured_width", analog, False, stroke),
         CellPoint(f"{HAND}.measured_force", analog, False),
         CellPoint(f"{HAND}.moving", IoKind.BOOLEAN, False),
+    ]
+
+
+def _of_cup(cell: Cell) -> list[CellPoint]:
+    if cell.cup is None:
+        return []
+    return [
+        CellPoint(f"{CUP}.{SUCTION}", IoKind.BOOLEAN, True, high=1.0, low=0.0),
+        CellPoint(f"{CUP}.{VACUUM}", IoKind.ANALOG, False),
     ]
 
 

@@ -256,6 +256,12 @@ class HasCell(Protocol):
         """
         ...
 
+    def mount(self, tool: Tool) -> None:
+        """Have the simulated arm carry this tool, which is that of `CarriesTool` without the parts, from the
+        next cycle on. Called before `open`, and while the arm is at rest.
+        """
+        ...
+
     def reset_cell(self) -> None:
         """Put parts, hand, outputs and counters back to their state at the start. The arm stays where it is.
         Called between two cycles."""

@@ -48,7 +48,7 @@ def rig(settings: Settings, own: RobotDescription) -> Iterator[Rig]:
 
 def have(rig: Rig, tool: Tool, **wild: Any) -> str:
     """Have rtloop carry it, and wait until a thread has read its shapes; "" or why not."""
-    fill(rig.memory.tool.data, tool)
+    fill(rig.memory.tool.data, tool, tool)
     for name, value in wild.items():
         rig.memory.tool.data[name] = value
     rig.memory.tool.publish()

@@ -11,10 +11,11 @@ import yaml
 
 from cobot.cell import load_cell
 from cobot.cell.plant import FINGERS
-from cobot.cell.surroundings import hand_as_tool
+from cobot.cell.surroundings import cup_as_tool, hand_as_tool
 from cobot.config import Settings
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
+from cobot.robot.tool import Tool
 from cobot.types import Array, PlannerName, Pose, Scaling
 from rtloop.backends import Measured, make_backend
 
@@ -47,13 +48,20 @@ class CellArm:
         self.cell = load_cell(cell)
         if self.cell.hand is not None:
             tool = hand_as_tool(self.cell.hand)
-            robot.model.carry(tool)
-            self.backend.set_tool(tool)
+            self.carry(tool)
+        if self.cell.cup is not None:
+            self.carry(cup_as_tool(self.cell.cup))
         self.joints = np.array(robot.positions["home"].joints)
         self.backend.open(self.joints)
         self.measured = Measured(robot.limits.dof)
         self._command = np.zeros((3, robot.limits.dof))
         self._command[0] = self.joints
+
+    def carry(self, tool: Tool) -> None:
+        """Have the arm, its model and the plant carry a tool."""
+        self.robot.model.carry(tool)
+        self.backend.set_tool(tool)
+        self.backend.mount(tool)
 
     def hold(self, cycles: int = 1) -> None:
         for _ in range(cycles):

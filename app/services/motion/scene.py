@@ -18,6 +18,7 @@ from app.services.rights.ownership import Ownership
 from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
+from cobot.cell import cell_of
 from cobot.cell.surroundings import scene_file
 from cobot.config import Settings
 from cobot.errors import (
@@ -33,7 +34,7 @@ from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
 from cobot.robot.load import carrying, check_load
 from cobot.robot.scene import Scene, SceneObject, symmetric
-from cobot.robot.tool import check_inertia
+from cobot.robot.tool import Tool, check_inertia
 from cobot.strict import shown
 from cobot.trajectory_parts import cut
 from cobot.types import RESTING, STREAMING, Numbers7, Pose
@@ -88,6 +89,7 @@ class SceneService:
         self._stopping = stopping
         self._ownership = ownership
         self._max_payload_kg = settings.robot.max_payload_kg
+        self._parts = () if (cell := cell_of(settings)) is None else tuple(cell.parts)
         self._file = scene_file(settings)
         self.turn = asyncio.Lock()
         self._model_names = robot.model.frame_names | {robot.base_frame, "tool"}
@@ -251,12 +253,16 @@ class SceneService:
         return Changed(scene, stopped, checker.contacts(self._link.state().position))
 
     async def _tell(self, scene: Scene) -> None:
-        model = self._robot.model
         if scene.loads == self.scene.loads:
             await self._link.commands.read_scene(scene.version)
         else:
-            whole = carrying(model.tool, scene, model.tcp_in_flange())
-            await self._link.commands.set_tool(whole, scene.version)
+            await self.have_carried(self._robot.model.tool, scene)
+
+    async def have_carried(self, tool: Tool, scene: Scene) -> None:
+        """Have rtloop carry a tool, with what is attached in a scene; raises as `Commands.set_tool`."""
+        tcp = self._robot.model.tcp_in_flange(tool)
+        loads = [carrying(tool, each, tcp) for each in (scene, scene.without(self._parts))]
+        await self._link.commands.set_tool(*loads, scene.version)
 
     async def _stop_if_invalid(self, checker: CollisionChecker) -> str:
         """Stop the motion under way if what is left of it touches something now; why."""

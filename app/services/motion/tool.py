@@ -18,7 +18,7 @@ from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ConflictError, ExecutionError, InputError, LimitError
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
-from cobot.robot.load import carrying, check_load
+from cobot.robot.load import check_load
 from cobot.robot.solids import MAX_SOLIDS
 from cobot.robot.tool import Tool, ToolFile, check_tool
 from cobot.strict import shown
@@ -145,9 +145,6 @@ class ToolService:
             )
         check_load(model, self._robot.limits, tool, self._scene.scene, joints, self._max_payload_kg)
 
-    def _carried(self, tool: Tool) -> Tool:
-        return carrying(tool, self._scene.scene, self._robot.model.tcp_in_flange(tool))
-
     async def _have(self, tool: Tool) -> ToolChanged:
         checker, ours = [  # one is for threads
             await asyncio.to_thread(self._robot.collision.among, self._scene.scene, tool) for _ in range(2)
@@ -155,7 +152,7 @@ class ToolService:
         before = self.tool
         await asyncio.to_thread(self._file.write, tool)
         try:
-            await self._link.commands.set_tool(self._carried(tool), self._scene.scene.version)
+            await self._scene.have_carried(tool, self._scene.scene)
         except CobotError as exc:
             await asyncio.to_thread(self._file.write, before)
             if isinstance(exc, ExecutionError):
@@ -187,9 +184,9 @@ class ToolService:
                 if self._knows() or state.mode not in RESTING:
                     return
                 had = self._link.tool_version, self._link.scene_version
-                wanted = self._robot.model.carried, self._scene.scene.version
-                await self._link.commands.set_tool(*wanted)
-                versions = f"{had[0]} and {had[1]}, not {wanted[0].version} and {wanted[1]}"
+                await self._scene.have_carried(self.tool, self._scene.scene)
+                wanted = self._robot.model.carried.version, self._scene.scene.version
+                versions = f"{had[0]} and {had[1]}, not {wanted[0]} and {wanted[1]}"
                 log.warning(
                     "%srtloop carried another tool or knew another scene (versions %s): no more",
                     self._link.label,

@@ -148,15 +148,18 @@ class Commands:
         async with self._turn:
             await self._send(Command.SET_RATE, stops=self._link.stops, value=rate)
 
-    async def set_tool(self, tool: Tool, scene_version: int) -> None:
+    async def set_tool(self, tool: Tool, mounted: Tool, scene_version: int) -> None:
         """Have rtloop, and the simulation, carry this tool from now on, and read the scene's file.
+
+        Args:
+            mounted: the tool without the parts of a simulated cell.
 
         Raises:
             ExecutionError: rtloop refuses it, with its reason: the arm moves.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
-            fill(self._memory.tool.data, tool)
+            fill(self._memory.tool.data, tool, mounted)
             self._memory.tool.publish()
             await self._send(Command.TOOL, stops=self._link.stops, tool=tool.version, scene=scene_version)
 

@@ -214,8 +214,7 @@ def test_without_a_hand_the_plant_carries_the_tool(settings: Settings, tmp_path:
     """Oracle: the arm's own model explains all torques, so nothing external is felt."""
     arm = made(settings, tmp_path, {"parts": {"box": cube(0.6, 0.0, 0.025)}})
     tool = replace(BARE, version=1, mass=3.0, centre=(0.0, 0.05, 0.1))
-    arm.robot.model.carry(tool)
-    arm.backend.set_tool(tool)
+    arm.carry(tool)
     arm.hold(1000)
     assert np.abs(arm.measured.external_effort).max() < 0.01
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from cobot.grippers.registry import gripper_options
 from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.planners import PlannerName
 from cobot.robot.description import load_robot
+from cobot.robot.tool import Tool
 from rtloop.backends import make_backend
 
 FR3 = Path(franky_sim.__file__).parent / "assets" / "fr3.urdf"
@@ -87,6 +89,17 @@ def test_the_fingers_move_together_whatever_presses_on_one(fr3: Path, tmp_path: 
         np.testing.assert_allclose(both, 0.5 * width, atol=3e-4)
 
 
+def test_the_plant_carries_a_tool_that_is_mounted_next_to_the_fingers(fr3: Path, tmp_path: Path) -> None:
+    """Oracle: the arm's own model explains all torques, so nothing external is felt."""
+    settings = settings_of(fr3)
+    arm = CellArm(settings, load_robot(settings), write_cell(tmp_path, {"floor_m": None}))
+    unloaded_kg = arm.backend.plant.mj.body_mass.sum()
+    arm.carry(Tool(version=1, mass=1.5, centre=(0.0, 0.05, 0.03)))
+    assert arm.backend.plant.mj.body_mass.sum() - unloaded_kg == pytest.approx(1.5)
+    arm.hold(1000)
+    assert np.abs(arm.measured.external_effort).max() < 0.01
+
+
 def test_planned_motions_have_the_fingers_where_the_file_has_them_open(fr3: Path) -> None:
     """Oracle: the file as MuJoCo reads it, with its finger joints at the same width."""
     settings = settings_of(fr3)
@@ -121,6 +134,7 @@ def running(fr3: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ser
 
 def test_the_service_grasps_with_it_and_attaches_the_part(running: ServiceOfPlant) -> None:
     client = running.client("http://robot.test")
+    unloaded_kg = running.plant.plant.mj.body_mass.sum()
     report = client.gripper.state()
     assert (report["type"], report["capabilities"]["width_m"]) == ("simulated", [0.0, pytest.approx(0.08)])
     down = {"a": 0.0, "b": 3.14159, "c": 0.0}
@@ -131,6 +145,13 @@ def test_the_service_grasps_with_it_and_attaches_the_part(running: ServiceOfPlan
     client.move_pose(x=0.45, y=0.0, z=0.25, **down, planner="lin", speed=0.3)
     (cube,) = running.get("/cell").json()["parts"]
     assert cube["position"][2] == pytest.approx(0.25, abs=3e-3)
+    # The tool has its weight in the plant, the part is a body there; the arm's model has both.
+    client.set_tool(mass=0.7, centre=[0.0, 0.0, 0.05])
+    running.run(asyncio.sleep(0.5))
+    state = running.get("/robot/state").json()
+    assert np.abs(state["external_effort"]).max() < 0.02
+    plant = running.plant.plant.mj
+    assert plant.body_mass.sum() == pytest.approx(unloaded_kg + 0.7)
     assert client.gripper.release()["object"] == "none"
 
 
