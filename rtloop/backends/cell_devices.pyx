@@ -1,4 +1,4 @@
-"""What acts and senses in a simulated cell besides the arm: the hand or the cup, the belts and the switches."""
+"""What acts and senses in a simulated cell besides the arm: the hand or cup, the belts and the switches."""
 
 from libc.math cimport fabs
 

@@ -271,8 +271,8 @@ cdef class PathClock:
         """A stop at contact gives way to each one that ends before it.
 
         The shares of the steepest profile that hold are several intervals, of which the first cycle has found
-        one. So all are tried, some in each cycle, also with flatter crests, which are longer but hold more often.
-        While the first ones are tried, the arm has hardly slowed down.
+        one. So all are tried, some in each cycle, also with flatter crests, which are longer but hold more
+        often. While the first ones are tried, the arm has hardly slowed down.
         """
         cdef int _attempt
         for _attempt in range(SHORTER_TRIES):
