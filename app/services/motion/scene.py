@@ -256,9 +256,9 @@ class SceneService:
         if scene.loads == self.scene.loads:
             await self._link.commands.read_scene(scene.version)
         else:
-            await self.have_carried(self._robot.model.tool, scene)
+            await self.send_load(self._robot.model.tool, scene)
 
-    async def have_carried(self, tool: Tool, scene: Scene) -> None:
+    async def send_load(self, tool: Tool, scene: Scene) -> None:
         """Have rtloop carry a tool, with what is attached in a scene; raises as `Commands.set_tool`."""
         tcp = self._robot.model.tcp_in_flange(tool)
         loads = [carrying(tool, each, tcp) for each in (scene, scene.without(self._parts))]

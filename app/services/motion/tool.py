@@ -152,7 +152,7 @@ class ToolService:
         before = self.tool
         await asyncio.to_thread(self._file.write, tool)
         try:
-            await self._scene.have_carried(tool, self._scene.scene)
+            await self._scene.send_load(tool, self._scene.scene)
         except CobotError as exc:
             await asyncio.to_thread(self._file.write, before)
             if isinstance(exc, ExecutionError):
@@ -184,7 +184,7 @@ class ToolService:
                 if self._knows() or state.mode not in RESTING:
                     return
                 had = self._link.tool_version, self._link.scene_version
-                await self._scene.have_carried(self.tool, self._scene.scene)
+                await self._scene.send_load(self.tool, self._scene.scene)
                 wanted = self._robot.model.carried.version, self._scene.scene.version
                 versions = f"{had[0]} and {had[1]}, not {wanted[0]} and {wanted[1]}"
                 log.warning(
