@@ -54,7 +54,8 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Mot
         NotSupportedError, UnavailableError: see `signals_of`.
     """
     found = _goal_of(body, services, checked)
-    return replace(found, signals=signals_of(body, found.scaling, services))
+    signals = signals_of(body, found.scaling, services)
+    return replace(found, signals=signals) if signals else found
 
 
 def _goal_of(body: AnyMotion, services: Services, checked: bool) -> MotionRequest:

@@ -126,21 +126,23 @@ class CobotRoute(APIRoute):
     def get_route_handler(self) -> Handler:
         handler = super().get_route_handler()
         endpoint = declared(self.endpoint)
-        if endpoint is not None and endpoint.keyed:
-            handler = _answering_once(handler)
         if endpoint is not None and endpoint.costly:
             handler = _answering_in_turn(handler)
         if self.methods == {"GET"}:
             return handler
-        if reports_success(self.response_model):
-            handler = _answering_strictly(handler)
+        control, keyed = endpoint is not None and endpoint.control, endpoint is not None and endpoint.keyed
+        may_be_strict = reports_success(self.response_model)
 
         async def handle(request: Request) -> Response:
             ownership = services_of(request).ownership
             request.scope[STOPS] = ownership.stops_before(request.scope.get(BEGUN_S))
-            if endpoint is not None and endpoint.control:
+            if control:
                 ownership.require_control()
-            return await handler(_CobotRequest(request.scope, request.receive))
+            strict = may_be_strict and is_strict(request)
+            key = key_of(request) if keyed else None
+            request = _CobotRequest(request.scope, request.receive)
+            answered = handler(request) if key is None else answer_once(request, key, handler)
+            return with_strict_status(await answered) if strict else await answered
 
         return handle
 
@@ -176,30 +178,6 @@ def _answering_in_turn(handler: Handler) -> Handler:
     async def handle(request: Request) -> Response:
         async with costly_turn(request):
             return await handler(request)
-
-    return handle
-
-
-def _answering_once(handler: Handler) -> Handler:
-    """Heed the key of a request, see `app.api.idempotency`."""
-
-    async def handle(request: Request) -> Response:
-        try:
-            key = key_of(request)
-            return await handler(request) if key is None else await answer_once(request, key, handler)
-        except CobotError as exc:
-            raise HTTPException(status_of(exc)) from exc
-
-    return handle
-
-
-def _answering_strictly(handler: Handler) -> Handler:
-    """Heed the client's wish for strict statuses, see `app.api.strict`."""
-
-    async def handle(request: Request) -> Response:
-        strict = is_strict(request)
-        response = await handler(request)
-        return with_strict_status(response) if strict else response
 
     return handle
 

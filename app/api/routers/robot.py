@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Coroutine, Sequence
+import asyncio
+from collections.abc import Coroutine
 from typing import Annotated, Any
 
 import numpy as np
@@ -36,14 +37,7 @@ from app.services.state.first_contact import acknowledge_contact
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.errors import InputError
-from cobot.motions.bodies import (
-    MoveArc,
-    MoveJoints,
-    MoveNamed,
-    MovePose,
-    MoveSequence,
-)
-from cobot.motions.requests import MotionRequest
+from cobot.motions.bodies import AnyMotion, MoveArc, MoveJoints, MoveNamed, MovePose, MoveSequence
 from cobot.robot.frames import abc_from_quaternion
 
 How = Annotated[MoveQuery, Query()]
@@ -100,45 +94,31 @@ async def state(request: Request) -> Response:
 @router.endpoint("POST /robot/move/named", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_named(body: MoveNamed, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Go to a named position; answers when the arm has arrived and settled."""
-    call = Call(request)
-    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
-    return await _move(call, caller, goal_of(body, call.services), how)
+    return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/move/joints", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_joints(body: MoveJoints, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Go to joint angles; answers when the arm has arrived and settled."""
-    call = Call(request)
-    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
-    return await _move(call, caller, goal_of(body, call.services), how)
+    return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/move/pose", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_pose(body: MovePose, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Bring the TCP to a pose; answers when the arm has arrived and settled."""
-    call = Call(request)
-    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
-    return await _move(call, caller, goal_of(body, call.services), how)
+    return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/move/arc", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_arc(body: MoveArc, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Turn the TCP about an axis by an angle; answers when the arm has arrived and settled."""
-    call = Call(request)
-    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
-    return await _move(call, caller, goal_of(body, call.services), how)
+    return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/move/sequence", Role.OPERATOR, timeout_s=600.0, control=True, **MOTION)
 async def move_sequence(body: MoveSequence, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Several motions as one, with round corners; answers when the arm has arrived and settled."""
-    call = Call(request)
-    goals = [goal_of(motion, call.services) for motion in body.motions]
-    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
-    check_queueing(how)
-    if how.queue:
-        return await _enqueue(call, caller, goals, body.radii, how)
-    return await run_motion(call, caller, call.services.moves.move_sequence(goals, body.radii, caller))
+    return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/reset", Role.OPERATOR, timeout_s=5.0, responses=responses(409, 503))
@@ -165,12 +145,23 @@ async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
     return AcknowledgeAnswer(success=True, message=message, found=found)
 
 
-async def _move(call: Call, caller: Caller, goal: MotionRequest, how: MoveQuery) -> MoveAnswer | JSONResponse:
-    """Answer a request for one motion, at once or from the queue."""
+async def _move(
+    call: Call, body: AnyMotion | MoveSequence, gone: asyncio.Event, how: MoveQuery
+) -> MoveAnswer | JSONResponse:
+    """Answer a request for one motion or several, at once or from the queue."""
+    services, several = call.services, isinstance(body, MoveSequence)
+    motions, radii_m = (body.motions, body.radii) if isinstance(body, MoveSequence) else ([body], [])
+    goals = [goal_of(each, services) for each in motions]
+    caller = call.caller(gone, JobKind.MOVE, body, wait=how.wait and not how.queue)
     check_queueing(how)
-    if how.queue:
-        return await _enqueue(call, caller, [goal], [], how)
-    return await run_motion(call, caller, call.services.moves.move(goal, caller))
+    if not how.queue:
+        moves = services.moves
+        motion = moves.move_sequence(goals, radii_m, caller) if several else moves.move(goals[0], caller)
+        return await run_motion(call, caller, motion)
+    job = caller.job
+    assert job is not None
+    request = queue_request(job.request, goals, services.goals.request, how.blend_radius, radii_m, job)
+    return answer_accepted(call, await services.jobs.enqueue(job, request, caller))
 
 
 def check_queueing(how: MoveQuery) -> None:
@@ -183,16 +174,6 @@ def check_queueing(how: MoveQuery) -> None:
         raise InputError("blend_radius: is for moves in the queue; it goes with queue=true")
 
 
-async def _enqueue(
-    call: Call, caller: Caller, goals: Sequence[MotionRequest], radii_m: Sequence[float], how: MoveQuery
-) -> JSONResponse:
-    """Put motions into the queue and answer with their job."""
-    services, job = call.services, caller.job
-    assert job is not None
-    request = queue_request(job.request, goals, services.goals.request, how.blend_radius, radii_m, job)
-    return answer_accepted(call, await services.jobs.enqueue(job, request, caller))
-
-
 async def run_motion(
     call: Call, caller: Caller, motion: Coroutine[Any, Any, Outcome]
 ) -> MoveAnswer | JSONResponse:
@@ -203,26 +184,21 @@ async def run_motion(
     return answer_accepted(call, await call.services.jobs.begin(caller.job, motion))
 
 
-def _message(outcome: Outcome) -> str:
-    if outcome.error is not None:
-        return str(outcome.error)
-    stopped_by = outcome.signals.stopped_by
-    return f"Motion ended by its condition: {stopped_by}" if stopped_by else COMPLETED
-
-
 def answer(outcome: Outcome) -> MoveAnswer:
     """The end of a motion as JSON, also for the audit log."""
-    audit.add_details(motion=outcome.motion_id, error=str(outcome.error or ""))
+    error, stopped_by = outcome.error, outcome.signals.stopped_by
+    audit.add_details(motion=outcome.motion_id, error=str(error or ""))
+    ended = f"Motion ended by its condition: {stopped_by}" if stopped_by else COMPLETED
     return MoveAnswer(
-        success=outcome.error is None,
-        message=_message(outcome),
-        code=None if outcome.error is None else outcome.error.code,
+        success=error is None,
+        message=ended if error is None else str(error),
+        code=None if error is None else error.code,
         motion_id=outcome.motion_id,
         duration_s=outcome.duration_s,
         planning_time_s=outcome.planning_time_s,
         note=outcome.note,
-        explain=None if outcome.error is None else explain_of(outcome.error),
+        explain=None if error is None else explain_of(error),
         actions=action_answers(outcome.signals.actions),
-        stopped_by=outcome.signals.stopped_by or None,
+        stopped_by=stopped_by or None,
         contact=contact_answer(outcome.signals.contact),
     )
