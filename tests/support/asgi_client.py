@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 from urllib.parse import urlsplit
 
 import httpx
@@ -17,6 +17,8 @@ from cobot.access.roles import SERVICE
 
 if TYPE_CHECKING:
     from virtual_service import VirtualService
+
+Message = dict[str, Any]
 
 
 def ask(app: FastAPI, method: str, path: str, **content: Any) -> httpx.Response:
@@ -69,7 +71,73 @@ class Closed(Exception):
     """The service has closed a WebSocket; the code says why."""
 
 
-class Socket:
+class _Connection:
+    """A client's end of a connection to the application, which ends with the context.
+
+    Args:
+        first: what the application receives first.
+        last: what it receives when the client goes.
+        end: what the client receives when the application has ended.
+        port: the client's.
+    """
+
+    def __init__(
+        self,
+        service: VirtualService,
+        path: str,
+        headers: dict[str, str],
+        kind: dict[str, Any],
+        first: Message,
+        last: Message,
+        end: Message,
+    ) -> None:
+        self._service = service
+        self._inbox: asyncio.Queue[Message] = asyncio.Queue()
+        self._outbox: asyncio.Queue[Message] = asyncio.Queue()
+        self._inbox.put_nowait(first)
+        self._last = last
+
+        async def serve() -> None:
+            try:
+                await service.app(_scope(service, path, headers) | kind, self._inbox.get, self._outbox.put)
+            finally:
+                self._outbox.put_nowait(end)
+
+        self._task = service.begin(serve())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _next(self) -> Message:
+        return self._service.run(asyncio.wait_for(self._outbox.get(), WAIT_S))
+
+    def close(self) -> None:
+        """As a client that goes."""
+        self._inbox.put_nowait(self._last)
+        self._service.run(gathered({self._task}))
+
+
+def _scope(service: VirtualService, path: str, headers: dict[str, str]) -> dict[str, Any]:
+    """What the scopes of requests and WebSockets have in common."""
+    path, _, query = path.partition("?")
+    sent = {"host": urlsplit(service.url).netloc, **headers}
+    return {
+        "asgi": {"version": "3.0", "spec_version": "2.4"},
+        "http_version": "1.1",
+        "path": path,
+        "raw_path": path.encode(),
+        "query_string": query.encode(),
+        "root_path": "",
+        "headers": [(name.lower().encode(), value.encode()) for name, value in sent.items()],
+        "server": ("robot.test", 80),
+        "state": {},
+    }
+
+
+class Socket(_Connection):
     """A client's end of a WebSocket to the application; at most `unread` messages wait for who does not read.
 
     Args:
@@ -86,52 +154,27 @@ class Socket:
     _ports = iter(range(50_000, 60_000))
 
     def __init__(self, service: VirtualService, path: str, headers: dict[str, str]) -> None:
-        self._service = service
-        self._inbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-        self._outbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-        self._inbox.put_nowait({"type": "websocket.connect"})
-        self._task = service.begin(self._serve(service.app, path, headers))
-        first = service.run(self._next())
+        offered = headers.pop("subprotocols", "")
+        super().__init__(
+            service,
+            path,
+            headers,
+            {
+                "type": "websocket",
+                "scheme": "ws",
+                "client": ("127.0.0.1", next(self._ports)),
+                "subprotocols": offered.split(", ") if offered else [],
+                "extensions": {"websocket.http.response": {}},
+            },
+            {"type": "websocket.connect"},
+            {"type": "websocket.disconnect", "code": 1000},
+            {"type": "websocket.close", "code": 1006},
+        )
+        first = self._next()
         if first["type"] == "websocket.http.response.start":
-            raise Refused(first["status"], service.run(self._next())["body"])
+            raise Refused(first["status"], self._next()["body"])
         assert first["type"] == "websocket.accept", first
         self.subprotocol = first.get("subprotocol")
-
-    def __enter__(self) -> Socket:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    async def _serve(self, app: FastAPI, path: str, headers: dict[str, str]) -> None:
-        path, _, query = path.partition("?")
-        offered = headers.pop("subprotocols", "")
-        scope = {
-            "type": "websocket",
-            "asgi": {"version": "3.0", "spec_version": "2.4"},
-            "http_version": "1.1",
-            "scheme": "ws",
-            "path": path,
-            "raw_path": path.encode(),
-            "query_string": query.encode(),
-            "root_path": "",
-            "headers": [
-                (name.lower().encode(), value.encode())
-                for name, value in {"host": urlsplit(self._service.url).netloc, **headers}.items()
-            ],
-            "client": ("127.0.0.1", next(self._ports)),
-            "server": ("robot.test", 80),
-            "subprotocols": offered.split(", ") if offered else [],
-            "state": {},
-            "extensions": {"websocket.http.response": {}},
-        }
-        try:
-            await app(scope, self._inbox.get, self._outbox.put)
-        finally:
-            self._outbox.put_nowait({"type": "websocket.close", "code": 1006})
-
-    async def _next(self) -> dict[str, Any]:
-        return await asyncio.wait_for(self._outbox.get(), WAIT_S)
 
     def send(self, frame: str | bytes) -> None:
         """Time does not go on: the service reads it when it next has its turn."""
@@ -141,18 +184,13 @@ class Socket:
     def recv(self, timeout_s: float = WAIT_S) -> str | bytes:
         """The next frame; time goes on until there is one."""
         del timeout_s
-        message = self._service.run(self._next())
+        message = self._next()
         if message["type"] == "websocket.close":
             if self._task.done():
                 self._task.result()
             raise Closed(message["code"])
         text = message.get("text")
         return text if text is not None else message["bytes"]
-
-    def close(self) -> None:
-        """As a client that goes."""
-        self._inbox.put_nowait({"type": "websocket.disconnect", "code": 1000})
-        self._service.run(gathered({self._task}))
 
 
 class Leaving:
@@ -171,23 +209,12 @@ class Leaving:
         self._service.run(gathered({self._task}))
 
     async def _serve(self, app: FastAPI, method: str, path: str) -> None:
-        path, _, query = path.partition("?")
-        headers = {"host": urlsplit(self._service.url).netloc, "content-type": "application/json"}
-        headers["content-length"] = str(len(self._body))
-        scope = {
+        headers = {"content-type": "application/json", "content-length": str(len(self._body))}
+        scope = _scope(self._service, path, headers) | {
             "type": "http",
-            "asgi": {"version": "3.0", "spec_version": "2.4"},
-            "http_version": "1.1",
             "method": method,
             "scheme": "http",
-            "path": path,
-            "raw_path": path.encode(),
-            "query_string": query.encode(),
-            "root_path": "",
-            "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
             "client": ("127.0.0.1", 49_999),
-            "server": ("robot.test", 80),
-            "state": {},
         }
         waiting = [{"type": "http.request", "body": self._body, "more_body": False}]
 
@@ -203,7 +230,7 @@ class Leaving:
         await app(scope, receive, send)
 
 
-class EventStream:
+class EventStream(_Connection):
     """A client's end of a text/event-stream, that knows nothing of ours.
 
     Args:
@@ -215,62 +242,32 @@ class EventStream:
     """
 
     def __init__(self, service: VirtualService, path: str, headers: dict[str, str]) -> None:
-        self._service = service
-        self._inbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-        self._outbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-        self._inbox.put_nowait({"type": "http.request", "body": b"", "more_body": False})
+        super().__init__(
+            service,
+            path,
+            headers,
+            {"type": "http", "method": "GET", "scheme": "http", "client": ("127.0.0.1", 40_000)},
+            {"type": "http.request", "body": b"", "more_body": False},
+            {"type": "http.disconnect"},
+            {"type": "http.response.body", "body": b"", "more_body": False},
+        )
         self._text = ""
         self.last_id = ""
-        self._task = service.begin(self._serve(service.app, path, headers))
-        first = service.run(self._next())
+        first = self._next()
         self.status: int = first["status"]
         self.headers = {name.decode(): value.decode() for name, value in first["headers"]}
-
-    def __enter__(self) -> EventStream:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    async def _serve(self, app: FastAPI, path: str, headers: dict[str, str]) -> None:
-        path, _, query = path.partition("?")
-        scope = {
-            "type": "http",
-            "asgi": {"version": "3.0", "spec_version": "2.4"},
-            "http_version": "1.1",
-            "method": "GET",
-            "scheme": "http",
-            "path": path,
-            "raw_path": path.encode(),
-            "query_string": query.encode(),
-            "root_path": "",
-            "headers": [
-                (name.lower().encode(), value.encode())
-                for name, value in {"host": urlsplit(self._service.url).netloc, **headers}.items()
-            ],
-            "client": ("127.0.0.1", 40_000),
-            "server": ("robot.test", 80),
-            "state": {},
-        }
-        try:
-            await app(scope, self._inbox.get, self._outbox.put)
-        finally:
-            self._outbox.put_nowait({"type": "http.response.body", "body": b"", "more_body": False})
-
-    async def _next(self) -> dict[str, Any]:
-        return await asyncio.wait_for(self._outbox.get(), WAIT_S)
 
     def body(self) -> bytes:
         """All of an answer that ends."""
         content = b""
-        while (message := self._service.run(self._next())).get("more_body"):
+        while (message := self._next()).get("more_body"):
             content += message["body"]
         return content + message["body"]
 
     def block(self) -> dict[str, str]:
         """The fields of the next block; time goes on until there is one."""
         while "\n\n" not in self._text:
-            message = self._service.run(self._next())
+            message = self._next()
             self._text += message["body"].decode()
             if not message.get("more_body"):
                 raise Closed("the end of the answer")
@@ -289,11 +286,6 @@ class EventStream:
             assert found["type"] == fields["event"]
             if not types or found["type"] in types:
                 return found
-
-    def close(self) -> None:
-        """As a client that goes."""
-        self._inbox.put_nowait({"type": "http.disconnect"})
-        self._service.run(gathered({self._task}))
 
 
 async def gathered(tasks: set[asyncio.Task[Any]]) -> None:

@@ -8,11 +8,9 @@ from rig import Rig
 from virtual_service import VirtualService
 
 from cobot.config import Settings
-from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
 from cobot.robot.io_points import IoKind, IoPoint
 from cobot.types import JointLimits
-from rtloop import main as rtloop
 from rtloop.backends.mujoco import MujocoBackend
 
 
@@ -45,9 +43,4 @@ class ServiceOfCell(VirtualService):
 
     def _rig(self, settings: Settings, robot: RobotDescription, capacity: int, several: bool) -> Rig:
         self.arm = CellArm(settings, robot.limits)
-        memory = RobotMemory.create(self.name, robot.limits.dof, settings.rt.period_s, capacity, self.url)
-        rig = Rig(settings, robot, memory=memory, backend=self.arm)
-        memory.statistics.data["backend"] = b"cell_arm"
-        memory.statistics.publish()
-        rtloop.describe(memory, robot, self.arm)
-        return rig
+        return self._rig_with(self.arm, "cell_arm", settings, robot, capacity)

@@ -9,7 +9,6 @@ from rig import Rig
 from virtual_service import VirtualService
 
 from cobot.config import Settings
-from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
 from rtloop import main as rtloop
 from rtloop.backends import make_backend
@@ -30,13 +29,9 @@ class ServiceOfPlant(VirtualService):
         made = make_backend(settings, robot.limits)
         assert isinstance(made, CellBackend)
         self.plant = made
-        memory = RobotMemory.create(self.name, robot.limits.dof, settings.rt.period_s, capacity, self.url)
         tool = rtloop._load_tool(settings, robot)
-        rig = Rig(settings, robot, memory=memory, backend=made, tool=tool)
+        rig = self._rig_with(made, "mujoco", settings, robot, capacity, tool=tool)
         rig.loop.controller.tool_and_scene.watch_scene()
-        memory.statistics.data["backend"] = b"mujoco"
-        memory.statistics.publish()
-        rtloop.describe(memory, robot, made)
         return rig
 
     def positions(self) -> dict[str, list[float]]:

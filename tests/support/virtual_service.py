@@ -176,6 +176,17 @@ class VirtualService:
         rtloop.describe(memory, robot, rig.simulation)
         return rig
 
+    def _rig_with(
+        self, backend: Any, name: str, settings: Settings, robot: RobotDescription, capacity: int, **more: Any
+    ) -> Rig:
+        """A rig with this backend; `more` are further arguments of `Rig`."""
+        memory = RobotMemory.create(self.name, robot.limits.dof, settings.rt.period_s, capacity, self.url)
+        rig = Rig(settings, robot, memory=memory, backend=backend, **more)
+        memory.statistics.data["backend"] = name.encode()
+        memory.statistics.publish()
+        rtloop.describe(memory, robot, backend)
+        return rig
+
     @contextlib.contextmanager
     def serving(self) -> Iterator[VirtualService]:
         """Until the context ends."""

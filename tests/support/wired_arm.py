@@ -9,12 +9,10 @@ from rig import Loopback, Rig
 from virtual_service import VirtualService
 
 from cobot.config import Settings
-from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
 from cobot.robot.device import Capabilities
 from cobot.robot.io_points import IoKind, IoPoint
 from cobot.types import Array, JointLimits
-from rtloop import main as rtloop
 from rtloop.backends import BackendError, Measured
 from rtloop.backends.mujoco import MujocoBackend
 
@@ -102,9 +100,4 @@ class WiredService(VirtualService):
 
     def _rig(self, settings: Settings, robot: RobotDescription, capacity: int, several: bool) -> Rig:
         self.arm = WiredSimulation(settings, robot.limits)
-        memory = RobotMemory.create(self.name, robot.limits.dof, settings.rt.period_s, capacity, self.url)
-        rig = Rig(settings, robot, memory=memory, backend=self.arm)
-        memory.statistics.data["backend"] = b"wired"
-        memory.statistics.publish()
-        rtloop.describe(memory, robot, self.arm)
-        return rig
+        return self._rig_with(self.arm, "wired", settings, robot, capacity)

@@ -99,19 +99,11 @@ def _enum(of: type[_Enum], what: str, number: int, kind: int, value: int) -> _En
 
 def _monitoring(packet: bytes, header: Header) -> Monitoring:
     message = Monitoring(header)
+    readers = {2: _read_robot, 3: _read_monitor, 4: _read_connection, 5: _read_interpolator}
     for number, kind, at, end in fields(packet, 0, len(packet)):
-        if number == 2:
+        if number in readers:
             need_length(number, kind)
-            _read_robot(message, packet, at, end)
-        elif number == 3:
-            need_length(number, kind)
-            _read_monitor(message, packet, at, end)
-        elif number == 4:
-            need_length(number, kind)
-            _read_connection(message, packet, at, end)
-        elif number == 5:
-            need_length(number, kind)
-            _read_interpolator(message, packet, at, end)
+            readers[number](message, packet, at, end)
     _check_joints(message)
     return message
 

@@ -12,9 +12,7 @@ from rig import Rig
 from virtual_service import VirtualService, virtual_service
 
 from cobot.config import Settings
-from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
-from rtloop import main as rtloop
 
 CLOSE, FORCE, SPEED, PART = "Gripper.Close", "Gripper.Force", "Belt.Speed", "Part.There"
 
@@ -26,12 +24,7 @@ class ServiceOfArm(VirtualService):
 
     def _rig(self, settings: Settings, robot: RobotDescription, capacity: int, several: bool) -> Rig:
         self.arm = PanelArm(settings, robot.limits)
-        memory = RobotMemory.create(self.name, robot.limits.dof, settings.rt.period_s, capacity, self.url)
-        rig = Rig(settings, robot, memory=memory, backend=self.arm)
-        memory.statistics.data["backend"] = b"panel_arm"
-        memory.statistics.publish()
-        rtloop.describe(memory, robot, self.arm)
-        return rig
+        return self._rig_with(self.arm, "panel_arm", settings, robot, capacity)
 
 
 @pytest.fixture(scope="module")
