@@ -8,8 +8,7 @@ from cobot.errors import PlanningError
 from cobot.findings import Finding
 from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners.path.cartesian import follow
-from cobot.planners.path.ends import end_of, follow_or_relax, full_turns
-from cobot.planners.path.path_goals import reachable
+from cobot.planners.path.ends import end_of, follow_or_relax, full_turns, reachable
 from cobot.planners.path.tcp_path import PLACES, TcpPath, least_turn, turn_between, turned
 from cobot.robot.description import RobotDescription
 from cobot.robot.quaternion import SMALL_RAD
@@ -36,10 +35,7 @@ def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
     start = robot.model.forward(request.start)
     if request.arc is not None and request.arc.angle_rad is not None:
         return _by_angle(robot, request, request.arc, request.arc.angle_rad, start)
-    goal = reachable(robot, request, start, request.goal)
-    end = end_of(robot, request, goal)
-    if end is not None:
-        goal = robot.model.forward(end)
+    goal, end = end_of(robot, request, reachable(robot, request, start, request.goal))
     if request.arc is None:
         assert request.via is not None
         path = arc(start, request.via, goal, least_turn(robot))
@@ -60,7 +56,7 @@ def _by_angle(
         path = helix(start, given, turns)
         return follow_or_relax(robot, request, path, request.start, required=request.cyclic is True)
     path = helix(start, given, angle)
-    return follow(robot, request, path, end_of(robot, request, path.pose_at(1.0)))
+    return follow(robot, request, path, end_of(robot, request, path.pose_at(1.0))[1])
 
 
 def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:

@@ -1,4 +1,7 @@
-"""Required joints at the end of a TCP path: those at its start, given ones, or any."""
+"""The end of a TCP path: a pose that the arm can reach, and the joints there.
+
+The joints are those at the start of the path, given ones, or any.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from cobot.errors import PlanningError
+from cobot.errors import PlanningError, UnreachableError
 from cobot.findings import Finding
 from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners.path.cartesian import follow
 from cobot.planners.path.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
-from cobot.planners.path.tcp_path import TcpPath, angles_between
+from cobot.planners.path.tcp_path import TcpPath, angles_between, untwisted
 from cobot.robot.description import RobotDescription
-from cobot.robot.inverse_kinematics import apart
+from cobot.robot.inverse_kinematics import apart, inverse
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 
@@ -23,8 +26,25 @@ been rounded to four digits."""
 ALLOWED = f"allowed are {1e3 * CLOSED_M:g} mm and {np.degrees(CLOSED_RAD):g} degrees"
 
 
-def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Array | None:
-    """The joints at the end of a path to this pose, shape (dof,); None if any are allowed.
+def reachable(robot: RobotDescription, request: MotionRequest, before: Pose, goal: Pose) -> Pose:
+    """The pose to use as the goal of a path from the pose `before`.
+
+    An arm that reaches most poses only approximately goes to the reachable pose nearest to the goal, if that
+    is within lin's tolerance. A free rotation is chosen so that the TCP turns the shorter way.
+    """
+    if robot.model.inverse_kinematics.lacking:
+        try:
+            joints = inverse(robot.model, goal, request.start, free=request.free_axes)
+        except UnreachableError:  # planning the path reports the share at which it ends
+            return untwisted(before, goal, request.free_axes)
+        goal = robot.model.forward(joints)
+    return untwisted(before, goal, request.free_axes)
+
+
+def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> tuple[Pose, Array | None]:
+    """The end of a path to this pose, and the joints there, shape (dof,); None if any are allowed.
+
+    The path ends exactly where these joints have the TCP.
 
     Raises:
         PlanningError: their TCP is not at the pose; with the distance.
@@ -36,7 +56,7 @@ def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Array
             f"end_joints: their pose is {apart(*away)} from the goal, {ALLOWED}; give joints "
             "with which the TCP is there",
         )
-        return request.end_joints
+        return robot.model.forward(request.end_joints), request.end_joints
     if request.cyclic:
         away = _away(robot.model.forward(request.start), goal, request)
         _require(
@@ -44,8 +64,8 @@ def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Array
             f"cyclic: the path of {request.planner} ends {apart(*away)} from where it begins, {ALLOWED}; "
             "lead it back to its start, or give end_joints for the way back",
         )
-        return request.start
-    return None
+        return robot.model.forward(request.start), request.start
+    return goal, None
 
 
 def follow_or_relax(

@@ -6,8 +6,7 @@ import numpy as np
 
 from cobot.motions.requests import MotionRequest
 from cobot.planners.path.cartesian import follow
-from cobot.planners.path.ends import end_of
-from cobot.planners.path.path_goals import reachable
+from cobot.planners.path.ends import end_of, reachable
 from cobot.planners.path.tcp_path import TcpPath, least_turn, turn_between, turned
 from cobot.robot.description import RobotDescription
 from cobot.robot.quaternion import SMALL_RAD
@@ -23,10 +22,7 @@ def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | No
     """
     assert isinstance(request.goal, Pose)
     start = robot.model.forward(request.start)
-    goal = reachable(robot, request, start, request.goal)
-    end = end_of(robot, request, goal)
-    if end is not None:
-        goal = robot.model.forward(end)
+    goal, end = end_of(robot, request, reachable(robot, request, start, request.goal))
     return follow(robot, request, straight_line(start, goal, least_turn(robot)), end)
 
 

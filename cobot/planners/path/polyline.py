@@ -15,8 +15,7 @@ import numpy as np
 
 from cobot.motions.requests import MotionRequest
 from cobot.planners.path.cartesian import STANDING_M, STANDING_RAD, follow
-from cobot.planners.path.ends import end_of
-from cobot.planners.path.path_goals import reachable
+from cobot.planners.path.ends import end_of, reachable
 from cobot.planners.path.tcp_path import PLACES, TcpPath, least_turn, turn_between
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
@@ -44,9 +43,7 @@ def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory
     poses = [robot.model.forward(request.start)]
     for pose in (*request.through, request.goal):
         poses.append(reachable(robot, request, poses[-1], pose))
-    joints_at_end = end_of(robot, request, poses[-1])
-    if joints_at_end is not None:
-        poses[-1] = robot.model.forward(joints_at_end)
+    poses[-1], joints_at_end = end_of(robot, request, poses[-1])
     poses = _apart(poses)
     if request.radius_m > 0.0 and len(poses) > 2:
         path = rounded(poses, request.radius_m, least_rad=least_turn(robot))
