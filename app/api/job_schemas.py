@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Coroutine
 from dataclasses import asdict
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from fastapi import Query
 from fastapi.responses import JSONResponse
@@ -16,6 +17,7 @@ from app.api.explain_schemas import explain_of
 from app.api.paging import AFTER, LIMIT
 from app.api.schemas import WAIT
 from app.api.signal_schemas import ActionAnswer, ContactAnswer
+from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind, JobRecord, JobState
 from app.services.rights.job_book import KEPT
 from cobot import audit
@@ -25,6 +27,8 @@ from cobot.loose_lists import RequestModel
 from cobot.strict import StrictModel
 
 MAX_WAIT_S = 60.0
+Result = TypeVar("Result")
+Answer = TypeVar("Answer")
 
 
 class JobRequest(BaseModel):
@@ -163,6 +167,16 @@ def job_answer(record: JobRecord) -> JobAnswer:
     words = {"waits_for": record.waits_for or None, "stopped_by": record.stopped_by or None}
     requested = {"path": record.path, "body": record.body} if record.path else None
     return JobAnswer.model_validate(asdict(record) | words | {"error": error, "requested": requested})
+
+
+async def answer_end(
+    call: Call, caller: Caller, work: Coroutine[Any, Any, Result], answer_to: Callable[[Result], Answer]
+) -> Answer | JSONResponse:
+    """Do the work of a job and answer with its end, or at once with the job if the client does not wait."""
+    if caller.waits:
+        return answer_to(await work)
+    assert caller.job is not None
+    return answer_accepted(call, await call.services.jobs.begin(caller.job, work))
 
 
 def answer_accepted(call: Call, record: JobRecord) -> JSONResponse:

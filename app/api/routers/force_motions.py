@@ -11,7 +11,7 @@ from app.api.dependencies import Call, Gone
 from app.api.errors import ErrorCode, responses
 from app.api.explain_schemas import Explain, explain_of
 from app.api.goals import goal_of
-from app.api.job_schemas import ACCEPTED, Wait, answer_accepted
+from app.api.job_schemas import ACCEPTED, Wait, answer_end
 from app.api.route import EndpointRouter
 from app.api.signals import input_condition
 from app.services.rights.job import JobKind
@@ -135,10 +135,7 @@ async def _run(body: AnyForceMotion, request: Request, gone: Gone, wait: bool) -
     if isinstance(body, SearchMotion) and body.until is not None:
         until = input_condition(services, "until", body.until)
     work = services.force_motions.run(body, goal, caller, until)
-    if caller.waits:
-        return _answer(await work)
-    assert caller.job is not None
-    return answer_accepted(call, await services.jobs.begin(caller.job, work))
+    return await answer_end(call, caller, work, _answer)
 
 
 def _answer(outcome: ForceOutcome) -> ForceAnswer:

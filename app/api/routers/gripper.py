@@ -10,9 +10,9 @@ from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call, Gone
 from app.api.errors import ErrorCode, responses
-from app.api.job_schemas import ACCEPTED, Wait, answer_accepted
+from app.api.job_schemas import ACCEPTED, Wait, answer_end
 from app.api.route import EndpointRouter
-from app.services.gripping.commands import GripperReport
+from app.services.gripping.commands import GripperOutcome, GripperReport
 from app.services.rights.job import JobKind
 from cobot import audit
 from cobot.access.roles import Role
@@ -173,13 +173,11 @@ async def stop_gripper(request: Request) -> GripperReportAnswer:
 
 async def _run(name: str, body: AnyGripperCommand, request: Request, gone: Gone, wait: bool) -> Answer:
     call = Call(request)
-    services = call.services
     caller = call.caller(gone, JobKind.GRIPPER, body, wait=wait)
-    work = services.gripper.run(name, body, caller)
-    if not caller.waits:
-        assert caller.job is not None
-        return answer_accepted(call, await services.jobs.begin(caller.job, work))
-    outcome = await work
+    return await answer_end(call, caller, call.services.gripper.run(name, body, caller), _answer)
+
+
+def _answer(outcome: GripperOutcome) -> GripperAnswer:
     error = outcome.error
     audit.add_details(error=str(error or ""))
     return GripperAnswer(

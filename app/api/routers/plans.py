@@ -13,7 +13,7 @@ from app.api.dependencies import Call, Gone
 from app.api.errors import responses, tell
 from app.api.explanations import explained
 from app.api.goals import goal_of
-from app.api.job_schemas import ACCEPTED, answer_accepted
+from app.api.job_schemas import ACCEPTED, answer_accepted, answer_end
 from app.api.paging import After, Limit, page_of
 from app.api.plan_answers import (
     MotionAnswer,
@@ -40,7 +40,7 @@ from app.api.plan_schemas import (
     PlanSequence,
 )
 from app.api.route import EndpointRouter
-from app.api.routers.robot import How, check_queueing, run_motion
+from app.api.routers.robot import How, answer, check_queueing
 from app.api.schemas import MoveAnswer
 from app.robot_services import Services
 from app.services.motion.plan import Plan
@@ -140,7 +140,7 @@ async def _execute(plan_id: str, request: Request, gone: Gone, how: How) -> Move
     caller = call.caller(gone, JobKind.EXECUTE, plan_id, wait=how.wait and not how.queue)
     check_queueing(how)
     if not how.queue:
-        return await run_motion(call, caller, plans.execute(plan_id, caller))
+        return await answer_end(call, caller, plans.execute(plan_id, caller), answer)
     job = caller.job
     assert job is not None
     queued = plans.queue_request(plan_id, job, how.blend_radius)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
 from typing import Annotated, Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from app.api.device_schemas import Acknowledge, AcknowledgeAnswer
 from app.api.errors import responses
 from app.api.explain_schemas import explain_of
 from app.api.goals import goal_of
-from app.api.job_schemas import ACCEPTED, MoveQuery, answer_accepted
+from app.api.job_schemas import ACCEPTED, MoveQuery, answer_accepted, answer_end
 from app.api.route import EndpointRouter
 from app.api.schemas import (
     Angles,
@@ -31,7 +30,6 @@ from app.api.signal_schemas import action_answers, contact_answer
 from app.api.state_json import StateAnswer, state_response
 from app.services.motion.moves import Outcome
 from app.services.motion.queue.moves import queue_request
-from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind
 from app.services.state.first_contact import acknowledge_contact
 from cobot import audit
@@ -157,7 +155,7 @@ async def _move(
     if not how.queue:
         moves = services.moves
         motion = moves.move_sequence(goals, radii_m, caller) if several else moves.move(goals[0], caller)
-        return await run_motion(call, caller, motion)
+        return await answer_end(call, caller, motion, answer)
     job = caller.job
     assert job is not None
     request = queue_request(job.request, goals, services.goals.request, how.blend_radius, radii_m, job)
@@ -172,16 +170,6 @@ def check_queueing(how: MoveQuery) -> None:
     """
     if not how.queue and how.blend_radius > 0.0:
         raise InputError("blend_radius: is for moves in the queue; it goes with queue=true")
-
-
-async def run_motion(
-    call: Call, caller: Caller, motion: Coroutine[Any, Any, Outcome]
-) -> MoveAnswer | JSONResponse:
-    """Run a motion and answer with its end, or at once with its job if the client does not wait."""
-    if caller.waits:
-        return answer(await motion)
-    assert caller.job is not None
-    return answer_accepted(call, await call.services.jobs.begin(caller.job, motion))
 
 
 def answer(outcome: Outcome) -> MoveAnswer:
