@@ -43,7 +43,7 @@ NOT_NAMED = ("<module>", "<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>")
 """Code that is a part of the function around it, or the import of a module."""
 WARM_UP = 4
 POLL_S = 1e-4
-TIMEOUT_S = 10.0
+TIMEOUT_S = 60.0
 Body = dict[str, Any]
 
 

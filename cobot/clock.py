@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import Protocol
 
 
@@ -70,6 +71,11 @@ class SystemClock:
 
 
 SYSTEM = SystemClock()
+
+
+def utc_now(clock: Clock) -> datetime:
+    """Time of day of a clock."""
+    return datetime.fromtimestamp(clock.wall_ns() * 1e-9, UTC)
 
 
 class WallTime:

@@ -14,11 +14,10 @@ import secrets
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any
 
 from app.services.events.pacing import Pacing
-from cobot.clock import SYSTEM, Clock
+from cobot.clock import SYSTEM, Clock, utc_now
 from cobot.errors import InputError
 from cobot.ros.codec import without_nan
 from cobot.strict import shown
@@ -158,7 +157,7 @@ class Events:
 
     def rendered(self, kind: str, robot: str, data: Mapping[str, Any], number: int | None = None) -> str:
         """The JSON of an event that happens now."""
-        moment = datetime.fromtimestamp(self._clock.wall_ns() * 1e-9, UTC).isoformat(timespec="microseconds")
+        moment = utc_now(self._clock).isoformat(timespec="microseconds")
         content: dict[str, Any] = {} if number is None else {"id": number, "epoch": self.epoch}
         content |= {"time": moment, "robot": robot or None, "type": kind, "data": data}
         try:

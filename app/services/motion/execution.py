@@ -118,9 +118,9 @@ class MotionService:
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
         followed: Callable[[int], None] | None = None,
-    ) -> SignalFollower:
+    ) -> SignalFollower | None:
         """Hand the motion to rtloop; it sees to it that the TCP does not leave the fence, and fires the
-        actions. Returns the follower of its signals.
+        actions. Returns the follower of its signals, if it has any that the caller does not follow itself.
 
         Args:
             followed: called with the number of the motion, by a caller that follows its signals itself.
@@ -139,11 +139,12 @@ class MotionService:
         claim.motion_id = await self._link.commands.start(trajectory, claim.stops, tool, fence, signals)
         claim.trajectory = trajectory
         logs.bind(motion=claim.motion_id)
-        follower = self.follower(signals, claim.motion_id, claim.job)
         if followed is not None:
             followed(claim.motion_id)
+        alone = followed is None and signals is not NO_PLACED
+        follower = self.follower(signals, claim.motion_id, claim.job) if alone else None
         if claim.job is not None:
-            if signals is not NO_PLACED and followed is None:
+            if follower is not None:
                 claim.job.follow_signals(lambda: follower.results)
             claim.job.start(claim.motion_id, trajectory)
         await claim.speed_override.begin_motion()

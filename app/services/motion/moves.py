@@ -238,7 +238,7 @@ class MoveService:
         if not caller.waits:
             watch.close()
         await self._motion.arrival(claim, follower)
-        if follower.retract_m > 0.0:
+        if follower is not None and follower.retract_m > 0.0:
             await self._motion.retract(claim, trajectory, follower, caller.timeout_s, fence)
 
 
@@ -251,6 +251,4 @@ class _Begun:
 
     @property
     def results(self) -> SignalResults:
-        if self.follower is None:
-            return planned_results(self.signals)
-        return self.follower.results
+        return planned_results(self.signals) if self.follower is None else self.follower.results

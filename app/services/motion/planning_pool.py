@@ -24,6 +24,8 @@ from cobot.launch.process import RUN_MODULE, is_stopped
 
 WORKER = "app.services.motion.planning_worker"
 STDOUT = 1
+LARGE_BYTES = 65536
+"""Size from which a thread unpickles an answer. With less, changing threads takes longer than unpickling."""
 LOOK_S = 0.5
 """How often it is looked whether a worker that is waited for is stopped."""
 START_S = 60.0
@@ -229,7 +231,8 @@ class PlanningPool:
                 if not packed:
                     worker.begun = True
                     continue
-                outcome = await asyncio.to_thread(_outcome, packed)
+                large = len(packed) > LARGE_BYTES
+                outcome = await asyncio.to_thread(_outcome, packed) if large else _outcome(packed)
                 if worker.answer is not None and not worker.answer.done():
                     worker.answer.set_result(outcome)
         except (asyncio.IncompleteReadError, OSError):  # its end, or it does not begin

@@ -15,7 +15,6 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,6 +22,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from app.services.clients import CLIENT
 from app.services.state.link import RobotLink
+from cobot.clock import utc_now
 from cobot.errors import ChangedError, ConflictError, InputError, NotFoundError, UnavailableError
 from cobot.robot.kept import keep, read_kept
 from cobot.strict import shown
@@ -243,7 +243,7 @@ class StoredPrograms:
         before = numbers[-1] if numbers else self._deleted_version(program)
         if not numbers and len(self._ids()) >= MAX_PROGRAMS:
             raise ConflictError(f"{MAX_PROGRAMS} programs are stored, which is the limit; delete one first")
-        time = datetime.fromtimestamp(self._link.clock.wall_ns() * 1e-9, UTC).isoformat(timespec="seconds")
+        time = utc_now(self._link.clock).isoformat(timespec="seconds")
         made = ProgramVersion(program, before + 1, author, time, saved)
         content = json.dumps(asdict(made), ensure_ascii=False, indent=1).encode()
         used = sum(each.stat().st_size for each in self._folder.glob("*/*.json"))

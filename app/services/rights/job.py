@@ -7,12 +7,13 @@ import contextlib
 import secrets
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from app.services.rights.signal_results import NO_RESULTS, ActionResult, Contact, SignalResults
 from app.services.state.link import RobotLink
+from cobot.clock import utc_now
 from cobot.errors import CobotError, UnavailableError
 from cobot.findings import Finding
 from cobot.trajectory import Trajectory
@@ -162,10 +163,10 @@ class Job:
     _waypoints: tuple[float, int] | None = None
     _held: bool = False
     _error: JobError | None = None
-    _signals: Callable[[], SignalResults] = field(default=lambda: NO_RESULTS)
+    _signals: Callable[[], SignalResults] | None = None
 
     def __post_init__(self) -> None:
-        self._created_at = self._now()
+        self._created_at = utc_now(self.link.clock)
 
     @property
     def state(self) -> JobState:
@@ -192,8 +193,8 @@ class Job:
         """A motion of it has begun; without one, it is a sequence."""
         self._motion_id = motion_id
         if trajectory is not None:
-            self._follow(trajectory)
-        self._started_at = self._started_at or self._now()
+            self.prolong(trajectory)
+        self._started_at = self._started_at or utc_now(self.link.clock)
         self.on_change(self)
 
     def follow_signals(self, results: Callable[[], SignalResults]) -> None:
@@ -202,9 +203,6 @@ class Job:
 
     def prolong(self, trajectory: Trajectory) -> None:
         """Its motion goes on along this one."""
-        self._follow(trajectory)
-
-    def _follow(self, trajectory: Trajectory) -> None:
         self._planned_s, self._note, self._path_time_s = trajectory.duration_s, trajectory.note, 0.0
 
     def enqueue(self, duration_s: float, note: str) -> None:
@@ -238,9 +236,7 @@ class Job:
         self._error = self._error or JobError.of(error)
 
     def end(self, state: JobState) -> None:
-        """It has ended so, or with FAILED if it was noted why and `state` says FINISHED."""
-        if state is JobState.FINISHED and self._error is not None:
-            state = JobState.FAILED
+        """It has ended so; see `Ownership.end`."""
         self.end_record = self._recorded(state)
         self.ended.set()
         self.on_change(self)
@@ -257,7 +253,7 @@ class Job:
     def _recorded(self, state: JobState) -> JobRecord:
         ended, finished = state in ENDS, state is JobState.FINISHED
         progress, remaining_s = self._progress()
-        signals = self._signals()
+        signals = NO_RESULTS if self._signals is None else self._signals()
         return JobRecord(
             id=self.id,
             robot=self.link.memory.robot,
@@ -274,7 +270,7 @@ class Job:
             note=self._note,
             error=self._error if ended else None,
             started_at=self._started_at,
-            ended_at=self._now() if ended else None,
+            ended_at=utc_now(self.link.clock) if ended else None,
             actions=signals.actions,
             waits_for="" if ended else signals.waits_for,
             stopped_by=signals.stopped_by,
@@ -299,6 +295,3 @@ class Job:
         left_s = max(whole_s - self._path_time_s, 0.0)
         share = min(self._path_time_s / whole_s, 1.0) if whole_s > 0.0 else 1.0
         return share, left_s / fraction if fraction > 0.0 else None
-
-    def _now(self) -> datetime:
-        return datetime.fromtimestamp(self.link.clock.wall_ns() * 1e-9, UTC)

@@ -22,6 +22,7 @@ from pydantic import TypeAdapter, ValidationError
 from app.services.clients import CLIENT
 from app.services.rights.job import ENDS, Job, JobError, JobKind, JobRecord, JobState, new_job_id
 from app.services.state.link import RobotLink
+from cobot.clock import utc_now
 from cobot.errors import NotFoundError
 from cobot.logs.files import RotatingFile, aside
 from cobot.logs.lines import printable
@@ -186,7 +187,7 @@ class JobBook:
 
     def _read(self, file: Path) -> None:
         found: OrderedDict[str, JobRecord] = OrderedDict()
-        now = datetime.fromtimestamp(self._link.clock.wall_ns() * 1e-9, UTC)
+        now = utc_now(self._link.clock)
         alive = now
         with contextlib.suppress(OSError):  # there is none yet
             alive = min(datetime.fromtimestamp(file.stat().st_mtime, UTC), now)

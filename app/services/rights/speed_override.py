@@ -31,6 +31,7 @@ class SpeedOverride:
         changed: called when a pause has begun or ended.
 
     Attributes:
+        fraction: of full speed, at which motions go unless they are paused.
         opened: set while motions may begin.
         others: the overrides of the robots that move together with this one, which pause and go on with it.
         follows_stream: whether the stream under way follows pauses and the fraction by itself.
@@ -40,7 +41,7 @@ class SpeedOverride:
         self._link = link
         self._changed = changed
         self._asked = False
-        self._fraction = 1.0
+        self.fraction = 1.0
         self._paused_s = 0.0
         self._slowed_s = 0.0
         self._since_s = link.clock.now_s()
@@ -54,11 +55,6 @@ class SpeedOverride:
     def paused(self) -> bool:
         """Whether a pause was asked for, or the fraction is 0."""
         return not self.opened.is_set()
-
-    @property
-    def fraction(self) -> float:
-        """The speed override as a fraction of full speed."""
-        return self._fraction
 
     @property
     def paused_s(self) -> float:
@@ -76,7 +72,7 @@ class SpeedOverride:
     @property
     def slowed_s(self) -> float:
         """How much longer motions have taken in all because the fraction was below 1; without pauses."""
-        return self._slowed_s + (0.0 if self.paused else (1.0 - self._fraction) * self._lasts_s)
+        return self._slowed_s + (0.0 if self.paused else (1.0 - self.fraction) * self._lasts_s)
 
     @property
     def _lasts_s(self) -> float:
@@ -106,15 +102,15 @@ class SpeedOverride:
 
         A motion that was held at 0 goes on.
         """
-        held = self._fraction == 0.0
+        held = self.fraction == 0.0
         self._take(fraction)
         if held and not self.paused:
             self._restoring = asyncio.get_running_loop().create_task(self._restore())
 
     def _take(self, fraction: float) -> None:
-        if fraction != self._fraction:
+        if fraction != self.fraction:
             self._account()
-            self._fraction = fraction
+            self.fraction = fraction
             self._link.events.publish("speed", fraction=fraction)
         self._settle()
 
@@ -179,7 +175,7 @@ class SpeedOverride:
 
     def _settle(self) -> None:
         """Open or close the way for motions, as what was asked for has it."""
-        held = self._asked or self._fraction == 0.0
+        held = self._asked or self.fraction == 0.0
         if held == self.paused:
             return
         self._account()

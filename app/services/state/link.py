@@ -298,5 +298,8 @@ class RobotLink:
         return int(self.memory.info.data[name])
 
     def rtloop_pid(self) -> int:
-        """Raises as `statistics`."""
-        return int(self.statistics()["pid"])
+        """Raises as `statistics`, which it does not copy, because each look at a state asks for it."""
+        try:
+            return int(self.memory.statistics.read()["pid"])
+        except TornReadError as exc:
+            raise UnavailableError(str(exc)) from exc
