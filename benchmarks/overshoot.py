@@ -95,6 +95,19 @@ def beyond_steps(way: Array, targets: Array, arrivals_s: Array) -> tuple[float, 
     return too_far, float(np.ptp(targets))
 
 
+def swing(way: Array, targets: Array, arrivals_s: Array) -> float:
+    """How far the way leads back from the targets of `steps` once it has come towards them, as a share of the
+    step: the swing on the near side of a target that stands still."""
+    first, last = np.flatnonzero(np.diff(targets)) + 1
+    begun, turned = round(1000 * arrivals_s[first]), round(1000 * arrivals_s[last])
+    back = 0.0
+    for joint in way.T:
+        up, down = joint[begun:turned], joint[max(turned, int(joint.argmax())) :]
+        back = max(back, (np.maximum.accumulate(up) - up).max(initial=0.0) / np.ptp(targets))
+        back = max(back, 2.0 * (down - np.minimum.accumulate(down)).max() / np.ptp(targets))
+    return float(back)
+
+
 def joints(kind: Interpolation) -> Follow:
     """Joint targets with this interpolation; where the moved joints are commanded, from home, (n, 4).
 

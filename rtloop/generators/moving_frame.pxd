@@ -33,3 +33,4 @@ cdef void to_rest_in_frame(
 cdef bint plan_gently(
     Problem* problems, Profile* profiles, const double* max_jerk, int n, const Ladder* ladder, bint overshoots
 ) noexcept nogil
+cdef bint overshoots_zero(double off, const Profile* profile) noexcept nogil

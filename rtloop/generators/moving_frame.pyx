@@ -61,12 +61,12 @@ cdef bint _climb(
         problems[axis].max_jerk = share * max_jerk[axis]
         if otg_position(&problems[axis], &profiles[axis]) != OTG_OK or profiles[axis].duration > patience_s:
             return False
-        if not overshoots and _overshoots(problems[axis].position, &profiles[axis]):
+        if not overshoots and overshoots_zero(problems[axis].position, &profiles[axis]):
             return False
     return True
 
 
-cdef inline bint _overshoots(double off, const Profile* profile) noexcept nogil:
+cdef bint overshoots_zero(double off, const Profile* profile) noexcept nogil:
     """Whether a way from `off` to zero goes beyond zero, or farther off than its start."""
     cdef double extrema[2]
     profile_extrema(profile, extrema)

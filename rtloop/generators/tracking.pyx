@@ -8,7 +8,7 @@ from libc.math cimport fabs, fmax, fmin, sqrt
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, checked_dof, doubles
-from rtloop.generators.moving_frame cimport Ladder, Motion, plan_gently, to_rest_in_frame
+from rtloop.generators.moving_frame cimport Ladder, Motion, overshoots_zero, plan_gently, to_rest_in_frame
 from rtloop.generators.otg cimport (
     OTG_OK, Problem, otg_position, otg_velocity, profile_at, profile_extrema,
 )
@@ -20,6 +20,7 @@ cdef double TARGET_VELOCITY = 0.99
 cdef double ALONG = 0.9
 cdef double ROUNDING = 1e-9  # rad/s and rad/s²: this is rest.
 cdef double BOUND_RAD = 1e-7  # A stop this far beyond a bound is one at the bound.
+cdef int AIMS = 8  # Each aim before a bound leaves less than half of the way beyond it.
 # A pursuit along with a request takes the first of these shares of the jerk limit that is quick enough.
 # The rest of the limit is for the request's own jerk.
 cdef Ladder GENTLENESS
@@ -156,10 +157,23 @@ cdef class Tracker:
             ahead[joint] += frames[joint].position
             ahead[dof + joint] += frames[joint].velocity
             ahead[2 * dof + joint] += frames[joint].acceleration
-            if low != NULL and self.c_overruns(joint, ahead, rates, low[joint], high[joint]):
+            if low == NULL:
+                continue
+            if self._overshoots_bound(joint, frames[joint], low[joint], high[joint]):
+                self._stop_at_bound(joint, state, rates, share, frames[joint].position)
+            elif self.c_overruns(joint, ahead, rates, low[joint], high[joint]):
                 bound = high[joint] if state[dof + joint] > 0.0 else low[joint]
                 self._stop_at_bound(joint, state, rates, share, bound)
         return True
+
+    cdef bint _overshoots_bound(self, int joint, Motion frame, double low, double high) noexcept nogil:
+        """Whether a joint's gentle way to rest at a bound leads beyond it: the joint would brake too hard,
+        because it takes the overshoot for granted, and swing back."""
+        return (
+            not low < frame.position < high
+            and frame.velocity == 0.0
+            and overshoots_zero(self.problem[joint].position, &self.profile[joint])
+        )
 
     cdef bint c_overruns(
         self, int joint, const double* state, const Rates* rates, double low, double high
@@ -182,18 +196,36 @@ cdef class Tracker:
     cdef void _stop_at_bound(
         self, int joint, const double* state, const Rates* rates, double share, double bound
     ) noexcept nogil:
-        """A joint's way to rest at a position, with all of the limits; if there is none, it brakes."""
+        """A joint's way to rest at a position, with all of the limits; if there is none, it brakes.
+
+        A joint that is late, and would stop beyond it, brakes harder from now on: it aims at a position so
+        much before the bound.
+        """
         cdef Problem* problem = &self.problem[joint]
+        cdef double beyond = 0.0
+        cdef int _
         self._pose(joint, state, rates)
         problem.target_position = bound
         problem.max_velocity = share * rates.velocity[joint]
         problem.min_velocity = -problem.max_velocity
-        if otg_position(problem, &self.profile[joint]) == OTG_OK:
-            self._step(joint)
-            return
-        self._pose(joint, state, rates)
-        if otg_velocity(problem, &self.profile[joint]) == OTG_OK:
-            self._step(joint)
+        for _ in range(AIMS):
+            problem.target_position -= beyond
+            if otg_position(problem, &self.profile[joint]) != OTG_OK:
+                self._pose(joint, state, rates)
+                if otg_velocity(problem, &self.profile[joint]) != OTG_OK:
+                    return
+                break
+            beyond = self._beyond(joint, bound)
+            if fabs(beyond) <= BOUND_RAD:
+                break
+        self._step(joint)
+
+    cdef double _beyond(self, int joint, double bound) noexcept nogil:
+        """How far a joint's way to a bound leads beyond it and the joint's position; negative downwards."""
+        cdef double position = self.problem[joint].position
+        cdef double extrema[2]
+        profile_extrema(&self.profile[joint], extrema)
+        return fmax(extrema[1] - fmax(bound, position), 0.0) + fmin(extrema[0] - fmin(bound, position), 0.0)
 
     cdef void _pose(self, int joint, const double* state, const Rates* rates) noexcept nogil:
         """The problem of a joint from its state to rest: a position and its velocities are the caller's."""

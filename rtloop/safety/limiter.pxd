@@ -51,6 +51,7 @@ cdef class Safety:
     cdef void _catch_kind(self, int kind) noexcept nogil
     cdef void _approach(self, const double* request, bint streamed) noexcept nogil
     cdef bint _pursue_along(self, const double* request) noexcept nogil
+    cdef void _keep_in_range(self, int joint, double* wanted) noexcept nogil
     cdef void _let_through_pursuit(self) noexcept nogil
     cdef void _remember(self) noexcept nogil
     cdef void _come_back(self) noexcept nogil

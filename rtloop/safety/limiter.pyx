@@ -339,12 +339,16 @@ cdef class Safety:
         """Pursue a request that moves, if that keeps the limits; if not, nothing has been let through."""
         cdef int joint
         cdef double state[3 * MAX_DOF]
+        cdef double wanted[3 * MAX_DOF]
+        memcpy(wanted, request, 3 * self.dof * sizeof(double))
         for joint in range(self.dof):
             if not self.lowest[joint] <= request[joint] <= self.highest[joint]:
                 return False
+            if self.ranged:
+                self._keep_in_range(joint, wanted)
         self._state(state)
         if not self.tracker.c_along(
-            state, request, &self.used, self.share, self.catch_up,
+            state, wanted, &self.used, self.share, self.catch_up,
             self.targets.c_low if self.ranged else NULL, self.targets.c_high if self.ranged else NULL,
         ):
             return False
@@ -353,6 +357,14 @@ cdef class Safety:
             return False
         self._let_through_pursuit()
         return True
+
+    cdef void _keep_in_range(self, int joint, double* wanted) noexcept nogil:
+        """A request beyond the range of the targets stands at its bound: an arm that took on the velocity
+        with which the request comes back would swing away from the bound again."""
+        cdef double bound = fmin(fmax(wanted[joint], self.targets.c_low[joint]), self.targets.c_high[joint])
+        if bound != wanted[joint]:
+            wanted[joint] = bound
+            wanted[self.dof + joint] = wanted[2 * self.dof + joint] = 0.0
 
     cdef void _let_through_pursuit(self) noexcept nogil:
         memcpy(self.c_command, self.tracker.c_ahead, 3 * self.dof * sizeof(double))

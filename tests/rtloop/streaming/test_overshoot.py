@@ -22,13 +22,18 @@ from benchmarks.overshoot import (
     noise,
     ramp,
     steps,
+    swing,
     walk,
 )
+from cobot.config import Settings
 from cobot.ipc.layout import Interpolation, Intervention, ServoMode, Stream
+from cobot.robot.description import RobotDescription
 from cobot.types import Array
 
 ROUNDING_RAD = 4e-6
 """A stop this far beyond a target is one at the target: the safety layer rounds stops to 1e-7 rad."""
+SWING = 0.1
+"""Share of its step by which a stream may swing back on the near side of a target that stands still."""
 Make = Callable[[int, np.random.Generator], Array]
 
 
@@ -48,6 +53,21 @@ def test_no_stream_goes_beyond_a_target_that_stands_still_and_each_reaches_it(
     way, targets, arrivals_s = followed(rig, STREAMS[name][0], steps, rate_hz)
     assert beyond_steps(way, targets, arrivals_s)[0] <= ROUNDING_RAD
     np.testing.assert_allclose(way[-1], targets[-1], atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", Interpolation)
+@pytest.mark.parametrize("rate_hz", [10, 30, 100, 1000])
+def test_a_stream_of_joints_hardly_swings_back_on_the_near_side_of_its_target(
+    settings: Settings, robot: RobotDescription, kind: Interpolation, rate_hz: int
+) -> None:
+    for seed, jitter in ((0, 0.0), (1, 1.0), (2, 1.0)):
+        random = np.random.default_rng([seed, rate_hz])
+        targets = steps(rate_hz, random)
+        arrivals_s = arrivals(targets, rate_hz, jitter, random)
+        rig = Rig(settings, robot)
+        way = joints(kind)(rig, rate_hz, targets, arrivals_s)
+        rig.close()
+        assert swing(way, targets, arrivals_s) <= SWING
 
 
 @pytest.mark.parametrize("name", STREAMS)
