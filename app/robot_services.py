@@ -185,7 +185,7 @@ def _services(
     motion = MotionService(robot, link, planning)
     moves = MoveService(link.clock, ownership, goals, motion, planning)
     sequences = SequenceService(ownership, link, settings.sequences, url, latest_s, shared.tokens)
-    streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
+    streams = StreamService(link, ownership, motion, settings.streaming)
     stopping = StopService(link, ownership, sequences.stop)
     link.heartbeat.on_outside_stop = stopping.follow
     simulated = settings.robot.backend.type == "mujoco"

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cobot.config import StreamingSection
 from cobot.errors import ConfigError, LimitError
 from cobot.findings import Finding
 from cobot.types import Array, JointLimits, vector
@@ -41,6 +43,15 @@ def load_joint_limits(path: Path) -> JointLimits:
     low, high, velocity, acceleration, jerk, effort = (vector(column) for column in zip(*rows, strict=True))
     names = tuple(str(name) for name in joints)
     return JointLimits(names, low, high, velocity, acceleration, jerk, effort)
+
+
+def streamed(limits: JointLimits, section: StreamingSection) -> JointLimits:
+    """The limits of joints that follow a stream of joint positions."""
+    return replace(
+        limits,
+        max_velocity=np.minimum(limits.max_velocity, section.joint_velocity),
+        max_acceleration=np.minimum(limits.max_acceleration, section.joint_acceleration),
+    )
 
 
 def check_positions(

@@ -36,7 +36,7 @@ class Bench:
         self.ownership = Ownership(link)
         self.planning = PlanningService(None, 1)
         motion = MotionService(robot, link, self.planning)
-        self.streams = StreamService(link, self.ownership, motion, 0.5)
+        self.streams = StreamService(link, self.ownership, motion, settings.streaming)
         rig.describe()
         url, tokens = "http://127.0.0.1:1", no_tokens()
         sequences = SequenceService(self.ownership, link, settings.sequences, url, 1.0, tokens)

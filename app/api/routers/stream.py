@@ -104,7 +104,7 @@ class Connection:
             dof=len(streams.info["joint_names"]),
             layout=LAYOUT_VERSION,
             period_s=streams.period_s,
-            command_timeout_s=streams.command_timeout_s,
+            command_timeout_s=streams.section.command_timeout_s,
         )
         self._say(hello)
         try:

@@ -25,6 +25,7 @@ from cobot.errors import CobotError
 from cobot.ipc.layout import Interpolation, Stream
 from cobot.ipc.session_rules import decimation, nominal_session
 from cobot.robot.description import RobotDescription
+from cobot.robot.limits import streamed
 from cobot.types import Array
 
 SILENCE_S = 0.2
@@ -83,7 +84,7 @@ class Jog:
         self._link = link
         self._streams = streams
         self._ended = ended
-        self._limits = JogLimits(robot)
+        self._limits = JogLimits(robot, streamed(robot.limits, streams.section))
         self._session: Session | None = None
         self._task: asyncio.Task[None] | None = None
         self._command: JogCommand | None = None
@@ -170,11 +171,12 @@ class Jog:
         assert self._command is not None
         wanted = self._limits.wanted(self._command.joints, self._command.twist, self._position, self._in_tool)
         gain = step_s / (SMOOTHING_S + step_s)
-        self._velocity += gain * (wanted.velocity - self._velocity)
+        change = gain * (wanted.velocity - self._velocity)
+        self._velocity += self._limits.gentle_share(change / step_s) * change
         share, reason = self._limits.share(self._position, self._velocity)
-        lead = np.abs(self._position - self._link.state().commanded_position).max()
-        if lead > MAX_LEAD_RAD:
-            share, reason = 0.0, reason or "the arm does not follow: something slows it down or holds it"
+        here = self._link.state().commanded_position
+        if np.abs(self._position - here).max() > MAX_LEAD_RAD:
+            share, reason = 0.0, reason or f"the arm does not follow: {self._obstacle(here)}"
         velocity = share * self._velocity
         self._position = self._position + step_s * velocity
         setpoint = session.setpoint.copy()
@@ -186,6 +188,13 @@ class Jog:
         setpoint["number"] = sequence
         session.take_setpoint(sequence, setpoint)
         self._answer = JogAnswer(share * wanted.share, reason or wanted.reason)
+
+    def _obstacle(self, here: Array) -> str:
+        """What the real-time loop slows the arm down for, in words."""
+        section = self._streams.section
+        within_m = section.collision_margin_m + section.slow_down_m
+        near = self._limits.nearest(here, self._velocity, within_m)
+        return near or "something slows it down or holds it"
 
     @property
     def _in_tool(self) -> bool:

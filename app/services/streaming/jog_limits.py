@@ -8,7 +8,7 @@ import numpy as np
 
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
-from cobot.types import Array, vector
+from cobot.types import Array, JointLimits, vector
 
 TCP_M_S = 0.25
 """Maximum speed of the TCP during a jog: reduced speed of ISO 10218-1."""
@@ -16,7 +16,8 @@ JOINT_SHARE = 0.5
 """Maximum speed of a joint during a jog, as a share of its own limit."""
 RATE_PER_S = 3.0
 """Maximum velocity towards a limit, as a multiple of the distance that is left: an exponential approach, the
-velocity damper of Faverjon & Tournassoud, ICRA 1987."""
+velocity damper of Faverjon & Tournassoud, ICRA 1987. Further away, where that would take too much
+acceleration, the deceleration is constant."""
 JOINT_ROOM = 0.01
 """From a joint's limit, rad or m, this much stays free, so that a planned motion may begin there."""
 OBSTACLE_ROOM_M = 0.003
@@ -51,8 +52,10 @@ class Wanted:
 class JogLimits:
     """Limits of a jog of one robot. They use the model's scratch memory, like the service's kinematics."""
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotDescription, stream: JointLimits | None = None) -> None:
+        """stream: limits of the session's joints; those of the robot if None."""
         self._robot = robot
+        self._rates = stream or robot.limits
 
     def check(self, joints: Array | None) -> None:
         """Refuse velocities of another number of joints.
@@ -94,10 +97,14 @@ class JogLimits:
 
     def _too_fast(self, velocity: Array, jacobian: Array) -> float:
         """The share of it that is within the speed limits."""
-        limits = self._robot.limits
-        of_joints = (np.abs(velocity) / (JOINT_SHARE * limits.max_velocity)).max()
+        fastest = np.minimum(JOINT_SHARE * self._robot.limits.max_velocity, self._rates.max_velocity)
+        of_joints = (np.abs(velocity) / fastest).max()
         of_tcp = np.linalg.norm(jacobian[:3] @ velocity) / TCP_M_S
         return float(1.0 / np.max([1.0, of_joints, of_tcp]))
+
+    def gentle_share(self, acceleration: Array) -> float:
+        """The share of a joint acceleration that is within the limits."""
+        return float(1.0 / max(1.0, (np.abs(acceleration) / self._rates.max_acceleration).max()))
 
     def share(self, position: Array, velocity: Array) -> tuple[float, str]:
         """How much of a velocity is safe here, 0 to 1, and why it is not all of it, "" if it is."""
@@ -110,7 +117,7 @@ class JogLimits:
     def _of_limits(self, position: Array, velocity: Array) -> tuple[float, str]:
         limits = self._robot.limits
         room = np.where(velocity > 0.0, limits.max_position - position, position - limits.min_position)
-        allowed = RATE_PER_S * np.maximum(room - JOINT_ROOM, 0.0)
+        allowed = allowed_speed(room - JOINT_ROOM, self._rates.max_acceleration)
         speed = np.abs(velocity)
         shares = np.where(speed > allowed, allowed / np.maximum(speed, 1e-9), 1.0)
         joint = int(shares.argmin())
@@ -121,19 +128,45 @@ class JogLimits:
 
     def of_obstacles(self, position: Array, velocity: Array) -> tuple[float, str]:
         """How much of a velocity is safe for the surroundings' sake, and why it is not all of it."""
-        checker = self._robot.collision
-        rows = np.stack([position, position + LOOK_S * velocity])
-        here, there = checker.clearance.distances(rows, FAR_M)
-        closing = (here - there) / LOOK_S
-        room = here - checker.margin_m - OBSTACLE_ROOM_M
-        allowed = RATE_PER_S * np.maximum(room, 0.0)
+        here, closing = self._approach(position, velocity, FAR_M)
+        room = here - self._robot.collision.margin_m - OBSTACLE_ROOM_M
+        slowing = (self._rates.max_acceleration / np.maximum(np.abs(velocity), 1e-9)).min()
+        allowed = allowed_speed(room, slowing * np.maximum(closing, APPROACH_M_S))
         counts = (closing > APPROACH_M_S) & (closing > allowed)
         if not counts.any():
             return 1.0, ""
         shares = np.where(counts, allowed / np.maximum(closing, 1e-9), 1.0)
         pair = int(shares.argmin())
-        first, second = checker.names(pair)
-        return float(shares[pair]), f"{first} and {second} are {1e3 * here[pair]:.0f} mm from each other"
+        return float(shares[pair]), self._distance(pair, here)
+
+    def nearest(self, position: Array, velocity: Array, within_m: float) -> str:
+        """The two parts nearest to each other of those that approach each other, and their distance; "" if
+        there are none."""
+        here, closing = self._approach(position, velocity, within_m)
+        distances = np.where(closing > APPROACH_M_S, here, np.inf)
+        if not (distances < within_m).any():
+            return ""
+        return self._distance(int(distances.argmin()), here)
+
+    def _approach(self, position: Array, velocity: Array, farthest_m: float) -> tuple[Array, Array]:
+        """The distance of each pair, m, and how fast it shrinks, m/s."""
+        rows = np.stack([position, position + LOOK_S * velocity])
+        here, there = self._robot.collision.clearance.distances(rows, farthest_m)
+        return here, (here - there) / LOOK_S
+
+    def _distance(self, pair: int, here: Array) -> str:
+        first, second = self._robot.collision.names(pair)
+        return f"{first} and {second} are {1e3 * here[pair]:.0f} mm from each other"
+
+
+def allowed_speed(room: Array, deceleration: Array) -> Array:
+    """How fast something may approach what is `room` away, m or rad: see `RATE_PER_S`.
+
+    The deceleration, in the same unit per s², is never exceeded on the way.
+    """
+    left = np.maximum(room, 0.0)
+    far = 2.0 * deceleration * left - (deceleration / RATE_PER_S) ** 2
+    return np.where(RATE_PER_S**2 * left <= deceleration, RATE_PER_S * left, np.sqrt(np.maximum(far, 0.0)))
 
 
 def damped(jacobian: Array, twist: Array) -> Array:

@@ -17,6 +17,7 @@ from app.services.rights.ownership import BY_STOP, Ownership
 from app.services.state.link import POLL_S, RobotLink
 from cobot import audit, logs
 from cobot.clock import Clock
+from cobot.config import StreamingSection
 from cobot.errors import (
     CobotError,
     ConflictError,
@@ -139,7 +140,7 @@ class StreamService:
     """
 
     def __init__(
-        self, link: RobotLink, ownership: Ownership, motion: MotionService, command_timeout_s: float
+        self, link: RobotLink, ownership: Ownership, motion: MotionService, section: StreamingSection
     ) -> None:
         self._link = link
         self._ownership = ownership
@@ -147,7 +148,7 @@ class StreamService:
         self._writer = StreamWriter(link.memory)
         self._tasks: set[asyncio.Task[None]] = set()
         self._connections = 0
-        self.command_timeout_s = command_timeout_s
+        self.section = section
         self.session: Session | None = None
         self._info_sequence = 0
         self._info = np.zeros((), link.memory.info.data.dtype)
@@ -264,7 +265,7 @@ class StreamService:
     def lose(self, session: Session) -> None:
         """End a session whose client has lost its connection, after the usual timeout for targets."""
         asyncio.get_running_loop().call_later(
-            self.command_timeout_s, session.end, "the connection to the client was lost"
+            self.section.command_timeout_s, session.end, "the connection to the client was lost"
         )
 
     def close(self) -> None:

@@ -306,7 +306,7 @@ class Stand:
         self.link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0, clock=self.clock)
         self.ownership = Ownership(self.link)
         self.motion = MotionService(robot, self.link, planning)
-        self.streams = StreamService(self.link, self.ownership, self.motion, 0.5)
+        self.streams = StreamService(self.link, self.ownership, self.motion, rig.settings.streaming)
         info = self.streams.info
         info["stiffness"], info["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
         info["min_position"], info["max_position"] = rig.limits.min_position, rig.limits.max_position

@@ -50,7 +50,7 @@ class Bench:
         self.ownership = Ownership(self.link)
         self.planning = PlanningService(None, 1)
         motion = MotionService(robot, self.link, self.planning)
-        self.streams = StreamService(self.link, self.ownership, motion, 0.5)
+        self.streams = StreamService(self.link, self.ownership, motion, settings.streaming)
         url, tokens = "http://robot.test", no_tokens()
         sequences = SequenceService(self.ownership, self.link, settings.sequences, url, 1.0, tokens)
         self.stopping = StopService(self.link, self.ownership, sequences.stop)

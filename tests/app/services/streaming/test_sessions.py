@@ -48,7 +48,8 @@ def streams(rig: Rig, link: RobotLink, robot: RobotDescription) -> Iterator[Stre
     planning = PlanningService(None, 1)
     ownership = Ownership(link)
     motion = MotionService(robot, link, planning)
-    made = StreamService(link, ownership, motion, 0.05)
+    section = rig.settings.streaming.model_copy(update={"command_timeout_s": 0.05})
+    made = StreamService(link, ownership, motion, section)
     rig.describe()
     yield made
     made.close()
