@@ -52,7 +52,8 @@ class JobAnswer(BaseModel):
         "stopped), interrupted (by the end of the service)."
     )
     request: str = Field(
-        deprecated=True, description="The path and the body as one text, shortened. Use `requested`."
+        json_schema_extra={"deprecated": True},  # `deprecated=True` would warn at each access
+        description="The path and the body as one text, shortened. Use `requested`.",
     )
     requested: JobRequest | None = Field(
         description="The HTTP request; null for a job that began otherwise, such as over ROS."

@@ -175,9 +175,7 @@ class NamedPositionAnswer(BaseModel):
     taught: bool = Field(description="Whether it was taught, and can be removed.")
 
 
-LogLines = Annotated[
-    int, Field(ge=1, le=300, deprecated=True, description="The same as `limit`, which counts before it.")
-]
+LogLines = Annotated[int, Field(ge=1, le=300, description="Number of lines, the newest ones.")]
 MAX_LINE, MAX_LINES = 4000, 1_000_000
 
 
@@ -190,7 +188,9 @@ class LogQuery(StrictModel):
     after: str | None = Field(
         None, max_length=MAX_LINE, description="A line of an earlier response: those that follow it."
     )
-    n: LogLines = 50
+    n: int = Field(
+        50, ge=1, le=300, deprecated=True, description="The same as `limit`, which counts before it."
+    )
 
     def lines_of(self, newest: Callable[[int], list[str]]) -> list[str]:
         """The lines that were asked for.

@@ -32,6 +32,7 @@ class ServiceOfPlant(VirtualService):
         tool = rtloop._load_tool(settings, robot)
         rig = self._rig_with(made, "mujoco", settings, robot, capacity, tool=tool)
         rig.loop.controller.tool_and_scene.watch_scene()
+        rtloop.describe(rig.memory, robot, made)  # with the version of the scene
         return rig
 
     def positions(self) -> dict[str, list[float]]:

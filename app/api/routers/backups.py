@@ -9,11 +9,11 @@ from typing import Annotated
 from fastapi import File, Request, Response, UploadFile
 
 from app.api.errors import responses
-from app.api.job_schemas import JobsQuery
+from app.api.job_schemas import JobsAnswer, job_answer
 from app.api.metrics import Metrics
 from app.api.route import EndpointRouter
 from app.api.routers.common import health
-from app.api.routers.jobs import jobs
+from app.api.routers.jobs import newest_jobs
 from app.api.service_schemas import RestoreAnswer
 from cobot import audit
 from cobot.access.roles import Role
@@ -74,11 +74,16 @@ async def support(request: Request) -> Response:
     newest = state.events.since(max(0, state.events.newest - MAX_EVENTS), MAX_EVENTS)
     live = {
         "health.json": (await health(request)).model_dump_json(indent=1).encode(),
-        "jobs.json": bytes((await jobs(JobsQuery(n=MAX_JOBS, state=[]), request)).body),
+        "jobs.json": _jobs(request),
         "events.jsonl": "\n".join(each.text for each in newest).encode(),
         "metrics.txt": Metrics(state).text(),
     }
     return _archive("support", await asyncio.to_thread(make_bundle, state.reloading.settings, live))
+
+
+def _jobs(request: Request) -> bytes:
+    answers = [job_answer(each) for each in newest_jobs(request, MAX_JOBS)]
+    return JobsAnswer(jobs=answers).model_dump_json(indent=1).encode()
 
 
 def _archive(kind: str, content: bytes) -> Response:

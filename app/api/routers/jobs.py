@@ -21,7 +21,7 @@ from app.api.job_schemas import (
 )
 from app.api.paging import page_of
 from app.api.route import EndpointRouter
-from app.services.rights.job import JobState
+from app.services.rights.job import JobRecord, JobState
 from app.services.rights.job_book import KEPT
 from cobot import audit
 from cobot.access.roles import Role
@@ -51,8 +51,7 @@ async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Respon
     states = frozenset(query.state or JobState)
     paged = query.limit is not None or query.after is not None
     count = KEPT if paged else query.n
-    found = [each.jobs.book.records(count, states) for each in addressed(request).values()]
-    records = [record for each in found for record in each]
+    records = newest_jobs(request, count, states)
     if paged:
         records = page_of(records, lambda each: each.id, query.limit or FEW, query.after)
     if len(records) <= FEW:
@@ -64,6 +63,14 @@ async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Respon
             if len(answers) % FEW == 0:
                 await asyncio.sleep(0)
         return _shown(answers)
+
+
+def newest_jobs(
+    request: Request, count: int, states: frozenset[JobState] = frozenset(JobState)
+) -> list[JobRecord]:
+    """The jobs that go on and the newest that have ended, at most `count` of each robot."""
+    found = [each.jobs.book.records(count, states) for each in addressed(request).values()]
+    return [record for each in found for record in each]
 
 
 def _shown(answers: list[JobAnswer]) -> Response:

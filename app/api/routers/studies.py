@@ -41,7 +41,9 @@ class StartStudy(RequestModel):
     )
 
     question: str = Field(min_length=1, max_length=500, description="The question in words, for people.")
-    kind: Literal["reach", "placement", "cycle", "robustness", "compare"]
+    kind: Literal["reach", "placement", "cycle", "robustness", "compare"] = Field(
+        description="What is asked; each kind has keys of its own."
+    )
     seed: int | None = Field(None, ge=0, lt=2**63, description="Of all random numbers; 0 by default.")
     metric: str | None = Field(None, max_length=100, description="The result that the answer is about.")
     robot: Part | None = Field(None, description="Further objects, and another tool than the present one.")
@@ -78,8 +80,8 @@ class StudyAnswer(BaseModel):
     """A study."""
 
     id: str = Field(description="Named by a hash of the question, the robot, its tool and its scene.")
-    question: str
-    kind: str
+    question: str = Field(description="The question in words.")
+    kind: str = Field(description="What is asked.")
     state: Literal["running", "finished", "partial", "failed"] = Field(
         description="partial: it can be continued by starting the same study again."
     )

@@ -261,8 +261,8 @@ class SceneService:
     async def send_load(self, tool: Tool, scene: Scene) -> None:
         """Have rtloop carry a tool, with what is attached in a scene; raises as `Commands.set_tool`."""
         tcp = self._robot.model.tcp_in_flange(tool)
-        loads = [carrying(tool, each, tcp) for each in (scene, scene.without(self._parts))]
-        await self._link.commands.set_tool(*loads, scene.version)
+        load, mounted = (carrying(tool, each, tcp) for each in (scene, scene.without(self._parts)))
+        await self._link.commands.set_tool(load, mounted, scene.version)
 
     async def _stop_if_invalid(self, checker: CollisionChecker) -> str:
         """Stop the motion under way if what is left of it touches something now; why."""

@@ -88,6 +88,7 @@ def test_every_endpoint_that_changes_something_leaves_an_entry(run: VirtualServi
             job="1",
             plan="1",
             program="p",
+            study="s",
         )
         plain = re.sub(r"^/robots/[^/]+", "", path)
         if plain not in BODIES and plain.startswith(("/move", "/reset", "/control", "/freedrive")):

@@ -62,3 +62,14 @@ def test_the_bundle_has_what_helps(run: VirtualService, tmp_path: Path) -> None:
     client = run.client(run.url)
     client.fetch_backup(tmp_path / "b.zip")
     assert client.restore(tmp_path / "b.zip")["created"]
+
+
+def test_the_bundle_comes_although_there_are_many_jobs(run: VirtualService) -> None:
+    """More than GET /jobs answers without a turn among the costly answers, one of which the bundle is."""
+    for number in range(60):
+        joints = [0.01 * (number % 2), *run.joints()[1:]]
+        answer = run.post("/robot/move/joints", {"joints": joints, "speed": 1.0})
+        assert answer.json()["success"], answer.text
+    answer = run.get("/admin/support")
+    assert answer.status_code == 200, answer.text
+    assert len(json.loads(opened(answer.content)["jobs.json"])["jobs"]) >= 60
