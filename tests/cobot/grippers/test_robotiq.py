@@ -293,7 +293,7 @@ def test_a_late_answer_is_never_that_to_the_next_request(simulator: Simulator) -
 
 def test_a_serial_port_that_is_pulled_out_is_an_error_in_words_and_its_end_is_none() -> None:
     with run_simulator() as simulator:
-        gripper = ready(simulator, "pty", timeout_s=0.1)
+        gripper = ready(simulator, "pty", timeout_s=0.5)
     for call in (gripper.state, gripper.open):
         with pytest.raises(GripperError, match=r"lost its connection|has not answered"):
             call()
