@@ -69,7 +69,7 @@ class StartStudy(RequestModel):
     )
 
 
-class Placement(BaseModel):
+class BestPlacement(BaseModel):
     """The best placement: poses x, y, z, m, and w, x, y, z."""
 
     base: list[float] = Field(description="Of the base in the present base frame.")
@@ -91,7 +91,9 @@ class StudyAnswer(BaseModel):
     rate_hz: float = Field(description="Tasks per second of the present run.")
     left_s: float | None = Field(description="Estimated remaining time, s; null while it is unknown.")
     answer: dict[str, Any] = Field(description="From the results so far, by names for people.")
-    placement: Placement | None = Field(description="Of a study of placements that has ended: the best one.")
+    placement: BestPlacement | None = Field(
+        description="Of a study of placements that has ended: the best one."
+    )
     maps: bool = Field(description="Whether it has a map: GET /studies/{study}/map.")
     job: str = Field(description="The job of its last run: POST /jobs/{job}/cancel ends it.")
     owner: str = Field(description="The client that started it.")
