@@ -26,7 +26,7 @@ class PartAnswer(BaseModel):
         description="Box: edges along x, y and z. Cylinder: radius and length. Sphere: radius."
     )
     mass_kg: float = Field(description="kg")
-    position: list[float] = Field(description="Position of its middle in the base frame: x, y, z, m.")
+    position: list[float] = Field(description="Position of its centre in the base frame: x, y, z, m.")
     quaternion: list[float] = Field(description="Orientation in the base frame: x, y, z, w.")
 
 

@@ -1,4 +1,4 @@
-// A control that cannot work is disabled, and its tooltip has the reason.
+// Disables a control that cannot work now, and gives the reason in its tooltip.
 import { word } from "./words.js";
 
 // why: a word of the catalogue; "" for a control that works.

@@ -1,4 +1,4 @@
-// Archives: a backup and a bundle for support to take away, and a backup to bring back with the next start.
+// Downloads a backup or a support bundle, and uploads a backup that the next start restores.
 import { LONG_MS } from "./api.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -15,7 +15,7 @@ export class Archives {
     inEachLanguage(() => Object.entries(this.words).forEach(([kind, words]) => (element(`${kind}-why`).textContent = words())));
   }
 
-  // kind: "backup" or "support", of the service as a whole.
+  // kind: "backup" or "support"; both are of the whole service.
   async fetch(kind) {
     this.say(kind, () => "…");
     try {

@@ -1,4 +1,4 @@
-// A field for a text of many lines, with their numbers beside it.
+// A text field with line numbers.
 export class Editor {
   constructor(field, numbers) {
     this.field = field;
@@ -23,7 +23,7 @@ export class Editor {
     this.numbers.textContent = Array.from({ length: count }, (_, line) => line + 1).join("\n");
   }
 
-  // A line, selected.
+  // Selects a line.
   mark(line) {
     const lines = this.field.value.split("\n");
     const begin = lines.slice(0, line - 1).reduce((sum, each) => sum + each.length + 1, 0);

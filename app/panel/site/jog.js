@@ -12,7 +12,7 @@ const STEPS = { small: [0.5, 0.001], middle: [2, 0.01], large: [10, 0.05] };
 const element = (id) => document.getElementById(id);
 
 export class Jog {
-  // now: {state, geometry}, of which one may be missing.
+  // now: {state, geometry}; either may be missing.
   constructor(api, stream, readouts, now) {
     this.api = api;
     this.stream = stream;
@@ -103,8 +103,8 @@ export class Jog {
     return word("jog_limited", { percent: Math.round(100 * frame.share), why: frame.limited_by });
   }
 
-  // An increment is a motion like any other: planned, checked, and refused with the reason. It begins where the
-  // arm is commanded to be: what is measured beside that would add up.
+  // An increment is a motion like any other: planned, checked, and refused with the reason. It starts from the
+  // commanded position, because the errors of measured positions would add up.
   async step(button, angle, way) {
     const { jog, index, sign } = button.dataset;
     if (this.pending) return;

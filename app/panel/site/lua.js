@@ -1,4 +1,4 @@
-// A program in Lua: checked and run by the service, which says where it is wrong. Its output is shown beside it.
+// A Lua program. The service checks and runs it and names the line of an error. Its output is shown next to it.
 import { inEachLanguage, word } from "./words.js";
 
 const NAME = "panel.lua";
@@ -62,7 +62,7 @@ export class Lua {
   }
 }
 
-// What this run has printed, and its error: the log has the lines of all runs, with the runner's own.
+// The output and the error of this run. The log also has the lines of other runs and of the runner.
 function ofRun(lines, number) {
   const begun = lines.findLastIndex((line) => line.includes(` sequence ${number} started, `));
   return lines.slice(begun + 1).map((line) => line.replace(MOMENT, "")).filter((line) => SHOWN.test(line)).map((line) => line.replace(PRINTED, ""));

@@ -65,7 +65,7 @@ export class Motions {
     }
   }
 
-  // The buttons stay as they are while nothing has changed: one may be under a finger.
+  // Buttons are replaced only after a change, because a finger may be on one.
   offer(positions) {
     const offered = JSON.stringify(positions);
     if (offered === this.offered) return;

@@ -1,4 +1,4 @@
-// Names that a person may type: inputs and outputs of the robot and its named positions, as lists of the fields.
+// Suggestions for fields: inputs, outputs and named positions of the robot.
 import { oneAtATime } from "./once.js";
 
 const HEARD = ["hello", "positions"];

@@ -1,4 +1,4 @@
-// Steps as they are when a person adds them: whole, so that the program can run, but for names that only they know.
+// New steps. They are complete except for names, which only the user knows.
 export const PLACED = ["joints", "home", "pallet"]; // made of where the arm is
 
 const CONDITION = { input: "", is: true };
@@ -18,5 +18,5 @@ const NEW = {
   on_error: () => ({ on_error: { retry: 1 }, do: [] }),
 };
 
-// now: {joints, pose, speed, position}, of which a kind may need some.
+// now: {joints, pose, speed, position}; each kind uses some of them.
 export const newStep = (kind, now) => NEW[kind](now);

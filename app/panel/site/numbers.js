@@ -1,11 +1,11 @@
-// Fields for the numbers of a pose, a place or a size. What nobody has typed over keeps all its digits.
+// Fields for the numbers of a pose, a position or a size. A number that was not edited keeps all its digits.
 import { inEachLanguage, word } from "./words.js";
 
 const UNITS = { mm: 1000, "°": 180 / Math.PI };
 const DIGITS = 2;
 
 export class Numbers {
-  // labels: [name, unit] of each number, the unit "mm" or "°"; a name is a word of the catalogue, or as it is.
+  // labels: [name, unit] of each number. The unit is "mm" or "°", the name a word of the catalogue or a text.
   constructor(place, labels) {
     this.place = place;
     this.given = [];
@@ -31,7 +31,7 @@ export class Numbers {
     });
   }
 
-  // The same as if they were typed over.
+  // Sets the numbers as if they had been typed.
   type(values) {
     const { given } = this;
     const before = this.rows.map(({ field }) => field.defaultValue);
@@ -40,18 +40,18 @@ export class Numbers {
     this.given = given;
   }
 
-  // What the fields have now, for `settle`.
+  // The present content of the fields, for `settle`.
   get sent() {
     return { values: this.values(), texts: this.rows.map(({ field }) => field.value) };
   }
 
-  // This was saved. What was typed meanwhile stays typed.
+  // These numbers have been saved. Numbers that were typed meanwhile stay.
   settle({ values, texts }) {
     this.given = values;
     this.rows.forEach(({ field }, index) => (field.defaultValue = texts[index]));
   }
 
-  // In m and rad; NaN for a field without a number. others: what the fields have that nobody typed over.
+  // In m and rad; NaN for a field without a number. others: the numbers of the fields that were not edited.
   values(others = this.given) {
     return this.rows.map(({ field, unit }, index) => (changed(field) ? field.valueAsNumber / UNITS[unit] : others[index]));
   }

@@ -11,7 +11,7 @@ const poseOf = ({ position, quaternion }) => [...position, ...abcOf(quaternion)]
 
 export class PlacedList {
   // kind: "object" or "frame", the beginning of all ids. list: the id of the list.
-  // tcp: gives the pose of the TCP in the base frame, null while it is not known.
+  // tcp: returns the pose of the TCP in the base frame, null while it is unknown.
   constructor(api, kind, list, tcp) {
     Object.assign(this, { api, kind, tcp, list: element(list), all: [], chosen: null, words: () => "" });
     this.place = poseFields(this.part("place"));
@@ -29,7 +29,7 @@ export class PlacedList {
     return element(`${this.kind}-${name}`);
   }
 
-  // What the service has now. A form in which somebody types stays as it is.
+  // Shows the present state of the service. A form that is being edited does not change.
   offer(all) {
     this.all = all;
     const now = this.chosen ? all.find(({ name }) => name === this.chosen.name) : null;
@@ -65,7 +65,7 @@ export class PlacedList {
     else this.say(() => word("silence"), "warn");
   }
 
-  // The fields as a request has them; null, with the reason shown, if one of them is nothing.
+  // The fields as in a request; null if one of them is invalid, and the reason is shown.
   read() {
     const name = this.part("name").value.trim();
     const [x, y, z, a, b, c] = this.place.values();
@@ -75,7 +75,7 @@ export class PlacedList {
     return null;
   }
 
-  // changes: of POST /scene. Gives whether they were made.
+  // changes: of POST /scene. Returns whether they were made.
   async change(changes, words) {
     const { robot } = this.api;
     try {
@@ -94,14 +94,14 @@ export class PlacedList {
     return { place: this.place.sent };
   }
 
-  // The form has what was saved; the list gets it with the next event, in the base frame.
+  // The form shows what was saved. The next event updates the list, in the base frame.
   settle(name, sent) {
     this.mark({ ...this.chosen, name });
     this.part("name").defaultValue = name;
     this.place.settle(sent.place);
   }
 
-  // The buttons stay as they are while nothing has changed: one may be under a finger.
+  // Buttons are replaced only after a change, because a finger may be on one.
   write() {
     const shown = JSON.stringify([this.chosen?.name, document.documentElement.lang, this.all.map((each) => this.title(each))]);
     if (shown === this.shown) return;

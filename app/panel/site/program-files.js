@@ -1,4 +1,4 @@
-// Programs as files: opened by a choice or a drop, saved by the browser, begun anew.
+// Programs as files: opened from a dialog or dropped on the page, and downloaded.
 import { isTree } from "./steps.js";
 import { word } from "./words.js";
 
@@ -6,7 +6,7 @@ const MAX_BYTES = 2_000_000;
 const MAX_LABEL = 100;
 const element = (id) => document.getElementById(id);
 
-// Whether a text is a file of waypoints or steps.
+// Whether a text is a sequence file.
 function isSequence(text) {
   try {
     return isTree(JSON.parse(text));
@@ -15,7 +15,7 @@ function isSequence(text) {
   }
 }
 
-// A file that the browser puts into its folder of downloads.
+// Downloads a file.
 export function download(name, text) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob([text], { type: "text/plain" }));
@@ -24,7 +24,7 @@ export function download(name, text) {
   URL.revokeObjectURL(link.href);
 }
 
-// What is dropped on a card is its file; beside the cards it must not take the place of this page.
+// A file that is dropped on a card is opened there. Elsewhere a drop must not replace this page.
 export function acceptFiles(card, open) {
   for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
   card.addEventListener("dragover", () => card.toggleAttribute("data-over", true));

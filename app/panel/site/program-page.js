@@ -1,4 +1,4 @@
-// The page Program: the steps of the program that is open, what can be done with one, and the program as a text.
+// The page Program: the steps of the open program, the actions for a step, and the program as text.
 import { Editor } from "./editor.js";
 import { newStep, PLACED } from "./new-steps.js";
 import { Program } from "./program.js";
@@ -14,7 +14,7 @@ const LINE = /line (\d+)/;
 const element = (id) => document.getElementById(id);
 
 export class ProgramPage {
-  // now: {state, geometry}, of which one may be missing.
+  // now: {state, geometry}; either may be missing.
   constructor(api, motions, now, freedrive) {
     Object.assign(this, { api, motions, now });
     this.places = new Places(this, motions, now, freedrive);
@@ -124,7 +124,7 @@ export class ProgramPage {
     if (here) this.put({ joints: here.joints, speed: this.motions.speed });
   }
 
-  // Another step than a waypoint, as a person can go on with it.
+  // A new step that is not a waypoint.
   add(kind) {
     element("add").open = false;
     const here = PLACED.includes(kind) ? this.places.here() : {};
@@ -134,7 +134,7 @@ export class ProgramPage {
     else this.put(step);
   }
 
-  // Behind the step that is chosen, into the empty list that is chosen, or at the end.
+  // After the chosen step, in the chosen empty list, or at the end.
   put(step) {
     const { content } = this.program;
     if (!content) return;
@@ -153,7 +153,7 @@ export class ProgramPage {
     this.keepsRows = false;
   }
 
-  // Changes where steps are; the one that is chosen stays so.
+  // Moves steps. The chosen step stays chosen.
   arrange(change) {
     const { content } = this.program;
     const { step } = this;
@@ -200,7 +200,7 @@ export class ProgramPage {
     element("step-label").focus();
   }
 
-  // Marks the line of a text that is wrong, if the reason names it.
+  // Marks the line that the reason names.
   markWrong(why) {
     const found = LINE.exec(why);
     if (found) this.editor.mark(Number(found[1]));

@@ -8,7 +8,7 @@ const KINDS = ["sequence", "lua"];
 const NEW = { kind: "sequence", text: '{"steps":[]}', label: "", id: null, version: null, saved: null };
 
 export class Program {
-  // changed: called after each change; with true if another program or state is shown now.
+  // changed: called after each change, with true if another program or version is shown now.
   constructor(changed) {
     this.changed = changed;
     this.key = "";
@@ -16,7 +16,7 @@ export class Program {
     this.show({ ...NEW });
   }
 
-  // What this browser has kept for a robot.
+  // Loads what this browser has stored for a robot.
   load(robot) {
     this.key = `cobot.program.${robot}`;
     let kept = null;
@@ -51,7 +51,7 @@ export class Program {
     return this.content ? !rootOf(this.content).length && !this.content.home : !this.document.text.trim();
   }
 
-  // Whether it differs from what the service has.
+  // Whether it differs from the version of the service.
   get isChanged() {
     const { saved } = this.document;
     return saved === null ? !this.isEmpty : saved !== this.state;
@@ -61,7 +61,7 @@ export class Program {
     return JSON.stringify([this.document.label, this.document.text]);
   }
 
-  // As it is run and saved.
+  // The text that is run and saved.
   get text() {
     return this.content ? JSON.stringify(runnable(this.content), null, 1) : this.document.text;
   }
@@ -71,7 +71,7 @@ export class Program {
     return `${name}.${this.document.kind === "lua" ? "lua" : "json"}`;
   }
 
-  // Changes the steps by a function; one step back undoes it.
+  // Changes the steps with a function. One undo reverts it.
   edit(change) {
     const before = this.document;
     change(this.content);
@@ -79,7 +79,7 @@ export class Program {
     this.changed(false);
   }
 
-  // A text or a name that is being typed: what is typed in one go is undone in one go.
+  // A text or a name that is being typed. One undo reverts what was typed without a pause.
   type(fields) {
     const before = this.typing ? null : this.document;
     this.put({ ...this.document, ...fields }, before);
@@ -88,7 +88,7 @@ export class Program {
     this.changed(false);
   }
 
-  // Another program in place of this one; Undo brings one back that was not saved.
+  // Replaces this program. Undo brings back a program that was not saved.
   open({ kind, text, label, id = null, version = null }) {
     const before = this.isChanged ? this.document : null;
     this.opened += 1;
@@ -100,7 +100,7 @@ export class Program {
     this.changed(true);
   }
 
-  // The same steps as a program that the service does not have yet.
+  // The same steps as a new program that is not stored yet.
   becomeNew(label) {
     this.opened += 1;
     this.put({ ...this.document, label, id: null, version: null, saved: null, opened: this.opened }, null);
@@ -119,7 +119,7 @@ export class Program {
     this.keep();
   }
 
-  // The service has this state of the program that was opened as this number now, as a version.
+  // The service has stored this state, of the program with this number, as a version.
   savedAs({ id, version }, { state, opened }) {
     if (opened !== this.document.opened) return;
     Object.assign(this.document, { id, version, saved: state });
@@ -140,7 +140,7 @@ export class Program {
     if (!found) return;
     const { id, version, saved, opened } = this.document;
     this[to].push(this.document);
-    // What was saved stays saved: only what a person has changed is undone.
+    // Undo reverts edits only, not what was saved.
     this.document = found.opened === opened ? { ...found, id, version, saved } : found;
     this.read();
     this.keep();

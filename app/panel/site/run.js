@@ -1,4 +1,4 @@
-// Runs the program that is open on the page Program, as a job of the service, which goes on without this page.
+// Runs the open program as a job of the service. The job continues if this page is closed.
 import { word, inEachLanguage } from "./words.js";
 
 const ENDS = ["finished", "failed", "cancelled", "interrupted"];
@@ -21,7 +21,7 @@ export class Run {
     this.say(() => "");
   }
 
-  // hold: it waits before its first motion.
+  // hold: wait before the first motion.
   async run(hold = false) {
     const { program } = this.page;
     const body = new FormData();
@@ -45,7 +45,7 @@ export class Run {
     if (type === "hello" || (type === "job" && data.job === this.job)) this.look();
   }
 
-  // Whether it goes on: its end may have been heard of before its number was known here.
+  // Whether it still runs. Its end may have been reported before its number was known here.
   async look() {
     const { job } = this;
     if (!job) return;

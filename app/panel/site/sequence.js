@@ -1,5 +1,5 @@
-// A sequence file as motions that are planned, at the most so many as one: docs/sequence-files.md.
-const MOST = 50; // of POST /robot/plan/sequence
+// The motions of a sequence file for planning, in groups of at most `MAX_MOTIONS`: docs/sequence-files.md.
+const MAX_MOTIONS = 50; // of POST /robot/plan/sequence
 
 // A target as POST /robot/plan/sequence takes it.
 function motion({ label, comment, radius, named, through_radius: throughRadius, ...body }) {
@@ -13,9 +13,9 @@ export function partsOf({ home, waypoints }) {
   const targets = home ? [home, ...waypoints] : waypoints;
   const parts = [];
   for (let begin = 0; begin < targets.length; ) {
-    const most = targets.slice(begin, begin + MOST);
+    const most = targets.slice(begin, begin + MAX_MOTIONS);
     const stop = most.findLastIndex((target) => !target.radius);
-    const part = stop < 0 || most.length < MOST ? most : most.slice(0, stop + 1);
+    const part = stop < 0 || most.length < MAX_MOTIONS ? most : most.slice(0, stop + 1);
     parts.push({ motions: part.map(motion), radii: part.slice(0, -1).map((target) => target.radius ?? 0) });
     begin += part.length;
   }

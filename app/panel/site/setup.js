@@ -16,7 +16,7 @@ function cell(tag, text) {
 }
 
 export class Setup {
-  // now: {state, geometry}, of which one may be missing.
+  // now: {state, geometry}; either may be missing.
   constructor(api, now) {
     this.tool = new Tool(api, () => now().state);
     this.surroundings = new Surroundings(api, () => {
@@ -33,7 +33,7 @@ export class Setup {
     inEachLanguage(() => this.write());
   }
 
-  // Another robot.
+  // Another robot was chosen.
   choose() {
     this.tool.choose();
     this.surroundings.choose();

@@ -116,7 +116,7 @@ export class Drawn {
     for (const [mesh, collides] of this.hidden) mesh.visible = collides === shown;
   }
 
-  // The bodies that a sentence names, or that a joint moves which it names, in red; "" for none.
+  // Draws in red the bodies that a sentence names and those that a named joint moves; "" for none.
   blame(sentence) {
     const said = new Set(sentence.match(/[\w.-]+/g));
     const names = ({ name, joints }) => [name, ...joints.map(({ index }) => this.joints[index])];

@@ -1,4 +1,4 @@
-// What stands around the arm, and named frames: chosen from a list, changed in fields, saved at once for everybody.
+// The surroundings of the arm and the named frames: chosen from a list, edited in fields, saved for all clients.
 import { PlacedList } from "./placed-list.js";
 import { Numbers } from "./numbers.js";
 import { word } from "./words.js";
@@ -91,6 +91,7 @@ class Objects extends PlacedList {
   shape(sizes) {
     this.size = new Numbers(this.part("size"), SIZES[this.part("shape").value]);
     this.size.set(sizes);
+    this.part("size-title").hidden = this.isMesh;
     this.part("mesh").hidden = !this.isMesh || Boolean(this.chosen);
     this.part("file-name").textContent = this.file?.name ?? "";
   }
@@ -109,7 +110,7 @@ class Objects extends PlacedList {
     if (!this.file) this.say(() => word("mesh_large", { mb: (file.size / 1e6).toFixed(0) }), "warn");
   }
 
-  // The solid of a request without its place; null, with the reason shown, if something is missing.
+  // The solid as in a request, without its pose; null if something is missing, and the reason is shown.
   async solid() {
     const shape = this.part("shape").value;
     const sizes = this.size.values();
@@ -154,7 +155,7 @@ class Objects extends PlacedList {
   }
 }
 
-// Of an object that gets another size, the mass stays; its centre and inertia are those of one density again.
+// An object that is resized keeps its mass. Its centre and inertia become those of a uniform density.
 function weight({ mass }) {
   return mass ? { mass } : {};
 }
@@ -166,7 +167,7 @@ export class Surroundings {
     this.places = new Frames(api, "frame", "frames-all", tcp);
   }
 
-  // Another robot.
+  // Another robot was chosen.
   choose() {
     this.objects.choose(null);
     this.places.choose(null);

@@ -1,4 +1,4 @@
-// The fields of the step that is chosen. A field that is changed changes the step at once; Undo takes it back.
+// The fields of the chosen step. Editing a field changes the step at once; Undo reverts it.
 import { DEFAULT, PLANNERS } from "./planners.js";
 import { canBlend, kindOf, POSE } from "./steps.js";
 import { made } from "./step-tree.js";
@@ -47,13 +47,13 @@ export class StepForm {
     return this.page.step;
   }
 
-  // Changes the step by a function.
+  // Changes the step with a function.
   edit(change) {
     const { number } = this;
     this.page.editStep(number, change);
   }
 
-  // A field that is left out when it is empty.
+  // A field that is omitted when it is empty.
   optional(name, value) {
     this.edit((step) => {
       if (value === "" || value === null || value === undefined) delete step[name];
@@ -79,7 +79,7 @@ export class StepForm {
     return this.labelled(name, control);
   }
 
-  // A number in a unit for people; null for none, where that is allowed.
+  // A number in the unit of the panel; null if it is empty, where that is allowed.
   numeric(name, value, change, { unit = "", scale = 1, min = "", max = "", step = "any", empty = false, text = "" } = {}) {
     const control = made("input");
     const shown = (number) => (Number.isFinite(number) ? String(+(number / scale).toFixed(3)) : "");
@@ -117,7 +117,7 @@ export class StepForm {
     return group;
   }
 
-  // An input of the robot and what it has to be; `empty`: none is allowed.
+  // An input of the robot and its required value. empty: no input is allowed too.
   condition(name, found, change, empty = false) {
     const { input = "", is, above, below } = found ?? {};
     const test = typeof is === "boolean" ? (is ? "on" : "off") : above !== undefined ? "above" : below !== undefined ? "below" : "on";
@@ -166,7 +166,7 @@ export class StepForm {
     return kindOf(step) === "arc" ? parts.slice(1) : parts;
   }
 
-  // All fields of a step as a text, but its lists of other steps.
+  // All fields of a step as JSON, without its lists of steps.
   json(step, hidden = []) {
     const shown = Object.fromEntries(Object.entries(step).filter(([key]) => !["label", "comment", ...hidden].includes(key)));
     const label = this.text("step_fields", JSON.stringify(shown, null, 1), (text) => {
@@ -243,7 +243,7 @@ const FIELDS = {
 };
 for (const each of FORCES) FIELDS[each] = FIELDS.other;
 
-// One direction of a pallet: how many places, and from one to the next. Without a number there is none.
+// One direction of a pallet: the number of places and the distance between them. An empty number means one place.
 function direction(form, { counts, offsets }, way) {
   if (way > counts.length) return "";
   const put = (change) => form.edit(({ pallet }) => change(pallet));

@@ -1,4 +1,4 @@
-// Places of waypoints: taught where the arm is, gone to alone, and shown all together.
+// Waypoints: teaching them, moving to one, and previewing all of them.
 import { abcOf, tcpOf } from "./kinematics.js";
 import { PLANNERS } from "./planners.js";
 import { partsOf } from "./sequence.js";
@@ -16,10 +16,10 @@ export class Places {
     Object.assign(this, { page, motions, now, freedrive });
   }
 
-  // Where the arm is, as joints and as a pose; null, and said, if that is not known.
+  // The present joints and pose; null if they are unknown, and the reason is shown.
   here() {
     const { state, geometry } = this.now();
-    // In a hand the arm is where it is held, and not where its springs would have it.
+    // During hand guiding, the measured position counts and not the commanded one.
     const joints = this.freedrive.on ? state?.position : state?.commanded_position;
     if (!geometry || !numbers(joints, geometry.joints.length)) {
       this.page.say(() => word("silence"));
@@ -28,7 +28,7 @@ export class Places {
     return { joints: [...joints], pose: this.poseOf(joints) };
   }
 
-  // The pose of the TCP at these joints, null while the arm is not known.
+  // The pose of the TCP at these joints; null while the model is unknown.
   poseOf(joints) {
     const { geometry } = this.now();
     if (!geometry || !numbers(joints, geometry.joints.length)) return null;
@@ -37,7 +37,7 @@ export class Places {
     return Object.fromEntries(POSE.map((name, index) => [name, +values[index].toFixed(7)]));
   }
 
-  // Whether the place of a step can be set to where the arm is.
+  // Whether the step has a position that can be taught again.
   canTeach(step) {
     const kind = kindOf(step);
     if (kind === "pallet") return HERE.includes(step.pallet.origin?.frame_id);
@@ -56,7 +56,7 @@ export class Places {
     if (this.page.chosen === number) this.page.form.write();
   }
 
-  // The way to a waypoint. One that follows a path of the TCP ends at a pose, which is made of joints if need be.
+  // The motion to a waypoint. A planner that follows a TCP path needs a pose, which is computed from joints.
   setWay(number, planner) {
     const { joints } = stepAt(this.page.program.content, number);
     const pose = joints && PLANNERS[planner]?.pose ? this.poseOf(joints) : {};
@@ -68,7 +68,7 @@ export class Places {
     this.page.form.write();
   }
 
-  // Plans a motion to the waypoint alone, at the speed of the slider, and shows it; nothing moves.
+  // Plans and shows a motion to this waypoint at the speed of the slider. Nothing moves.
   go(number) {
     const step = stepAt(this.page.program.content, number);
     if (this.isOfPallet(number, step.frame_id)) return this.page.say(() => word("step_in_pallet", { frame: step.frame_id }));
@@ -85,7 +85,7 @@ export class Places {
     return false;
   }
 
-  // All motions that are known before it runs, as one plan.
+  // Plans all motions that are known before the program runs, as one.
   preview() {
     const { until, ...motions } = previewOf(this.page.program.content);
     if (until) this.page.say(() => word("preview_until", { number: until }));

@@ -1,4 +1,4 @@
-// The steps of a program as a tree of rows. A row is chosen by a press, moved by its handle or by the keyboard.
+// The steps of a program as a tree of rows. Pressing a row chooses it; its handle or the keyboard moves it.
 import { blocksOf, isMotion, isWithin, kindOf, numberIn, placeOf, rootOf, stepAt } from "./steps.js";
 import { lineOf, nameOf, partName, symbol } from "./step-words.js";
 import { word } from "./words.js";
@@ -16,7 +16,7 @@ export function made(tag, text = "", className = "") {
 }
 
 export class StepTree {
-  // page: the page Program, which has the program, the chosen step and what can be done with one.
+  // page: the page Program, with the program, the chosen step and the actions for it.
   constructor(page) {
     this.page = page;
     this.list = element("steps");
@@ -42,7 +42,7 @@ export class StepTree {
     if (focused) this.focus(this.page.chosen, focused);
   }
 
-  // After a step has changed that stays where it is: the rows stay, and so do the fields in one of them.
+  // Shows a step that has changed in place. The rows, and the fields in one of them, are kept.
   refresh() {
     const { activeElement: focused } = document;
     for (const row of this.list.querySelectorAll("[data-step]")) {
@@ -56,7 +56,7 @@ export class StepTree {
     this.mark();
   }
 
-  // On a narrow page the fields are in the row of their step, else beside the tree.
+  // On a narrow page the fields are in the row of the step, otherwise next to the tree.
   placeForm() {
     const [form, chosen] = [element("step-form"), this.page.chosen && this.find(this.page.chosen)];
     if (NARROW.matches && chosen) chosen.firstElementChild.after(form);
@@ -84,7 +84,7 @@ export class StepTree {
     return row;
   }
 
-  // In a list without a step: where one can be added.
+  // The place in an empty list where a step can be added.
   hint(id) {
     const hint = made("li", "", "hint");
     const button = made("button", word("steps_none"), "step-into");
@@ -134,7 +134,7 @@ export class StepTree {
     (row?.querySelector(`.${className.split(" ")[0]}`) ?? row?.querySelector(".step-name") ?? element("teach")).focus();
   }
 
-  // Up and down go from row to row; with Alt they move the row.
+  // The arrow keys choose the row above or below. With Alt they move the row.
   press(event) {
     const number = event.target.closest("[data-step]")?.dataset.step;
     if (!number) return;
@@ -153,7 +153,7 @@ export class StepTree {
     }
   }
 
-  // The handle of a row: it follows a mouse or a finger, and a line shows where the row would go.
+  // The handle of a row follows the mouse or a finger. A line shows where the row would go.
   grip(number) {
     const grip = made("i", "⠿", "grip");
     grip.title = word("step_drag");
@@ -179,7 +179,7 @@ export class StepTree {
     if (place) place.shown.dataset.drop = place.where;
   }
 
-  // Where a row would go that is let go here: {id, index, shown, where}. To the left of a row it leaves the lists
+  // The target of a row that is dropped here: {id, index, shown, where}. Left of a row, it leaves the lists
   // that end there.
   placeAt(x, y) {
     const lines = [...this.list.querySelectorAll(".step, [data-into]")];

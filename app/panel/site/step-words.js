@@ -1,4 +1,4 @@
-// A step for people: its symbol, its name and one line about what it does.
+// A step as it is shown: symbol, name and one line that describes it.
 import { DEFAULT, PLANNERS } from "./planners.js";
 import { blocksOf, kindOf } from "./steps.js";
 import { word } from "./words.js";
@@ -39,7 +39,7 @@ export function conditionText({ input = "", is, above, below } = {}) {
 
 export const wayName = (planner) => word(`way_${planner}`, {}, PLANNERS[planner]?.summary ?? planner);
 
-// name: which stands over the line. poseOf: {x, y, z} of joints, or null while the arm is not known.
+// name: shown above the line. poseOf: returns {x, y, z} for joints, or null while the model is unknown.
 export function lineOf(step, name, poseOf) {
   const kind = kindOf(step);
   const made = LINES[kind]?.(step, poseOf, name) ?? Object.keys(step).filter((key) => !NAMES.includes(key)).join(", ");
@@ -79,5 +79,5 @@ function poseText(joints, poseOf) {
   return pose ? placeText(pose) : `${joints.map((value) => whole(value, 180 / Math.PI)).join("  ")} °`;
 }
 
-// What stands over a list in a step that is not its main one, and in one that is empty.
+// The heading of a list that is not the main one of its step, and the text in an empty list.
 export const partName = (step, part) => word(part ? `part_${part}` : blocksOf(step).length > 1 ? `part_${kindOf(step)}` : "part_do");

@@ -8,7 +8,7 @@ export const POSE = ["x", "y", "z", "a", "b", "c"];
 const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
 const isPart = (text) => /^[a-z]/.test(text ?? "");
 
-// What a step does: one of KINDS, joints, named, arc, pose; "unknown" for a step of a newer version.
+// The kind of a step: one of KINDS, joints, named, arc, pose; "unknown" for a step of a newer version.
 export function kindOf(step) {
   const has = (key) => Object.hasOwn(step, key);
   return KINDS.find(has) ?? MOTIONS[Object.keys(MOTIONS).find(has)] ?? "unknown";
@@ -16,7 +16,7 @@ export function kindOf(step) {
 
 export const isMotion = (step) => Object.values(MOTIONS).includes(kindOf(step));
 
-// The lists in a step, [part, steps] each, in the order in which they are shown; the main one has the part "".
+// The lists of a step as [part, steps], in the order in which they are shown. The main list has the part "".
 export function blocksOf(step) {
   switch (kindOf(step)) {
     case "repeat": case "pallet": return [["", step.do ?? []]];
@@ -28,7 +28,7 @@ export function blocksOf(step) {
 
 export const rootOf = (content) => content.steps ?? content.waypoints;
 
-// Whether this is a sequence that can be shown as a tree: objects and lists where they must be.
+// Whether a sequence can be shown as a tree: it has objects and lists in the right places.
 export function isTree(content) {
   const whole = (list) => Array.isArray(list) && list.every((step) => isObject(step)
     && isObject(step.on_error ?? {}) && blocksOf(step).every(([, steps]) => whole(steps)));
@@ -36,7 +36,7 @@ export function isTree(content) {
 }
 
 // A list by its id: "" is the outermost one, "2" the main list of step 2, "2.else" its other one; null for none.
-// make: a list that the step does not have yet is made.
+// make: create a list that the step does not have yet.
 export function listAt(content, id, make = false) {
   const parts = id ? id.split(".") : [];
   let list = rootOf(content);
@@ -65,7 +65,7 @@ export function stepAt(content, number) {
   return listAt(content, id)?.[index] ?? null;
 }
 
-// Each step with its number, the outer ones before those in them.
+// Each step with its number; a step comes before the steps in it.
 export function* walk(list, id = "") {
   for (const [index, step] of list.entries()) {
     const number = numberIn(id, index);
@@ -80,7 +80,7 @@ export function numberOf(content, step) {
   return null;
 }
 
-// Puts a step into a list; a file of waypoints becomes one of steps when it has to.
+// Adds a step to a list. A file with waypoints only becomes one with steps if needed.
 export function insert(content, step, id, index) {
   if (content.waypoints && !isMotion(step)) {
     content.steps = content.waypoints;
@@ -95,10 +95,10 @@ export function remove(content, number) {
   listAt(content, id).splice(index, 1);
 }
 
-// Whether the list is the step's own or one in it: a step cannot go there.
+// Whether the list is in the step itself: it cannot be moved there.
 export const isWithin = (id, number) => id === number || id.startsWith(`${number}.`);
 
-// Takes a step to another place: before what is there at `index` now.
+// Moves a step to the place before the present `index`.
 export function move(content, number, id, index) {
   const from = placeOf(number);
   const [source, target] = [listAt(content, from.id), listAt(content, id, true)];
@@ -106,7 +106,7 @@ export function move(content, number, id, index) {
   target.splice(source === target && index > from.index ? index - 1 : index, 0, step);
 }
 
-// One place down or up in the order in which the steps are shown, into and out of other steps; null at the end.
+// The next place down or up in the order of the rows, also into and out of other steps; null at the end.
 export function placeBeside(content, number, down) {
   const { id, index } = placeOf(number);
   const list = listAt(content, id);
@@ -138,7 +138,7 @@ export function canBlend(content, number) {
   return Boolean(next && isMotion(next));
 }
 
-// As the runner takes it: without radii where the arm stops, and without lists that may be left out and are empty.
+// The sequence for the runner: without radii where the arm stops, and without optional lists that are empty.
 export function runnable(content) {
   const made = structuredClone(content);
   const numbers = [...(made.home ? ["0"] : []), ...[...walk(rootOf(made))].map((each) => each.number)];
@@ -152,7 +152,7 @@ export function runnable(content) {
 }
 
 // The motions that are known before the program runs: {home, waypoints, until}. `until` is the number of the first
-// step that decides where the arm goes, null if there is none.
+// step whose result decides where the arm goes; null without one.
 export function previewOf(content) {
   const waypoints = [];
   let until = null;

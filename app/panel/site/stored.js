@@ -1,5 +1,5 @@
-// Programs that the service stores: opened here, and saved. A save on top of a version of another person is refused
-// by the service: the person loads theirs, or saves under another name. What is not saved stays in this browser.
+// Stored programs: opened and saved here. The service rejects a save over a version that another client has made:
+// the user loads that version or saves under another name. Unsaved changes stay in this browser.
 import { oneAtATime } from "./once.js";
 import { inEachLanguage, named, word } from "./words.js";
 
@@ -33,7 +33,7 @@ export class Stored {
     inEachLanguage(() => this.write());
   }
 
-  // Of another robot.
+  // Another robot was chosen.
   load() {
     this.list = [];
     this.conflict = "";
@@ -56,7 +56,7 @@ export class Stored {
     this.compare();
   }
 
-  // Whether another client has saved or deleted the program that is open here.
+  // Whether another client has saved or deleted the open program.
   async compare() {
     const { id, version } = this.program.document;
     if (!id || this.saving) return;
@@ -98,7 +98,7 @@ export class Stored {
     }
   }
 
-  // The next version of the program that is open, or the first one of a new program.
+  // Saves the next version of the open program, or the first one of a new program.
   async save() {
     const { label, id, version, kind, opened } = this.program.document;
     if (!label.trim() || this.program.isEmpty) {
@@ -125,7 +125,7 @@ export class Stored {
     this.look();
   }
 
-  // The same program under a name that is free, as a new one.
+  // Saves the program as a new one, under a name that is free.
   saveAsOther() {
     element("program-menu").open = false;
     const { label } = this.program.document;

@@ -1,4 +1,4 @@
-// Lists of tabs: one with the robots, one with the pages of the panel, one with the parts of the page Setup. Left and right, Home and End move the focus.
+// Tab lists: robots, pages of the panel, parts of the page Setup. Arrow keys, Home and End move the focus.
 import { WRITING } from "./stop.js";
 import { keep, keptText } from "./store.js";
 

@@ -1,4 +1,4 @@
-// Finds the TCP: the tip of the tool touches one fixed point in four poses or more, the service computes where it is.
+// TCP teach-in: the tip of the tool touches a fixed point in four or more poses, and the service computes the TCP.
 import { allow } from "./able.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -9,7 +9,7 @@ const element = (id) => document.getElementById(id);
 const mm = (metres, digits = 1) => (1000 * metres).toFixed(digits);
 
 export class Tip {
-  // state: gives the newest state. set: gives the TCP to the tool, or throws.
+  // state: returns the newest state. set: sets the TCP of the tool, or throws.
   constructor(api, state, set) {
     this.api = api;
     this.state = state;
@@ -22,7 +22,7 @@ export class Tip {
     inEachLanguage(() => this.write());
   }
 
-  // For another robot too.
+  // Also after another robot was chosen.
   clear() {
     this.points = [];
     this.found = null;

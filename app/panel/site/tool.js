@@ -1,5 +1,5 @@
-// The tool: its name, mass and TCP, to be read and changed. What is sent is only what was typed over, so that two
-// people who change different things do not undo each other's.
+// The tool: its name, mass and TCP. Only edited fields are sent, so that two
+// users who change different fields do not overwrite each other.
 import { abcOf } from "./kinematics.js";
 import { changed, placeFields, poseFields } from "./numbers.js";
 import { Tip } from "./tip.js";
@@ -23,7 +23,7 @@ export class Tool {
     inEachLanguage(() => this.say(this.words));
   }
 
-  // Of another robot.
+  // Another robot was chosen.
   choose() {
     this.tool = null;
     this.tip.clear();
@@ -34,7 +34,7 @@ export class Tool {
     return [element("tool-name"), element("tool-mass")].some(changed) || this.tcp.changed || this.centre.changed;
   }
 
-  // anew: what was typed and not saved is lost; otherwise it stays.
+  // anew: discard edits that were not saved.
   async look(anew = false) {
     const { robot } = this.api;
     const tool = await this.api.get("/tool").catch(() => null);
@@ -56,12 +56,12 @@ export class Tool {
     this.centre.set(tool.centre);
   }
 
-  // With the orientation that it has.
+  // The orientation stays.
   pointed([x, y, z], { quaternion }) {
     return { x, y, z, quaternion };
   }
 
-  // tool: the newest one, whose values the fields get that nobody has typed over.
+  // tool: the newest one. Fields that were not edited show its values.
   changes(tool) {
     const found = {};
     const mass = element("tool-mass");

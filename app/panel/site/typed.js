@@ -15,7 +15,7 @@ export function numberOf(text, unit) {
 }
 
 export class Typed {
-  // now: {state, geometry}, of which one may be missing.
+  // now: {state, geometry}; either may be missing.
   constructor(motions, now) {
     this.motions = motions;
     this.now = now;

@@ -1,4 +1,4 @@
-// The buttons over the picture, and the speed of the TCP beside them.
+// The buttons over the picture, and the speed of the TCP.
 import { inEachLanguage, word } from "./words.js";
 
 const TOGGLES = { "view-collision": (view, on) => view.showCollision(on), "view-trace": (view, on) => view.showTrace(on) };
