@@ -1,4 +1,4 @@
-"""Pages of a list: at most `limit` entries, from behind the entry `after`."""
+"""Pages of a list: at most `limit` entries, beginning after the entry `after`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cobot.strict import shown
 
 MAX_LIMIT = 1000
 LIMIT = "Maximum number of entries in the response."
-AFTER = "Id or name of an entry of an earlier response: the list continues behind it."
+AFTER = "Id or name of an entry of an earlier response: the list continues after it."
 Limit = Annotated[int | None, Query(ge=1, le=MAX_LIMIT, description=f"{LIMIT} Default: all.")]
 After = Annotated[str | None, Query(max_length=200, description=AFTER)]
 T = TypeVar("T")
@@ -32,8 +32,8 @@ def page_of(entries: Sequence[T], key: Callable[[T], str], limit: int | None, af
         keys = [key(entry) for entry in entries]
         if after not in keys:
             raise InputError(
-                f"after: the list has no entry {shown(after)}, perhaps no more; leave it out to begin "
-                "at the top"
+                f"after: the list has no entry {shown(after)}, which may have been removed; omit `after` to "
+                "begin at the top"
             )
         begin = keys.index(after) + 1
     return list(entries[begin:] if limit is None else entries[begin : begin + limit])

@@ -196,7 +196,7 @@ class LogQuery(StrictModel):
         """The lines that were asked for.
 
         Args:
-            newest: gives so many of the newest lines, the oldest of them first.
+            newest: returns this number of the newest lines, the oldest first.
 
         Raises:
             InputError: `after` is not among the kept lines.
@@ -205,7 +205,9 @@ class LogQuery(StrictModel):
             return newest(self.limit or self.n)
         kept = newest(MAX_LINES)
         if self.after not in kept:
-            raise InputError("after: the log has no such line, perhaps no more; leave it out for the newest")
+            raise InputError(
+                "after: the log has no such line; it may be too old. Omit `after` for the newest lines"
+            )
         begin = len(kept) - kept[::-1].index(self.after)
         return kept[begin : begin + (self.limit or self.n)]
 

@@ -23,7 +23,7 @@ from cobot.config.section import parse
 from cobot.errors import CobotError, ConfigError, ConflictError, InputError, LimitError, exhausted
 from cobot.foreign import plain_error
 from cobot.launch.process import Niceness, be, die_with_parent
-from cobot.robot.kept import keep
+from cobot.robot.kept import keep, size_of
 from cobot.strict import StrictModel, shown, unknown_key
 from cobot.studies.chunks import Columns
 from cobot.studies.map_html import map_content
@@ -42,7 +42,6 @@ OF_THE_ROBOT = ("objects", "tool")
 """What a request may say of its robot."""
 COPIES = ("scene", "tool_file", "positions")
 """Files of the service whose content belongs to a study, by their keys in `robot`."""
-MAP = "map.json"
 MAX_POINTS = 20_000
 """Maximum number of places in a map of the service."""
 REPORT_S = 0.5
@@ -63,6 +62,7 @@ class ServedRequest(StrictModel):
         base: folder of all studies.
         copies: content of the service's files that belong to the study, by `COPIES`.
         settings, robot: file of the settings, None for the shipped ones, and a robot of them.
+        map: name of the file with the map, in the folder of the study.
         may_create: whether the study may be a new one.
         niceness: of the computation.
         max_bytes: by which the folder of the study may grow.
@@ -75,6 +75,7 @@ class ServedRequest(StrictModel):
     copies: dict[str, str]
     settings: str | None
     robot: str
+    map: str
     workers: int
     niceness: int
     may_create: bool
@@ -125,11 +126,11 @@ def _compute(request: ServedRequest, cancel: threading.Event) -> None:
     missing = sum(last - first for first, last in results.gaps(tasks))
     _tell(id=folder.name, tasks=tasks, done=tasks - missing, maps=study.maps)
     be(Niceness(request.niceness), session=True)
-    watch = _Watch(request, study, results, cancel, _size(folder))
+    watch = _Watch(request, study, results, cancel, size_of(folder))
     found = run_study(study, folder, workers=request.workers, report=watch.report, cancel=cancel)
     columns = results.columns()
     if study.maps:
-        write_map(study, folder, columns)
+        write_map(study, folder / request.map, columns)
     _tell(
         end={
             "answer": found.answer,
@@ -219,8 +220,8 @@ def require_no_files(part: dict[str, Any], place: str = "") -> None:
         for key in robot:
             if key not in OF_THE_ROBOT:
                 raise InputError(
-                    f"{place}robot.{shown(key)}: a study of the service uses its robot, scene and positions; "
-                    f"valid are: {', '.join(OF_THE_ROBOT)}"
+                    f"{place}robot: unknown key {shown(key)}; a study of the service uses its own robot, "
+                    f"scene and positions; valid are: {', '.join(OF_THE_ROBOT)}"
                 )
     for name in ("space", "targets"):
         if isinstance(value := part.get(name), dict) and "mesh" in value:
@@ -278,7 +279,7 @@ class _Watch:
             self.next_partial_s = time.monotonic() + max(PARTIAL_S, PARTIAL_REST * (time.monotonic() - now_s))
 
     def _report_answer(self) -> None:
-        grown = _size(self.results.path) - self.bytes_before
+        grown = size_of(self.results.path) - self.bytes_before
         if grown > self.request.max_bytes:
             self._end(f"its results take {grown} bytes, {self.request.max_bytes} are left for studies")
             return
@@ -286,15 +287,15 @@ class _Watch:
         if columns:
             _tell(answer=answer_of(self.study, columns, self.study.tasks))
             if self.study.maps:
-                write_map(self.study, self.results.path, columns)
+                write_map(self.study, self.results.path / self.request.map, columns)
 
     def _end(self, reason: str) -> None:
         self.reason = reason
         self.cancel.set()
 
 
-def write_map(study: Study, folder: Path, columns: Columns) -> None:
-    """Write the map of the results so far for the panel."""
+def write_map(study: Study, file: Path, columns: Columns) -> None:
+    """Write the map of the results so far."""
     found = map_columns(study, columns, MAX_POINTS)
     if found is None:
         return
@@ -302,12 +303,7 @@ def write_map(study: Study, folder: Path, columns: Columns) -> None:
         "metrics": found.metrics,
         "every": found.every,
     }
-    keep(folder / MAP, json.dumps(finite(content), allow_nan=False).encode(), "the map")
-
-
-def _size(folder: Path) -> int:
-    """Bytes of all files in a folder."""
-    return sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file())
+    keep(file, json.dumps(finite(content), allow_nan=False).encode(), "the map")
 
 
 if __name__ == "__main__":

@@ -38,7 +38,8 @@ cdef double STILL_M_S = 0.001
 cdef double REACHED_M = 0.0002
 # They rest after so long.
 cdef double REST_S = 0.05
-# An open cup comes to this share of its vacuum, because air flows in; an open one loses it in this time.
+# A cup that is not covered reaches only this share of its vacuum, because air flows in. It loses its vacuum
+# with this time constant.
 cdef double OPEN_SHARE = 0.1
 cdef double OPEN_S = 0.01
 

@@ -44,36 +44,44 @@ class StartStudy(RequestModel):
     kind: Literal["reach", "placement", "cycle", "robustness", "compare"] = Field(
         description="What is asked; each kind has keys of its own."
     )
-    seed: int | None = Field(None, ge=0, lt=2**63, description="Of all random numbers; 0 by default.")
+    seed: int | None = Field(None, ge=0, lt=2**63, description="Seed of all random numbers. Default: 0.")
     metric: str | None = Field(None, max_length=100, description="The result that the answer is about.")
     robot: Part | None = Field(None, description="Further objects, and another tool than the present one.")
     space: Part | None = Field(None, description="Places or parameters.")
-    targets: Part | None = Field(None, description="Of placements: places to reach.")
-    method: str | None = Field(None, max_length=100, description="Of reach: ik, free or lin.")
+    targets: Part | None = Field(None, description="For placement: the places to reach.")
+    method: str | None = Field(None, max_length=100, description="For reach: ik, free or lin.")
     approach: Any = Field(None, description="Directions of the TCP's z axis.")
     spins: int | None = Field(None, description="Number of turns about each direction.")
-    start: str | list[float] | None = Field(None, description="Of the method lin.")
+    start: str | list[float] | None = Field(
+        None, description="For the method lin: where the line starts, a named position or joints."
+    )
     program: list[Part] | Part | None = Field(
         None, description='Moves, or `{"stored": ID, "moves": {...}}` of a stored program.'
     )
-    orders: list[list[int]] | None = Field(None, description="Groups of moves whose order is free.")
+    orders: list[list[int]] | None = Field(
+        None, description="For cycle: groups of moves whose order is free."
+    )
     samples: int | None = Field(None, description="Number of samples of the random parameters.")
-    design: str | None = Field(None, max_length=100, description="Of the samples.")
-    goal: str | None = Field(None, max_length=100, description="max or min.")
-    confidence: float | None = Field(None, description="Of intervals.")
+    design: str | None = Field(
+        None, max_length=100, description="For robustness: how the samples are distributed."
+    )
+    goal: str | None = Field(
+        None, max_length=100, description="Whether the metric is to be large or small: max or min."
+    )
+    confidence: float | None = Field(None, description="For robustness: confidence level of the intervals.")
     search: Part | None = Field(None, description="Search by Optuna.")
-    study: Part | None = Field(None, description="Of comparisons: what all variants have in common.")
-    variants: dict[str, Part] | None = Field(None, description="Of comparisons: their variants.")
+    study: Part | None = Field(None, description="For compare: what all variants have in common.")
+    variants: dict[str, Part] | None = Field(None, description="For compare: the variants by name.")
     max_s: float = Field(
         3600.0, gt=0.0, le=86400.0, allow_inf_nan=False, description="Maximum duration of this run, s."
     )
 
 
 class BestPlacement(BaseModel):
-    """The best placement: poses x, y, z, m, and w, x, y, z."""
+    """The best placement. A pose is x, y, z in m and a quaternion w, x, y, z."""
 
-    base: list[float] = Field(description="Of the base in the present base frame.")
-    tcp: list[float] = Field(description="Of the TCP in the flange's frame.")
+    base: list[float] = Field(description="Pose of the base in the present base frame.")
+    tcp: list[float] = Field(description="Pose of the TCP in the frame of the flange.")
 
 
 class StudyAnswer(BaseModel):
@@ -83,16 +91,16 @@ class StudyAnswer(BaseModel):
     question: str = Field(description="The question in words.")
     kind: str = Field(description="What is asked.")
     state: Literal["running", "finished", "partial", "failed"] = Field(
-        description="partial: it can be continued by starting the same study again."
+        description="A partial study continues when the same study is started again."
     )
-    reason: str = Field(description="Why it is not finished; empty while it runs or once it is.")
+    reason: str = Field(description="Why it is not finished. Empty while it runs and after it has finished.")
     tasks: int = Field(description="Number of tasks.")
     done: int = Field(description="Number of tasks that are done.")
     rate_hz: float = Field(description="Tasks per second of the present run.")
     left_s: float | None = Field(description="Estimated remaining time, s; null while it is unknown.")
-    answer: dict[str, Any] = Field(description="From the results so far, by names for people.")
+    answer: dict[str, Any] = Field(description="The answer from the results so far, by names for people.")
     placement: BestPlacement | None = Field(
-        description="Of a study of placements that has ended: the best one."
+        description="The best placement, of a study of the kind placement that has ended."
     )
     maps: bool = Field(description="Whether it has a map: GET /studies/{study}/map.")
     job: str = Field(description="The job of its last run: POST /jobs/{job}/cancel ends it.")
@@ -113,12 +121,16 @@ class StudyMap(BaseModel):
     x: list[float] = Field(description="m in the base frame.")
     y: list[float] = Field(description="m in the base frame.")
     z: list[float] = Field(description="m in the base frame.")
-    values: dict[str, list[float | None]] = Field(description="By metric; null where a place is not reached.")
-    ranges: dict[str, list[float]] = Field(description="By metric, lowest and highest value of the scale.")
+    values: dict[str, list[float | None]] = Field(
+        description="Values of each metric; null where a place is not reached."
+    )
+    ranges: dict[str, list[float]] = Field(
+        description="Lowest and highest value of the scale of each metric."
+    )
     scale: list[list[float]] = Field(description="Colours of the scale at even distances, RGB, 0 to 255.")
     spacing: float = Field(description="Distance of neighbouring places, m.")
     metrics: list[str] = Field(description="The chosen metric first.")
-    every: int = Field(description="The map has one of so many places.")
+    every: int = Field(description="The map shows every Nth place of the study; 1: all of them.")
 
 
 @router.endpoint("GET /studies", Role.OBSERVER, timeout_s=5.0)

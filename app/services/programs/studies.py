@@ -37,7 +37,7 @@ from cobot.errors import (
 )
 from cobot.launch.process import RUN_MODULE, Niceness
 from cobot.logs.lines import printable
-from cobot.robot.kept import keep, read_kept
+from cobot.robot.kept import keep, read_kept, size_of
 from cobot.strict import shown
 
 MAX_STUDIES = 30
@@ -255,7 +255,7 @@ class StudyService:
     def _request(
         self, document: dict[str, Any], stored: tuple[str, str] | None, max_s: float
     ) -> dict[str, Any]:
-        used = _size(self.folder)
+        used = size_of(self.folder)
         if used > MAX_TOTAL_BYTES - MIN_BYTES:
             raise ConflictError(
                 f"studies take {used} bytes, {MAX_TOTAL_BYTES} are allowed; delete some: DELETE /studies/ID"
@@ -272,6 +272,7 @@ class StudyService:
             "copies": copies,
             "settings": None if self._config is None else str(self._config),
             "robot": self._settings.robot.name,
+            "map": MAP,
             "niceness": self.niceness,
             "workers": max(1, len(os.sched_getaffinity(0)) - 1),
             "may_create": len(self._ids()) < MAX_STUDIES,
@@ -305,9 +306,11 @@ class StudyService:
             _kill(run)
             raise
         finally:
-            self._run = None
-            self._turn.release()
-            await self._settle(run, error)
+            try:
+                await self._settle(run, error)
+            finally:
+                self._run = None
+                self._turn.release()
             self._ownership.end(run.job, error, stopped=error is not None and error is run.cancelled)
             run.known.set()
 
@@ -324,12 +327,12 @@ class StudyService:
         elif run.cancelled is not None and status.state != "finished":
             status = replace(status, reason=str(run.cancelled))
         run.status = replace(status, rate_hz=0.0, left_s=None)
-        self._keep(run.status)
+        await self._keep(run.status)
 
-    def _keep(self, status: StudyStatus) -> None:
+    async def _keep(self, status: StudyStatus) -> None:
         content = _STATUS.dump_json(status)
         try:
-            keep(self.folder / status.id / STATUS, content, "the study")
+            await asyncio.to_thread(keep, self.folder / status.id / STATUS, content, "the study")
         except UnavailableError as exc:
             log.error("%s", exc)
 
@@ -346,19 +349,21 @@ class StudyService:
         assert run.process.stdin is not None
         assert run.process.stdout is not None
         try:
+            if run.cancelled is not None or run.error is not None:  # while the process was being started
+                return
             with contextlib.suppress(ConnectionError):
                 run.process.stdin.write(json.dumps(run.request).encode())
                 await run.process.stdin.drain()
                 run.process.stdin.close()
             while line := await run.process.stdout.readline():
-                self._take(run, json.loads(line))
+                await self._take(run, json.loads(line))
         except ValueError:  # an answer beyond LINE_BYTES, or the last line of a killed process
             run.error = run.error or ExecutionError("the answer of the study is too large, or was cut")
         finally:
             _kill(run)
             await run.process.wait()
 
-    def _take(self, run: _Run, line: dict[str, Any]) -> None:
+    async def _take(self, run: _Run, line: dict[str, Any]) -> None:
         """A line of the process, see `cobot.studies.served`."""
         status = run.status
         if (error := line.get("error")) is not None:
@@ -385,7 +390,7 @@ class StudyService:
             }
             run.status = replace(status, **known)
             if "id" in line:
-                self._keep(run.status)
+                await self._keep(run.status)
                 run.known.set()
         run.job.at_waypoint(run.status.done, run.status.tasks)
 
@@ -426,12 +431,3 @@ def _kill(run: _Run) -> None:
     if run.process is not None and run.process.returncode is None:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(run.process.pid, signal.SIGKILL)
-
-
-def _size(folder: Path) -> int:
-    """Bytes of all files in a folder."""
-    found = 0
-    for path in folder.rglob("*"):
-        with contextlib.suppress(OSError):
-            found += path.lstat().st_size
-    return found

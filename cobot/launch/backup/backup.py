@@ -1,8 +1,9 @@
 """A backup: the settings file and what people have set up at the service, to be restored later.
 
 A restore never changes a running robot. The archive is checked, kept as `NAME.restore.zip`, and used by
-the next `cobot run`, which first keeps what it replaces as `NAME.before-restore.zip`. If it is killed
-meanwhile, the next one begins again, because the archive is removed last.
+the next `cobot run`. That run first makes a backup of what it replaces. It is `NAME.before-restore.zip` until
+the restore is complete, then `NAME.before-restore.last.zip`. If the run is killed meanwhile, the next one
+begins again, because the archive is removed last.
 """
 
 from __future__ import annotations

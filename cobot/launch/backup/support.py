@@ -1,4 +1,4 @@
-"""A bundle for people who help: configuration without secrets, versions, health, logs, jobs, statistics."""
+"""A support bundle: configuration without secrets, versions, health, logs, jobs and statistics."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _computer() -> dict[str, Any]:
         "python": platform.python_version(),
         "processors": os.cpu_count(),
         "load": os.getloadavg(),
-        "memory": _end_of(Path("/proc/meminfo")).decode()[:400].split("\n"),
+        "memory": Path("/proc/meminfo").read_text(encoding="ascii").split("\n")[:12],
     }
 
 
@@ -90,7 +90,7 @@ def _end_of(path: Path) -> bytes:
     """The end of a file, from the beginning of a line."""
     try:
         with path.open("rb") as file:
-            size = file.seek(0, os.SEEK_END) if path.is_file() and not str(path).startswith("/proc") else 0
+            size = file.seek(0, os.SEEK_END)
             file.seek(max(0, size - MAX_LOG_BYTES))
             content = file.read(MAX_LOG_BYTES)
     except OSError as exc:

@@ -34,6 +34,7 @@ def request(folder: Path, document: dict[str, Any], **more: Any) -> ServedReques
         "copies": {"positions": json.dumps(MINE), "tool_file": json.dumps({"version": 7, "mass": 1.0})},
         "settings": None,
         "robot": load_settings().robot.name,
+        "map": "map.json",
         "workers": 1,
         "niceness": 0,
         "may_create": True,
@@ -69,8 +70,11 @@ def test_a_stored_program_may_go_to_taught_positions(tmp_path: Path) -> None:
         (REACH | {"method": "fre"}, r"^study: method: "),
         (REACH | {"kind": "python", "function": "os:system"}, "kind: must be one of reach, "),
         (REACH | {"function": "os:system"}, "function: a study of the service calls no functions"),
-        (REACH | {"robot": {"settings": "/etc/passwd"}}, "robot.'settings': a study of the service"),
-        (REACH | {"robot": {"scene": "/etc/passwd"}}, "uses its robot, scene and positions"),
+        (
+            REACH | {"robot": {"settings": "/etc/passwd"}},
+            "robot: unknown key 'settings'; a study of the service",
+        ),
+        (REACH | {"robot": {"scene": "/etc/passwd"}}, "uses its own robot, scene and positions"),
         (REACH | {"space": {"mesh": {"file": "/etc/passwd"}, "spacing_m": 1}}, "space.mesh: a study"),
         (CYCLE | {"program": {"file": "/etc/passwd"}}, "program: a study of the service reads no"),
         (CYCLE | {"program": {"stored": "kiste", "file": "/etc/passwd"}}, "program: "),
@@ -79,7 +83,7 @@ def test_a_stored_program_may_go_to_taught_positions(tmp_path: Path) -> None:
         (COMPARE | {"study": 3}, "study: is missing"),
         (
             COMPARE | {"variants": {"a": {}, "b": {"robot": {"tool_file": "/etc/passwd"}}}},
-            "variants.b.robot.'tool_file': a study",
+            "variants.b.robot: unknown key 'tool_file'; a study",
         ),
         (
             COMPARE | {"variants": {"a": {}, "b": {"kind": "python", "function": "os:system"}}},
