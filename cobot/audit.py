@@ -130,7 +130,10 @@ class Audit:
                 elif after.startswith(entry["time"]) and _id_of(entry) == after:
                     after = None
         if after is not None:
-            raise InputError(f"after: the audit has no entry {after!r}, perhaps no more")
+            raise InputError(
+                f"after: the audit has no entry {after!r}, which may have been removed; omit `after` for the "
+                "newest"
+            )
         return found
 
     def close(self) -> None:
