@@ -8,7 +8,9 @@ With COBOT_PICTURES=FOLDER they write the documents' pictures of the panel there
 
 from __future__ import annotations
 
+import ast
 import hashlib
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -30,6 +32,17 @@ from panel.watching import *  # noqa: F403
 from app.panel import pages
 
 USED = "cobot/panel"
+PARTS = sorted(Path(__file__).parents[1].joinpath("support/panel").glob("*.py"))
+
+
+def test_no_file_of_these_tests_hides_a_test_or_a_fixture_of_another() -> None:
+    names = [
+        node.name
+        for file in PARTS
+        for node in ast.parse(file.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.FunctionDef)
+    ]
+    assert sorted(name for name, times in Counter(names).items() if times > 1) == []
 
 
 def test_each_control_was_pressed_or_changed_by_these_tests(
@@ -52,5 +65,5 @@ def test_each_control_was_pressed_or_changed_by_these_tests(
 
 def digest() -> str:
     """Of the page and its tests."""
-    files = [*pages.SITE.iterdir(), *Path(__file__).parents[1].joinpath("panel").glob("*.py")]
+    files = [*pages.SITE.iterdir(), *PARTS]
     return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(files))).hexdigest()

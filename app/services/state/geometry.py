@@ -112,12 +112,11 @@ def geometry_version(robot: RobotDescription) -> Version:
 def geometry_of(robot: RobotDescription) -> Geometry:
     """The robot's geometry as the collision checks use it, plus the visual geometry."""
     mj = robot.collision.mj
-    site = mj.site(robot.model.mj.site(robot.model.tcp_site).name)
-    tip = robot.model.tcp_in_file_tcp()
+    tcp = robot.model.mj.site(robot.model.tcp_site)
     return Geometry(
         bodies=[_body(robot, mj, index) for index in range(mj.nbody)],
         base=mj.body(robot.base_frame).id,
-        tcp=(int(mj.site_bodyid[site.id]), (Pose(site.pos, site.quat) @ tip).numbers),
+        tcp=(int(mj.site_bodyid[mj.site(tcp.name).id]), Pose(tcp.pos, tcp.quat).numbers),
         meshes=[_mesh(mj, index) for index in range(mj.nmesh)],
     )
 

@@ -18,7 +18,7 @@ THEIRS = {"label": LABEL, "text": json.dumps({"waypoints": [{"joints": HOME, "la
 
 
 @pytest.fixture
-def http(panel: Panel) -> Iterator[httpx.Client]:
+def store(panel: Panel) -> Iterator[httpx.Client]:
     """The service over REST; what the test has stored there is deleted."""
     with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as client:
         panel.page.run("localStorage.clear()")
@@ -35,8 +35,8 @@ def said(panel: Panel, text: str, where: str = "program-why") -> None:
     panel.until(f"document.querySelector('#{where}').innerText.includes({json.dumps(text)})")
 
 
-def stored(http: httpx.Client, label: str = LABEL) -> dict[str, Any]:
-    return next(each for each in http.get("/programs").json() if each["label"] == label)
+def stored(store: httpx.Client, label: str = LABEL) -> dict[str, Any]:
+    return next(each for each in store.get("/programs").json() if each["label"] == label)
 
 
 def saved(panel: Panel, version: int = 1) -> None:
@@ -44,20 +44,20 @@ def saved(panel: Panel, version: int = 1) -> None:
     said(panel, f"is saved as version {version}")
 
 
-def test_a_program_is_stored_opened_and_not_written_over(panel: Panel, http: httpx.Client) -> None:
+def test_a_program_is_stored_opened_and_not_written_over(panel: Panel, store: httpx.Client) -> None:
     """Oracle: what the service has, read over REST; the steps in the page."""
     panel.page.click("#teach")
     panel.page.click("#program-save")
     said(panel, "Enter a name first")
     panel.page.write("#program-name", LABEL)
     saved(panel)
-    first = stored(http)
+    first = stored(store)
     assert first["version"] == 1
-    assert len(json.loads(http.get(f"/programs/{first['id']}").json()["text"])["steps"]) == 1
+    assert len(json.loads(store.get(f"/programs/{first['id']}").json()["text"])["steps"]) == 1
     panel.until("document.querySelector('#program-save').disabled")
 
     panel.page.click("#teach")
-    http.put(f"/programs/{first['id']}", json=THEIRS, headers={"If-Match": '"1"', "X-Client-Name": "Anna"})
+    store.put(f"/programs/{first['id']}", json=THEIRS, headers={"If-Match": '"1"', "X-Client-Name": "Anna"})
     said(panel, "Anna", "stored-why")
     panel.page.click("#program-save")
     said(panel, "Not saved, but kept in this browser")
@@ -66,7 +66,7 @@ def test_a_program_is_stored_opened_and_not_written_over(panel: Panel, http: htt
     assert len(panel.page.run(f"{STEPS}.steps")) == 2, "nothing is lost"
     panel.page.click("#stored-other")
     said(panel, "is saved as version 1")
-    labels = {each["label"]: each for each in http.get("/programs").json()}
+    labels = {each["label"]: each for each in store.get("/programs").json()}
     assert set(labels) == {LABEL, f"{LABEL} (2)"}
     assert labels[LABEL]["version"] == 2, "theirs is as it was"
 
@@ -77,12 +77,12 @@ def test_a_program_is_stored_opened_and_not_written_over(panel: Panel, http: htt
     set_to(panel, "#stored-version", "1")
     panel.page.click("#stored-open")
     said(panel, "is open, version 1")
-    http.put(f"/programs/{first['id']}", json=THEIRS | {"note": "again"}, headers={"If-Match": '"2"'})
+    store.put(f"/programs/{first['id']}", json=THEIRS | {"note": "again"}, headers={"If-Match": '"2"'})
     said(panel, "version 3", "stored-why")
     panel.page.click("#stored-theirs")
     said(panel, "is open, version 3")
     assert panel.page.run(f"{STEPS}.waypoints[0].label") == "theirs"
-    http.put(f"/programs/{first['id']}", json=THEIRS | {"note": "and again"}, headers={"If-Match": '"3"'})
+    store.put(f"/programs/{first['id']}", json=THEIRS | {"note": "and again"}, headers={"If-Match": '"3"'})
     said(panel, "is open, version 4")  # nothing was changed here, so it is shown
     panel.page.click("#stored-copy")
     said(panel, "is saved as version 1")
@@ -90,22 +90,22 @@ def test_a_program_is_stored_opened_and_not_written_over(panel: Panel, http: htt
     set_to(panel, "#stored", first["id"])
     panel.page.click("#stored-delete")
     said(panel, "is deleted")
-    until(lambda: len(http.get("/programs").json()) == 2)
+    until(lambda: len(store.get("/programs").json()) == 2)
 
 
-def test_a_program_that_another_deletes_stays_in_the_browser(panel: Panel, http: httpx.Client) -> None:
+def test_a_program_that_another_deletes_stays_in_the_browser(panel: Panel, store: httpx.Client) -> None:
     panel.page.click("#teach")
     panel.page.write("#program-name", LABEL)
     saved(panel)
-    http.delete(f"/programs/{stored(http)['id']}")
+    store.delete(f"/programs/{stored(store)['id']}")
     said(panel, "has deleted this program", "stored-why")
     assert panel.page.run("document.querySelector('#stored-theirs').hidden")
     panel.page.click("#stored-other")
     said(panel, "is saved as version 1")
-    assert len(http.get("/programs").json()) == 1
+    assert len(store.get("/programs").json()) == 1
 
 
-def test_a_save_that_fails_loses_nothing_and_can_be_repeated(panel: Panel, http: httpx.Client) -> None:
+def test_a_save_that_fails_loses_nothing_and_can_be_repeated(panel: Panel, store: httpx.Client) -> None:
     """A service that cannot write, as on a full disk, and one that does not answer."""
     panel.page.click("#teach")
     panel.page.write("#program-name", LABEL)
@@ -118,7 +118,7 @@ def test_a_save_that_fails_loses_nothing_and_can_be_repeated(panel: Panel, http:
         panel.page.click("#teach")
         panel.page.click("#stored-copy")
         said(panel, "Not saved, but kept in this browser")
-        said(panel, "cannot be created")
+        said(panel, "Not a directory")
     finally:
         folder.unlink()
         aside.rename(folder)
@@ -132,18 +132,18 @@ def test_a_save_that_fails_loses_nothing_and_can_be_repeated(panel: Panel, http:
     panel.page.block()
     forget(panel, "ERR_BLOCKED")
     saved(panel)
-    assert len(http.get("/programs").json()) == 2
+    assert len(store.get("/programs").json()) == 2
 
 
-def test_a_lua_program_is_stored_and_opened_as_text(panel: Panel, http: httpx.Client) -> None:
+def test_a_lua_program_is_stored_and_opened_as_text(panel: Panel, store: httpx.Client) -> None:
     panel.page.click("#program-lua")
     set_to(panel, "#program-text", "print('one')")
     panel.page.write("#program-name", "lua of mine")
     saved(panel)
-    assert (stored(http, "lua of mine")["kind"], stored(http, "lua of mine")["version"]) == ("lua", 1)
+    assert (stored(store, "lua of mine")["kind"], stored(store, "lua of mine")["version"]) == ("lua", 1)
     panel.page.click("#program-new")
     panel.until("document.querySelector('#steps').checkVisibility()")
-    set_to(panel, "#stored", stored(http, "lua of mine")["id"])
+    set_to(panel, "#stored", stored(store, "lua of mine")["id"])
     panel.page.click("#stored-open")
     panel.until("document.querySelector('#program-text').value === \"print('one')\"")
     assert panel.page.run("document.querySelector('#program-text').checkVisibility()")

@@ -82,6 +82,17 @@ def compare(found: dict[str, Any], mj: mujoco.MjModel, limits: JointLimits) -> N
         assert geom == mj.ngeom
 
 
+def shows_the_tcp(service: VirtualService, found: dict[str, Any]) -> None:
+    """Where GET /robot/pose has it."""
+    place, turn = frames(found, np.array(service.joints()))[found["tcp"]["body"]]
+    pose = service.get("/robot/pose").json()
+    expected = [pose["position"][axis] for axis in "xyz"]
+    np.testing.assert_allclose(place + turn.apply(found["tcp"]["position"]), expected, atol=1e-4)
+    quaternion = Rotation.from_quat([pose["orientation"]["quaternion"][axis] for axis in "xyzw"])
+    turned = turn * Rotation.from_quat(found["tcp"]["quaternion"])
+    assert (turned.inv() * quaternion).magnitude() < 1e-3
+
+
 def test_every_shape_is_where_mujoco_has_it_with_tool_and_scene(
     service: VirtualService, robot: RobotDescription
 ) -> None:
@@ -97,14 +108,16 @@ def test_every_shape_is_where_mujoco_has_it_with_tool_and_scene(
     shapes = {body["name"]: body["shapes"] for body in found["bodies"]}
     assert shapes["table"][0]["size"] == pytest.approx(TABLE["size"])
     assert shapes["held"][0]["size"] == pytest.approx([0.02, 0.1])
-    place, turn = frames(found, np.array(service.joints()))[found["tcp"]["body"]]
-    pose = service.get("/robot/pose").json()
-    expected = [pose["position"][axis] for axis in "xyz"]
-    np.testing.assert_allclose(place + turn.apply(found["tcp"]["position"]), expected, atol=1e-4)
-    quaternion = Rotation.from_quat([pose["orientation"]["quaternion"][axis] for axis in "xyzw"])
-    turned = turn * Rotation.from_quat(found["tcp"]["quaternion"])
-    assert (turned.inv() * quaternion).magnitude() < 1e-3
+    shows_the_tcp(service, found)
     assert found["bodies"][found["base"]]["name"] == "base_link"
+
+
+@pytest.mark.parametrize("tool", [TOOL, {"tcp": TOOL["tcp"]}, {"tcp": {"x": 0.1, "c": 1.0}, "mass": 1.0}])
+def test_the_tcp_is_that_of_the_tool(service: VirtualService, tool: dict[str, Any]) -> None:
+    """Also where neither shapes nor objects need a model of their own for the collision checks."""
+    service.post("/scene", {"clear": True}).raise_for_status()
+    service.post("/robot/tool", {"clear": True, **tool}).raise_for_status()
+    shows_the_tcp(service, service.get("/robot/geometry").json())
 
 
 def test_what_has_not_changed_is_not_sent_again(service: VirtualService) -> None:
