@@ -176,7 +176,9 @@ class NamedPositionAnswer(BaseModel):
 
 
 LogLines = Annotated[int, Field(ge=1, le=300, description="Number of lines, the newest ones.")]
-MAX_LINE, MAX_LINES = 4000, 1_000_000
+MAX_LINE = 1000
+"""A line of any characters, percent-encoded, is shorter than the limit of a request's header."""
+MAX_LINES = 1_000_000
 
 
 class LogQuery(StrictModel):
@@ -186,7 +188,10 @@ class LogQuery(StrictModel):
 
     limit: int | None = Field(None, ge=1, le=300, description=f"{LIMIT} Default: 50, the newest ones.")
     after: str | None = Field(
-        None, max_length=MAX_LINE, description="A line of an earlier response: those that follow it."
+        None,
+        max_length=MAX_LINE,
+        description=f"A line of an earlier response, or its first {MAX_LINE} characters: the list continues "
+        "after it.",
     )
     n: int = Field(
         50, ge=1, le=300, deprecated=True, description="The same as `limit`, which counts before it."
@@ -204,11 +209,12 @@ class LogQuery(StrictModel):
         if self.after is None:
             return newest(self.limit or self.n)
         kept = newest(MAX_LINES)
-        if self.after not in kept:
+        keys = [line[:MAX_LINE] for line in kept]
+        if self.after not in keys:
             raise InputError(
                 "after: the log has no such line; it may be too old. Omit `after` for the newest lines"
             )
-        begin = len(kept) - kept[::-1].index(self.after)
+        begin = len(kept) - keys[::-1].index(self.after)
         return kept[begin : begin + (self.limit or self.n)]
 
 

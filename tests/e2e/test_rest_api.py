@@ -517,7 +517,7 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
                 tried += 1
     http.post("/robot/tool", json={"clear": True}).raise_for_status()
     http.delete("/robot/positions/aside").raise_for_status()
-    assert tried == 2 * 27, "of the default robot, and of a robot by name"
+    assert tried == 2 * 28, "of the default robot, and of a robot by name"
 
 
 def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Client) -> None:

@@ -41,8 +41,12 @@ class EventsQuery(StrictModel):
 
     model_config = ConfigDict(strict=False)
 
-    types: str | None = Field(None, description=f"Some of {', '.join(TYPES)}, with commas; all without it.")
-    robot: str | None = Field(None, description="The events of this robot alone, and of the service.")
+    types: str | None = Field(
+        None, max_length=1000, description=f"Some of {', '.join(TYPES)}, with commas; all without it."
+    )
+    robot: str | None = Field(
+        None, max_length=64, description="The events of this robot alone, and of the service."
+    )
     after: str | None = Field(
         None, description="`EPOCH-ID` of the last event that is known; 0: all that are kept; else new ones."
     )

@@ -111,7 +111,7 @@ class _Run:
     """A study that runs.
 
     Attributes:
-        known: set once its folder is known, or it has failed before.
+        known: set once its folder is known, or it has failed before and the next study may start.
         error: why it has failed.
         cancelled: why it is cancelled.
     """
@@ -357,6 +357,8 @@ class StudyService:
                 run.process.stdin.close()
             while line := await run.process.stdout.readline():
                 await self._take(run, json.loads(line))
+                if run.error is not None:
+                    break
         except ValueError:  # an answer beyond LINE_BYTES, or the last line of a killed process
             run.error = run.error or ExecutionError("the answer of the study is too large, or was cut")
         finally:
@@ -369,7 +371,6 @@ class StudyService:
         if (error := line.get("error")) is not None:
             kind = _ERRORS.get(error["code"], ExecutionError if status.id else InputError)
             run.error = kind(error["detail"])
-            run.known.set()
         elif (end := line.get("end")) is not None:
             whole = end["done"] == end["tasks"]
             reason = "" if whole else end["reason"] or "cancelled"
