@@ -6,9 +6,10 @@ import json
 
 import httpx
 import numpy as np
+import pytest
 from cobot_run import WAIT_S, until
 
-from panel.page import HOME, Panel, commanded, is_at, set_to, slowly, tcp_at
+from panel.page import HOME, SIZE, Panel, commanded, is_at, set_to, size, slowly, tcp_at
 
 VISIBLE = "cobotPanel.view.arm.hidden.filter(([mesh]) => mesh.visible)"
 FIELD = "document.querySelector({!r})"
@@ -45,6 +46,23 @@ def test_the_arm_is_drawn_as_it_looks_and_on_request_as_the_checks_see_it(panel:
     assert panel.page.run(f"{VISIBLE}.length > 0 && {VISIBLE}.every(([mesh, collides]) => collides)")
     panel.page.click("#view-collision")
     assert panel.page.run(f"{VISIBLE}.every(([mesh, collides]) => !collides)")
+
+
+@pytest.mark.parametrize("width", [390, 780, 1280])
+def test_no_menu_opens_beyond_the_edge(panel: Panel, width: int) -> None:
+    size(panel, width, 800)
+    try:
+        for menu in ("program-menu", "add"):
+            inside = f"#{menu} .popup button"
+            panel.page.reveal(inside)
+            edges = panel.page.run(
+                f"(({{left, right}}) => [left, innerWidth - right])"
+                f"(document.querySelector('#{menu} .popup').getBoundingClientRect())"
+            )
+            assert min(edges) >= 0, (menu, edges)
+            panel.page.click(f"#{menu} > summary")
+    finally:
+        size(panel, *SIZE)
 
 
 def test_the_camera_goes_to_the_views_and_the_tcp_leaves_a_trace(panel: Panel) -> None:
