@@ -355,18 +355,16 @@ class StudyService:
                 run.process.stdin.write(json.dumps(run.request).encode())
                 await run.process.stdin.drain()
                 run.process.stdin.close()
-            while line := await run.process.stdout.readline():
-                await self._take(run, json.loads(line))
-                if run.error is not None:
-                    break
+            while (line := await run.process.stdout.readline()) and await self._take(run, json.loads(line)):
+                pass
         except ValueError:  # an answer beyond LINE_BYTES, or the last line of a killed process
             run.error = run.error or ExecutionError("the answer of the study is too large, or was cut")
         finally:
             _kill(run)
             await run.process.wait()
 
-    async def _take(self, run: _Run, line: dict[str, Any]) -> None:
-        """A line of the process, see `cobot.studies.served`."""
+    async def _take(self, run: _Run, line: dict[str, Any]) -> bool:
+        """A line of the process, see `cobot.studies.served`; whether more may follow."""
         status = run.status
         if (error := line.get("error")) is not None:
             kind = _ERRORS.get(error["code"], ExecutionError if status.id else InputError)
@@ -394,6 +392,7 @@ class StudyService:
                 await self._keep(run.status)
                 run.known.set()
         run.job.at_waypoint(run.status.done, run.status.tasks)
+        return error is None
 
     def _with_run(self, status: StudyStatus) -> StudyStatus:
         """A study as it is now: what the file says of a running one is old."""
