@@ -33,8 +33,10 @@ class Steps:
         self._descriptor = descriptor
         self._first = first
         self._changed = changed
-        self._hold_at: int | None = None
         self._hold_first = hold
+        self._hold_next = False
+        self._hold_at: int | None = None
+        self._behind = 0
         self._n_waypoints: int | None = None  # until it has asked
         self.held = False
 
@@ -48,10 +50,12 @@ class Steps:
         Returns:
             Whether it is to get its answer: from `answer`, as soon as nothing is paused.
         """
-        self._n_waypoints = n_waypoints
-        due = self._first is None and self._hold_at is not None and behind >= self._hold_at
-        if self._hold_first or due:
-            self._hold_first, self._hold_at, self.held = False, None, True
+        self._n_waypoints, self._behind = n_waypoints, behind
+        reached = self._first is None and self._hold_at is not None and behind >= self._hold_at
+        if reached:
+            self._hold_at = None
+        if self._hold_first or reached or (self._first is None and self._hold_next):
+            self._hold_first, self._hold_next, self.held = False, False, True
             self._changed(True)
             return False
         return True
@@ -67,17 +71,23 @@ class Steps:
     def hold(self, waypoint: int) -> None:
         """Have it wait once it has reached this waypoint, or has passed it without a stop.
 
+        A waypoint that is still ahead stays set when the runner waits before and goes on.
+
         Raises:
             InputError: there is no such waypoint.
         """
         if self._n_waypoints == 0 and waypoint != NEXT:
             raise InputError("at_waypoint: a program has no waypoints; 0 is before its next motion")
         self._require(waypoint, NEXT)
-        if not self.held:
+        if self.held and waypoint <= self._behind:
+            return
+        if waypoint == NEXT:
+            self._hold_next = True
+        else:
             self._hold_at = waypoint
 
     def go_on(self, waypoint: int | None = None, *, step: bool = False) -> None:
-        """Go on, if it waits or is to wait; what it was to wait for is forgotten.
+        """Go on, if it waits or is to wait at the next waypoint.
 
         Args:
             waypoint: to go to; None for the next one.
@@ -91,7 +101,7 @@ class Steps:
             if not self.held:
                 raise ConflictError("it is not at a waypoint: pause with at_waypoint, and wait until it is")
             self._require(waypoint, 1)
-        self._hold_first, self._hold_at = False, NEXT if step else None
+        self._hold_first, self._hold_next = False, step
         if self.held:
             self.held = False
             self._changed(False)

@@ -73,6 +73,32 @@ def test_a_waypoint_that_is_passed_without_a_stop_holds_at_the_next_stop(bench: 
     assert bench.ask(3) == []
 
 
+def test_a_waypoint_ahead_stays_set_while_it_waits_and_is_stepped(bench: Bench) -> None:
+    bench.steps.hold(NEXT)
+    assert bench.ask(1) == []
+    bench.steps.hold(1)  # it waits there already
+    bench.steps.hold(3)
+    bench.steps.go_on(step=True)
+    assert bench.answers() == [None]
+    assert bench.ask(2) == []
+    bench.steps.go_on()
+    assert bench.answers() == [None]
+    assert bench.ask(3) == []
+    bench.steps.go_on()
+    assert bench.answers() == [None]
+    assert bench.ask(4) == [None]
+    assert bench.ask(0) == [None], "the next iteration"
+
+
+def test_a_pause_on_the_path_ends_a_step_and_keeps_the_waypoint_ahead(bench: Bench) -> None:
+    bench.ask(0)
+    bench.steps.hold(3)
+    bench.steps.hold(NEXT)
+    bench.steps.go_on()
+    assert bench.ask(1) == [None]
+    assert bench.ask(3) == []
+
+
 def test_it_goes_on_from_any_waypoint(bench: Bench) -> None:
     bench.ask(0)
     bench.steps.hold(NEXT)
