@@ -1,11 +1,12 @@
-// A trajectory out of a CSV file: looked at first, joint by joint against the limits, and then sent.
+// A trajectory of a CSV or JSON file. It is shown first, each joint with its limits, and then sent.
 import { LONG_MS } from "./api.js";
 import { row } from "./plots.js";
-import { fromRest, read, velocityCurve } from "./points.js";
+import { fromRest, read, readJson, velocityCurve } from "./points.js";
 import { inEachLanguage, word } from "./words.js";
 
 const OPTIONS = { move_to_start: "csv-start", retime: "csv-retime" };
 const TOLERANCE = 1e-9; // of a limit
+const isJson = (file) => file.name.toLowerCase().endsWith(".json");
 const element = (id) => document.getElementById(id);
 
 export class Csv {
@@ -44,7 +45,8 @@ export class Csv {
     if (!file) return;
     element("csv-file").value = ""; // the same file may be chosen again
     const [ranges, state] = [this.ranges(), this.state()];
-    const found = state && read(await file.text(), ranges.length);
+    const reads = isJson(file) ? readJson : read;
+    const found = state && reads(await file.text(), ranges.length);
     if (!found) {
       this.file = this.shown = null;
       this.say(() => word("csv_none", { name: file.name, count: ranges.length }));
@@ -79,18 +81,23 @@ export class Csv {
   }
 
   async send() {
-    const body = new FormData();
-    body.append("file", this.file);
-    const chosen = Object.entries(OPTIONS).filter(([, id]) => element(id).checked);
-    const query = new URLSearchParams(chosen.map(([name]) => [name, "true"]));
     element("csv-send").disabled = true;
     this.say(() => word("csv_sending"));
     try {
-      const sent = await this.api.post(`/trajectory/send_csv?${query}`, body, { waitMs: LONG_MS });
+      const sent = await this.post(Object.keys(OPTIONS).filter((name) => element(OPTIONS[name]).checked));
       this.say(() => word("csv_sent", { seconds: sent.duration_s.toFixed(1), note: sent.note }));
     } catch (error) {
       this.say(() => error.message);
     }
+  }
+
+  // options: names of those that are chosen. They are added to those in a JSON file.
+  async post(options) {
+    const chosen = Object.fromEntries(options.map((name) => [name, true]));
+    if (isJson(this.file)) return this.api.post("/trajectory/send", { ...JSON.parse(await this.file.text()), ...chosen }, { waitMs: LONG_MS });
+    const body = new FormData();
+    body.append("file", this.file);
+    return this.api.post(`/trajectory/send_csv?${new URLSearchParams(chosen)}`, body, { waitMs: LONG_MS });
   }
 
   say(words) {

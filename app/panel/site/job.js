@@ -11,7 +11,7 @@ const STATES = {
 const GOING = ["planning", "running"];
 const OVER = ["finished", "failed", "cancelled", "interrupted"];
 const among = (states) => states.map((state) => `&state=${state}`).join("");
-const WITH_STEPS = ["sequence", "program"];
+export const WITH_STEPS = ["sequence", "program"];
 const element = (id) => document.getElementById(id);
 
 function write(id, text) {

@@ -27,6 +27,7 @@ import { Queue } from "./queue.js";
 import { Readouts } from "./readouts.js";
 import { Recordings } from "./recordings.js";
 import { Run } from "./run.js";
+import { RunNow } from "./run-now.js";
 import { Setup } from "./setup.js";
 import { Status } from "./status.js";
 import { Stored } from "./stored.js";
@@ -60,7 +61,8 @@ class Panel {
     this.files = new ProgramFiles(this.programPage);
     this.stored = new Stored(api, this.programPage);
     this.names = new Names(api);
-    this.run = new Run(api, this.programPage, this.motions);
+    this.run = new Run(api, this.programPage, this.motions, this.stored);
+    this.runNow = new RunNow(api, this.programPage, this.stored);
     this.stream = new Stream(api, {
       state: (state) => this.show(state),
       answer: (frame) => this.answered(frame),
@@ -124,6 +126,7 @@ class Panel {
     this.motions.discard();
     this.stored.load();
     this.run.load();
+    this.runNow.load();
     this.programPage.load(robot.name);
     this.csv.forget();
     this.setup.choose();
@@ -205,7 +208,7 @@ class Panel {
   }
 
   hear(event) {
-    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.run, this.names, this.recordings, this.log, this.status, this.setup, this.way, this.stored];
+    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.run, this.runNow, this.names, this.recordings, this.log, this.status, this.setup, this.way, this.stored];
     for (const each of heard) each.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
   }

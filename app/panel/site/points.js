@@ -1,5 +1,5 @@
-// Timed points out of a CSV file, and the velocities between them. What a file may look like says the service,
-// which reads it again when it is sent: docs/trajectory-csv.md.
+// Timed points of a CSV or JSON file, and the velocities between them. The service reads the file again when it is
+// sent, and decides whether it is valid: docs/trajectory-csv.md.
 const SEPARATORS = [";", "\t", ","];
 const TIMES = ["t", "time", "time_from_start"];
 const [PLACES, HALVINGS] = [4, 30];
@@ -22,10 +22,26 @@ export function read(text, joints) {
   if (time < 0 || places.includes(-1) || !whole) return null;
   const of = (index) => rows.map((row) => row[index]);
   const times = of(time);
-  if (times.some((value, index) => value < 0 || (index && value <= times[index - 1]))) return null;
+  if (!rise(times)) return null;
   const given = (columns) => (columns.includes(-1) ? null : columns.map(of));
   return { times, positions: places.map(of), velocities: given(rates), accelerations: given(bends) };
 }
+
+// The same of a JSON file, which is a body of POST /trajectory/send.
+export function readJson(text, joints) {
+  let points = null;
+  try { ({ points } = JSON.parse(text)); } catch { return null; }
+  const isWhole = (values) => Array.isArray(values) && values.length === joints && values.every(Number.isFinite);
+  const isPoint = (point) => isWhole(point?.positions) && Number.isFinite(point.time_from_start);
+  if (!Array.isArray(points) || !points.length || !points.every(isPoint)) return null;
+  const times = points.map((point) => point.time_from_start);
+  if (!rise(times)) return null;
+  const columns = (name) => Array.from({ length: joints }, (_, joint) => points.map((point) => point[name][joint]));
+  const given = (name) => (points.every((point) => isWhole(point[name])) ? columns(name) : null);
+  return { times, positions: columns("positions"), velocities: given("velocities"), accelerations: given("accelerations") };
+}
+
+const rise = (times) => times.every((time, index) => time >= 0 && (!index || time > times[index - 1]));
 
 // With where the arm is now before a first point that is later.
 export function fromRest(found, now) {

@@ -26,7 +26,7 @@ export class Queue {
       this.jobs = jobs.reverse(); // the next one first
       this.write();
     } catch (error) {
-      element("queue-why").textContent = error.message;
+      this.say(error.message);
     }
   }
 
@@ -39,8 +39,12 @@ export class Queue {
       this.rows.delete(id);
     }
     for (const [index, job] of shown.entries()) this.writeRow(job, index);
-    element("queue").hidden = !this.jobs.length;
-    element("queue-why").textContent = more > 0 ? word("queue_more", { count: more }) : "";
+    this.say(more > 0 ? word("queue_more", { count: more }) : "");
+  }
+
+  say(text) {
+    element("queue-why").textContent = text;
+    element("queue-card").hidden = !this.jobs.length && !text;
   }
 
   writeRow({ id, request, planned_duration_s: duration }, index) {
@@ -66,7 +70,7 @@ export class Queue {
     try {
       await this.api.post(`/jobs/${id}/cancel`);
     } catch (error) {
-      element("queue-why").textContent = error.message;
+      this.say(error.message);
     }
     this.look();
   }

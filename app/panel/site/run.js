@@ -1,37 +1,57 @@
-// Runs the open program as a job of the service. The job continues if this page is closed.
-import { word, inEachLanguage } from "./words.js";
+// Starts a stored program, or the program that is open on the page Program, as a job of the service. The job continues
+// if this page is closed.
+import { allow } from "./able.js";
+import { inEachLanguage, word } from "./words.js";
 
 const ENDS = ["finished", "failed", "cancelled", "interrupted"];
-const NUMBER = /(?:step|waypoint) ([\w.]+?)(?: of |\/)/; // of the outermost file
+const OPEN = ""; // the choice of the program that is open, in place of the id of a stored one
 const element = (id) => document.getElementById(id);
 
 export class Run {
-  constructor(api, page, motions) {
-    Object.assign(this, { api, page, motions });
-    this.job = null; // that runs it
+  constructor(api, page, motions, stored) {
+    Object.assign(this, { api, page, motions, stored });
+    this.job = null; // the one that was started here
+    this.chosen = null; // an id or OPEN; null until the user chooses
     this.words = () => "";
     element("points-run").addEventListener("click", () => this.run());
     element("points-step").addEventListener("click", () => this.run(true));
     page.onChange(() => this.write());
+    stored.onList(() => this.write());
     inEachLanguage(() => this.write());
   }
 
+  // Another robot was chosen.
   load() {
-    this.job = null;
+    this.job = this.chosen = null;
     this.say(() => "");
+  }
+
+  // What can be started: the open program if it is not saved, then the stored ones.
+  get choices() {
+    const { isEmpty, isChanged, document: { label, kind } } = this.page.program;
+    const open = { id: OPEN, label: label || word("program_unnamed"), kind, about: word("stored_changed") };
+    const stored = this.stored.list.map((each) => ({ ...each, about: word("stored_as", each) }));
+    return isEmpty || !isChanged ? stored : [open, ...stored];
+  }
+
+  // The one that the user chose, or else the open program, or else the first one.
+  choiceOf(choices) {
+    const wanted = [this.chosen, OPEN, this.page.program.document.id];
+    return wanted.map((id) => choices.find((each) => each.id === id)).find(Boolean) ?? choices[0];
   }
 
   // hold: wait before the first motion.
   async run(hold = false) {
-    const { program } = this.page;
-    const body = new FormData();
-    body.append("config", new File([program.text], program.fileName));
-    body.append("n_iterations", element("points-rounds").value || "1");
-    body.append("delay_between_iterations", "0");
-    body.append("hold", String(hold));
+    const { id, kind } = this.choiceOf(this.choices);
+    const how = { n_iterations: element("points-rounds").valueAsNumber || 1, hold };
+    const from = element("run-from").valueAsNumber;
+    if (kind !== "lua" && !Number.isNaN(from)) how.from_waypoint = from;
     this.motions.discard();
     try {
-      this.job = (await this.api.post("/sequences/start?wait=false", body)).id;
+      const started = id === OPEN
+        ? await this.api.post("/sequences/start?wait=false", this.upload({ ...how, delay_between_iterations: 0 }))
+        : await this.api.post(`/programs/${id}/run?wait=false`, how);
+      this.job = started.id;
       this.say(() => word(hold ? "points_steps" : "points_runs"));
       await this.look();
     } catch (error) {
@@ -39,10 +59,16 @@ export class Run {
     }
   }
 
+  upload(how) {
+    const { text, fileName } = this.page.program;
+    const body = new FormData();
+    body.append("config", new File([text], fileName));
+    for (const [name, value] of Object.entries(how)) body.append(name, String(value));
+    return body;
+  }
+
   hear({ type, data }) {
-    if (!this.job) return;
-    if (type === "sequence" && data.what === "waypoint") this.mark(NUMBER.exec(data.step ?? "")?.[1] ?? "");
-    if (type === "hello" || (type === "job" && data.job === this.job)) this.look();
+    if (this.job && (type === "hello" || (type === "job" && data.job === this.job))) this.look();
   }
 
   // Whether it still runs. Its end may have been reported before its number was known here.
@@ -52,20 +78,35 @@ export class Run {
     const { state, error } = await this.api.get(`/jobs/${job}`).catch((problem) => ({ state: "failed", error: { detail: problem.message } }));
     if (job !== this.job || !ENDS.includes(state)) return;
     this.job = null;
-    this.mark("");
     this.say(() => (state === "finished" ? word("points_done") : error?.detail ?? word(`job_${state}`)));
   }
 
-  // The step that runs.
-  mark(number) {
-    for (const row of document.querySelectorAll("#steps [data-step]")) row.toggleAttribute("data-next", row.dataset.step === number);
+  write() {
+    const { choices } = this;
+    const choice = this.choiceOf(choices);
+    const focused = document.activeElement?.dataset.run;
+    element("run-list").replaceChildren(...choices.map((each) => this.row(each, each === choice)));
+    if (focused !== undefined) element("run-list").querySelector(`[data-run="${focused}"]`)?.focus();
+    element("run-what").textContent = choice ? "" : word("run_none");
+    for (const id of ["points-run", "points-step"]) allow(element(id), choice ? "" : "run_none");
+    allow(element("run-from"), choice?.kind === "lua" ? "why_lua" : "");
+    element("run-why").textContent = this.words();
   }
 
-  write() {
-    const { program } = this.page;
-    for (const id of ["points-run", "points-step"]) element(id).disabled = program.isEmpty;
-    element("run-what").textContent = program.isEmpty ? word("run_none") : program.document.label || word("program_unnamed");
-    element("run-why").textContent = this.words();
+  row({ id, label, kind, about }, isChosen) {
+    const [row, button, name, line] = ["li", "button", "b", "small"].map((tag) => document.createElement(tag));
+    button.type = "button";
+    button.dataset.run = id;
+    button.setAttribute("aria-pressed", String(isChosen));
+    name.textContent = label;
+    line.textContent = kind === "lua" ? `Lua · ${about}` : about;
+    button.append(name, line);
+    button.addEventListener("click", () => {
+      this.chosen = id;
+      this.write();
+    });
+    row.append(button);
+    return row;
   }
 
   say(words) {

@@ -20,6 +20,7 @@ export class Stored {
     this.program = page.program;
     this.list = [];
     this.saving = false;
+    this.listeners = [];
     this.conflict = ""; // why a save would be refused; "" for no reason
     this.look = oneAtATime(() => this.ask());
     element("stored").addEventListener("change", () => this.choose());
@@ -40,6 +41,11 @@ export class Stored {
     element("stored").dataset.shown = "";
   }
 
+  // heard: called after each change of the list.
+  onList(heard) {
+    this.listeners.push(heard);
+  }
+
   hear({ type }) {
     if (["hello", "program"].includes(type)) this.look();
   }
@@ -49,6 +55,7 @@ export class Stored {
     const found = await this.api.get("/programs").catch(() => null);
     if (!found || robot !== this.api.robot) return;
     this.list = found;
+    for (const heard of this.listeners) heard();
     const chosen = element("stored").value;
     element("stored").replaceChildren(...found.map((each) => new Option(each.kind === "lua" ? `${each.label} (Lua)` : each.label, each.id)));
     if (found.some((each) => each.id === chosen)) element("stored").value = chosen;

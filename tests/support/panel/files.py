@@ -75,8 +75,30 @@ def test_a_csv_file_is_looked_at_before_it_is_sent(panel: Panel) -> None:
     assert not panel.page.run("document.querySelector('#csv-start').checked")
 
     drop(panel, "#csv-why", "other.csv", "a,b\n1,2\n")
-    panel.until("document.querySelector('#csv-why').innerText.startsWith('other.csv is no trajectory')")
+    panel.until("document.querySelector('#csv-why').innerText.startsWith('other.csv is not a trajectory')")
     assert panel.page.run("document.querySelector('#csv-send').disabled")
+
+
+def test_a_json_trajectory_is_looked_at_before_it_is_sent(panel: Panel) -> None:
+    """Oracle: SciPy's clamped cubic spline; where the arm gets to."""
+    times, angles = [0.0, 1.5, 3.0], [0.0, 0.2, 0.15]
+    points = [
+        {"positions": [angle, *HOME[1:]], "time_from_start": time}
+        for time, angle in zip(times, angles, strict=True)
+    ]
+    drop(panel, "#csv-why", "wave.json", json.dumps({"points": points}))
+    panel.until("document.querySelectorAll('#csv-plots svg').length === 14")
+    assert "3 points, 3.00 s" in panel.text("#csv-why")
+    shown = np.array(panel.page.run("cobotPanel.csv.shown[0].velocities"))
+    exact = CubicSpline(times, angles, bc_type="clamped").derivative()
+    np.testing.assert_allclose(shown[:, 1], exact(shown[:, 0]), atol=1e-12)
+    np.testing.assert_allclose(panel.run.joints(), HOME, atol=5e-3)
+    panel.page.click("#csv-send")
+    panel.until("document.querySelector('#csv-why').innerText.startsWith('Moves for 3.0 s')")
+    until(lambda: panel.rests() and abs(panel.run.joints()[0] - 0.15) < 5e-3)
+    for wrong in ("{", '{"points": []}', json.dumps({"points": [{"positions": [0], "time_from_start": 0}]})):
+        drop(panel, "#csv-why", "other.json", wrong)
+        panel.until("document.querySelector('#csv-why').innerText.includes('json is not a trajectory')")
 
 
 def test_files_are_chosen_and_taken_away(panel: Panel, tmp_path: Path) -> None:

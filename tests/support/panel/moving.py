@@ -195,7 +195,7 @@ def test_what_waits_in_the_queue_is_listed_and_taken_out(panel: Panel) -> None:
             panel.until(f"document.querySelectorAll('#queue li').length === {QUEUED - 1}")
             assert http.get(f"/jobs/{jobs[1]}").json()["state"] == "cancelled"
             panel.page.click("#stop")
-            panel.until("document.querySelector('#queue').hidden")
+            panel.until("document.querySelector('#queue-card').hidden")
             until(lambda: http.get(f"/jobs/{jobs[2]}").json()["state"] == "cancelled")
         finally:
             http.post("/robot/speed_override", json={"fraction": 1.0}).raise_for_status()

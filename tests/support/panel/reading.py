@@ -107,7 +107,7 @@ def test_axe_finds_nothing_in_any_view(panel: Panel, axe: str, scheme: str) -> N
         panel.until("document.querySelector('#io-Output button')")
         look("with all cards open and full")
         panel.page.run(
-            "for (const each of ['banner', 'stop-why', 'contact', 'token-form', 'queue']) "
+            "for (const each of ['banner', 'stop-why', 'contact', 'token-form', 'queue-card']) "
             "document.querySelector(`#${each}`).hidden = false"
         )
         panel.page.run("cobotPanel.banner.show({mode: 'FAULT', reason: 'a drive fails'})")

@@ -10,7 +10,7 @@ import httpx
 import pytest
 from cobot_run import WAIT_S, until
 
-from panel.page import HOME, Panel, forget, set_to
+from panel.page import HOME, Panel, forget, is_at, set_to
 from panel.teaching import STEPS
 
 LABEL = "Über <b>Kiste</b> 取料点"
@@ -147,3 +147,71 @@ def test_a_lua_program_is_stored_and_opened_as_text(panel: Panel, store: httpx.C
     panel.page.click("#stored-open")
     panel.until("document.querySelector('#program-text').value === \"print('one')\"")
     assert panel.page.run("document.querySelector('#program-text').checkVisibility()")
+
+
+def test_a_stored_program_is_run_with_its_step_cycles_and_a_pause(panel: Panel, http: httpx.Client) -> None:
+    """Oracle: the status of the sequence over REST, and where the arm is."""
+    places = [[0.1, *HOME[1:]], [0.0, 0.1, *HOME[2:]]]
+    steps = [{"joints": each, "speed": 0.5, "label": "<i>there</i>"} for each in places]
+    body = {"label": LABEL, "text": json.dumps({"steps": [*steps, {"wait_s": 0.1}]})}
+    http.put("/programs/kiste", json=body).raise_for_status()
+    http.put("/programs/other", json={"label": "other", "kind": "lua", "text": "print(1)"}).raise_for_status()
+    panel.page.click("#tab-run")
+    panel.until("document.querySelectorAll('#run-list li').length === 2")
+    assert LABEL in panel.text("#run-list"), "markup is text"
+    assert panel.page.run("document.querySelector('#run-pause-at').disabled"), "no program is running"
+    panel.page.click("#run-list [data-run=other]")
+    assert panel.page.run("document.querySelector('#run-from').disabled"), "it has no numbered steps"
+    assert panel.page.run("document.activeElement.dataset.run") == "other"
+    panel.page.click("#run-list [data-run=kiste]")
+    set_to(panel, "#points-rounds", "3")
+    panel.page.click("#points-run")
+    said(panel, "The program has ended.", "run-why")
+    assert http.get("/sequences/status").json()["iteration"] == 3
+    assert is_at(panel, places[-1])
+    panel.until("cobotPanel.runNow.newest.cycles.length === 3")
+    assert panel.text("#run-cycle") == "3 of 3"
+    assert panel.text("#run-program") == LABEL
+    cycles = panel.page.run("cobotPanel.runNow.newest.cycles")
+    assert all(0.1 < each < 60 for each in cycles)
+    assert panel.text("#run-time") == f"{cycles[-1]:.1f} s, mean {sum(cycles) / 3:.1f} s"
+
+    set_to(panel, "#run-from", "2")
+    set_to(panel, "#points-rounds", "1")
+    panel.page.click("#points-step")
+    panel.until("document.querySelector('#pause').innerText === 'Resume'")
+    panel.page.click("#run-pause-at")
+    assert panel.page.run("document.activeElement.id") == "run-at", "a number is missing"
+    set_to(panel, "#run-at", "9")
+    panel.page.click("#run-pause-at")
+    said(panel, "there are 3, from 1 on; got 9", "run-now-why")
+    forget(panel, "422")
+    set_to(panel, "#run-at", "2")
+    panel.page.click("#run-pause-at")
+    said(panel, "pauses once step 2 is done", "run-now-why")
+    panel.page.click("#end")
+    said(panel, "was cancelled by", "run-why")
+    panel.load()
+    panel.page.click("#tab-run")
+    said(panel, LABEL, "run-program")
+
+
+def test_a_program_that_pauses_after_a_step_goes_on_from_there(panel: Panel, http: httpx.Client) -> None:
+    """Oracle: where the arm is; another client has started the program."""
+    places = [[0.1, *HOME[1:]], [0.0, 0.1, *HOME[2:]]]
+    steps = [{"joints": each, "speed": 0.5} for each in places]
+    http.put("/programs/two", json={"label": "two", "text": json.dumps({"steps": steps})}).raise_for_status()
+    http.post("/programs/two/run", json={"hold": True}).raise_for_status()
+    panel.page.click("#tab-run")
+    said(panel, "two", "run-program")
+    panel.until("document.querySelector('#pause').innerText === 'Resume'")
+    set_to(panel, "#run-at", "1")
+    panel.page.click("#run-pause-at")
+    panel.page.click("#pause")
+    until(lambda: is_at(panel, places[0]))
+    panel.until("document.querySelector('#pause').innerText === 'Resume'")
+    panel.stays()
+    panel.page.click("#pause")
+    until(lambda: is_at(panel, places[1]))
+    panel.until("!cobotPanel.runNow.newest.runs")
+    panel.until("document.querySelector('#run-pause-at').disabled")
