@@ -9,6 +9,7 @@ import { Events } from "./events.js";
 import { Freedrive } from "./freedrive.js";
 import { DeviceIo } from "./device-io.js";
 import { Gripper } from "./gripper.js";
+import { Guide } from "./guide.js";
 import { Io } from "./io.js";
 import { Job } from "./job.js";
 import { Jog } from "./jog.js";
@@ -86,7 +87,11 @@ class Panel {
     this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts, () => this);
     this.lease = new Lease(api, this.stream);
-    this.person = new Person(api, () => this.stream.connect());
+    this.guide = new Guide();
+    this.person = new Person(api, (name) => {
+      if (name) this.stream.connect();
+      this.guide.offer();
+    });
     this.way = new Way(api, () => this.view);
     this.cell = new Cell(api, () => this.view);
     this.lookAgain = oneAtATime(() => this.look());
@@ -115,6 +120,7 @@ class Panel {
       return;
     }
     await Promise.all([this.tabs.begin(), this.draw()]);
+    if (this.person.form.hidden) this.guide.offer();
   }
 
   async choose(robot) {

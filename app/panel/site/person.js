@@ -6,10 +6,10 @@ import { keep, keptText } from "./store.js";
 const element = (id) => document.getElementById(id);
 
 export class Person {
-  // changed: called when another name is to be sent.
-  constructor(api, changed) {
+  // chosen: called with the name, "" for none.
+  constructor(api, chosen) {
     this.form = element("name-form");
-    this.changed = changed;
+    this.chosen = chosen;
     this.form.hidden = Boolean(api.token) || keptText("localStorage", PERSON) !== null;
     this.form.addEventListener("submit", (event) => {
       event.preventDefault();
@@ -21,6 +21,6 @@ export class Person {
   choose(name) {
     keep("localStorage", PERSON, name);
     this.form.hidden = true;
-    if (name) this.changed();
+    this.chosen(name);
   }
 }

@@ -58,9 +58,10 @@ UNNAMED = """
 try {
     const asked = sessionStorage.getItem("askName") || localStorage.getItem("cobot.name") !== null;
     if (!asked) localStorage.setItem("cobot.name", "");
+    if (!sessionStorage.getItem("askName")) localStorage.setItem("cobot.guide", "seen");
 } catch { /* a page without a storage */ }
 """
-"""Has the page not ask for the person's name."""
+"""The page does not ask for the person's name and does not show the guide."""
 
 
 CONTROLS = """

@@ -50,6 +50,41 @@ def test_a_person_is_asked_once_for_a_name_and_others_see_it(panel: Panel) -> No
         panel.load()
 
 
+def test_a_new_user_is_guided_once_and_whenever_they_ask(panel: Panel) -> None:
+    """Each mark is at what the text speaks of, and the text lies over no control."""
+    marked = "document.querySelector('[data-marked]')"
+    over = f"""(() => {{
+        const place = (each) => each.getBoundingClientRect();
+        const [card, at] = [place(document.querySelector('#guide')), place({marked})];
+        const beside = card.right < at.left || at.right < card.left;
+        return !beside && card.bottom >= at.top && at.bottom >= card.top && {marked}.id !== 'picture';
+    }})()"""
+    try:
+        panel.page.run("sessionStorage.setItem('askName', '1')")
+        panel.page.run("localStorage.clear()")
+        panel.load()
+        panel.page.click("#no-name")
+        for number, target in enumerate(("picture", "stop", "joints", "positions", "tab-program"), 1):
+            panel.until(f"{marked}?.id === '{target}'")
+            assert panel.text("#guide-title").startswith(f"{number} / 5")
+            assert not panel.page.run(over)
+            panel.page.click("#guide-next")
+        panel.until("document.querySelector('#guide').hidden")
+        panel.load()
+        panel.until("cobotPanel.stream.ready")
+        assert panel.page.run(
+            "document.querySelector('#guide').hidden && !document.querySelector('[data-marked]')"
+        )
+        panel.page.click("#guide-again")
+        panel.until("document.querySelector('#page-move').checkVisibility()")
+        assert "SIMULATION" in panel.text("#guide-text")
+        panel.page.click("#guide-skip")
+        panel.until("document.querySelector('#guide').hidden")
+    finally:
+        panel.page.run("sessionStorage.removeItem('askName')")
+        panel.load()
+
+
 def test_it_shows_the_arm_where_it_is_and_asks_nobody_else(panel: Panel) -> None:
     pose = httpx.get(f"{panel.run.url}/robot/pose", timeout=WAIT_S).json()["position"]
     until(
