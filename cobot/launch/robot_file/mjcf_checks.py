@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -14,7 +15,12 @@ MAX_ELEMENTS = 20_000
 MAX_CELLS = 4_000_000
 """Maximum number of cells in a height field: 2000 by 2000."""
 MAX_INCLUDED = 100
+"""Maximum number of files that a file includes, or attaches as models."""
+MAX_SHOWN = 10**12
+"""The largest number that a message writes out."""
 MULTIPLYING = ("replicate", "composite", "flexcomp")
+ALLOCATING = re.compile("nkey|nuser")
+"""Attributes of <size> that allocate memory for each element."""
 
 
 def check_mjcf(file: Path, root: Element) -> None:
@@ -28,7 +34,7 @@ def check_mjcf(file: Path, root: Element) -> None:
 
 
 class _Counter:
-    """Elements of a file and of those that it includes."""
+    """Elements of a file and of those that it includes or attaches."""
 
     def __init__(self, file: Path) -> None:
         self._folder = file.parent
@@ -37,6 +43,7 @@ class _Counter:
 
     def add(self, file: Path, root: Element, times: int) -> None:
         """Count an element that is made `times` times, and all in it."""
+        models = {model.get("name"): model.get("file") for model in root.iter("model")}
         pending = [(root, times)]
         while pending:
             element, times = pending.pop()
@@ -45,12 +52,18 @@ class _Counter:
             if element.tag == "hfield":
                 cells = _product(file, element, "nrow") * _product(file, element, "ncol")
                 _require(file, element, "cells", cells, MAX_CELLS)
+            if element.tag == "size":
+                for attribute in filter(ALLOCATING.match, element.keys()):
+                    count = _product(file, element, attribute)
+                    _require(file, element, f"entries by {attribute}", count, MAX_ELEMENTS)
             if element.tag in MULTIPLYING:
                 times *= _product(file, element, "count")
             self._count += times
             _require(file, element, "elements in the file", self._count, MAX_ELEMENTS)
             pending += [(child, times) for child in element]
             if element.tag == "include" and (name := element.get("file")):
+                self._include(file, element, name, times)
+            if element.tag == "attach" and (name := models.get(element.get("model"))):
                 self._include(file, element, name, times)
 
     def _include(self, file: Path, element: Element, name: str, times: int) -> None:
@@ -70,10 +83,10 @@ def _check_name(file: Path, element: Element, name: str | None) -> None:
 
 
 def _product(file: Path, element: Element, attribute: str) -> int:
-    """The product of the whole numbers in an attribute; 1 for none."""
+    """The product of the whole numbers in an attribute, which has up to three; 1 for none."""
     text = element.get(attribute, "1")
     try:
-        return math.prod(max(1, int(float(word))) for word in text[:200].split())
+        return math.prod(max(1, int(float(word))) for word in text.split()[:3])
     except (ValueError, OverflowError) as exc:
         raise ConfigError(
             f"{where(file, element)}: {attribute} of <{element.tag}> is {shown(text)}; it must be a whole "
@@ -83,6 +96,7 @@ def _product(file: Path, element: Element, attribute: str) -> int:
 
 def _require(file: Path, element: Element, what: str, count: int, limit: int) -> None:
     if count > limit:
+        made = f"{count}" if count <= MAX_SHOWN else f"more than {MAX_SHOWN}"
         raise ConfigError(
-            f"{where(file, element)}: <{element.tag}> makes {count} {what}; at most {limit} are allowed"
+            f"{where(file, element)}: <{element.tag}> makes {made} {what}; at most {limit} are allowed"
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import resource
@@ -38,17 +37,30 @@ def write_look(file: str, into: str) -> dict[str, Any]:
 
 
 def compile_mjcf(file: str) -> dict[str, Any]:
-    """Have MuJoCo read and compile a file, and allocate what it needs; the reasons why not are no matter
-    here, as the parent finds them again.
+    """Have MuJoCo read and compile a file, and allocate what it needs.
+
+    Mistakes in the file are not reported here, because the parent finds them again.
+
+    Raises:
+        MemoryError: it needs too much memory.
+        ConfigError: MuJoCo fails without a reason, mostly because a size in the file is far too great.
     """
     import mujoco
 
-    from cobot.launch.robot_file.mjcf import remove_textures
+    from cobot.launch.robot_file.mjcf import reason, remove_textures
 
-    with contextlib.suppress(ValueError):
+    try:
         spec = mujoco.MjSpec.from_file(file)
         remove_textures(spec)
         mujoco.MjData(spec.compile())
+    except ValueError as exc:
+        if "allocate memory" in str(exc):
+            raise MemoryError from exc
+    except RuntimeError as exc:
+        raise ConfigError(
+            f"MuJoCo fails to load it and does not say why: {reason(exc)[:200]} Mostly a size in the file is "
+            "far too great; simplify it"
+        ) from exc
     return {}
 
 

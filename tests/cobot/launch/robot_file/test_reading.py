@@ -8,6 +8,7 @@ import codecs
 import shlex
 from pathlib import Path
 
+import mujoco
 import pytest
 import yaml
 from urdf_arms import ARMS, urdf
@@ -242,6 +243,13 @@ def test_a_joint_in_a_transmission_is_none_of_the_arms(tmp_path: Path) -> None:
         ('<replicate prefix="a&#10;"/>', r"<replicate> has the name 'a\\n'; give it a printable name"),
         ('<replicate count="0x10"/>', "count of <replicate> is '0x10'; it must be a whole number"),
         ('<include file="arm.xml"/>', "included files; at most 100"),
+        (f'<replicate count="{" " * 300}900000000"><geom/></replicate>', "<replicate> makes 9\\d+ elements"),
+        (
+            f'<composite count="{"1e300 " * 33}"/>',
+            "<composite> makes more than 1000000000000 elements in the file; at most 20000",
+        ),
+        ('<size nkey="900000000"/>', "<size> makes 900000000 entries by nkey; at most 20000"),
+        ('<size nuser_geom="900000000"/>', "<size> makes 900000000 entries by nuser_geom"),
     ],
 )
 def test_monstrous_mjcf_is_counted_before_it_is_made(tmp_path: Path, element: str, reason: str) -> None:
@@ -249,6 +257,31 @@ def test_monstrous_mjcf_is_counted_before_it_is_made(tmp_path: Path, element: st
     file.write_text(f"<mujoco><worldbody>\n{element}</worldbody></mujoco>")
     with pytest.raises(ConfigError, match=rf"arm\.xml:\d: .*{reason}"):
         check_mjcf(file, parse(file)[0])
+
+
+def test_what_an_attached_model_makes_is_counted_each_time(tmp_path: Path) -> None:
+    """Oracle for the number of elements that are allowed: MuJoCo, which makes them."""
+    attached = '<attach model="part" body="b" prefix="{}"/>'
+    part = '<mujoco><worldbody><body name="b"><replicate count="{}"><geom size="1"/></replicate></body>'
+    file = tmp_path / "arm.xml"
+
+    def write(count: int, times: int) -> None:
+        (tmp_path / "part.xml").write_text(part.format(count) + "</worldbody></mujoco>")
+        bodies = "".join(attached.format(index) for index in range(times))
+        file.write_text(
+            f'<mujoco><worldbody>{bodies}</worldbody>\n<asset><model name="part" file="part.xml"/></asset>'
+            "</mujoco>"
+        )
+
+    write(900_000_000, 1)
+    with pytest.raises(ConfigError, match=r"part\.xml:1: <replicate> makes 9\d+ elements .*at most 20000"):
+        check_mjcf(file, parse(file)[0])
+    write(3000, 4)
+    with pytest.raises(ConfigError, match=r"part\.xml:1: .* elements in the file; at most 20000"):
+        check_mjcf(file, parse(file)[0])
+    write(300, 4)
+    check_mjcf(file, parse(file)[0])
+    assert mujoco.MjModel.from_xml_path(str(file)).ngeom == 1200
 
 
 def test_a_monstrous_height_field_is_rejected(tmp_path: Path) -> None:
@@ -260,13 +293,23 @@ def test_a_monstrous_height_field_is_rejected(tmp_path: Path) -> None:
         check_mjcf(file, parse(file)[0])
 
 
-def test_memory_that_nothing_announces_is_bounded(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("element", "reason"),
+    [
+        ('<size memory="900G"/>', "needs more than 4 GB of memory; simplify it"),
+        ('<size memory="6G"/>', "needs more than 4 GB of memory; simplify it"),
+        (
+            '<asset><mesh name="m" builtin="supersphere" params="100000 1 1"/></asset>',
+            "MuJoCo fails to load it and does not say why: .*a size in the file is far too great",
+        ),
+    ],
+)
+def test_memory_that_nothing_announces_is_bounded(tmp_path: Path, element: str, reason: str) -> None:
     """MuJoCo would allocate it: the worker may not."""
     file = tmp_path / "arm.xml"
-    file.write_text('<mujoco><size memory="900G"/><worldbody><body name="b"><joint name="j"/>'
-                    '<geom size="1"/></body>'
+    file.write_text(f'<mujoco>{element}<worldbody><body name="b"><joint name="j"/><geom size="1"/></body>'
                     "</worldbody></mujoco>")  # fmt: skip
-    with pytest.raises(ConfigError, match=r"arm\.xml: .*(memory|cannot)"):
+    with pytest.raises(ConfigError, match=rf"arm\.xml: {reason}"):
         NewRobot(file).write(tmp_path / "made")
     assert not (tmp_path / "made").exists()
 
