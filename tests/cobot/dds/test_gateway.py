@@ -331,9 +331,11 @@ class Following:
 
     def __init__(self) -> None:
         self.go_on = asyncio.Event()
+        self.points: list[Message] = []
 
     async def execute(self, goal: Message, handle: GoalHandle) -> Message:
         handle.accept()
+        self.points = goal["trajectory"]["points"]
         await self.go_on.wait()
         handle.status = GoalStatus.SUCCEEDED
         return {"error_code": 0, "error_string": "arrived"}
@@ -350,14 +352,12 @@ class Trajectories:
         self._send = bench.peer.client(f"{below}/send_goal", f"{FJT}_SendGoal").until_ready()
         self._result = bench.peer.client(f"{below}/get_result", f"{FJT}_GetResult").until_ready()
 
-    def begin(self, number: int, points: int = 1, values: int = 7) -> Callable[[float], Message]:
+    def begin(self, number: int, points: int = 1, rates: bool = True) -> Callable[[float], Message]:
         """Sends a goal, which is accepted; returns what waits for its result."""
         goal_id = {"uuid": base64.b64encode(bytes([number] * 16)).decode()}
-        point = {
-            "positions": [0.123456789] * values,
-            "velocities": [0.1] * values,
-            "accelerations": [0.2] * values,
-        }
+        point = {"positions": [0.12345678901234567] * 7}
+        if rates:
+            point |= {"velocities": [0.12345678901234567] * 7, "accelerations": [-0.1234567890123456] * 7}
         trajectory = {"joint_names": ["joint1"], "points": [point] * points}
         assert self._send.call({"goal_id": goal_id, "goal": {"trajectory": trajectory}})["accepted"]
         return self._result.begin({"goal_id": goal_id})
@@ -383,6 +383,21 @@ def test_a_message_too_large_for_the_service_is_rejected_alone(
     got = waiting(30.0)
     assert got["status"] == GoalStatus.SUCCEEDED
     assert got["result"]["error_string"] == "arrived"
+
+
+@pytest.mark.parametrize(("points", "rates"), [(7_400, True), (14_800, False)])
+def test_a_goal_as_large_as_the_documents_say_arrives_whole(bench: Bench, points: int, rates: bool) -> None:
+    """The limits of docs/fjt.md, with numbers of full precision."""
+    trajectories = Trajectories(bench)
+    service = bench.service
+    assert service is not None
+    service.do(trajectories.action.go_on.set)
+    got = trajectories.begin(2, points, rates)(30.0)
+    assert got["status"] == GoalStatus.SUCCEEDED
+    received = trajectories.action.points
+    assert len(received) == points
+    assert all(len(point["positions"]) == 7 for point in received)
+    assert all(len(point["accelerations"]) == 7 * rates for point in received)
 
 
 @pytest.mark.parametrize("points", [9_000, 15_000])
