@@ -1,10 +1,14 @@
-// The device's own inputs and outputs, by name: shown while the card is open; a press switches one that is
-// boolean, a new number sets another one.
+// The robot's own inputs and outputs, by name. The page Diagnose shows all of them while the card is open, and the page
+// Move shows the outputs that the user has marked there. Each browser keeps the marks.
+import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
+import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 1000;
+const MAX_MARKED = 4;
 const element = (id) => document.getElementById(id);
+const markKey = (robot) => `cobot.outputs.${robot.name}`;
 
 export class DeviceIo {
   constructor(api) {
@@ -12,59 +16,108 @@ export class DeviceIo {
     this.points = [];
     this.lost = false; // what is shown is as old as the last answer
     this.look = oneAtATime(() => this.ask());
+    this.all = new Points("device-io", (point, value) => this.set(point, value), (name) => this.mark(name));
+    this.marked = new Points("outputs", (point, value) => this.set(point, value));
     element("io").addEventListener("toggle", () => this.look());
     setInterval(() => this.look(), EVERY_MS);
     inEachLanguage(() => this.write());
   }
 
+  get names() {
+    return this.api.robot ? keptList("localStorage", markKey(this.api.robot)) : [];
+  }
+
+  // Whether a card is open that shows some of them.
+  get shown() {
+    return element("io").open || (this.names.length > 0 && document.body.dataset.page === "move");
+  }
+
   async ask() {
-    if (!element("io").open || document.hidden || !this.api.robot) return;
     const { robot } = this.api;
+    if (!robot || document.hidden) return;
+    if (robot !== this.robot) this.points = [];
+    this.robot = robot;
+    if (!this.shown) return void this.write();
     try {
       const { points } = await this.api.get("/io");
       if (robot !== this.api.robot) return;
       this.points = points;
-      this.write();
-      if (this.lost) element("device-io-why").textContent = "";
+      if (this.lost) this.say("");
       this.lost = false;
     } catch (error) {
       this.lost = true;
-      element("device-io-why").textContent = error.message;
+      this.say(error.message);
     }
+    this.write();
   }
 
   async set({ name }, value) {
-    element("device-io-why").textContent = "";
+    this.say("");
     try {
       await this.api.ask("PUT", this.api.address(`/io/${encodeURIComponent(name)}`), { value });
     } catch (error) {
-      element("device-io-why").textContent = error.message;
+      this.say(error.message);
     }
     this.look();
   }
 
-  write() {
-    element("device-io-part").hidden = !this.points.length;
-    const place = element("device-io");
-    const shape = JSON.stringify(this.points.map(({ name, kind, direction }) => [name, kind, direction]));
-    if (place.dataset.shape !== shape) {
-      place.dataset.shape = shape;
-      place.replaceChildren(...this.points.map((point) => this.row(point)));
-    }
-    for (const [index, { kind, value }] of this.points.entries()) {
-      const shown = place.children[index].lastElementChild;
-      const known = kind === "boolean" ? word(value ? "io_on" : "io_off") : String(value);
-      const said = value === null ? "?" : known; // the device reports what is no number
-      if (shown.tagName === "INPUT") {
-        if (document.activeElement !== shown) shown.value = value ?? "";
-      } else {
-        shown.textContent = said;
-      }
-      if (shown.tagName === "BUTTON") shown.setAttribute("aria-pressed", String(value));
-    }
+  mark(name) {
+    const names = this.names.includes(name) ? this.names.filter((each) => each !== name) : [...this.names, name];
+    keep("localStorage", markKey(this.api.robot), JSON.stringify(names));
+    this.write();
   }
 
-  // A name and what it has: of an input a text, of an output what sets it.
+  say(text) {
+    for (const id of ["device-io-why", "outputs-why"]) element(id).textContent = text;
+  }
+
+  write() {
+    const { names } = this;
+    const marked = this.points.filter(({ name, direction }) => direction === "output" && names.includes(name));
+    element("device-io-part").hidden = !this.points.length;
+    element("outputs-part").hidden = !marked.length;
+    this.all.write(this.points, names);
+    this.marked.write(marked, names);
+  }
+}
+
+// A list of inputs and outputs.
+class Points {
+  // set: called with a point and its new value. mark: called with the name of an output that is marked or no longer; none
+  // without marks.
+  constructor(place, set, mark = null) {
+    Object.assign(this, { place: element(place), set, mark, rows: [] });
+  }
+
+  write(points, names) {
+    const shape = JSON.stringify(points.map(({ name, kind, direction }) => [name, kind, direction]));
+    if (this.shape !== shape) {
+      this.shape = shape;
+      this.rows = points.map((point) => this.row(point));
+      this.place.replaceChildren(...this.rows.map(({ row }) => row));
+    }
+    points.forEach((point, index) => this.show(point, this.rows[index], names));
+  }
+
+  show({ name, kind, value }, { shown, star }, names) {
+    const known = kind === "boolean" ? word(value ? "io_on" : "io_off") : String(value);
+    const said = value === null ? "?" : known; // the device reports what is no number
+    if (shown.tagName === "INPUT") {
+      if (document.activeElement !== shown) shown.value = value ?? "";
+    } else {
+      shown.textContent = said;
+    }
+    if (shown.tagName === "BUTTON") shown.setAttribute("aria-pressed", String(value));
+    if (!star) return;
+    const marked = names.includes(name);
+    star.textContent = marked ? "★" : "☆";
+    star.setAttribute("aria-pressed", String(marked));
+    star.setAttribute("aria-label", word("io_mark", { name }));
+    allow(star, marked || names.length < MAX_MARKED ? "" : "why_enough_outputs");
+    if (!star.disabled) star.title = word("io_mark", { name });
+  }
+
+  // Its name and its value: of an input a text, of an output what sets it.
   row(point) {
     const [row, name] = ["label", "span"].map((tag) => document.createElement(tag));
     name.textContent = point.name;
@@ -79,6 +132,13 @@ export class DeviceIo {
       shown.addEventListener("change", () => this.set(point, shown.valueAsNumber));
     }
     row.append(name, shown);
-    return row;
+    const star = this.mark && point.direction === "output" ? document.createElement("button") : null;
+    if (star) {
+      star.type = "button";
+      star.className = "star";
+      star.addEventListener("click", () => this.mark(point.name));
+      row.append(star);
+    }
+    return { row, shown, star };
   }
 }

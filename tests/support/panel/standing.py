@@ -136,6 +136,28 @@ def sets_its_outputs(panel: Panel) -> None:
     set_to(panel, speed, "-1")
     panel.until("document.querySelector('#device-io-why').innerText.includes('from 0 to')")
     forget(panel, "422")
+    marks_an_output(panel)
+
+
+def marks_an_output(panel: Panel) -> None:
+    """It is switched on the page Move too, also after the page was loaded again."""
+    star = "#device-io label:nth-of-type({}) .star".format
+    panel.page.click(star(1))
+    panel.until(f"document.querySelector('{star(1)}').ariaPressed === 'true'")
+    panel.load()
+    panel.page.click("#tab-move")
+    panel.until("document.querySelector('#outputs button')")
+    panel.page.click("#outputs button")
+    until(lambda: device(panel)["io"][0]["value"] is False)
+    assert panel.text("#outputs label span") == "Gripper.Close"
+    panel.page.run(
+        'localStorage.setItem(`cobot.outputs.${cobotPanel.api.robot.name}`, \'["a", "b", "c", "d"]\')'
+    )
+    opened_card(panel, "io")
+    panel.until(f"document.querySelector('{star(2)}')?.disabled")
+    assert "four outputs" in panel.page.run(f"document.querySelector('{star(2)}').title")
+    assert not panel.page.run("document.querySelector('#outputs-part').checkVisibility()")
+    panel.page.run("localStorage.removeItem(`cobot.outputs.${cobotPanel.api.robot.name}`)")
 
 
 def device(panel: Panel) -> dict[str, Any]:
