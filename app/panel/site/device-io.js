@@ -8,6 +8,7 @@ import { inEachLanguage, word } from "./words.js";
 const EVERY_MS = 1000;
 const MAX_MARKED = 4;
 const element = (id) => document.getElementById(id);
+const rounded = (value) => String(Number(value.toFixed(5)));
 const markKey = (robot) => `cobot.outputs.${robot.name}`;
 
 export class DeviceIo {
@@ -100,12 +101,11 @@ class Points {
   }
 
   show({ name, kind, value }, { shown, star }, names) {
-    const known = kind === "boolean" ? word(value ? "io_on" : "io_off") : String(value);
-    const said = value === null ? "?" : known; // the device reports what is no number
+    const said = value === null ? "?" : kind === "boolean" ? word(value ? "io_on" : "io_off") : rounded(value);
     if (shown.tagName === "INPUT") {
-      if (document.activeElement !== shown) shown.value = value ?? "";
+      if (document.activeElement !== shown) shown.value = value === null ? "" : rounded(value);
     } else {
-      shown.textContent = said;
+      shown.textContent = said; // ? where the device reports what is no number
     }
     if (shown.tagName === "BUTTON") shown.setAttribute("aria-pressed", String(value));
     if (!star) return;
