@@ -15,37 +15,40 @@ from app.services.streaming.jog import JogCommand
 from cobot.errors import InputError, NotReadyError
 from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Stream, chunk_dtype
 from cobot.ipc.session_rules import MOVE_S, decimation, nominal_session
+from cobot.loose_lists import RequestModel
 from cobot.motions.fields import Finite
-from cobot.strict import StrictModel, sentences, shown
+from cobot.strict import sentences, shown
 from cobot.types import vector
 
 Numbers = Annotated[list[Finite], Field(max_length=64)]
+SomeNumbers = Annotated[list[Finite], Field(min_length=1, max_length=64)]
+"""Numbers of an optional field, in which `[]` is nothing."""
 Sequence = Annotated[int, Field(ge=1, lt=2**63)]
 Frame = dict[str, Any]
 
 
-class Subscribe(StrictModel):
+class Subscribe(RequestModel):
     type: Literal["subscribe"]
     rate_hz: float = Field(100.0, ge=1.0, le=1000.0)
     format: Literal["json", "binary"] = "json"
 
 
-class OpenSession(StrictModel):
+class OpenSession(RequestModel):
     type: Literal["session"]
     stream: Literal["joint_impedance", "cartesian", "joint_torque"] = "joint_impedance"
     inner_control_hz: float = Field(1000.0, ge=1.0, le=1000.0)
     interpolation: Literal["none", "linear", "quintic", "ruckig"] = "linear"
-    stiffness: Numbers | None = None
-    damping_ratio: Numbers | None = None
-    cartesian_stiffness: Numbers | None = None
-    cartesian_damping_ratio: Numbers | None = None
-    max_contact_torque: Numbers | None = None
-    max_contact_wrench: Numbers | None = None
-    force_axes: Annotated[list[bool], Field(max_length=6)] | None = None
-    force_velocity: Numbers | None = None
-    force_frame: Numbers | None = None
+    stiffness: SomeNumbers | None = None
+    damping_ratio: SomeNumbers | None = None
+    cartesian_stiffness: SomeNumbers | None = None
+    cartesian_damping_ratio: SomeNumbers | None = None
+    max_contact_torque: SomeNumbers | None = None
+    max_contact_wrench: SomeNumbers | None = None
+    force_axes: Annotated[list[bool], Field(min_length=1, max_length=6)] | None = None
+    force_velocity: SomeNumbers | None = None
+    force_frame: SomeNumbers | None = None
     force_in_tcp: bool = False
-    posture: Numbers | None = None
+    posture: SomeNumbers | None = None
 
     def record(self, info: np.ndarray) -> np.ndarray:
         """The session that is asked for; what is not said is nominal.
@@ -68,11 +71,11 @@ class OpenSession(StrictModel):
 VECTORS = [name for name, field in OpenSession.model_fields.items() if field.default is None]
 
 
-class JointTarget(StrictModel):
+class JointTarget(RequestModel):
     type: Literal["target"]
     sequence: Sequence
     joints: Numbers
-    velocities: Numbers | None = None
+    velocities: SomeNumbers | None = None
 
     def fill(self, setpoint: np.ndarray) -> None:
         _set(setpoint, "joints", self.joints, "joints")
@@ -81,12 +84,12 @@ class JointTarget(StrictModel):
         setpoint["number"] = self.sequence
 
 
-class PoseTarget(StrictModel):
+class PoseTarget(RequestModel):
     type: Literal["target"]
     sequence: Sequence
     pose: Numbers
     wrench: Numbers = [0.0] * 6
-    velocity: Numbers | None = None
+    velocity: SomeNumbers | None = None
 
     def fill(self, setpoint: np.ndarray) -> None:
         _set(setpoint, "pose", self.pose, "pose")
@@ -96,7 +99,7 @@ class PoseTarget(StrictModel):
         setpoint["number"] = self.sequence
 
 
-class TorqueTarget(StrictModel):
+class TorqueTarget(RequestModel):
     type: Literal["target"]
     sequence: Sequence
     torques: Numbers
@@ -113,7 +116,7 @@ TARGETS: dict[Stream, type[JointTarget] | type[PoseTarget] | type[TorqueTarget]]
 }
 
 
-class Move(StrictModel):
+class Move(RequestModel):
     type: Literal["move"]
     sequence: Sequence
     pose: Numbers
@@ -125,7 +128,7 @@ class Move(StrictModel):
         setpoint["move"] = self.sequence
 
 
-class Cancel(StrictModel):
+class Cancel(RequestModel):
     type: Literal["cancel"]
     sequence: Sequence
 
@@ -133,7 +136,7 @@ class Cancel(StrictModel):
         setpoint["cancel"] = setpoint["move"]
 
 
-class Chunk(StrictModel):
+class Chunk(RequestModel):
     type: Literal["chunk"]
     sequence: Sequence
     times_s: Numbers
@@ -148,35 +151,35 @@ class Chunk(StrictModel):
         return chunk
 
 
-class Estop(StrictModel):
+class Estop(RequestModel):
     type: Literal["estop"]
 
 
-class End(StrictModel):
+class End(RequestModel):
     type: Literal["end"]
 
 
-class Stop(StrictModel):
+class Stop(RequestModel):
     """Stop every robot of the service, like `POST /stop`. The answer has the number of the newest stop."""
 
     type: Literal["stop"]
     number: int = Field(0, ge=0, le=2**31)
 
 
-class Control(StrictModel):
+class Control(RequestModel):
     type: Literal["control"]
     timeout_s: float = Field(TIMEOUT_S, ge=TIMEOUTS_S[0], le=TIMEOUTS_S[1])
 
 
-class Release(StrictModel):
+class Release(RequestModel):
     type: Literal["release"]
 
 
-class JogFrame(StrictModel):
+class JogFrame(RequestModel):
     """The velocities of a jog. A frame without velocities ends the jog."""
 
     type: Literal["jog"]
-    joints: Numbers | None = None
+    joints: SomeNumbers | None = None
     twist: Annotated[list[Finite], Field(min_length=6, max_length=6)] | None = None
     frame: Literal["base", "tool"] = "base"
 

@@ -1,7 +1,8 @@
 """Fields of ROS messages in their three forms: JSON as in rosbridge v2, checked; what `rosbags` works with.
 
-In JSON a message is an object, a list is a list, uint8[] and char[] are base64 (lists are taken too), and a
-number that is none is null. Checked values are complete: every field is there, in range, and of its type.
+In JSON a message is an object, a list is a list, uint8[] and char[] are base64 (lists are accepted too), and
+a number that is none is null. As in `cobot.loose_lists`, one item is a list of one, and `[]` is nothing.
+Checked values are complete: every field is there, in range, and of its type.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 ROS1_TIMES = {"secs": "sec", "nsecs": "nanosec"}
 """roslibpy writes times with the names of ROS 1 only."""
 _DTYPES = {"bool": "bool", "byte": "uint8", "octet": "uint8", "char": "uint8"}
+BARE: dict[str, tuple[type, ...]] = {"bool": (bool,), "string": (str,), "wstring": (str,)}
+"""Types of an item that is a list of one without its brackets; else a number."""
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 
@@ -124,6 +127,9 @@ class ListField:
         self._floats = isinstance(item, Scalar) and item.name == "float64"
         name = item.name if isinstance(item, Scalar) else "string"
         self._dtype = None if name.endswith("string") else np.dtype(_DTYPES.get(name, name))
+        self._bare: tuple[type, ...] = (
+            (dict,) if not isinstance(item, Scalar) else BARE.get(name, (int, float))
+        )
         self._default = None if default is None else self.check(default, "default")
 
     def default(self) -> list[Any]:
@@ -133,7 +139,9 @@ class ListField:
 
     def check(self, value: Any, path: str) -> list[Any]:
         if not isinstance(value, list):
-            raise InputError(f"{path}: must be a list, got {shown(value)}")
+            if type(value) not in self._bare:
+                raise InputError(f"{path}: must be a list, got {shown(value)}")
+            value = [value]
         _check_length(len(value), self._size, self._bound, path)
         if self._floats and (kinds := set(map(type, value))) <= {float, int}:  # the usual, many times as fast
             with contextlib.suppress(OverflowError):
@@ -219,7 +227,9 @@ class Record:
                 raise value.problem
             return value
         if not isinstance(value, dict):
-            raise InputError(f"{path}{': ' if path else ''}must be an object, got {shown(value)}")
+            if value != []:
+                raise InputError(f"{path}{': ' if path else ''}must be an object, got {shown(value)}")
+            value = {}
         fields = self.fields
         if self.name in TIMES and not value.keys().isdisjoint(ROS1_TIMES):
             value = {ROS1_TIMES.get(name, name): item for name, item in value.items()}
@@ -228,7 +238,7 @@ class Record:
             raise InputError(f"{path}{': ' if path else ''}{unknown_key(name, list(fields))}")
         below = f"{path}." if path else ""
         return {
-            name: item.check(value[name], below + name) if name in value else item.default()
+            name: item.check(value[name], below + name) if _is_given(value, name, item) else item.default()
             for name, (_, item) in fields.items()
         }
 
@@ -248,6 +258,11 @@ def without_nan(value: Any) -> Any:
     if isinstance(value, list):
         return [without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _is_given(message: dict[str, Any], name: str, field: Field) -> bool:
+    """Whether a message has a value for a field: an empty list is none for a scalar."""
+    return name in message and not (isinstance(field, Scalar) and message[name] == [])
 
 
 def _zero(name: str) -> Any:

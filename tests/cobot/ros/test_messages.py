@@ -129,6 +129,28 @@ def test_defaults_are_nobody_elses(messages: Messages) -> None:
     assert messages.default("geometry_msgs/msg/PoseStamped")["pose"]["position"]["x"] == 0.0
 
 
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+
+
+@pytest.mark.parametrize(
+    ("name", "written", "meant"),
+    [
+        ("sensor_msgs/msg/JointState", {"position": 0.5}, {"position": [0.5]}),
+        ("sensor_msgs/msg/JointState", {"name": "joint1"}, {"name": ["joint1"]}),
+        (TRAJECTORY, {"points": {"positions": 1}}, {"points": [{"positions": [1.0]}]}),
+        (TRAJECTORY, {"header": [], "points": []}, {}),
+        ("sensor_msgs/msg/JointState", {"header": {"frame_id": []}}, {}),
+        ("std_msgs/msg/Bool", {"data": []}, {"data": False}),
+        ("std_msgs/msg/String", [], {}),
+    ],
+)
+def test_lists_of_one_without_brackets_and_an_empty_list_for_nothing_are_read(
+    messages: Messages, name: str, written: Any, meant: dict[str, Any]
+) -> None:
+    """As MATLAB writes them. Oracle: the same message with all its brackets."""
+    assert messages.checked(name, written) == messages.checked(name, meant)
+
+
 @pytest.mark.parametrize(
     ("name", "wrong", "sentence"),
     [
@@ -137,7 +159,10 @@ def test_defaults_are_nobody_elses(messages: Messages) -> None:
             {"position": [0, 0.5, 1, "x"]},
             r"position\[3\]: must be a number, got 'x'",
         ),
-        ("sensor_msgs/msg/JointState", {"position": 1.0}, "position: must be a list, got 1.0"),
+        ("sensor_msgs/msg/JointState", {"position": "1.0"}, "position: must be a list, got '1.0'"),
+        ("sensor_msgs/msg/JointState", {"position": None}, "position: must be a list, got null"),
+        ("sensor_msgs/msg/JointState", {"position": True}, "position: must be a list, got true"),
+        ("sensor_msgs/msg/JointState", {"name": 1.0}, "name: must be a list, got 1.0"),
         (
             "sensor_msgs/msg/JointState",
             {"header": {"stamp": {"sec": 2**31}}},
@@ -148,8 +173,8 @@ def test_defaults_are_nobody_elses(messages: Messages) -> None:
             {"positon": []},
             r"unknown key 'positon' \(did you mean 'position'\?\)",
         ),
-        ("sensor_msgs/msg/JointState", {"header": []}, r"header: must be an object, got \[\]"),
-        ("sensor_msgs/msg/JointState", [], r"JointState: must be an object"),
+        ("sensor_msgs/msg/JointState", {"header": [1]}, r"header: must be an object, got \[1\]"),
+        ("sensor_msgs/msg/JointState", [1], r"JointState: must be an object"),
         ("std_msgs/msg/String", {"data": 3}, "data: must be a text, got 3"),
         ("std_msgs/msg/String", {"data": "\ud800"}, "data: is no valid Unicode"),
         ("std_msgs/msg/Bool", {"data": 1}, "data: must be true or false, got 1"),

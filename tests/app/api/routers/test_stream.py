@@ -22,7 +22,8 @@ from hypothesis import strategies as st
 from streaming_client import Frames
 from virtual_service import VirtualService
 
-from cobot.ipc.layout import chunk_dtype, session_dtype, setpoint_dtype
+from app.api.stream_frames import read_frame
+from cobot.ipc.layout import Stream, chunk_dtype, session_dtype, setpoint_dtype
 from cobot.ipc.state_fields import state_dtype
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -435,6 +436,24 @@ def test_a_page_of_somebody_elses_cannot_connect(run: VirtualService) -> None:
     assert "a page of http://evil.example may not move the robot" in refused.value.body.decode()
     with connect(run, origin=run.url) as page:
         assert page.hello["type"] == "hello"
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ({"type": "target", "sequence": 1, "joints": 0.5, "velocities": []}, {"joints": [0.5]}),
+        ({"type": "chunk", "sequence": 1, "times_s": 0.1, "points": [0.1, 0.2]}, {"points": [[0.1, 0.2]]}),
+        ({"type": "session", "stiffness": [], "force_axes": []}, {"stiffness": None, "force_axes": None}),
+        ({"type": "jog", "joints": [], "twist": []}, {"joints": None, "twist": None}),
+    ],
+)
+def test_lists_of_one_without_brackets_and_an_empty_list_for_nothing_are_read(
+    written: dict[str, Any], meant: dict[str, Any]
+) -> None:
+    """As MATLAB writes them, as in the bodies of requests."""
+    frame = read_frame(written, Stream.JOINT_IMPEDANCE)
+    assert {name: getattr(frame, name) for name in meant} == meant
+    assert frame == read_frame({**written, **meant}, Stream.JOINT_IMPEDANCE)
 
 
 def test_a_chunk_of_poses_is_for_nobody(client: Frames) -> None:
