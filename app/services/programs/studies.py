@@ -395,10 +395,13 @@ class StudyService:
         return error is None
 
     def _with_run(self, status: StudyStatus) -> StudyStatus:
-        """A study as it is now: what the file says of a running one is old."""
+        """A study as it is now: what the file says of a running one is old.
+
+        It is running until the next one can be started.
+        """
         run = self._run
         if run is not None and run.status.id == status.id:
-            return run.status
+            return replace(run.status, state="running", reason="")
         if status.state == "running":
             return replace(status, state="partial", reason=ENDED, rate_hz=0.0, left_s=None)
         return status

@@ -281,6 +281,22 @@ def test_what_a_study_may_not_ask_for_is_rejected_and_leaves_nothing(tmp_path: P
     asyncio.run(scenario())
 
 
+def test_another_study_can_be_started_once_one_is_rejected_or_finished(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with bench(tmp_path) as made:
+            with pytest.raises(InputError, match="spacing"):
+                await made.start(REACH | {"space": SPACE | {"spacing_m": -1.0}})
+            status = await made.start(REACH)
+
+            async def is_finished() -> bool:
+                return (await made.service.read(status.id)).state == "finished"
+
+            await made.until(is_finished)
+            await made.wait(await made.start(REACH | {"seed": 5}))
+
+    asyncio.run(scenario())
+
+
 def test_studies_are_bounded_in_number_and_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     async def scenario() -> None:
         async with bench(tmp_path) as made:
