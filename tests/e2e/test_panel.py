@@ -26,6 +26,7 @@ from panel.setting_up import *  # noqa: F403
 from panel.standing import *  # noqa: F403
 from panel.stopping import *  # noqa: F403
 from panel.storing import *  # noqa: F403
+from panel.studying import *  # noqa: F403
 from panel.teaching import *  # noqa: F403
 from panel.watching import *  # noqa: F403
 

@@ -2,6 +2,7 @@
 import { Archives } from "./archives.js";
 import { tcpOf } from "./kinematics.js";
 import { Surroundings } from "./solids.js";
+import { Studies } from "./studies.js";
 import { Tabs } from "./tabs.js";
 import { Tool } from "./tool.js";
 import { inEachLanguage, word } from "./words.js";
@@ -16,7 +17,7 @@ function cell(tag, text) {
 }
 
 export class Setup {
-  // now: {state, geometry}; either may be missing.
+  // now: {state, geometry, view}; each may be missing.
   constructor(api, now) {
     this.tool = new Tool(api, () => now().state);
     this.surroundings = new Surroundings(api, () => {
@@ -24,6 +25,7 @@ export class Setup {
       return state && geometry ? tcpOf(geometry, state.commanded_position) : null;
     });
     this.archives = new Archives(api);
+    this.studies = new Studies(api, () => now().view);
     this.ranges = [];
     const tabs = [...element("parts").children];
     this.parts = new Tabs(element("parts"), tabs, (chosen) => {
@@ -37,10 +39,12 @@ export class Setup {
   choose() {
     this.tool.choose();
     this.surroundings.choose();
+    this.studies.clear();
   }
 
   hear(event) {
     if (LOOKED_AT.includes(event.type)) this.look();
+    this.studies.hear(event);
   }
 
   describe(ranges) {

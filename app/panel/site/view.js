@@ -11,6 +11,7 @@ const UP = new THREE.Vector3(0, 0, 1);
 const VIEWS = { iso: [1.55, -1.5, 0.65], front: [2.25, 0, 0.1], top: [0.001, 0, 2.3] };
 const SIZE = 1.3;
 const GIZMO_PX = 84;
+const MAP_SHARE = 0.6; // size of a point of a map, as a share of the distance of neighbours
 const SHADOW_M = 0.45; // radius of the soft shadow under the arm
 
 export class View {
@@ -37,7 +38,7 @@ export class View {
     this.controls.update();
     this.blamed = ""; // what a fault says, of which the links that it names are red
     this.framed = false;
-    this.arm = this.ghost = this.path = this.way = this.plan = this.still = this.joints = null;
+    this.arm = this.ghost = this.path = this.way = this.map = this.plan = this.still = this.joints = null;
     this.parts = new Map(); // of a simulated cell, by name and shape
     this.looks = new Map(); // what the links look like, by name
     this.collision = false; // the shapes of the collision checks are shown in place of the looks
@@ -139,6 +140,7 @@ export class View {
   look(view) {
     if (!this.arm) return;
     const box = new THREE.Box3().setFromObject(this.arm.groups[this.geometry.base]);
+    if (this.map) box.expandByObject(this.map);
     if (box.isEmpty()) return;
     this.framed = true;
     const from = VIEWS[view] ? new THREE.Vector3(...VIEWS[view]) : this.camera.position.clone().sub(this.controls.target);
@@ -177,6 +179,17 @@ export class View {
       mesh.position.set(...part.position);
       mesh.quaternion.set(...part.quaternion);
     });
+    this.draw();
+  }
+
+  // A map: its points, their colours as sRGB with opacity, and the distance of neighbours. null for none.
+  showMap(map) {
+    const fit = !map !== !this.map;
+    this.map?.removeFromParent();
+    for (const part of this.map ? [this.map.geometry, this.map.material] : []) part.dispose();
+    this.map = map && points(map);
+    if (this.map) this.scene.add(this.map);
+    if (fit) this.look("fit");
     this.draw();
   }
 
@@ -261,4 +274,14 @@ function shadow() {
   const made = new THREE.Mesh(new THREE.CircleGeometry(SHADOW_M, 32), new THREE.MeshBasicMaterial({ map, transparent: true, depthWrite: false }));
   made.position.z = 0.001;
   return made;
+}
+
+function points({ positions, colours, spacing }) {
+  const shape = new THREE.BufferGeometry();
+  const color = new THREE.Color();
+  const linear = colours.flatMap(([red, green, blue, opacity]) => [...color.setRGB(red, green, blue, THREE.SRGBColorSpace), opacity]);
+  shape.setAttribute("position", new THREE.Float32BufferAttribute(positions.flat(), 3));
+  shape.setAttribute("color", new THREE.Float32BufferAttribute(linear, 4));
+  const look = new THREE.PointsMaterial({ size: MAP_SHARE * spacing, vertexColors: true, transparent: true, depthWrite: false });
+  return new THREE.Points(shape, look);
 }
