@@ -115,7 +115,8 @@ class Connection:
         """
         url, part = self._url(path), file.with_name(f"{file.name}.part")
         try:
-            with self._stream(path) as response, part.open("wb") as out:
+            part.unlink(missing_ok=True)  # and what it may link to stays as it is
+            with self._stream(path) as response, part.open("xb") as out:
                 for piece in response.iter_bytes():
                     out.write(piece)
             part.replace(file)

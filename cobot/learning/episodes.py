@@ -22,6 +22,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from cobot.client.states import GripperReading
 from cobot.errors import InputError
+from cobot.folders import open_new
 from cobot.ipc.layout import GripperObject
 from cobot.ipc.state_fields import GRIPPER as GRIPPER_TOPIC
 from cobot.learning.png import pixels_of_png
@@ -61,7 +62,7 @@ class EpisodeWriter:
         self._store = _types()
         self._part = path.with_name(path.name + UNFINISHED)
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        self._file = self._part.open("wb")
+        self._file = open_new(self._part)
         try:
             self._writer = Writer(self._file, compression=CompressionType.ZSTD)
             self._writer.start("ros2", f"cobot {version('cobot')}")

@@ -17,6 +17,7 @@ from mcap.records import Channel, Message
 from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
+from cobot.folders import open_new
 from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.state_fields import CYCLE, GRIPPER
 from cobot.recording.bounds import bounded_records
@@ -59,7 +60,7 @@ class RecordingFile:
         self._messages, self._ahead_ns = messages, ahead_ns
         self._part = path.with_name(path.name + UNFINISHED)
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        self._file = self._part.open("wb")
+        self._file = open_new(self._part)
         try:
             self._writer = Writer(self._file, CHUNK_BYTES, CompressionType.ZSTD)
             self._writer.start("ros2", f"cobot {version('cobot')}")

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from cobot.errors import InputError, NotFoundError
+from cobot.folders import open_new
 from cobot.strict import shown
 
 SUFFIX = ".mcap"
@@ -135,7 +136,8 @@ class RecordingStore:
         """
         file = self.folder / TRIAL
         try:
-            file.write_bytes(bytes(TRIAL_BYTES))
+            with open_new(file) as opened:
+                opened.write(bytes(TRIAL_BYTES))
         finally:
             file.unlink(missing_ok=True)
 

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cobot.errors import ConfigError, ConflictError, UnavailableError, exhausted
+from cobot.folders import open_new
 from cobot.robot.kept import keep
 from cobot.studies.chunks import Column, digest, from_bytes, joined
 from cobot.studies.orders import Order, keys_of_answer
@@ -32,6 +33,7 @@ from cobot.studies.study_file import study_of
 from cobot.studies.tables import write_table
 
 MANIFEST, CHUNKS, ANSWER, LOCK = "manifest.json", "chunks", "answer.json", ".lock"
+LOCK_FLAGS = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
 FORMAT = 1
 _NAME = re.compile(r"(\d{9})-(\d{9})-([0-9a-f]{32})\.npz")
 
@@ -60,7 +62,7 @@ class ResultsFolder:
         """
         try:
             (self.path / CHUNKS).mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            descriptor = os.open(self.path / LOCK, LOCK_FLAGS, 0o600)
         except OSError as exc:
             raise exhausted(exc) or UnavailableError(
                 f"{self.path}: cannot be written: {exc.strerror}"
@@ -137,7 +139,8 @@ class ResultsFolder:
         path = self.path / CHUNKS / f"{first:09}-{last:09}-{digest(content)[:32]}.npz"
         new = self.path / CHUNKS / "next.new"
         try:
-            new.write_bytes(content)
+            with open_new(new) as file:
+                file.write(content)
             os.replace(new, path)
         except OSError as exc:
             raise exhausted(exc) or UnavailableError(f"{path}: cannot be written: {exc.strerror}") from exc

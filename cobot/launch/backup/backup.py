@@ -24,6 +24,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from cobot.config import Settings, load_settings
 from cobot.errors import ConfigError, InputError
+from cobot.folders import open_new
 from cobot.launch.backup.archive import pack, unpack
 from cobot.robot.kept import keep, read_kept
 from cobot.robot.limits import load_joint_limits
@@ -196,7 +197,8 @@ def _require_settings(text: bytes, source: Path, robots: list[str]) -> None:
     """That the settings can be read where they will be, and are of these robots."""
     trial = source.with_name(f".{source.name}.restore")
     try:
-        trial.write_bytes(text)
+        with open_new(trial) as file:
+            file.write(text)
         found = list(load_settings(trial).each)
     except ConfigError as exc:
         raise InputError(f"{SETTINGS} of the backup: {str(exc).replace(str(trial), SETTINGS)}") from exc
