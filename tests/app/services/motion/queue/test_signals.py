@@ -7,80 +7,20 @@ has to fire in the first cycle whose command is that far along.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
 from independent_models import second_robot
+from queued_actions import HOME, Json, Queue, reached, setting
 from wired_arm import WiredService
 
 from cobot.types import LoopMode
 
-HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 A, B, C = ([turn, lift, *HOME[2:]] for turn, lift in ((0.6, 0.0), (0.6, 0.4), (0.1, 0.4)))
 RADIUS_M = 0.05
 START = {"x": 0.55, "y": 0.0, "z": 0.6, "b": 3.14159, "speed": 0.8}
 DOWN = {"x": 0.55, "y": 0.0, "z": 0.45, "b": 3.14159, "planner": "lin", "speed": 0.2}
 PART = {"input": "part", "is": True}
-Json = dict[str, Any]
-
-
-class Queue:
-    """The queue of one robot, and the cycle in which each output was set.
-
-    Attributes:
-        fired: value of the output, and how many commands were written since the test began.
-    """
-
-    def __init__(self, run: WiredService) -> None:
-        self.run, self.since = run, len(run.rig.commanded)
-        self.fired: list[tuple[float, int]] = []
-
-    def note(self, name: str, value: float) -> None:
-        self.fired.append((value, len(self.run.rig.commanded) - self.since))
-
-    def add(self, goal: list[float] | Json, radius_m: float = 0.0, path: str = "", **fields: Any) -> str:
-        answer = self.ask(goal, radius_m, path, **fields)
-        assert answer.status_code == 202, answer.text
-        number: str = answer.json()["id"]
-        return number
-
-    def ask(self, goal: list[float] | Json, radius_m: float = 0.0, path: str = "", **fields: Any) -> Any:
-        body = {"joints": goal, "speed": 0.3} if isinstance(goal, list) else goal
-        path = path or ("/robot/move/pose" if "x" in body else "/robot/move/joints")
-        return self.run.post(f"{path}?queue=true&blend_radius={radius_m}", body | fields)
-
-    def job(self, number: str) -> Json:
-        found: Json = self.run.get(f"/jobs/{number}").raise_for_status().json()
-        return found
-
-    def until(self, number: str, state: str = "finished") -> None:
-        self.run.until(lambda: self.job(number)["state"] == state)
-
-    def states(self, *numbers: str) -> list[str]:
-        return [self.job(number)["state"] for number in numbers]
-
-    def fates(self, number: str) -> list[bool | None]:
-        return [each["fired"] for each in self.job(number)["actions"]]
-
-    @property
-    def values(self) -> list[float]:
-        return [value for value, _ in self.fired]
-
-    @property
-    def commanded(self) -> np.ndarray:
-        return np.array(self.run.rig.commanded[self.since :])
-
-    def lengths_m(self) -> np.ndarray:
-        """How long the path of the TCP is up to each command."""
-        places = second_robot().path(self.commanded)[0]
-        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(steps)])
-
-    def rests(self) -> int:
-        """How many cycles the arm stood still between its first and its last movement."""
-        moves = np.flatnonzero(np.abs(np.diff(self.commanded, axis=0)).max(axis=1) > 1e-7)
-        return int(moves[-1] - moves[0] + 1 - len(moves))
 
 
 @pytest.fixture(scope="module")
@@ -90,45 +30,28 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WiredService]:
 
 
 @pytest.fixture
-def queue(service: WiredService, monkeypatch: pytest.MonkeyPatch) -> Iterator[Queue]:
+def queue(service: WiredService) -> Iterator[Queue]:
     service.cycles[service.name].watch = lambda: None
     service.arm.push = np.zeros(6)
     if service.rig.mode is not LoopMode.HOLD:
         service.post("/robot/reset").raise_for_status()
     service.go_home()
     service.arm.wire()
-    made, set_output = Queue(service), service.arm.set_output
-
-    def noted(name: str, value: float) -> None:
-        set_output(name, value)
-        made.note(name, value)
-
-    monkeypatch.setattr(service.arm, "set_output", noted)
-    yield made
+    made = Queue(service)
+    with made.noting():
+        yield made
     service.post("/stop").raise_for_status()
     service.post("/robot/speed_override", {"fraction": 1.0}).raise_for_status()
-
-
-def setting(value: float, **at: Any) -> Json:
-    return {"at": at, "set": {"output": "pressure", "value": value}}
-
-
-def reached(lengths_m: np.ndarray, place_m: float) -> int:
-    """The first command that is so far along the path."""
-    return int(np.argmax(lengths_m >= place_m - 1e-7))
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_actions_fire_once_in_their_cycle_through_a_blend_under_overrides_and_pauses(
     queue: Queue, seed: int
 ) -> None:
-    random, run = np.random.default_rng(seed), queue.run
+    random = np.random.default_rng(seed)
     first = queue.add(A, RADIUS_M, actions=[setting(1.0, distance_m=0.05), setting(2.0, distance_m=0.2)])
     last = queue.add(B, actions=[setting(3.0, **{"distance_m": 0.05, "from": "end"})])
-    for _ in range(int(random.integers(0, 6))):
-        run.sleep(float(random.uniform(0.01, 0.3)))
-        run.post("/robot/speed_override", {"fraction": float(random.choice([0.0, 0.1, 0.5, 1.0]))})
-    run.post("/robot/speed_override", {"fraction": 1.0}).raise_for_status()
+    queue.vary_speed(random, int(random.integers(0, 6)))
     queue.until(last)
     lengths_m = queue.lengths_m()
     places_m = [0.05, 0.2, lengths_m[-1] - 0.05]
