@@ -10,6 +10,7 @@ import yaml
 from numpy.typing import NDArray
 
 from cobot.errors import ConfigError
+from cobot.launch.robot_file.meshes import LARGE_M
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits
@@ -31,6 +32,9 @@ MANY_TURNS_RAD = 8.0 * np.pi
 EFFORT_RESERVE = 2.5
 """Guessed effort, as a multiple of the largest need for gravity and the guessed acceleration in the
 samples."""
+
+EARTH = (0.0, 0.0, -9.81)
+"""Gravity, m/s²."""
 
 
 def frames(
@@ -162,6 +166,20 @@ def stream_margin(
         f"within the usual {1e3 * usual_m:.0f} mm, {1e3 * least_m:.0f} mm at least"
     )
     return round(margin_m, 3)
+
+
+def report_odd_world(mj: mujoco.MjModel, guessed: list[str]) -> None:
+    """Report origins that look like millimetres, and a gravity that is not the Earth's."""
+    moving = mj.body_weldid != 0
+    length_m = float(np.linalg.norm(mj.body_pos[moving], axis=1).sum())
+    if length_m >= LARGE_M:
+        guessed.append(
+            f"the origins of the moving links add up to {length_m:.4g} m, which looks like millimetres: "
+            "URDF and MJCF have metres"
+        )
+    if not np.allclose(mj.opt.gravity, EARTH, atol=0.05):
+        words = ", ".join(f"{value:.4g}" for value in mj.opt.gravity)
+        guessed.append(f"gravity is that of the file: {words} m/s² along x, y, z of the world")
 
 
 def shapeless(robot: RobotModel, guessed: list[str]) -> None:

@@ -20,6 +20,7 @@ import yaml
 
 from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import ConfigError
+from cobot.ipc.shm import MAX_DOF
 from cobot.launch.new_robot import efforts, guesses, home_posture, masses
 from cobot.launch.new_robot.fingers import FingerPair, add_tcp, sliding_pair
 from cobot.launch.new_robot.inertials import Stated, set_aside
@@ -147,6 +148,7 @@ class NewRobot:
         check_supported(self.file, root, limits, self.without)
         guesses.write_limits(limits, folder / "joint_limits.yaml")
         guesses.shapeless(robot, self.guessed)
+        guesses.report_odd_world(mj, self.guessed)
         touching = guesses.pairs_that_touch(robot, semantics.pairs, self.guessed)
         pairs = [*semantics.pairs, *touching]
         for first, second in pairs:
@@ -254,6 +256,11 @@ class NewRobot:
         rods = tree.linkages(chain)
         remove_shapes(rods)
         joints = [node.name for node in chain]
+        if len(joints) > MAX_DOF:
+            raise ConfigError(
+                f"{self.file}: the arm has {len(joints)} joints, allowed are up to {MAX_DOF}; name those "
+                "that drives move with --actuators, or leave out others with --without"
+            )
         resting = self._leave_out(
             spec,
             joints,

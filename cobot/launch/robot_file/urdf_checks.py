@@ -12,6 +12,7 @@ from cobot.errors import ConfigError
 from cobot.xml_file import is_printable, number, numbers, shown, where
 
 MAX_LINKS = 1000
+MAX_ORIGIN_M = 1000.0
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 SHAPES = {"box": (("size", 3),), "cylinder": (("radius", 1), ("length", 1)), "sphere": (("radius", 1),),
           "capsule": (("radius", 1), ("length", 1))}  # fmt: skip
@@ -142,7 +143,11 @@ def _check_mimic(file: Path, mimic: Element, of: str, joints: dict[str, Element]
 
 def _check_origin(file: Path, element: Element, of: str) -> None:
     if (origin := element.find("origin")) is not None:
-        numbers(file, origin, "xyz", of, 3, ZERO)
+        if max(map(abs, numbers(file, origin, "xyz", of, 3, ZERO))) > MAX_ORIGIN_M:
+            raise ConfigError(
+                f"{where(file, origin)}: {of}: xyz of <origin> is {shown(origin.get('xyz', ''))}; up to "
+                f"{MAX_ORIGIN_M:g} m are allowed, and URDF has metres"
+            )
         numbers(file, origin, "rpy", of, 3, ZERO)
 
 

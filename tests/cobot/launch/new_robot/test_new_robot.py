@@ -145,6 +145,47 @@ def test_what_was_guessed_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert limits["joint_limits"]["j"]["max_position"] == pytest.approx(np.pi / 2)
 
 
+def test_an_arm_with_too_many_joints_is_rejected_with_a_way_out_that_works(tmp_path: Path) -> None:
+    file = tmp_path / "snake.urdf"
+    joints = [("r", (0, 0, 1), (0.0, 0.0, 0.05))] * 17
+    file.write_text(urdf(joints))
+    with pytest.raises(ConfigError, match=r"snake\.urdf: the arm has 17 joints, allowed are up to 16; name"):
+        NewRobot(file).write(tmp_path / "made")
+    for way in ({"without": ["a16"]}, {"actuators": ["a0", "a1"]}):
+        folder = tmp_path / next(iter(way))
+        NewRobot(file, **way).write(folder)
+        assert load_robot(load_settings(folder / "cobot-setting.yaml")).limits.dof in (16, 2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("", "", ""),
+        (
+            "0.0 0.0 0.3",
+            "0.0 0.0 300",
+            "the origins of the moving links add up to 600.1 m, which looks like millimetres",
+        ),
+        (
+            "</robot>",
+            '<mujoco><option gravity="0 0 0"/></mujoco></robot>',
+            "gravity is that of the file: 0, 0, 0 m/s² along x, y, z of the world",
+        ),
+    ],
+)
+def test_origins_in_millimetres_and_another_gravity_are_reported(
+    tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
+    file = tmp_path / "arm.urdf"
+    text = urdf([("r", (0, 0, 1), (0.0, 0.0, 0.3)), ("r", (0, 1, 0), (0.0, 0.0, 0.3))])
+    assert old in text
+    file.write_text(text.replace(old, new))
+    new_robot = NewRobot(file)
+    new_robot.write(tmp_path / "made")
+    said = [each for each in new_robot.guessed if "add up to" in each or "gravity" in each]
+    assert [each[: len(sentence)] for each in said] == ([sentence] if sentence else []), said
+
+
 def test_links_of_which_always_some_shapes_touch_may_touch(tmp_path: Path) -> None:
     """A ring of spheres turns past one of the forearm: which of them touches it depends on the joints."""
     ring = "".join(

@@ -119,6 +119,7 @@ WRONG = {
     "radius": ('radius="0.03"', 'radius="-0.03"', "radius of <sphere> is '-0.03'; it must be above 0 m"),
     "shape": ('<sphere radius="0.03"/>', "<cone/>", "<cone> is not a shape of URDF; valid are: mesh, box"),
     "no shape": ('<sphere radius="0.03"/>', "", "its <collision> has no shape"),
+    "origin": ('origin xyz="0 0 0.05"', 'origin xyz="0 0 2e3"', "xyz of <origin> is '0 0 2e3'; up to 1000 m"),
     "scale": ('<sphere radius="0.03"/>', '<mesh filename="a" scale="1 0 1"/>', "scale of <mesh> has a 0"),
     "inertia": (' iyz="0"', "", "iyz of <inertia> is missing; give a decimal number"),
     "mimic": ("<limit ", '<mimic joint="ghost"/><limit ', "mimics 'ghost', which is not a joint of"),
