@@ -35,7 +35,7 @@ from cobot.launch.robot_file.telescope import find_telescopes
 from cobot.launch.robot_file.tree import JointTree, Node
 from cobot.launch.robot_file.urdf import read_joints, read_urdf
 from cobot.launch.robot_file.urdf_checks import check_urdf
-from cobot.launch.robot_file.urdf_limits import check_driven, check_supported
+from cobot.launch.robot_file.urdf_limits import check_driven, check_supported, soft_limits
 from cobot.launch.robot_file.visuals import Visuals
 from cobot.launch.robot_file.worker import Worker
 from cobot.launch.robot_file.xml_file import read_xml
@@ -95,6 +95,7 @@ class NewRobot:
     xacro: Mapping[str, str] = field(default_factory=dict)
     guessed: list[str] = field(default_factory=list)
     _last_link: str = ""
+    _soft_limits: dict[str, str] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
         """Make the folder.
@@ -146,6 +147,7 @@ class NewRobot:
         robot = self._load(folder, limits, base, tcp)
         limits = replace(robot.limits, max_effort=guesses.efforts(robot, self.guessed))
         check_supported(self.file, root, limits, self.without)
+        self.guessed += [self._soft_limits[name] for name in limits.names if name in self._soft_limits]
         guesses.write_limits(limits, folder / "joint_limits.yaml")
         guesses.shapeless(robot, self.guessed)
         guesses.report_odd_world(mj, self.guessed)
@@ -193,6 +195,7 @@ class NewRobot:
             names = [joint.name for joint in spec.joints]
             return _Source(spec, mjcf_rates(spec), names, None, Tree.of_mjcf(spec))
         check_urdf(self.file, root)
+        self._soft_limits = soft_limits(self.file, root)
         rates = urdf_rates(self.file, root)
         still = {
             str(joint.get("name"))

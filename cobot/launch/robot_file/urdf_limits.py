@@ -82,6 +82,28 @@ def check_supported(file: Path, root: Element, limits: JointLimits, without: Seq
     )
 
 
+def soft_limits(file: Path, root: Element) -> dict[str, str]:
+    """Sentences on the joints whose <safety_controller> states a narrower range than <limit>, by name.
+
+    Nothing applies it: it is where another program's controller begins to slow the joint down.
+    """
+    found = {}
+    for joint in root.findall("joint"):
+        name, soft, limit = str(joint.get("name")), joint.find("safety_controller"), joint.find("limit")
+        if soft is None or limit is None or joint.get("type") == "continuous":
+            continue
+        of = f"joint {name!r}"
+        hard = number(file, limit, "lower", of, 0.0), number(file, limit, "upper", of, 0.0)
+        low = number(file, soft, "soft_lower_limit", of, hard[0])
+        high = number(file, soft, "soft_upper_limit", of, hard[1])
+        if low < high and (low > hard[0] or high < hard[1]):
+            found[name] = (
+                f"{name}: <safety_controller> has soft limits of {low:.6g} to {high:.6g}, which are not "
+                "applied; to keep them, narrow min_position and max_position in joint_limits.yaml"
+            )
+    return found
+
+
 def _is_rangeless(joint: Element) -> bool:
     limit = joint.find("limit")
     return joint.get("type") in WAYS_OUT and (limit is None or "lower" not in limit.attrib)

@@ -186,6 +186,26 @@ def test_origins_in_millimetres_and_another_gravity_are_reported(
     assert [each[: len(sentence)] for each in said] == ([sentence] if sentence else []), said
 
 
+@pytest.mark.parametrize(
+    ("soft", "range_told"),
+    [
+        ('soft_lower_limit="-1" soft_upper_limit="1.5"', "-1 to 1.5"),
+        ('soft_upper_limit="1.5"', "-2.9 to 1.5"),
+        ('soft_lower_limit="-2.9" soft_upper_limit="2.9"', ""),
+        ("", ""),
+    ],
+)
+def test_narrower_soft_limits_are_reported(tmp_path: Path, soft: str, range_told: str) -> None:
+    file = tmp_path / "arm.urdf"
+    text = urdf([("r", (0, 0, 1), (0.0, 0.0, 0.3)), ("r", (0, 1, 0), (0.0, 0.0, 0.3))])
+    file.write_text(text.replace("<limit ", f'<safety_controller k_velocity="10" {soft}/><limit ', 1))
+    new_robot = NewRobot(file)
+    new_robot.write(tmp_path / "made")
+    said = [each for each in new_robot.guessed if "soft limits" in each]
+    assert len(said) == bool(range_told)
+    assert all(each.startswith(f"a0: <safety_controller> has soft limits of {range_told},") for each in said)
+
+
 def test_links_of_which_always_some_shapes_touch_may_touch(tmp_path: Path) -> None:
     """A ring of spheres turns past one of the forearm: which of them touches it depends on the joints."""
     ring = "".join(
