@@ -27,7 +27,9 @@ function solid({ shape, size, mesh }, meshes) {
 
 function material([red, green, blue, alpha], ghost, vertexColors = false) {
   if (ghost) {
-    return new THREE.MeshLambertMaterial({ color: 0x12a150, transparent: true, opacity: 0.35, depthWrite: false });
+    const look = { color: 0x12a150, transparent: true, opacity: 0.35, depthWrite: false };
+    const behind = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 4 }; // the arm where both are
+    return new THREE.MeshLambertMaterial({ ...look, ...behind });
   }
   const color = new THREE.Color().setRGB(red, green, blue, THREE.SRGBColorSpace);
   return new THREE.MeshLambertMaterial({ color, transparent: alpha < 1, opacity: alpha, vertexColors });

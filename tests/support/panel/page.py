@@ -124,6 +124,8 @@ class Panel:
             "window.cobotPanel?.view?.arm && cobotPanel.view.joints"
             " && document.querySelector('[data-position]')"
         )
+        if PICTURES:  # in place of a name that is unique on this computer
+            self.page.run("document.querySelector('#robot-name').textContent = 'iiwa'")
 
     def until(self, script: str) -> Any:
         def holds() -> bool:
