@@ -21,6 +21,9 @@ cdef double APPROACH_M = 1e-5
 cdef double PROBE_RAD = 0.02
 # So near beyond the margin links slow down for each other, and count when a way out is looked for.
 cdef double NEAR_M = 0.01
+# Links slow down for each other only where stopping would take more than this share of their room: many pass
+# each other closely all the time, and none is approached by that.
+cdef double LINK_ROOM = 0.5
 
 
 cdef class CollisionMonitor:
@@ -40,6 +43,7 @@ cdef class CollisionMonitor:
             self._max_acceleration[joint] = limits.max_acceleration[joint]
             self._jerk_s[joint] = limits.max_acceleration[joint] / limits.max_jerk[joint]
         self._tool = self._mj.body_weldid[self._mj.site_bodyid[model.tcp_site]]
+        self._stand = _stand(model.mj)
         self._margin_m = section.collision_margin_m
         self._zone_m = section.slow_down_m
         self._pairs = [
@@ -50,8 +54,10 @@ cdef class CollisionMonitor:
         self._distances = GeomDistances(self._mj, len(self._pairs), self._margin_m + self._zone_m)
         room = max(1, len(self._pairs))
         self._rows, self._blocking = np.zeros((3, room)), np.zeros(room, np.int8)
+        self._links = np.zeros(room, np.int8)
         self._c_zones_m = doubles(self._rows, 3 * room)
         self._c_here, self._c_there = &self._c_zones_m[room], &self._c_zones_m[2 * room]
+        self._c_links = bytes_of(self._links, room)
         self._c_blocking = bytes_of(self._blocking, room)
         self._watched = []
         self.share = 1.0
@@ -70,7 +76,8 @@ cdef class CollisionMonitor:
         self._blocking[...] = False
         for index, pair in enumerate(watched):
             # The arm's own links are always near each other: they only slow down where it is tight.
-            self._rows[0, index] = self._zone_m if self._has_world(pair) else NEAR_M
+            self._links[index] = not self._has_world(pair)
+            self._rows[0, index] = NEAR_M if self._links[index] else self._zone_m
         self._cycle = 0
         self.share = 1.0
         self.blocked = False
@@ -112,12 +119,18 @@ cdef class CollisionMonitor:
         cdef const double* here = self._c_here
         cdef const double* there = self._c_there
         cdef double share = 1.0
+        cdef double left_m, zone_m
         cdef bint blocked = False
         cdef int index
         for index in range(self._distances.count):
             if there[index] < here[index] - APPROACH_M:
-                blocked = blocked or there[index] < self._margin_m
-                share = fmin(share, (there[index] - self._margin_m) / self._c_zones_m[index])
+                left_m, zone_m = there[index] - self._margin_m, self._c_zones_m[index]
+                if left_m < 0.0:
+                    blocked, share = True, 0.0
+                    continue
+                if self._c_links[index]:
+                    zone_m = fmin(zone_m, LINK_ROOM * (here[index] - self._margin_m))
+                share = fmin(share, left_m / zone_m)
         self.blocked = blocked
         self.share = fmax(MIN_SHARE, share)
         if blocked:
@@ -155,8 +168,23 @@ cdef class CollisionMonitor:
         return True
 
     def _has_world(self, pair):
-        return any(self._mj.body_weldid[self._mj.geom_bodyid[geom]] == 0 for geom in pair)
+        return any(
+            self._mj.body_weldid[body] == 0 and self._mj.body(body).name not in self._stand
+            for body in (self._mj.geom_bodyid[geom] for geom in pair)
+        )
 
     def _is_tool_work(self, pair):
         bodies = {int(self._mj.body_weldid[self._mj.geom_bodyid[geom]]) for geom in pair}
         return bodies == {0, self._tool}
+
+
+def _stand(mj):
+    """Names of the bodies that the first joint stands on, with what is fixed to it: they are the arm's own,
+    although they stand still like the world. What is below them is not.
+    """
+    first = int(mj.body_parentid[mj.jnt_bodyid[0]])
+    bodies = {first} if first else set()
+    for body in range(first + 1, mj.nbody):  # MuJoCo lists parents before their children.
+        if mj.body_weldid[body] == 0 and mj.body_parentid[body] in bodies:
+            bodies.add(body)
+    return {mj.body(body).name for body in bodies}

@@ -1,10 +1,9 @@
 """A streaming session: its admission, its streams, and the reasons for its end."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from cobot.ipc.layout import Interpolation, Intervention, ServoMode, Stream
+from cobot.robot.limits import streamed
 from cobot.types import CartesianLimits, LoopMode
 from rtloop.backends import BackendError, Impedance, ImpedanceControlled
 from rtloop.results import ACCEPTED, Rejected
@@ -66,11 +65,7 @@ cdef class Session:
         self._safety = safety
         self._period_s = period_s
         self._timeout_cycles = round(section.command_timeout_s / period_s)
-        self._stream_limits = replace(
-            limits,
-            max_velocity=np.minimum(limits.max_velocity, section.joint_velocity),
-            max_acceleration=np.minimum(limits.max_acceleration, section.joint_acceleration),
-        )
+        self._stream_limits = streamed(limits, section)
         tcp = CartesianLimits(
             section.linear_velocity,
             section.linear_acceleration,

@@ -37,6 +37,7 @@ from rtloop.streaming.feed import PointFeed, TargetFeed
 
 PERIOD_S = 1e-3
 SAMPLES = samples(100_000)
+NEAR_M = 0.01
 CYCLES = 400
 """Of a session, if nothing ends it."""
 TIMEOUT_CYCLES = 50
@@ -212,15 +213,14 @@ class Side:
         return said + [getattr(self.points, name) for name in counts]
 
 
-def a_place(robot: RobotDescription, monitor: CollisionMonitor, random: np.random.Generator) -> Array:
+def a_place(robot: RobotDescription, margin_m: float, random: np.random.Generator) -> Array:
     """Where the arm is not in anything; every other time it is near something."""
     near = random.random() < 0.5
-    monitor.begin(touching=False)
     while True:
         position = np.array(robot.positions["home"].joints) + 0.7 * random.normal(size=robot.limits.dof)
         position = np.clip(position, 0.9 * robot.limits.min_position, 0.9 * robot.limits.max_position)
-        monitor.look(np.array([position, 0.0 * position, 0.0 * position]))
-        if not monitor.blocked and (monitor.share < 1.0) == near:
+        nearest_m, next_m = np.sort(robot.collision.clearance.distances(position[None], 1.0)[0])[:2]
+        if nearest_m > margin_m and (next_m < margin_m + NEAR_M) == near:  # Two links are always near.
             return position
 
 
@@ -249,7 +249,7 @@ def test_what_a_feed_makes_of_a_client_is_what_the_law_says(
     counted, problems = np.zeros(len(Intervention), np.uint64), set()
     cycles = SAMPLES // robot.limits.dof // (5 if "servo" in kind else 1)
     while cycles > 0:
-        position = a_place(robot, other.monitor, random)
+        position = a_place(robot, settings.streaming.collision_margin_m, random)
         pose = np.zeros(7)
         robot.model.forward_into(position, pose)
         client.begin(position, pose, **{"servo_mode": 0} | KINDS[kind])

@@ -15,6 +15,7 @@ MIN_SHARE = 0.1
 APPROACH_M = 1e-5
 PROBE_RAD = 0.02
 NEAR_M = 0.01
+LINK_ROOM = 0.5
 
 
 class CollisionMonitor:
@@ -30,6 +31,7 @@ class CollisionMonitor:
         self._limits = limits
         self._watched: list[tuple[int, int]] = []
         self._here, self._there, self._zones_m = np.zeros((3, 0))
+        self._links = np.zeros(0, bool)
         self._blocking = np.zeros(0, bool)
         self._cycle = 0
         self.share = 1.0
@@ -45,7 +47,8 @@ class CollisionMonitor:
         self._here, self._there = np.zeros((2, len(self._watched)))
         self._blocking = np.zeros(len(self._watched), bool)
         # The arm's own links are always near each other: they only slow down where it is tight.
-        self._zones_m = np.array([self._zone_m if self._has_world(p) else NEAR_M for p in self._watched])
+        self._links = np.array([not self._has_world(pair) for pair in self._watched], bool)
+        self._zones_m = np.where(self._links, NEAR_M, self._zone_m)
         self._cycle = 0
         self.share = 1.0
         self.blocked = False
@@ -70,7 +73,9 @@ class CollisionMonitor:
         self.blocked = bool((room < 0.0).any())
         if self.blocked:
             np.less(room, 0.0, out=self._blocking)
-        self.share = min(1.0, max(MIN_SHARE, float((room / self._zones_m).min(initial=1.0))))
+        halves = np.where(self._links & nearer, LINK_ROOM * (here - self._margin_m), np.inf)
+        shares = np.where(room < 0.0, 0.0, room / np.minimum(self._zones_m, halves))
+        self.share = min(1.0, max(MIN_SHARE, float(shares.min(initial=1.0))))
 
     def leads_away(self, position: Array, heading: Array) -> bool:
         """Whether a joint step in this direction, shape (dof,), comes no nearer to what has blocked the way,
@@ -92,7 +97,15 @@ class CollisionMonitor:
             out[index] = mujoco.mj_geomDistance(mj, data, first, second, farthest, None)
 
     def _has_world(self, pair: tuple[int, int]) -> bool:
-        return any(self._mj.body_weldid[self._mj.geom_bodyid[geom]] == 0 for geom in pair)
+        return any(self._is_world(int(self._mj.geom_bodyid[geom])) for geom in pair)
+
+    def _is_world(self, body: int) -> bool:
+        """Whether it stands still, and no joint stands on it or on what it is fixed to."""
+        stand = int(self._mj.body_parentid[self._mj.jnt_bodyid[0]])
+        above = [body]
+        while above[-1]:
+            above.append(int(self._mj.body_parentid[above[-1]]))
+        return bool(self._mj.body_weldid[body] == 0) and (stand == 0 or stand not in above)
 
     def _is_tool_work(self, pair: tuple[int, int]) -> bool:
         bodies = {int(self._mj.body_weldid[self._mj.geom_bodyid[geom]]) for geom in pair}
