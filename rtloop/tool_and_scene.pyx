@@ -23,7 +23,7 @@ cdef class ToolAndScene:
         self._model, self._info, self._tool = model, memory.info, memory.tool
         self._max_payload_kg = settings.robot.max_payload_kg
         self._backend, self._streaming = backend, streaming
-        self.surroundings = Surroundings(settings, model, streaming.stream_limits)
+        self.surroundings = Surroundings(settings, model)
         self.known = ALL
         self.scene_known = ACCEPTED
 

@@ -56,6 +56,6 @@ cdef class Safety:
     cdef void _remember(self) noexcept nogil
     cdef void _come_back(self) noexcept nogil
     cdef void _find_calm(self) noexcept nogil
-    cdef void _state(self, double* state) noexcept nogil
+    cdef void c_motion(self, double* state) noexcept nogil
     cdef double _step_of(self, int joint) noexcept nogil
     cdef double _way(self, int joint, double speed, double acceleration) noexcept nogil

@@ -13,6 +13,7 @@ class Safety:
     Attributes:
         command: the command let through last, shape (3, dof): rad, rad/s, rad/s².
         position, velocity, acceleration: its rows.
+        motion: what the arm really does, which the command's rates may misstate, shape (3, dof).
         interventions: how often each kind of excess was caught, shape (len(Intervention),).
         intervened_ns: when the last one of each kind was, in the same order.
         counted: their sum.
@@ -30,6 +31,8 @@ class Safety:
     def velocity(self) -> Array: ...
     @property
     def acceleration(self) -> Array: ...
+    @property
+    def motion(self) -> Array: ...
     @property
     def interventions(self) -> np.ndarray: ...
     @property

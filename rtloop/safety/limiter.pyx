@@ -93,6 +93,13 @@ cdef class Safety:
         take_rates(limits, &self.own)
         self.use(limits)
 
+    @property
+    def motion(self):
+        """What the arm really does, whatever was stated, shape (3, dof)."""
+        rows = np.zeros((3, self.dof))
+        self.c_motion(doubles(rows, 3 * self.dof))
+        return rows
+
     def use(self, limits, double share=1.0, double catch_up=INFINITY):
         take_rates(limits, &self.used)
         self.share, self.catch_up = share, catch_up
@@ -176,7 +183,7 @@ cdef class Safety:
             Whether it is at rest.
         """
         cdef double state[3 * MAX_DOF]
-        self._state(state)
+        self.c_motion(state)
         cdef bint at_rest = self.tracker.c_brake(state, &self.own)
         self._let_through_pursuit()
         return at_rest
@@ -331,7 +338,7 @@ cdef class Safety:
                 if low[joint] <= reach <= high[joint]:
                     velocity[joint] = wanted
             max_velocity[joint] = fmin(self.share * self.used.velocity[joint], fabs(wanted) + self.catch_up)
-        self._state(state)
+        self.c_motion(state)
         self.tracker.c_approach(state, target, velocity, &self.used, max_velocity, low, high)
         self._let_through_pursuit()
 
@@ -346,7 +353,7 @@ cdef class Safety:
                 return False
             if self.ranged:
                 self._keep_in_range(joint, wanted)
-        self._state(state)
+        self.c_motion(state)
         if not self.tracker.c_along(
             state, wanted, &self.used, self.share, self.catch_up,
             self.targets.c_low if self.ranged else NULL, self.targets.c_high if self.ranged else NULL,
@@ -401,8 +408,8 @@ cdef class Safety:
             self.calm_low[joint], self.calm_high[joint] = self.lowest[joint] + way, self.highest[joint] - way
             self.calm_speed[joint], self.calm_acceleration[joint] = speed, acceleration
 
-    cdef void _state(self, double* state) noexcept nogil:
-        """What the arm really does, whatever was stated.
+    cdef void c_motion(self, double* state) noexcept nogil:
+        """What the arm really does, 3 × dof, whatever was stated.
 
         Of the last three positions, which give the velocity half a period ago; a pursuit knows it exactly.
         """

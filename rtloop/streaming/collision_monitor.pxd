@@ -2,6 +2,8 @@
 
 from cobot.arrays cimport MAX_DOF
 from cobot.robot.distances cimport GeomDistances
+from rtloop.generators.otg cimport Problem
+from rtloop.generators.rates cimport Rates
 
 
 cdef class CollisionMonitor:
@@ -10,16 +12,21 @@ cdef class CollisionMonitor:
     cdef object _mj, _pairs, _watched, _stand
     cdef GeomDistances _distances
     cdef int _dof, _cycle, _tool
-    cdef double _margin_m, _zone_m
-    cdef double _max_acceleration[MAX_DOF]
-    cdef double _jerk_s[MAX_DOF]          # of a joint's stopping time, what the limit of the jerk adds
-    cdef object _rows, _blocking, _links  # of the pairs that are watched: zone, distance here and there, m
+    cdef double _margin_m, _zone_m, _late_s
+    cdef Rates _rates
+    cdef double _way[3][MAX_DOF]  # two places on the way to rest, and rest
+    cdef object _rows, _blocking, _links  # of the pairs that are watched: zone and distances, m
     cdef double* _c_zones_m
     cdef double* _c_here
     cdef double* _c_there
+    cdef double* _c_first
+    cdef double* _c_second
     cdef char* _c_blocking
     cdef char* _c_links                   # whether both are the arm's own
 
     cdef void c_look(self, const double* command) noexcept nogil
     cdef bint c_leads_away(self, const double* position, const double* heading) noexcept nogil
+    cdef void _find_way_to_rest(self, const double* command) noexcept nogil
+    cdef void _go_on(self, int joint, const double* command, Problem* problem) noexcept nogil
     cdef void _judge(self) noexcept nogil
+    cdef double _nearest(self, int index) noexcept nogil

@@ -2,7 +2,7 @@ import mujoco
 
 from cobot.config import StreamingSection
 from cobot.robot.model import RobotModel
-from cobot.types import Array, JointLimits
+from cobot.types import Array
 
 class CollisionMonitor:
     share: float
@@ -11,7 +11,7 @@ class CollisionMonitor:
         self,
         model: RobotModel,
         section: StreamingSection,
-        limits: JointLimits,
+        period_s: float,
         mj: mujoco.MjModel | None = None,
         apart: set[frozenset[str]] | frozenset[frozenset[str]] = ...,
     ) -> None: ...

@@ -4,14 +4,26 @@ from libc.math cimport fabs, fmax, fmin
 
 import numpy as np
 
-from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
+from cobot.arrays cimport MAX_DOF, bytes_of, doubles
 from cobot.robot.distances cimport GeomDistances
+from rtloop.generators.otg cimport OTG_OK, Problem, Profile, otg_velocity, profile_at
+from rtloop.generators.rates cimport take_rates
 
 from cobot.robot.collision import body_or_geom, geom_pairs
 
 cdef enum:
     # The distances are looked at every so many cycles: at 1 m/s, every 4 mm.
     LOOK_CYCLES = 4
+
+# A place is looked at one cycle after the motion that leads there was seen, the next one of its kind so many
+# cycles later, and what follows is done in the cycle after that. Until then the arm goes on.
+cdef double LATE_CYCLES = LOOK_CYCLES + 2.0
+# In T s a velocity v leads v T further, and an acceleration that changes by j T adds up to 2 v T to the way.
+cdef double LEAD = 3.0
+# Joints come to rest one after the other, so the arm does not brake along a straight line. After these shares
+# of the time that braking takes, it has gone about a third and two thirds of the way.
+cdef double FIRST_THIRD = 0.18
+cdef double SECOND_THIRD = 0.42
 
 # The share of the velocities that is permitted next to an obstacle.
 cdef double MIN_SHARE = 0.1
@@ -27,21 +39,19 @@ cdef double LINK_ROOM = 0.5
 
 
 cdef class CollisionMonitor:
-    """Looks at the place where the arm could come to rest. Real-time safe.
+    """Looks at the place where the arm could come to rest, and at two on the way there. Real-time safe.
 
     Attributes:
         share: of the velocities that is permitted, from `MIN_SHARE` to 1.
         blocked: whether the arm would come to rest nearer than the margin.
     """
 
-    def __init__(self, model, section, limits, mj=None, apart=frozenset()):
+    def __init__(self, model, section, double period_s, mj=None, apart=frozenset()):
         """mj: the model with what else stands around it; apart: pairs of names that may touch."""
-        cdef int joint, room
+        cdef int room
         self._mj = mj or model.mj
-        self._dof = checked_dof(limits.dof)
-        for joint in range(self._dof):
-            self._max_acceleration[joint] = limits.max_acceleration[joint]
-            self._jerk_s[joint] = limits.max_acceleration[joint] / limits.max_jerk[joint]
+        self._dof = take_rates(model.limits, &self._rates)
+        self._late_s = LATE_CYCLES * period_s
         self._tool = self._mj.body_weldid[self._mj.site_bodyid[model.tcp_site]]
         self._stand = _stand(model.mj)
         self._margin_m = section.collision_margin_m
@@ -53,10 +63,11 @@ cdef class CollisionMonitor:
         ]
         self._distances = GeomDistances(self._mj, len(self._pairs), self._margin_m + self._zone_m)
         room = max(1, len(self._pairs))
-        self._rows, self._blocking = np.zeros((3, room)), np.zeros(room, np.int8)
+        self._rows, self._blocking = np.zeros((5, room)), np.zeros(room, np.int8)
         self._links = np.zeros(room, np.int8)
-        self._c_zones_m = doubles(self._rows, 3 * room)
+        self._c_zones_m = doubles(self._rows, 5 * room)
         self._c_here, self._c_there = &self._c_zones_m[room], &self._c_zones_m[2 * room]
+        self._c_first, self._c_second = &self._c_zones_m[3 * room], &self._c_zones_m[4 * room]
         self._c_links = bytes_of(self._links, room)
         self._c_blocking = bytes_of(self._blocking, room)
         self._watched = []
@@ -98,33 +109,76 @@ cdef class CollisionMonitor:
 
     cdef void c_look(self, const double* command) noexcept nogil:
         """See where the command, 3 × dof, leads."""
-        cdef const double* velocity = &command[self._dof]
-        cdef double rest[MAX_DOF]
-        cdef double stopping_s
-        cdef int joint, phase
         self._cycle += 1
-        phase = self._cycle % LOOK_CYCLES
-        if phase == LOOK_CYCLES // 2:  # half of the work, so that no cycle has all of it
+        # One place in a cycle, so that no cycle has all of the work.
+        cdef int phase = self._cycle % LOOK_CYCLES
+        if phase == 1:
             self._distances.c_find(command, self._c_here)
-        if phase:
-            return
+            self._find_way_to_rest(command)
+        elif phase == 2:
+            self._distances.c_find(self._way[2], self._c_there)
+        elif phase == 3:
+            self._distances.c_find(self._way[0], self._c_first)
+        else:
+            self._distances.c_find(self._way[1], self._c_second)
+        if phase != 1 and self._cycle >= LOOK_CYCLES:
+            self._judge()
+
+    cdef void _find_way_to_rest(self, const double* command) noexcept nogil:
+        """Where the arm comes to rest if it brakes from now on, and where it is on the way there."""
+        cdef Profile profiles[MAX_DOF]
+        cdef double there[3]
+        cdef double longest_s = 0.0
+        cdef Problem problem
+        cdef int joint
         for joint in range(self._dof):
-            stopping_s = fabs(velocity[joint]) / (2.0 * self._max_acceleration[joint]) + self._jerk_s[joint]
-            rest[joint] = command[joint] + velocity[joint] * stopping_s
-        self._distances.c_find(rest, self._c_there)
-        self._judge()
+            self._go_on(joint, command, &problem)
+            problem.target_position = problem.target_velocity = 0.0
+            problem.max_velocity = self._rates.velocity[joint]
+            problem.min_velocity = -problem.max_velocity
+            problem.max_acceleration = self._rates.acceleration[joint]
+            problem.min_acceleration = -problem.max_acceleration
+            if otg_velocity(&problem, &profiles[joint]) == OTG_OK:
+                longest_s = fmax(longest_s, profiles[joint].duration)
+                self._way[2][joint] = profiles[joint].end_position
+            else:  # Of numbers that are all but zero there may be no profile.
+                profiles[joint].duration = -1.0
+                self._way[0][joint] = self._way[1][joint] = self._way[2][joint] = problem.position
+        for joint in range(self._dof):
+            if profiles[joint].duration >= 0.0:
+                profile_at(&profiles[joint], FIRST_THIRD * longest_s, there)
+                self._way[0][joint] = there[0]
+                profile_at(&profiles[joint], SECOND_THIRD * longest_s, there)
+                self._way[1][joint] = there[0]
+
+    cdef void _go_on(self, int joint, const double* command, Problem* problem) noexcept nogil:
+        """Where a joint may be before what is seen now has an effect.
+
+        One that speeds up goes on with that, and its acceleration may grow: by no more than what it is, so
+        that joints keep their shares in a motion that begins.
+        """
+        cdef double velocity = command[self._dof + joint], acceleration = command[2 * self._dof + joint]
+        cdef double most = self._rates.acceleration[joint], time_s = self._late_s
+        problem.max_jerk = self._rates.jerk[joint]
+        problem.position = command[joint] + LEAD * time_s * velocity
+        problem.velocity, problem.acceleration = velocity, acceleration
+        if velocity * acceleration >= 0.0:
+            problem.position += 0.5 * time_s * time_s * acceleration
+            problem.velocity += time_s * acceleration
+            most = fmin(fmax(most, fabs(acceleration)), fabs(acceleration) + problem.max_jerk * time_s)
+            problem.acceleration = fmax(-most, fmin(2.0 * acceleration, most))
 
     cdef void _judge(self) noexcept nogil:
         """What follows from the distances here and where the arm could come to rest."""
         cdef const double* here = self._c_here
-        cdef const double* there = self._c_there
         cdef double share = 1.0
-        cdef double left_m, zone_m
+        cdef double nearest_m, left_m, zone_m
         cdef bint blocked = False
         cdef int index
         for index in range(self._distances.count):
-            if there[index] < here[index] - APPROACH_M:
-                left_m, zone_m = there[index] - self._margin_m, self._c_zones_m[index]
+            nearest_m = self._nearest(index)
+            if nearest_m < here[index] - APPROACH_M:
+                left_m, zone_m = nearest_m - self._margin_m, self._c_zones_m[index]
                 if left_m < 0.0:
                     blocked, share = True, 0.0
                     continue
@@ -135,9 +189,12 @@ cdef class CollisionMonitor:
         self.share = fmax(MIN_SHARE, share)
         if blocked:
             for index in range(self._distances.count):
-                self._c_blocking[index] = (
-                    there[index] < here[index] - APPROACH_M and there[index] < self._margin_m
-                )
+                nearest_m = self._nearest(index)
+                self._c_blocking[index] = nearest_m < here[index] - APPROACH_M and nearest_m < self._margin_m
+
+    cdef double _nearest(self, int index) noexcept nogil:
+        """The smallest distance of a pair on the way to rest."""
+        return fmin(self._c_there[index], fmin(self._c_first[index], self._c_second[index]))
 
     def leads_away(self, position, heading):
         """`c_leads_away`, for a position and a joint step of shape (dof,), rad."""

@@ -61,7 +61,9 @@ cdef class Feed:
     cdef void c_watch_surroundings(self) noexcept nogil:
         """`watch_surroundings`."""
         cdef double share
-        self.monitor.c_look(self.safety.c_command)
+        cdef double state[3 * MAX_DOF]
+        self.safety.c_motion(state)  # The velocities of the command are those that the client states.
+        self.monitor.c_look(state)
         share = self.monitor.share
         if share < 1.0 and not self.slowed:
             self.safety.c_count(COUNT_PROXIMITY)
@@ -81,7 +83,10 @@ cdef class Feed:
             self.c_hold(flaw - 1)
         elif self.blocked:
             self.source.c_heading(heading)
-            self.blocked = not self.monitor.c_leads_away(self.safety.c_command, heading)
+            # An arm that is still on its way there brakes first: where it is fast, a step says little.
+            self.blocked = self.monitor.blocked or not self.monitor.c_leads_away(
+                self.safety.c_command, heading
+            )
             self.holding = self.blocked
         else:
             self.holding = False

@@ -20,7 +20,7 @@ cdef class Session:
     cdef readonly object overlay, t1_share
     cdef object _exerted, _backend_name
     cdef double* _c_exerted
-    cdef object _limits, _stream_limits, _session_limits, _model
+    cdef object _limits, _session_limits, _model
     cdef double _period_s
     cdef long long _timeout_cycles, _cycle
     cdef Safety _safety

@@ -1,7 +1,7 @@
 from cobot.config import Settings
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.model import RobotModel
-from cobot.types import Array, JointLimits, LoopMode
+from cobot.types import Array, LoopMode
 from rtloop.backends import Backend
 from rtloop.inboxes.stream import StreamInbox
 from rtloop.results import Accepted, Rejected
@@ -27,8 +27,6 @@ class Session:
     def lay_over(self, streaming: bool) -> None: ...
     @property
     def mode(self) -> LoopMode: ...
-    @property
-    def stream_limits(self) -> JointLimits: ...
     def watch(self, monitor: CollisionMonitor) -> None: ...
     @property
     def move_running(self) -> bool: ...

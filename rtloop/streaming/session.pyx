@@ -65,7 +65,6 @@ cdef class Session:
         self._safety = safety
         self._period_s = period_s
         self._timeout_cycles = round(section.command_timeout_s / period_s)
-        self._stream_limits = streamed(limits, section)
         tcp = CartesianLimits(
             section.linear_velocity,
             section.linear_acceleration,
@@ -74,10 +73,10 @@ cdef class Session:
             section.angular_acceleration,
             section.angular_jerk,
         )
-        self._session_limits = SessionLimits(self._stream_limits, limits, tcp)
+        self._session_limits = SessionLimits(streamed(limits, section), limits, tcp)
         self.t1_share = None
         self._client = ClientWatch()
-        self._collision_monitor = CollisionMonitor(model, section, self._stream_limits)
+        self._collision_monitor = CollisionMonitor(model, section, period_s)
         self._contact_monitor = ContactMonitor(limits.names)
         self.session = 0
         self.mode = LoopMode.HOLD
@@ -105,11 +104,6 @@ cdef class Session:
     def explain_not_finite(self):
         """Name the streamed value that is not finite; only after the feed has found one."""
         return (self.points.points if self.has_points else self.feed.source).explain()
-
-    @property
-    def stream_limits(self):
-        """The joints' limits in a stream of joint positions."""
-        return self._stream_limits
 
     def watch(self, CollisionMonitor monitor):
         """Use another collision monitor from the next session on."""

@@ -17,7 +17,6 @@ from cobot.config import Settings
 from cobot.errors import CobotError
 from cobot.launch.process import Niceness, be
 from cobot.robot.model import RobotModel
-from cobot.types import JointLimits
 from rtloop.results import LATER, Later, Rejected
 from rtloop.streaming.collision_monitor import CollisionMonitor
 
@@ -33,10 +32,9 @@ class Surroundings:
         version: version of the scene that was read last.
     """
 
-    def __init__(self, settings: Settings, model: RobotModel, limits: JointLimits) -> None:
+    def __init__(self, settings: Settings, model: RobotModel) -> None:
         self._settings = settings
         self._model = model
-        self._limits = limits
         self._thread: threading.Thread | None = None
         self._made: CollisionMonitor | Later | Rejected = LATER
         self.version = 0
@@ -59,7 +57,7 @@ class Surroundings:
         return CollisionMonitor(
             self._model,
             self._settings.streaming,
-            self._limits,
+            self._settings.rt.period_s,
             self._model.among(scene, tool),
             tool.mounted(scene).may_touch(),
         )

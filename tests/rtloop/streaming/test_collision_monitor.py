@@ -1,4 +1,5 @@
-"""The compiled collision monitor. Oracle: the same law in numpy, with all distances by MuJoCo."""
+"""The compiled collision monitor. Oracle: the same law in numpy, with all distances by MuJoCo
+and the way to rest by Ruckig."""
 
 from __future__ import annotations
 
@@ -33,7 +34,9 @@ def wandering(robot: RobotDescription, seed: int, count: int) -> Array:
     velocity = random.uniform(-1.0, 1.0, joints.shape) * limits.max_velocity
     velocity[::3] = 0.0
     velocity[1::3] = 0.1 * (corners[at.astype(int)[1::3] + 1] - joints[1::3])
-    return np.stack([joints, velocity, np.zeros_like(joints)], axis=1)
+    acceleration = random.uniform(-1.2, 1.2, joints.shape) * limits.max_acceleration
+    acceleration[::3] = 0.0
+    return np.stack([joints, velocity, acceleration], axis=1)
 
 
 @pytest.mark.parametrize("touching", [False, True])
@@ -41,8 +44,8 @@ def wandering(robot: RobotDescription, seed: int, count: int) -> Array:
 def test_share_block_and_way_out_are_those_of_numpy(
     settings: Settings, here: RobotDescription, seed: int, touching: bool
 ) -> None:
-    plain = PlainMonitor(here.model, settings.streaming, here.limits)
-    monitor = CollisionMonitor(here.model, settings.streaming, here.limits)
+    plain = PlainMonitor(here.model, settings.streaming, settings.rt.period_s)
+    monitor = CollisionMonitor(here.model, settings.streaming, settings.rt.period_s)
     for each in (plain, monitor):
         each.begin(touching=touching)
     random = np.random.default_rng(seed)
@@ -50,7 +53,7 @@ def test_share_block_and_way_out_are_those_of_numpy(
     for cycle, command in enumerate(wandering(here, seed, LOOKS)):
         plain.look(command)
         monitor.look(command)
-        assert abs(monitor.share - plain.share) <= 1e-12, cycle
+        assert abs(monitor.share - plain.share) <= 1e-10, cycle  # Ruckig rounds, and small rooms magnify it.
         assert monitor.blocked == plain.blocked, cycle
         slowed, blocked = slowed + (plain.share < 1.0), blocked + plain.blocked
         if cycle % (LOOKS // WAYS) == 0:
@@ -64,7 +67,7 @@ def test_share_block_and_way_out_are_those_of_numpy(
 
 
 def test_a_command_that_is_not_finite_changes_nothing(settings: Settings, robot: RobotDescription) -> None:
-    monitor = CollisionMonitor(robot.model, settings.streaming, robot.limits)
+    monitor = CollisionMonitor(robot.model, settings.streaming, settings.rt.period_s)
     monitor.begin(touching=False)
     command = np.zeros((3, 7))
     for _ in range(8):

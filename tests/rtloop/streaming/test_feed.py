@@ -150,7 +150,7 @@ class Side:
     def __init__(self, settings: Settings, robot: RobotDescription, memory: RobotMemory) -> None:
         self.robot, self.memory = robot, memory
         self.safety = Safety(robot.limits, PERIOD_S)
-        self.monitor = CollisionMonitor(robot.model, settings.streaming, robot.limits)
+        self.monitor = CollisionMonitor(robot.model, settings.streaming, settings.rt.period_s)
         self.box, self.queue = StreamInbox(memory), PointQueue(memory)
         self.feed: Any = None
 

@@ -162,7 +162,7 @@ def test_reading_is_not_as_urgent_as_the_cycle(
     """Oracle: the kernel's word. SCHED_BATCH is inherited as SCHED_FIFO is, and anybody may have it."""
     seen: list[int] = []
     monkeypatch.setattr(Surroundings, "read", lambda _: seen.append(os.sched_getscheduler(0)))
-    surroundings = Surroundings(here, robot.model, robot.limits)
+    surroundings = Surroundings(here, robot.model)
 
     def cycle() -> None:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))

@@ -1,16 +1,21 @@
-"""What `rtloop.streaming.collision_monitor` computes, in numpy, with all distances by MuJoCo."""
+"""What `rtloop.streaming.collision_monitor` computes, in numpy, with all distances by MuJoCo and
+the way to rest by Ruckig.
+"""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
+import ruckig
 
 from cobot.config import StreamingSection
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.model import RobotModel
-from cobot.types import Array, JointLimits
+from cobot.types import Array
 
 LOOK_CYCLES = 4
+LATE_CYCLES, LEAD = 6, 3.0
+ON_THE_WAY = (0.18, 0.42)
 MIN_SHARE = 0.1
 APPROACH_M = 1e-5
 PROBE_RAD = 0.02
@@ -21,16 +26,27 @@ LINK_ROOM = 0.5
 class CollisionMonitor:
     """The compiled monitor's attributes and methods."""
 
-    def __init__(self, model: RobotModel, section: StreamingSection, limits: JointLimits) -> None:
+    def __init__(self, model: RobotModel, section: StreamingSection, period_s: float) -> None:
         self._mj = model.mj
         self._data = mujoco.MjData(self._mj)
         self._pairs = CollisionChecker(model).pairs
         self._tool = int(self._mj.body_weldid[self._mj.site_bodyid[model.tcp_site]])
         self._margin_m = section.collision_margin_m
         self._zone_m = section.slow_down_m
-        self._limits = limits
+        self._limits = model.limits
+        self._late_s = LATE_CYCLES * period_s
+        self._braking = ruckig.Ruckig(model.limits.dof)
+        self._problem = ruckig.InputParameter(model.limits.dof)
+        self._problem.control_interface = ruckig.ControlInterface.Velocity
+        self._problem.synchronization = ruckig.Synchronization.No
+        self._problem.target_velocity = [0.0] * model.limits.dof
+        self._problem.max_acceleration = model.limits.max_acceleration.tolist()
+        self._problem.max_jerk = model.limits.max_jerk.tolist()
+        self._profile = ruckig.Trajectory(model.limits.dof)
+        self._way = np.zeros((3, model.limits.dof))
         self._watched: list[tuple[int, int]] = []
         self._here, self._there, self._zones_m = np.zeros((3, 0))
+        self._ahead = np.zeros((3, 0))
         self._links = np.zeros(0, bool)
         self._blocking = np.zeros(0, bool)
         self._cycle = 0
@@ -45,6 +61,7 @@ class CollisionMonitor:
         """
         self._watched = [pair for pair in self._pairs if not (touching and self._is_tool_work(pair))]
         self._here, self._there = np.zeros((2, len(self._watched)))
+        self._ahead = np.zeros((3, len(self._watched)))
         self._blocking = np.zeros(len(self._watched), bool)
         # The arm's own links are always near each other: they only slow down where it is tight.
         self._links = np.array([not self._has_world(pair) for pair in self._watched], bool)
@@ -57,17 +74,34 @@ class CollisionMonitor:
         """See where the command leads, shape (3, dof)."""
         self._cycle += 1
         phase = self._cycle % LOOK_CYCLES
-        if phase == LOOK_CYCLES // 2:  # half of the work, so that no cycle has all of it
+        if phase == 1:
             self._find_distances(command[0], self._here)
-        if phase:
-            return
-        position, velocity = command[0], command[1]
-        here, there = self._here, self._there
-        limits = self._limits
-        stopping_s = (
-            np.abs(velocity) / (2.0 * limits.max_acceleration) + limits.max_acceleration / limits.max_jerk
+            self._brake(*command)
+        else:
+            place = {2: 2, 3: 0, 0: 1}[phase]
+            self._find_distances(self._way[place], self._ahead[place])
+            if self._cycle >= LOOK_CYCLES:
+                self._judge()
+
+    def _brake(self, position: Array, velocity: Array, acceleration: Array) -> None:
+        """Find where the arm is on its way to rest, and where it comes to rest."""
+        late_s, speeds_up = self._late_s, velocity * acceleration >= 0.0
+        gain = np.where(speeds_up, acceleration, 0.0)
+        size = np.abs(acceleration)
+        most = np.minimum(
+            np.maximum(self._limits.max_acceleration, size), size + self._limits.max_jerk * late_s
         )
-        self._find_distances(position + velocity * stopping_s, there)
+        self._problem.current_position = position + LEAD * late_s * velocity + 0.5 * late_s**2 * gain
+        self._problem.current_velocity = velocity + late_s * gain
+        self._problem.current_acceleration = np.where(
+            speeds_up, np.clip(2.0 * acceleration, -most, most), acceleration
+        )
+        assert self._braking.calculate(self._problem, self._profile) == ruckig.Result.Working
+        for place, share in zip(self._way, (*ON_THE_WAY, 1.0), strict=True):
+            place[:] = self._profile.at_time(share * self._profile.duration)[0]
+
+    def _judge(self) -> None:
+        here, there = self._here, self._ahead.min(axis=0)
         nearer = there < here - APPROACH_M
         room = np.where(nearer, there - self._margin_m, np.inf)
         self.blocked = bool((room < 0.0).any())

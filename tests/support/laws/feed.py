@@ -43,7 +43,7 @@ class Feed:
 
     def watch_surroundings(self) -> None:
         safety, monitor = self._safety, self._monitor
-        monitor.look(safety.command)
+        monitor.look(safety.motion)
         near = monitor.share < 1.0
         if near and not self._slowed:
             safety.count(Intervention.PROXIMITY)
@@ -61,7 +61,9 @@ class Feed:
         elif flaw is not None:
             self._hold(flaw)
         elif self._blocked:
-            self._blocked = not self._monitor.leads_away(self._safety.position, self.source.heading)
+            self._blocked = self._monitor.blocked or not self._monitor.leads_away(
+                self._safety.position, self.source.heading
+            )
             self.holding = self._blocked
         else:
             self.holding = False
