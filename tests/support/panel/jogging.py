@@ -16,6 +16,7 @@ from panel.page import (
     button,
     commanded,
     is_at,
+    newest,
     set_to,
     tcp_at,
 )
@@ -92,11 +93,11 @@ def step(panel: Panel, selector: str) -> None:
     before = commanded(panel)
     panel.page.click(selector)
     panel.until(
-        f"!cobotPanel.jog.pending && cobotPanel.state.commanded_position.some((v, i) => v !== {before}[i])"
+        f"!cobotPanel.jog.pending && cobotPanel.state?.commanded_position.some((v, i) => v !== {before}[i])"
     )
     until(panel.rests)
-    time_s = panel.page.run("cobotPanel.state.robot_time_s")
-    panel.until(f"cobotPanel.state.robot_time_s > {time_s} + 0.1")
+    time_s = newest(panel, "robot_time_s")
+    panel.until(f"cobotPanel.state?.robot_time_s > {time_s} + 0.1")
 
 
 def test_steps_move_by_just_that_and_do_not_add_up_what_is_measured_beside_it(panel: Panel) -> None:

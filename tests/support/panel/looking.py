@@ -75,7 +75,7 @@ def test_the_camera_goes_to_the_views_and_the_tcp_leaves_a_trace(panel: Panel) -
     panel.page.click("#view-trace")
     body = {"joints": [0.2, *HOME[1:]], "speed": 1.0}
     assert httpx.post(f"{panel.run.url}/robot/move/joints", json=body, timeout=WAIT_S).json()["success"]
-    near = f"Math.abs(cobotPanel.state.position[0] - {body['joints'][0]}) < 2e-3"
+    near = f"Math.abs(cobotPanel.state?.position[0] - {body['joints'][0]}) < 2e-3"
     panel.until(f"{near} && cobotPanel.view.trace.length > 2")
     end = panel.page.run("cobotPanel.view.trace.at(-1)")
     np.testing.assert_allclose(end, tcp_at(panel, body["joints"]), atol=5e-3)

@@ -205,7 +205,7 @@ def test_a_place_is_taught_gone_to_and_forgotten(panel: Panel) -> None:
     with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
         place = [0.25, *HOME[1:]]
         assert http.post("/robot/move/joints", json={"joints": place, "speed": 1.0}).json()["success"]
-        panel.until("Math.abs(cobotPanel.state.commanded_position[0] - 0.25) < 1e-4")
+        panel.until("Math.abs(cobotPanel.state?.commanded_position[0] - 0.25) < 1e-4")
         set_to(panel, "#position-name", "bench")
         panel.page.click("#position-teach")
         panel.until("document.querySelector('[data-position=bench]')")

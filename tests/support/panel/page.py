@@ -227,9 +227,20 @@ def away(panel: Panel, index: int, sign: int, from_rad: float) -> Callable[[], b
     return lambda: sign * (panel.run.joints()[index] - from_rad) > MOVED_RAD
 
 
+def newest(panel: Panel, value: str) -> Any:
+    """A value of the newest state. There is none while a busy computer has made the robot silent."""
+    found = []
+
+    def read() -> bool:
+        found[:] = [panel.page.run(f"cobotPanel.state?.{value}")]
+        return found[0] is not None
+
+    until(read)
+    return found[0]
+
+
 def commanded(panel: Panel) -> list[float]:
-    panel.until("cobotPanel.state")  # none while a busy computer has made the robot silent
-    return list(panel.page.run("cobotPanel.state.commanded_position"))
+    return list(newest(panel, "commanded_position"))
 
 
 def tcp_at(panel: Panel, joints: list[float]) -> list[float]:

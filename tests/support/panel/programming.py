@@ -197,7 +197,7 @@ def test_a_waypoint_is_gone_to_and_taught_again(panel: Panel) -> None:
     place = [0.2, *HOME[1:]]
     body = {"joints": place, "speed": 1.0}
     assert httpx.post(f"{panel.run.url}/robot/move/joints", json=body, timeout=WAIT_S).json()["success"]
-    panel.until("Math.abs(cobotPanel.state.commanded_position[0] - 0.2) < 1e-4")
+    panel.until("Math.abs(cobotPanel.state?.commanded_position[0] - 0.2) < 1e-4")
     panel.page.click(row("1", ".step_go"))
     panel.until("document.querySelector('#plan').innerText.startsWith('To Über Kiste 1.')")
     np.testing.assert_allclose(panel.page.run("cobotPanel.view.plan.path.at(-1).joints"), HOME, atol=1e-4)

@@ -85,7 +85,7 @@ def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel, tm
         body = {"joints": place, "speed": 1.0}
         assert httpx.post(f"{panel.run.url}/robot/move/joints", json=body, timeout=WAIT_S).json()["success"]
         until(panel.rests)
-        near = f"cobotPanel.state.commanded_position.every((v, i) => Math.abs(v - {place}[i]) < 1e-4)"
+        near = f"cobotPanel.state?.commanded_position.every((v, i) => Math.abs(v - {place}[i]) < 1e-4)"
         panel.until(near)
         panel.page.click("#teach")
     panel.until("document.querySelectorAll('#steps [data-step]').length === 3")
