@@ -234,6 +234,8 @@ class RosBridge:
                 raise InputError(f"a {type_} must be a string with its CDR, got {kind(value)}")
             return self._messages.from_cdr(type_, value)
         data = text(value, f"a {type_}") if type_ == STRING else plain(value, f"a {type_}")
+        if isinstance(data, list | dict):  # an empty list would be a missing field, and so a 0
+            raise InputError(f"a {type_} must be one value, got {kind(value)}")
         return self._messages.checked(type_, {"data": data})
 
     def _value(self, type_: str, message: Any) -> Any:

@@ -21,6 +21,8 @@ cdef class CollisionMonitor:
     cdef double* _c_there
     cdef double* _c_first
     cdef double* _c_second
+    cdef double* _c_before                # of `c_leads_away`: a look that is under way keeps its own
+    cdef double* _c_after
     cdef char* _c_blocking
     cdef char* _c_links                   # whether both are the arm's own
 

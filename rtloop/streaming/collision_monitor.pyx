@@ -63,11 +63,12 @@ cdef class CollisionMonitor:
         ]
         self._distances = GeomDistances(self._mj, len(self._pairs), self._margin_m + self._zone_m)
         room = max(1, len(self._pairs))
-        self._rows, self._blocking = np.zeros((5, room)), np.zeros(room, np.int8)
+        self._rows, self._blocking = np.zeros((7, room)), np.zeros(room, np.int8)
         self._links = np.zeros(room, np.int8)
-        self._c_zones_m = doubles(self._rows, 5 * room)
+        self._c_zones_m = doubles(self._rows, 7 * room)
         self._c_here, self._c_there = &self._c_zones_m[room], &self._c_zones_m[2 * room]
         self._c_first, self._c_second = &self._c_zones_m[3 * room], &self._c_zones_m[4 * room]
+        self._c_before, self._c_after = &self._c_zones_m[5 * room], &self._c_zones_m[6 * room]
         self._c_links = bytes_of(self._links, room)
         self._c_blocking = bytes_of(self._blocking, room)
         self._watched = []
@@ -213,14 +214,14 @@ cdef class CollisionMonitor:
             longest = max(longest, fabs(heading[index]))
         for index in range(self._dof):
             there[index] = position[index] + heading[index] * (PROBE_RAD / longest)
-        if not self._distances.c_find(position, self._c_here):
+        if not self._distances.c_find(position, self._c_before):
             return False
-        if not self._distances.c_find(there, self._c_there):
+        if not self._distances.c_find(there, self._c_after):
             return False
         for index in range(self._distances.count):
-            before = self._c_here[index]
+            before = self._c_before[index]
             if self._c_blocking[index] or before < self._margin_m + NEAR_M:
-                if not self._c_there[index] >= before - APPROACH_M:
+                if not self._c_after[index] >= before - APPROACH_M:
                     return False
         return True
 

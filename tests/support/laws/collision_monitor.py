@@ -45,7 +45,7 @@ class CollisionMonitor:
         self._profile = ruckig.Trajectory(model.limits.dof)
         self._way = np.zeros((3, model.limits.dof))
         self._watched: list[tuple[int, int]] = []
-        self._here, self._there, self._zones_m = np.zeros((3, 0))
+        self._here, self._zones_m = np.zeros((2, 0))
         self._ahead = np.zeros((3, 0))
         self._links = np.zeros(0, bool)
         self._blocking = np.zeros(0, bool)
@@ -60,7 +60,7 @@ class CollisionMonitor:
             touching: force control is on, so the tool may touch the surroundings: that is what it is for.
         """
         self._watched = [pair for pair in self._pairs if not (touching and self._is_tool_work(pair))]
-        self._here, self._there = np.zeros((2, len(self._watched)))
+        self._here = np.zeros(len(self._watched))
         self._ahead = np.zeros((3, len(self._watched)))
         self._blocking = np.zeros(len(self._watched), bool)
         # The arm's own links are always near each other: they only slow down where it is tight.
@@ -117,10 +117,11 @@ class CollisionMonitor:
         """
         longest = float(np.abs(heading).max())
         step = heading * (PROBE_RAD / longest) if longest > PROBE_RAD else heading
-        self._find_distances(position, self._here)
-        self._find_distances(position + step, self._there)
-        matters = self._blocking | (self._here < self._margin_m + NEAR_M)
-        return bool((self._there >= self._here - APPROACH_M)[matters].all())
+        before, after = np.zeros((2, len(self._watched)))
+        self._find_distances(position, before)
+        self._find_distances(position + step, after)
+        matters = self._blocking | (before < self._margin_m + NEAR_M)
+        return bool((after >= before - APPROACH_M)[matters].all())
 
     def _find_distances(self, joints: Array, out: Array) -> None:
         """Of the pairs, up to where they begin to matter."""

@@ -140,7 +140,7 @@ def test_no_pose_is_taken_over_while_the_arm_moves(panel: Panel, http: httpx.Cli
 
 
 def turned_back(panel: Panel, field: str) -> None:
-    """An angle is changed, and back to 0: without a change the field would count as not used."""
+    """A value is changed, and back to 0: without a change the field would count as not used."""
     for text in ("5", "0"):
         panel.page.write(field, text)
 
@@ -179,7 +179,7 @@ def test_objects_and_frames_are_added_moved_sized_and_deleted(panel: Panel, http
     set_to(panel, "#object-frame", "pallet")
     for axis in (1, 2, 3):
         panel.page.write(f"#object-size-{axis}", str(10 * axis))
-        panel.page.write(f"#object-place-{axis}", "0")
+        turned_back(panel, f"#object-place-{axis}")
     panel.page.click("#object-save")
     shows(panel, "#object-why", "is saved")
     np.testing.assert_allclose(objects()["crate"]["size"], [0.01, 0.02, 0.03])
