@@ -35,6 +35,7 @@ from cobot.logs.files import RotatingFile, aside
 from cobot.logs.lines import printable
 from cobot.logs.outlet import Outlet
 from cobot.logs.repeats import Repeats
+from cobot.strict import shown
 
 MAX_BYTES = 10_000_000
 OLDER_FILES = 9
@@ -131,8 +132,8 @@ class Audit:
                     after = None
         if after is not None:
             raise InputError(
-                f"after: the audit has no entry {after!r}, which may have been removed; omit `after` for the "
-                "newest"
+                f"after: the audit has no entry {shown(after)}, which may have been removed; omit `after` "
+                "for the newest"
             )
         return found
 

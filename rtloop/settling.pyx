@@ -78,7 +78,7 @@ cdef class SettlingMonitor:
         return (
             f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
             f"{abs(error[joint]):.4f} {self._limits.unit(joint)} away and moves at {velocity[joint]:.4f} "
-            f"{self._limits.unit(joint, 1)}; a load that is not declared causes this: POST /robot/tool"
+            f"{self._limits.unit(joint, 1)}; a load that is not declared can cause this (POST /robot/tool)"
         )
 
     def _errors(self):

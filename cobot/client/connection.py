@@ -12,6 +12,7 @@ import httpx
 from cobot.addresses import DEFAULT_URL, PREFER, STRICT_STATUS, address, check_url, path_at
 from cobot.client.tls import Verify, advice, tls_context, token_from_environment
 from cobot.errors import BY_CODE, CobotError, ExecutionError, InputError, UnavailableError
+from cobot.folders import open_new
 
 MOTION_TIMEOUT_S = 100.0
 """Timeout for the answer to a motion, in seconds. It is longer than the service's default timeouts, after
@@ -115,16 +116,17 @@ class Connection:
         """
         url, part = self._url(path), file.with_name(f"{file.name}.part")
         try:
-            part.unlink(missing_ok=True)  # and what it may link to stays as it is
-            with self._stream(path) as response, part.open("xb") as out:
+            with self._stream(path) as response, open_new(part) as out:
                 for piece in response.iter_bytes():
                     out.write(piece)
             part.replace(file)
         except httpx.HTTPError as exc:
-            part.unlink(missing_ok=True)
             raise UnavailableError(f"GET {url}: {str(exc) or type(exc).__name__}") from exc
         except OSError as exc:
             raise InputError(f"{file}: cannot be written: {exc.strerror}") from exc
+        finally:
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
 
     def _request(self, method: str, path: str, **request: Any) -> Any:
         url = self._url(path)

@@ -1,7 +1,8 @@
 """Fields of ROS messages in their three forms: JSON as in rosbridge v2, checked; what `rosbags` works with.
 
 In JSON a message is an object, a list is a list, uint8[] and char[] are base64 (lists are accepted too), and
-a number that is none is null. As in `cobot.loose_lists`, one item is a list of one, and `[]` is nothing.
+NaN and infinity are null. As in REST bodies (`cobot.loose_lists`), a list of one may come without its
+brackets, and `[]` in place of a single value or an object counts as a missing field.
 Checked values are complete: every field is there, in range, and of its type.
 """
 
@@ -34,7 +35,7 @@ ROS1_TIMES = {"secs": "sec", "nsecs": "nanosec"}
 """roslibpy writes times with the names of ROS 1 only."""
 _DTYPES = {"bool": "bool", "byte": "uint8", "octet": "uint8", "char": "uint8"}
 BARE: dict[str, tuple[type, ...]] = {"bool": (bool,), "string": (str,), "wstring": (str,)}
-"""Types of an item that is a list of one without its brackets; else a number."""
+"""Python types of a single item that may stand for a list of one. Items of other types are numbers."""
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 
@@ -261,7 +262,7 @@ def without_nan(value: Any) -> Any:
 
 
 def _is_given(message: dict[str, Any], name: str, field: Field) -> bool:
-    """Whether a message has a value for a field: an empty list is none for a scalar."""
+    """Whether a message gives this field a value. For a single value, `[]` counts as a missing field."""
     return name in message and not (isinstance(field, Scalar) and message[name] == [])
 
 

@@ -28,6 +28,7 @@ FILES = (
     "clock.py",
     "errors.py",
     "findings.py",
+    "folders.py",
     "ipc/__init__.py",
     "ipc/layout.py",
     "ipc/session_rules.py",

@@ -15,10 +15,11 @@ cdef enum:
     # The distances are looked at every so many cycles: at 1 m/s, every 4 mm.
     LOOK_CYCLES = 4
 
-# A place is looked at one cycle after the motion that leads there was seen, the next one of its kind so many
-# cycles later, and what follows is done in the cycle after that. Until then the arm goes on.
+# How old the motion may be on which a decision rests. Each place is looked at once in LOOK_CYCLES, some
+# cycles after the motion was read. The decision takes effect in the next cycle; until then the arm continues.
 cdef double LATE_CYCLES = LOOK_CYCLES + 2.0
-# In T s a velocity v leads v T further, and an acceleration that changes by j T adds up to 2 v T to the way.
+# The arm continues for T s before it brakes: a velocity v leads v T further. In a motion that begins, the
+# acceleration may grow as well, which adds up to 2 v T.
 cdef double LEAD = 3.0
 # Joints come to rest one after the other, so the arm does not brake along a straight line. After these shares
 # of the time that braking takes, it has gone about a third and two thirds of the way.
@@ -33,8 +34,8 @@ cdef double APPROACH_M = 1e-5
 cdef double PROBE_RAD = 0.02
 # So near beyond the margin links slow down for each other, and count when a way out is looked for.
 cdef double NEAR_M = 0.01
-# Links slow down for each other only where stopping would take more than this share of their room: many pass
-# each other closely all the time, and none is approached by that.
+# Links of the arm often pass close to each other. They slow the stream down only if stopping needs more than
+# this share of the space between them.
 cdef double LINK_ROOM = 0.5
 
 

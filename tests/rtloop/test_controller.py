@@ -275,7 +275,7 @@ def test_a_motion_that_does_not_settle_has_failed(rig: Rig) -> None:
     rig.run()
     assert (rig.mode, rig.result) == (LoopMode.HOLD, MotionResult.FAILED)
     assert rig.reason.startswith("not settled 2.0 s after the end of the motion: joint3 is ")
-    assert rig.reason.endswith("a load that is not declared causes this: POST /robot/tool"), "not cut off"
+    assert rig.reason.endswith("a load that is not declared can cause this (POST /robot/tool)"), "not cut off"
 
 
 def test_settled_is_stated_only_after_the_settling_time(rig: Rig) -> None:

@@ -48,6 +48,8 @@ class PanelArm(MujocoBackend):
                 IoPoint("Gripper.Force", IoKind.ANALOG, True, 2.5),
                 IoPoint("Belt.Speed", IoKind.DIGITAL, True, 3.0),
                 IoPoint("Part.There", IoKind.BOOLEAN, False, 1.0),
+                IoPoint("Lamp.Green", IoKind.BOOLEAN, True, 0.0),
+                IoPoint("Lamp.Red", IoKind.BOOLEAN, True, 0.0),
             )
         }
         self.deaf, self.refuses = False, ""

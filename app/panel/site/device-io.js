@@ -24,8 +24,10 @@ export class DeviceIo {
     inEachLanguage(() => this.write());
   }
 
+  // Names of the marked outputs. Those that the robot no longer has do not count.
   get names() {
-    return this.api.robot ? keptList("localStorage", markKey(this.api.robot)) : [];
+    const names = this.api.robot ? keptList("localStorage", markKey(this.api.robot)) : [];
+    return this.points.length ? names.filter((name) => this.points.some((point) => point.name === name)) : names;
   }
 
   // Whether a card is open that shows some of them.

@@ -22,7 +22,7 @@ export class Guide {
     inEachLanguage(() => this.write());
   }
 
-  // Show it to a user who has not seen it.
+  // Show it, unless this browser has shown it before.
   offer() {
     if (this.mark === null && keptText("localStorage", SEEN) === null) this.show(0);
   }

@@ -34,17 +34,17 @@ export class Tool {
     return [element("tool-name"), element("tool-mass")].some(changed) || this.tcp.changed || this.centre.changed;
   }
 
-  // anew: discard edits that were not saved.
-  async look(anew = false) {
+  // discard: drop edits that were not saved.
+  async look(discard = false) {
     const { robot } = this.api;
     const tool = await this.api.get("/tool").catch(() => null);
     if (!tool || robot !== this.api.robot) return;
-    if (this.tool && this.typed && !anew) {
+    if (this.tool && this.typed && !discard) {
       if (tool.version !== this.tool.version) this.say(() => word("tool_changed"), "warn");
       return;
     }
     this.fill(tool);
-    if (anew) this.say(() => "");
+    if (discard) this.say(() => "");
   }
 
   fill(tool) {

@@ -51,10 +51,11 @@ class Steps:
             Whether it is to get its answer: from `answer`, as soon as nothing is paused.
         """
         self._n_waypoints, self._behind = n_waypoints, behind
-        reached = self._first is None and self._hold_at is not None and behind >= self._hold_at
-        if reached:
+        has_begun = self._first is None  # else its next step is the one to begin with
+        is_there = has_begun and self._hold_at is not None and behind >= self._hold_at
+        if is_there:
             self._hold_at = None
-        if self._hold_first or reached or (self._first is None and self._hold_next):
+        if self._hold_first or is_there or (has_begun and self._hold_next):
             self._hold_first, self._hold_next, self.held = False, False, True
             self._changed(True)
             return False

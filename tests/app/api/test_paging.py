@@ -6,7 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 from virtual_service import VirtualService
+
+from app.api.schemas import MAX_LINE, LogQuery
+from cobot.errors import InputError
 
 JOINTS = [0.0, 0.3, 0.0, -1.3, 0.0, 1.3, 0.0]
 
@@ -85,6 +89,19 @@ def test_an_entry_that_is_not_there_is_named_and_a_bad_limit_is_rejected(
     assert answer.json()["detail"].startswith("after: ")
     for limit in ("0", "x", "1001000"):
         assert filled.ask("GET", path, params={"limit": limit}).status_code == 422
+
+
+def test_a_long_line_of_a_log_is_found_by_its_beginning() -> None:
+    """Its whole text would be longer than the header of a request may be."""
+    lines = ["first", "é" * 3000, "third", "é" * 3000, "last"]
+    assert LogQuery(after="é" * MAX_LINE, limit=50).lines_of(lambda _: lines) == ["last"], (
+        "the newest of equal ones"
+    )
+    assert LogQuery(after="first", limit=2).lines_of(lambda _: lines) == lines[1:3]
+    with pytest.raises(ValidationError, match="at most 1000"):
+        LogQuery(after="é" * (MAX_LINE + 1))
+    with pytest.raises(InputError, match="no such line"):
+        LogQuery(after="é", limit=50).lines_of(lambda _: lines)
 
 
 def test_a_robot_list_ends_behind_its_last_one(filled: VirtualService) -> None:

@@ -228,7 +228,7 @@ def away(panel: Panel, index: int, sign: int, from_rad: float) -> Callable[[], b
 
 
 def newest(panel: Panel, value: str) -> Any:
-    """A value of the newest state. There is none while a busy computer has made the robot silent."""
+    """Wait for a state, and read a value from it. On a busy computer no state may arrive for a while."""
     found = []
 
     def read() -> bool:

@@ -152,12 +152,12 @@ def chosen(panel: Panel, name: str) -> None:
     panel.page.click(selector)
 
 
-def test_objects_and_frames_are_added_moved_sized_and_deleted(panel: Panel, http: httpx.Client) -> None:
-    """Oracle: GET /scene, and the bodies that the page draws."""
+def objects(http: httpx.Client) -> dict[str, Any]:
+    return {each["name"]: each for each in http.get("/scene").json()["objects"]}
 
-    def objects() -> dict[str, Any]:
-        return {each["name"]: each for each in http.get("/scene").json()["objects"]}
 
+def test_frames_are_added_placed_at_the_tcp_and_deleted(panel: Panel, http: httpx.Client) -> None:
+    """Oracle: GET /scene, and the TCP of GET /robot/pose with a tool."""
     panel.page.click("#tab-scene")
     panel.page.write("#frame-name", "<b>x</b>")
     panel.page.click("#frame-save")
@@ -173,6 +173,28 @@ def test_objects_and_frames_are_added_moved_sized_and_deleted(panel: Panel, http
     np.testing.assert_allclose(frame["position"], [0.1, -0.7, 0.2], atol=1e-9)
     np.testing.assert_allclose(frame["quaternion"], [0, 0, 0.5**0.5, 0.5**0.5], atol=1e-9)
 
+    chosen(panel, "pallet")
+    before = panel.page.run("cobotPanel.geometry.tcp.position[2]")
+    http.post("/robot/tool", json={"tcp": {"x": 0.02, "z": 0.15, "b": 0.5}}).raise_for_status()
+    panel.until(f"Math.abs(cobotPanel.geometry.tcp.position[2] - {before}) > 0.1")
+    panel.page.click("#frame-here")
+    panel.page.click("#frame-save")
+    shows(panel, "#frame-why", "is saved")
+    tcp = http.get("/robot/pose").json()["position"]
+    until(
+        lambda: np.allclose(http.get("/scene").json()["frames"][0]["position"], list(tcp.values()), atol=1e-4)
+    )
+    panel.page.click("#frame-delete")
+    until(lambda: not http.get("/scene").json()["frames"])
+    panel.page.click("#frame-new")
+    assert value(panel, "#frame-name") == ""
+
+
+def test_an_object_is_added_in_a_frame_moved_sized_and_deleted(panel: Panel, http: httpx.Client) -> None:
+    """Oracle: GET /scene, and the bodies that the page draws."""
+    pallet = {"x": 0.1, "y": -0.7, "z": 0.2, "a": np.pi / 2}
+    http.post("/scene", json={"frames": {"pallet": pallet}}).raise_for_status()
+    panel.page.click("#tab-scene")
     panel.page.click("#object-new")
     panel.page.write("#object-name", "crate")
     panel.until("document.querySelectorAll('#object-frame option').length === 2")
@@ -182,8 +204,8 @@ def test_objects_and_frames_are_added_moved_sized_and_deleted(panel: Panel, http
         turned_back(panel, f"#object-place-{axis}")
     panel.page.click("#object-save")
     shows(panel, "#object-why", "is saved")
-    np.testing.assert_allclose(objects()["crate"]["size"], [0.01, 0.02, 0.03])
-    np.testing.assert_allclose(objects()["crate"]["position"], [0.1, -0.7, 0.2], atol=1e-9)
+    np.testing.assert_allclose(objects(http)["crate"]["size"], [0.01, 0.02, 0.03])
+    np.testing.assert_allclose(objects(http)["crate"]["position"], [0.1, -0.7, 0.2], atol=1e-9)
     panel.until("cobotPanel.geometry.bodies.some((each) => each.name.includes('crate'))")
 
     panel.until("document.querySelector('#object-place-2').value === '-700'")
@@ -194,28 +216,17 @@ def test_objects_and_frames_are_added_moved_sized_and_deleted(panel: Panel, http
     for axis in (4, 5, 6):
         turned_back(panel, f"#object-place-{axis}")
     panel.page.click("#object-save")
-    until(lambda: abs(objects()["crate"]["position"][1] + 0.65) < 1e-9)
+    until(lambda: abs(objects(http)["crate"]["position"][1] + 0.65) < 1e-9)
     panel.page.write("#object-size-1", "-1")
     panel.page.click("#object-save")
     shows(panel, "#object-why", "greater than 0")
     panel.page.write("#object-size-1", "50")
     panel.page.click("#object-save")
-    until(lambda: abs(objects()["crate"]["size"][0] - 0.05) < 1e-9)
+    until(lambda: abs(objects(http)["crate"]["size"][0] - 0.05) < 1e-9)
 
     chosen(panel, "crate")
     panel.page.click("#object-delete")
-    until(lambda: not objects())
-    chosen(panel, "pallet")
-    panel.page.click("#frame-here")
-    panel.page.click("#frame-save")
-    shows(panel, "#frame-why", "is saved")
-    tcp = http.get("/robot/pose").json()["position"]
-    frames = {each["name"]: each["position"] for each in http.get("/scene").json()["frames"]}
-    np.testing.assert_allclose(frames["pallet"], list(tcp.values()), atol=1e-4)
-    panel.page.click("#frame-delete")
-    until(lambda: [each["name"] for each in http.get("/scene").json()["frames"]] == ["other"])
-    panel.page.click("#frame-new")
-    assert value(panel, "#frame-name") == ""
+    until(lambda: not objects(http))
 
 
 def test_a_mesh_is_imported_and_moved(panel: Panel, http: httpx.Client, tmp_path: Path) -> None:

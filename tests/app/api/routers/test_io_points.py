@@ -53,6 +53,8 @@ def test_all_of_them_are_shown_with_their_kinds(run: ServiceOfArm) -> None:
         (FORCE, "analog", "output"),
         (SPEED, "digital", "output"),
         (PART, "boolean", "input"),
+        ("Lamp.Green", "boolean", "output"),
+        ("Lamp.Red", "boolean", "output"),
     ]
     assert run.get("/robots").json()[0]["device"]["io"] == shown["points"]
     assert run.get(f"/robots/{run.name}/robot/io".replace("/robot/io", "/io")).json() == shown
