@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from fastapi import Query
+from pydantic import BaseModel
 
 from cobot.errors import InputError
 from cobot.strict import shown
@@ -37,3 +38,8 @@ def page_of(entries: Sequence[T], key: Callable[[T], str], limit: int | None, af
             )
         begin = keys.index(after) + 1
     return list(entries[begin:] if limit is None else entries[begin : begin + limit])
+
+
+def deprecated_value(query: BaseModel, name: str) -> Any:
+    """A deprecated parameter, without the warning of pydantic, which is for users of the class."""
+    return query.__dict__[name]

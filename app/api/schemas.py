@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.errors import ErrorCode
 from app.api.explain_schemas import Explain
-from app.api.paging import LIMIT
+from app.api.paging import LIMIT, deprecated_value
 from app.api.signal_schemas import ActionAnswer, ContactAnswer
 from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.errors import InputError
@@ -206,8 +206,9 @@ class LogQuery(StrictModel):
         Raises:
             InputError: `after` is not among the kept lines.
         """
+        limit: int = self.limit or deprecated_value(self, "n")
         if self.after is None:
-            return newest(self.limit or self.n)
+            return newest(limit)
         kept = newest(MAX_LINES)
         keys = [line[:MAX_LINE] for line in kept]
         if self.after not in keys:
@@ -215,7 +216,7 @@ class LogQuery(StrictModel):
                 "after: the log has no such line; it may be too old. Omit `after` for the newest lines"
             )
         begin = len(kept) - keys[::-1].index(self.after)
-        return kept[begin : begin + (self.limit or self.n)]
+        return kept[begin : begin + limit]
 
 
 class LogAnswer(BaseModel):

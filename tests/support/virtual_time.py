@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import math
 import selectors
 import time
@@ -47,6 +48,10 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         except Exception as exc:  # noqa: BLE001 - it belongs to who awaits the future
             future.set_exception(exc)
         return future
+
+    async def subprocess_exec(self, *_: Any, **__: Any) -> Any:
+        """Refused: a process takes real time, and what it writes would never be read here."""
+        raise OSError(errno.ENOTSUP, "on virtual time no process can be started")
 
     def _pass(self, timeout: float | None) -> None:
         assert timeout is not None or self._beats, (

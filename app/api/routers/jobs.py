@@ -19,7 +19,7 @@ from app.api.job_schemas import (
     SpeedOverrideBody,
     job_answer,
 )
-from app.api.paging import page_of
+from app.api.paging import deprecated_value, page_of
 from app.api.route import EndpointRouter
 from app.services.rights.job import JobRecord, JobState
 from app.services.rights.job_book import KEPT
@@ -50,7 +50,7 @@ async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Respon
     """
     states = frozenset(query.state or JobState)
     paged = query.limit is not None or query.after is not None
-    count = KEPT if paged else query.n
+    count = KEPT if paged else deprecated_value(query, "n")
     records = newest_jobs(request, count, states)
     if paged:
         records = page_of(records, lambda each: each.id, query.limit or FEW, query.after)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +10,8 @@ import pytest
 from pydantic import ValidationError
 from virtual_service import VirtualService
 
+from app.api.job_schemas import JobsQuery
+from app.api.paging import deprecated_value
 from app.api.schemas import MAX_LINE, LogQuery
 from cobot.errors import InputError
 
@@ -102,6 +105,13 @@ def test_a_long_line_of_a_log_is_found_by_its_beginning() -> None:
         LogQuery(after="é" * (MAX_LINE + 1))
     with pytest.raises(InputError, match="no such line"):
         LogQuery(after="é", limit=50).lines_of(lambda _: lines)
+
+
+def test_the_service_reads_a_deprecated_parameter_without_a_warning() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert LogQuery(n=2).lines_of(lambda count: ["line"] * count) == ["line"] * 2
+        assert deprecated_value(JobsQuery(n=2), "n") == 2
 
 
 def test_a_robot_list_ends_behind_its_last_one(filled: VirtualService) -> None:

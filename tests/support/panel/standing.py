@@ -158,6 +158,9 @@ def marks_an_output(panel: Panel) -> None:
         panel.page.click(star(number))
     panel.until(f"document.querySelector('{star(6)}').disabled")
     assert "four outputs" in panel.page.run(f"document.querySelector('{star(6)}').title")
+    set_to(panel, "#outputs input", "2")
+    until(lambda: device(panel)["io"][1]["value"] == 2)
+    opened_card(panel, "io")
     for number in (1, 2, 3, 5):
         panel.page.click(star(number))
     assert not panel.page.run("document.querySelector('#outputs').children.length")
