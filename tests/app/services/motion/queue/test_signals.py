@@ -334,7 +334,7 @@ def test_a_rejected_output_that_stops_its_motion_empties_the_queue(queue: Queue)
     assert queue.fates(second) == [False]
 
 
-@pytest.mark.parametrize("seed", [0, 1, 5, 18, 24, 29])
+@pytest.mark.parametrize("seed", [5, 18, 24])
 def test_whatever_comes_and_is_taken_out_nothing_fires_twice_and_nothing_is_lost(
     queue: Queue, seed: int
 ) -> None:
