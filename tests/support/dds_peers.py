@@ -38,7 +38,7 @@ def built(source: Path) -> Path:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not made.exists():
             partial = made.with_suffix(".partial")
-            command = ["g++", "-std=c++17", "-O1", "-o", str(partial), str(source), "-lfastrtps", "-lfastcdr"]
+            command = ["g++", "-std=c++17", "-O0", "-o", str(partial), str(source), "-lfastrtps", "-lfastcdr"]
             subprocess.run(command, check=True)
             partial.rename(made)
     return made

@@ -216,12 +216,15 @@ class Side:
 def a_place(robot: RobotDescription, margin_m: float, random: np.random.Generator) -> Array:
     """Where the arm is not in anything; every other time it is near something."""
     near = random.random() < 0.5
+    limits, home = robot.limits, np.array(robot.positions["home"].joints)
     while True:
-        position = np.array(robot.positions["home"].joints) + 0.7 * random.normal(size=robot.limits.dof)
-        position = np.clip(position, 0.9 * robot.limits.min_position, 0.9 * robot.limits.max_position)
-        nearest_m, next_m = np.sort(robot.collision.clearance.distances(position[None], 1.0)[0])[:2]
-        if nearest_m > margin_m and (next_m < margin_m + NEAR_M) == near:  # Two links are always near.
-            return position
+        drawn = home + 0.7 * random.normal(size=(100, limits.dof))
+        drawn = np.clip(drawn, 0.9 * limits.min_position, 0.9 * limits.max_position)
+        distances_m = np.partition(robot.collision.clearance.distances(drawn, 1.0), 1)
+        nearest_m, next_m = distances_m[:, 0], distances_m[:, 1]
+        fits = (nearest_m > margin_m) & ((next_m < margin_m + NEAR_M) == near)  # Two links are always near.
+        if fits.any():
+            return drawn[fits.argmax()]
 
 
 KINDS: dict[str, dict[str, object]] = {
