@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -53,14 +54,19 @@ class Touched(ServiceOfPlant):
 
     def note(self) -> None:
         mj, data, force = self.plant.plant.mj, self.plant._plant_data, np.zeros(6)
-        up = 0.0
-        for index, contact in enumerate(data.contact):
-            names = {mj.geom(contact.geom1).name, mj.geom(contact.geom2).name}
-            if names & set(FINGERS) and names & CELL["fixtures"].keys():
-                mujoco.mj_contactForce(mj, data, index, force)
-                up += force[0] * abs(contact.frame[2])
+        pairs, up = data.contact.geom, 0.0
+        for index in np.flatnonzero(self._kinds[pairs].sum(1) == 3):
+            mujoco.mj_contactForce(mj, data, int(index), force)
+            up += force[0] * abs(data.contact[int(index)].frame[2])
         self.forces.append(up)
         self.places.append(data.site(self.rig.settings.robot.tcp).xpos.copy())
+
+    @cached_property
+    def _kinds(self) -> np.ndarray:
+        """Of each shape: 1 a finger, 2 a fixture, 0 anything else."""
+        mj = self.plant.plant.mj
+        names = [mj.geom(number).name for number in range(mj.ngeom)]
+        return np.array([(name in FINGERS) + 2 * (name in CELL["fixtures"]) for name in names])
 
 
 @pytest.fixture(scope="module")
