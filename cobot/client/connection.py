@@ -96,6 +96,12 @@ class Connection:
     def _answer_timeout_s(self, path: str) -> float:
         return max(self._motion_timeout_s, LONG_TIMEOUTS_S.get(path, 0.0))
 
+    def _page(self, path: str, limit: int | None, after: str | None, **query: Any) -> Any:
+        """A page of a list; see docs/conventions.md."""
+        given = {"limit": limit, "after": after, **query}
+        params = {name: value for name, value in given.items() if value is not None}
+        return self._request("GET", path, params=params)
+
     def _json(self, method: str, path: str, **request: Any) -> Json:
         answer = self._request(method, path, **request)
         if not isinstance(answer, dict):

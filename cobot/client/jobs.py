@@ -86,9 +86,15 @@ class JobHandle:
 class Jobs(Connection):
     """The requests of a client about jobs."""
 
-    def jobs(self, n: int = 50, *states: str) -> list[Json]:
-        """The jobs, newest first, active ones before ended ones; if `states` is given, only those in them."""
-        return list(self._json("GET", "/jobs", params={"n": n, "state": list(states)})["jobs"])
+    def jobs(self, limit: int = 50, *states: str, after: str | None = None) -> list[Json]:
+        """The jobs, newest first, active ones before ended ones.
+
+        Args:
+            limit: maximum number of jobs.
+            states: if given, only jobs in one of them.
+            after: id of a job of an earlier answer: the list continues after it.
+        """
+        return list(self._page("/jobs", limit, after, state=list(states))["jobs"])
 
     def job(self, job: str) -> JobHandle:
         """The job with this id."""

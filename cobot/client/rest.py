@@ -67,9 +67,14 @@ class Client(ForceMoves, Steps, EventConnection):
         """
         return self._json("GET", "/robot/state")
 
-    def positions(self) -> list[Json]:
-        """The named positions."""
-        return list(self._request("GET", "/robot/positions"))
+    def positions(self, limit: int | None = None, after: str | None = None) -> list[Json]:
+        """The named positions.
+
+        Args (of every list):
+            limit: maximum number of entries; None: all of them, or as many as the service sends by default.
+            after: id or name of an entry of an earlier answer: the list continues after it.
+        """
+        return list(self._page("/robot/positions", limit, after))
 
     def teach_position(self, name: str, joints: Sequence[float] | None = None, description: str = "") -> Json:
         """Save a named position: the joint angles, rad, or the present ones if none are given."""
@@ -174,13 +179,13 @@ class Client(ForceMoves, Steps, EventConnection):
                 timeout=self._motion_timeout_s,
             )
 
-    def trajectory_logs(self, n: int = 50) -> list[str]:
+    def trajectory_logs(self, limit: int | None = 50, after: str | None = None) -> list[str]:
         """Results of trajectories, the newest line last."""
-        return list(self._json("GET", "/trajectory/logs", params={"n": n})["lines"])
+        return list(self._page("/trajectory/logs", limit, after)["lines"])
 
-    def recordings(self) -> Json:
+    def recordings(self, limit: int | None = None, after: str | None = None) -> Json:
         """The stored `recordings`, newest first, and the state of the `recorder`."""
-        return self._json("GET", "/recordings")
+        return dict(self._page("/recordings", limit, after))
 
     def record(self, action: str = "dump", seconds: float | None = None) -> list[str]:
         """Write the last seconds to a file ("dump"), or "start" or "stop" a continuous recording.
@@ -226,23 +231,25 @@ class Client(ForceMoves, Steps, EventConnection):
         """State of the newest sequence."""
         return self._json("GET", "/sequences/status")
 
-    def sequence_logs(self, n: int = 50) -> list[str]:
+    def sequence_logs(self, limit: int | None = 50, after: str | None = None) -> list[str]:
         """Output of the runner, the newest line last."""
-        return list(self._json("GET", "/sequences/logs", params={"n": n})["lines"])
+        return list(self._page("/sequences/logs", limit, after)["lines"])
 
-    def programs(self) -> list[Json]:
+    def programs(self, limit: int | None = None, after: str | None = None) -> list[Json]:
         """The stored programs, each with its newest version: `id`, `label`, `kind`, `version`, `author`,
         `time`, `note`."""
-        return list(self._request("GET", "/programs"))
+        return list(self._page("/programs", limit, after))
 
     def program(self, program: str, version: int | None = None) -> Json:
         """A stored program with its `text`; the newest version by default."""
         params = {} if version is None else {"version": version}
         return self._json("GET", _program_path(program), params=params)
 
-    def program_versions(self, program: str) -> list[Json]:
-        """All versions of a stored program that are kept, the newest first."""
-        return list(self._request("GET", f"{_program_path(program)}/versions"))
+    def program_versions(
+        self, program: str, limit: int | None = None, after: str | None = None
+    ) -> list[Json]:
+        """The versions of a stored program that are kept, the newest first."""
+        return list(self._page(f"{_program_path(program)}/versions", limit, after))
 
     def save_program(
         self,
@@ -301,9 +308,9 @@ class Client(ForceMoves, Steps, EventConnection):
         body = {**document, "max_s": max_s}
         return self._json("POST", "/studies", json=body, timeout=self._motion_timeout_s)
 
-    def studies(self) -> list[Json]:
+    def studies(self, limit: int | None = None, after: str | None = None) -> list[Json]:
         """The studies of the service, the newest first; see `study`."""
-        return list(self._json("GET", "/studies")["studies"])
+        return list(self._page("/studies", limit, after)["studies"])
 
     def study(self, study: str) -> Json:
         """A study: `state` (running, finished, partial, failed), `reason`, `done`, `tasks`, `left_s`,

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call
 from app.api.errors import responses
+from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
 from app.services.programs.studies import MAP, TABLES, StudyStatus
 from cobot import audit
@@ -133,10 +134,11 @@ class StudyMap(BaseModel):
     every: int = Field(description="The map shows every Nth place of the study; 1: all of them.")
 
 
-@router.endpoint("GET /studies", Role.OBSERVER, timeout_s=5.0)
-async def studies(request: Request) -> StudiesAnswer:
+@router.endpoint("GET /studies", Role.OBSERVER, timeout_s=5.0, responses=responses(422))
+async def studies(request: Request, limit: Limit = None, after: After = None) -> StudiesAnswer:
     """The studies of the robot; of a running one, with its partial answer."""
-    return StudiesAnswer(studies=[_answer(each) for each in await Call(request).services.studies.all()])
+    found = page_of(await Call(request).services.studies.all(), lambda each: each.id, limit, after)
+    return StudiesAnswer(studies=[_answer(each) for each in found])
 
 
 @router.endpoint("POST /studies", Role.PROGRAMMER, timeout_s=60.0, responses=responses(404, 409, 501, 503))

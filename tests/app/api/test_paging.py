@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -94,6 +95,25 @@ def test_an_entry_that_is_not_there_is_named_and_a_bad_limit_is_rejected(
         assert filled.ask("GET", path, params={"limit": limit}).status_code == 422
 
 
+def test_the_python_client_asks_for_the_same_pages(filled: VirtualService) -> None:
+    client = filled.client(filled.url)
+    lists: dict[str, Callable[..., list[Any]]] = {
+        "/robot/positions": client.positions,
+        "/programs": client.programs,
+        "/programs/place_0/versions": partial(client.program_versions, "place_0"),
+        "/jobs": client.jobs,
+        "/trajectory/logs": client.trajectory_logs,
+    }
+    for path, call in lists.items():
+        key = LISTS[path][1]
+        after = key(asked(filled, path)[0])
+        assert call(limit=2, after=after) == asked(filled, path, limit=2, after=after) != [], path
+    assert client.studies(limit=1) == []
+    assert client.recordings(limit=1)["recordings"] == asked(filled, "/recordings", limit=1)
+    with pytest.raises(InputError, match="after: "):
+        client.studies(after="nothing")
+
+
 def test_a_long_line_of_a_log_is_found_by_its_beginning() -> None:
     """Its whole text would be longer than the header of a request may be."""
     lines = ["first", "é" * 3000, "third", "é" * 3000, "last"]
@@ -121,7 +141,7 @@ def test_a_robot_list_ends_behind_its_last_one(filled: VirtualService) -> None:
 
 def test_every_list_has_both_and_the_old_names_are_deprecated(filled: VirtualService) -> None:
     paths = filled.get("/openapi.json").json()["paths"]
-    for path in [*LISTS, "/sequences/logs"]:
+    for path in [*LISTS, "/sequences/logs", "/studies"]:
         parameters = paths[path.replace("place_0", "{program}")]["get"]["parameters"]
         named = {each["name"]: each for each in parameters}
         assert {"limit", "after"} <= set(named), path

@@ -117,7 +117,7 @@ def test_one_of_several_robots_is_asked_below_its_name(call: Callable[[Client], 
 def test_logs_are_lists_of_lines(call: Callable[[Client, int], list[str]]) -> None:
     results = []
     request = sent(lambda robot: results.append(call(robot, 7)), {"lines": ["a", "b"]})
-    assert dict(request.url.params) == {"n": "7"}
+    assert dict(request.url.params) == {"limit": "7"}
     assert results == [["a", "b"]]
 
 
