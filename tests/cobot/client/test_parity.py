@@ -1,4 +1,4 @@
-"""The tables of tests in docs/flexiv-parity.md and docs/aubo-parity.md.
+"""The tables of tests in tests/parity.
 
 Oracle: the names of the test functions in this folder's neighbours.
 """
@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).parents[2]
-DOCUMENTS = TESTS.parent / "docs"
+DOCUMENTS = TESTS / "parity"
 
 
-@pytest.mark.parametrize("document", ["flexiv-parity.md", "aubo-parity.md"])
+@pytest.mark.parametrize("document", ["flexiv.md", "aubo.md"])
 def test_every_test_that_the_table_names_exists(document: str) -> None:
     named = set(re.findall(r"`(test_\w+)`", (DOCUMENTS / document).read_text(encoding="utf-8")))
     defined = {
