@@ -118,7 +118,7 @@ def _authenticator(settings: Settings, clock: Clock, ros_token: str | None) -> A
 
 
 def _application(lifetime: Lifetime) -> FastAPI:
-    """One with nothing in it but how long it lives."""
+    """An application without endpoints, which runs the background tasks of `lifetime`."""
     app: FastAPI = FastAPIOffline(
         title="cobot",
         summary="The REST API of cobot, a service that moves robot arms.",

@@ -66,13 +66,13 @@ Planner = Callable[[Path | None, int, str], PlanningService]
 
 @dataclass(frozen=True, slots=True)
 class SharedParts:
-    """What the services of all robots have in common; see `app.main.create_app`.
+    """Parts that the services of all robots share; see `app.main.create_app`.
 
     Attributes:
         slowest_move_s: the longest time that a request may take to move the arm.
         sync: moves the robots together.
-        several: whether there is more than one, so that log lines and addresses have to say which.
-        tokens: the tokens that programs have while they run.
+        several: whether there is more than one robot, so that log lines and addresses must name it.
+        tokens: the tokens of running programs.
         events: the events of the service, for its listeners.
         study_turn: held while a study of any robot runs.
     """

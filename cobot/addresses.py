@@ -58,10 +58,10 @@ def path_below(plain: str) -> str:
 
 
 def service_of(url: str) -> str:
-    """What precedes the paths of the service, of an address of the service or of one of its robots."""
+    """The prefix of the service's paths, from an address of the service or of one of its robots."""
     return urlsplit(url).path.rstrip("/").partition(f"{ROBOTS}/")[0]
 
 
 def path_at(url: str, plain: str) -> str:
-    """What follows an address, of a plain path: whether the address is that of a robot or of the service."""
+    """The path to append to an address for a plain path; below a robot's address it is shorter."""
     return path_below(plain) if f"{ROBOTS}/" in urlsplit(url).path else plain

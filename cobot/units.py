@@ -20,10 +20,10 @@ DEGREES = "these look like degrees, angles are in rad"
 
 
 def require_angle(value: float, most_rad: float = MAX_POSE_ANGLE_RAD) -> float:
-    """The value, which is an angle, rad.
+    """Return an angle in rad, after checking its size.
 
     Raises:
-        ValueError: it is beyond `most_rad`, with what it is from degrees.
+        ValueError: It is beyond `most_rad`. The error gives the angle that it would be if meant in degrees.
     """
     if abs(value) <= most_rad:
         return value

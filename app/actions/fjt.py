@@ -1,9 +1,10 @@
 """The action /{robot}/follow_joint_trajectory (control_msgs/action/FollowJointTrajectory).
 
-A goal becomes one planned motion, checked as a whole before it starts and then rtloop's alone; or, with an
-`fjt_mode` from 1 to 7, a servo session that is fed from the same polynomials. Invalid goals are
-accepted and then aborted with a code and a sentence, because a rejection has no room for either. A goal is
-rejected only for reasons outside it: the action is switched off, another client moves the arm, or an e-stop.
+A goal becomes one planned motion, which is checked as a whole before it starts and which rtloop then
+executes alone. With an `fjt_mode` from 1 to 7 it becomes a servo session with points from the same
+polynomials. Invalid goals are accepted and then aborted with a code and a sentence, because a rejection has
+no field for them. A goal is rejected only for other reasons: the action is disabled, another client moves
+the arm, or an e-stop.
 """
 
 from __future__ import annotations
@@ -125,7 +126,7 @@ class FollowJointTrajectory:
 
     @contextlib.asynccontextmanager
     async def _turn(self, handle: GoalHandle) -> AsyncIterator[Run]:
-        """Be the newest goal: the one before ends first, and a cancel or a newer one ends this one."""
+        """Make this the newest goal. The previous one ends first; a cancel or a newer goal ends this one."""
         run, before = Run(), self._newest
         self._newest = run
 

@@ -15,7 +15,7 @@ from typing import cast
 from fastapi import Request
 
 REST = 4.0
-"""Pause after an answer, as a multiple of its duration: costly answers get a fifth of the time in all."""
+"""Pause after an answer, as a multiple of its duration. Costly answers use at most a fifth of the time."""
 MAX_REST_S = 1.0
 
 

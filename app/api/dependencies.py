@@ -132,7 +132,7 @@ class Call:
 
 
 async def watch_for_departure(request: Request) -> AsyncIterator[asyncio.Event]:
-    """An event that is set when the client goes away, if the settings want to know."""
+    """An event that is set when the client disconnects, if `web.stop_on_disconnect` is true."""
     event = asyncio.Event()
 
     async def watch() -> None:

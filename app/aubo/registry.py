@@ -115,7 +115,7 @@ class Answer:
 
 CALCULATIONS = ("Math", "RobotAlgorithm")
 READS = re.compile(r"get|is[A-Z]|has|peek|(axisGroup|frame|modbus|serial|socket)(Get|Read|Convert)")
-"""Classes, and beginnings of methods, that change nothing."""
+"""Classes whose methods change nothing, and prefixes of other methods that change nothing."""
 TOO_LARGE = "the numbers are too large: what comes of them is not finite"
 POINTS = ("servoJoint", "servoCartesian")
 """Services that send points. The audit has an entry for their session instead."""

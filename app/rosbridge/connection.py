@@ -273,7 +273,9 @@ class Connection:
         try:
             _require_plain(compression)
             if len(self._tasks) >= MAX_PENDING:
-                raise UnavailableError(f"{MAX_PENDING} calls of this client are under way already")
+                raise UnavailableError(
+                    f"this client has {MAX_PENDING} calls in progress, no more are allowed"
+                )
         except CobotError:
             work.close()
             raise

@@ -102,9 +102,9 @@ class JobService:
         return self._find(number)
 
     async def cancel(self, number: str, timeout_s: float) -> JobRecord:
-        """End this job and no other, for whichever client; the arm comes to rest on its path.
+        """End this job only, whichever client started it; the arm stops on its path.
 
-        One of the queue is taken out of it, and the others go on.
+        A queued job leaves the queue, and the others continue.
 
         Raises:
             NotFoundError, ConflictError: there is no such job, or it has ended already.

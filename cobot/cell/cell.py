@@ -27,7 +27,7 @@ MAX_OUTPUTS = 16
 HAND = "hand"
 """Name of the hand, and first part of the names of its inputs and outputs."""
 CUP = "cup"
-"""Name of the suction cup, likewise."""
+"""Name of the suction cup, and first part of the names of its inputs and outputs."""
 COUNT = "count"
 """Last part of the name of the input with a light barrier's count."""
 SPEED = "speed"

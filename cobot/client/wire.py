@@ -39,7 +39,7 @@ _DTYPES = {
 
 
 def packed(kind: Kind, sequence: int, record: np.ndarray | None = None) -> bytes:
-    """The frame."""
+    """A binary frame: the header and a record."""
     return _HEADER.pack(kind, LAYOUT_VERSION, sequence) + (b"" if record is None else record.tobytes())
 
 

@@ -28,7 +28,7 @@ def resolve(location: str, folder: Path) -> Path:
     package, _, inner = location.removeprefix("pkg://").partition("/")
     root = _folder_of(package)
     if root is None:
-        raise ConfigError(f"{location}: there is no installed Python package {package!r}")
+        raise ConfigError(f"{location}: the Python package {package!r} is not installed")
     path = (root / inner).resolve()
     if not path.is_relative_to(root):
         raise ConfigError(f"{location}: leaves the package {package!r}")

@@ -38,7 +38,7 @@ def _an_ipv4_address(value: str) -> str:
 def _a_host(value: str) -> str:
     if not re.fullmatch(r"[a-z0-9_]([a-z0-9._-]*[a-z0-9_])?|[0-9a-f:.]*:[0-9a-f:.]*", value):
         raise ValueError(
-            f"{shown(value)} is no name or address of a host, such as robot.example or 192.168.0.10: "
+            f"{shown(value)} is not a host name or address such as robot.example or 192.168.0.10: "
             "in lower case, without a scheme, a port or a wildcard"
         )
     return value
@@ -57,7 +57,6 @@ RobotName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$"), AfterValidat
 IPv4 = Annotated[str, AfterValidator(_an_ipv4_address)]
 Host = Annotated[str, AfterValidator(_a_host)]
 Origin = Annotated[str, AfterValidator(_an_origin)]
-
 
 # Validators of a field that know the fields before it in its section.
 

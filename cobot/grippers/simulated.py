@@ -28,11 +28,11 @@ MIN_FORCE_N, MIN_SPEED_M_S = 0.5, 0.001
 DEFAULT_FORCE_SHARE = 0.5
 """Share of the largest force with which the fingers close when a command names none."""
 BEYOND_M = 0.003
-"""A grasp aims so far beyond the narrowest permitted object: the fingers have to press on it."""
+"""Distance by which a grasp closes beyond the narrowest permitted object, so that the fingers press, m."""
 NEAR_M = 0.001
 PRESSING_N, PRESSING_SHARE = 1.0, 0.5
-"""Fingers that press harder than this, or than this share of the commanded force, away from the commanded
-width, hold something."""
+"""Force, in N and as a share of the commanded force, above which fingers that have not reached the commanded
+width hold something."""
 REPORT_S = 1.0
 """A command that the cell has not reported after this time was replaced, by another client of its outputs."""
 

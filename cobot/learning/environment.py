@@ -29,7 +29,7 @@ from cobot.types import Array, vector
 
 Observation = dict[str, Any]
 MARGIN_RAD = 0.02
-"""Targets keep so far from the joints' limits."""
+"""Distance of targets from the joints' limits, rad."""
 TRIES = 100
 GRIPPER_NUMBERS = ("gripper_width", "gripper_commanded_width", "gripper_force")
 REACH_M = 3.0

@@ -41,7 +41,7 @@ def check_request(request: MotionRequest) -> None:
     _require_one(traits, request, given)
     if request.constraints is not None and request.algorithm != RRT_CONNECT:
         raise InputError(
-            f"constraints: of ompl's planners {RRT_CONNECT} alone keeps them, not {request.algorithm}"
+            f"constraints: {request.algorithm} does not support them; use algorithm {RRT_CONNECT}"
         )
     if request.cyclic and request.end_joints is not None:
         raise InputError("cyclic, end_joints: give one of them, not both")

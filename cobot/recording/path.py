@@ -9,7 +9,7 @@ from cobot.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Marked:
-    """An event of a recording; `time_s` from its first cycle on."""
+    """An event of a recording. `time_s` counts from the recording's first cycle."""
 
     time_s: float
     kind: str

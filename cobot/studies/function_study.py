@@ -53,7 +53,7 @@ class FunctionStudy(SampledStudy):
 
     @property
     def _path(self) -> Path | None:
-        """The file with the function; None for a module of Python's path."""
+        """The file with the function; None if the function is in an importable module."""
         module, _ = self._parts
         return self.folder / module if module.endswith(".py") else None
 

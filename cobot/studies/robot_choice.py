@@ -43,7 +43,7 @@ class StudyObject(StrictModel):
 
     def solid(self, name: str) -> SceneObject:
         """Raises:
-        InputError: size or pose are not those of such a solid.
+        InputError: Size or pose do not fit the shape.
         """
         if len(self.size) != SIZES[self.shape]:
             raise InputError(

@@ -37,9 +37,9 @@ from cobot.studies.study import Study
 from cobot.studies.study_file import study_of
 
 KINDS = ("reach", "placement", "cycle", "robustness", "compare")
-"""Kinds that a request may have; a function would be a program of the client."""
+"""Kinds of studies that a request may have. A function is not allowed, because it would be foreign code."""
 OF_THE_ROBOT = ("objects", "tool")
-"""What a request may say of its robot."""
+"""Keys of `robot` that a request may have."""
 COPIES = ("scene", "tool_file", "positions")
 """Files of the service whose content belongs to a study, by their keys in `robot`."""
 MAX_POINTS = 20_000
@@ -207,10 +207,10 @@ def _parts(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def require_no_files(part: dict[str, Any], place: str = "") -> None:
-    """See that a part of a request names no file of this computer and no function.
+    """Check that a part of a request names no file of this computer and no function.
 
     Raises:
-        InputError: it does; says what instead.
+        InputError: It does. The error names the alternative.
     """
     kind = part.get("kind", KINDS[0] if place.startswith("variants") else None)
     if kind not in KINDS or (place and kind == "compare"):

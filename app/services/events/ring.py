@@ -166,7 +166,7 @@ class Events:
             return json.dumps(without_nan(content))
 
     def close(self) -> None:
-        """The service ends: so does listening to it."""
+        """Publish that the service ends; every listener then ends too."""
         if not self.closed:
             self.publish("service", what="ends")
             self.closed = True

@@ -27,9 +27,9 @@ STDOUT = 1
 LARGE_BYTES = 65536
 """Size from which a thread unpickles an answer. With less, changing threads takes longer than unpickling."""
 LOOK_S = 0.5
-"""How often it is looked whether a worker that is waited for is stopped."""
+"""Interval of checks whether a worker that is waited for is stopped, s."""
 START_S = 60.0
-"""A worker that is not ready after so long will never be."""
+"""Time after which a worker that is not ready is given up, s."""
 BACKOFF_S = (0.2, 5.0)
 """The first pause before a worker is started again and the longest one, s, while starts fail."""
 

@@ -200,7 +200,7 @@ class StopService:
         return self._link.streamer() or (None if _idle(state) else f"motion {state.motion_id}")
 
     async def _rest(self, timeout_s: float, problems: list[str]) -> RobotState | None:
-        """The state once the arm is at rest, or the last one before the time was up."""
+        """The state when the arm is at rest; after the timeout, the last state that was read."""
         deadline_s = self._link.clock.now_s() + timeout_s
         state: RobotState | None = None
         while self._link.clock.now_s() < deadline_s:

@@ -88,7 +88,7 @@ class RobotiqRig:
         self.fingers.object_m = width_m
 
     def inject(self, fault: str) -> None:
-        """A fault begins, and lasts."""
+        """Start a fault, which lasts until `clear`."""
         self._slave.silent = fault == "disconnect"
         self.fingers.fault = TOO_HOT if fault == "fault" else 0
 

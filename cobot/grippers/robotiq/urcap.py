@@ -19,7 +19,7 @@ from cobot.grippers.robotiq.registers import Activation, Detection, Request, Sta
 PORT = 63352
 ACK, UNKNOWN = "ack", "?"
 QUIET_S = 0.02
-"""A value without a newline is whole after this time without more."""
+"""Silence after which a value without a newline counts as complete, s."""
 MAX_ANSWER = 64
 _VALUE = re.compile(r"([A-Z]{3}) (\d{1,3})")
 

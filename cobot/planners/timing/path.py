@@ -52,7 +52,10 @@ class Path:
 
     @classmethod
     def of_spline(cls, spline: BSpline) -> Path:
-        """A spline of up to degree 5, shape (dof,) at each place, between its first and last inner knots."""
+        """The path along a spline of degree 5 or less, from its first to its last inner knot.
+
+        The value of the spline at each parameter has the shape (dof,).
+        """
         knots = np.unique(spline.t[spline.k : len(spline.t) - spline.k])
         powers = np.zeros((len(knots) - 1, spline.c.shape[1], ORDER))
         for order in range(spline.k + 1):

@@ -20,7 +20,7 @@ DECIMALS = range(4, 10)
 """Range of decimals: with fewer, a unit is too large a correction; with more, there is nothing to remove."""
 MIN_POINTS = 100
 LONGEST_STEP_S = 0.02
-"""Points farther apart are intended individually, s."""
+"""Maximum time step for which points count as samples of a curve and are smoothed, s."""
 UNEVEN = 0.01
 """Share by which time steps may differ."""
 WINDOWS = (24.0, 16.0, 12.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0)

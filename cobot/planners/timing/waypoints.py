@@ -31,7 +31,7 @@ __all__ = ["plan_waypoints", "through"]
 UNASKED_STRETCH = 1.05
 """A motion may take longer than its points specify by this factor without the client's permission."""
 ASIDE = 0.1
-"""Share of a delay, at its begin and at its end, that is left out of the reported slow interval."""
+"""Share of the delay at each end that the reported slow interval leaves out."""
 FEW = 5_000
 """With more points than this, slowing down evenly is not tried first, because it takes long."""
 

@@ -752,9 +752,9 @@ def test_the_schema_asks_for_tokens_where_they_are_needed(guarded: Guarded, run:
 def test_settings_are_read_strictly(tmp_path: Path) -> None:
     file = tmp_path / "settings.yaml"
     for text, sentence in (
-        ("web: {allowed_hosts: ['*']}", "is no name or address of a host"),
-        ("web: {allowed_hosts: ['http://robot.example']}", "is no name or address of a host"),
-        ("web: {allowed_hosts: ['robot.example:80']}", "is no name or address of a host"),
+        ("web: {allowed_hosts: ['*']}", "is not a host name or address"),
+        ("web: {allowed_hosts: ['http://robot.example']}", "is not a host name or address"),
+        ("web: {allowed_hosts: ['robot.example:80']}", "is not a host name or address"),
         ("web: {allowed_origins: ['*']}", "is no origin of pages"),
         ("web: {allowed_origins: ['null']}", "is no origin of pages"),
         ("web: {allowed_origins: ['https://app.example/']}", "is no origin of pages"),

@@ -372,7 +372,7 @@ def test_calls_under_way_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         graph.add_service("/slow", "std_srvs/srv/Empty", slow, owner=0)
         for number in range(4):
             one.ask("call_service", service="/slow", id=number)
-        assert "3 calls of this client are under way already" in errors(one)[0]
+        assert "this client has 3 calls in progress, no more are allowed" in errors(one)[0]
         go.set()
         await asyncio.sleep(0.01)
         assert [message["id"] for message in one.got()] == [0, 1, 2]

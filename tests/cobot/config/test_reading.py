@@ -61,7 +61,7 @@ web:
         ("robot: {model: 7}", "robot.model: must be a path, got 7"),
         (
             "robot: {model: pkg://no_such_package/x.xml}",
-            "there is no installed Python package 'no_such_package'",
+            "the Python package 'no_such_package' is not installed",
         ),
         ("robot: {model: pkg://config/../../x.xml}", "leaves the package 'config'"),
         ("web: {port: 1, port: 2}", "'port' occurs twice"),

@@ -20,7 +20,7 @@ class QueueJobs:
         self._ownership = ownership
 
     def end(self, move: QueuedMove, error: BaseException | None = None) -> None:
-        """A move has ended: it has arrived, or `error` is why it has not."""
+        """End the job of a move that has arrived, or has failed with `error`."""
         job = move.request.job
         move.signals.end()
         if job is not None and not job.ended.is_set():

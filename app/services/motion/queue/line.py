@@ -80,7 +80,7 @@ class QueueLine:
         self._planned.extendleft(reversed(chain))
 
     def put_first(self, moves: Sequence[QueuedMove], start: Array) -> None:
-        """These moves come first, and all of them have to begin somewhere else now: the first one there."""
+        """Put moves before all others; all must be planned again, because the first one begins at `start`."""
         self._loose.extendleft(reversed([*moves, *self._planned]))
         self._planned.clear()
         self._end_at(start)

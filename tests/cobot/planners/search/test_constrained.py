@@ -186,7 +186,7 @@ def test_a_start_or_goal_that_breaks_it_and_what_cannot_be_kept_are_said(robot: 
         PlanningTimeout, match=r"no free path that keeps the constraints within 0.3 s \(\d+ and"
     ):
         plan(robot, asked(robot, other_wrist, narrow, timeout_s=0.3))
-    with pytest.raises(InputError, match="of ompl's planners RRTConnect alone keeps them, not PRM"):
+    with pytest.raises(InputError, match="constraints: PRM does not support them; use algorithm RRTConnect"):
         plan(robot, asked(robot, away, wall, algorithm="PRM"))
 
 
