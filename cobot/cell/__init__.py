@@ -13,10 +13,21 @@ from cobot.cell.cell import (
     cell_file,
     load_cell,
 )
-from cobot.cell.own_hand import AnyHand, OwnHand, SlidingFinger, cell_of, hand_of
+from cobot.cell.own_hand import (
+    AnyHand,
+    AnyOwnHand,
+    OwnHand,
+    SlidingFinger,
+    TurningHand,
+    TurningJoint,
+    cell_of,
+    hand_of,
+    kind_of_hand,
+)
 
 __all__ = [
     "AnyHand",
+    "AnyOwnHand",
     "Belt",
     "Cell",
     "CellPart",
@@ -28,8 +39,11 @@ __all__ = [
     "LightBarrier",
     "OwnHand",
     "SlidingFinger",
+    "TurningHand",
+    "TurningJoint",
     "cell_file",
     "cell_of",
     "hand_of",
+    "kind_of_hand",
     "load_cell",
 ]

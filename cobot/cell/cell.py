@@ -87,6 +87,11 @@ class Hand(Entry):
         return self
 
     @property
+    def closed_m(self) -> float:
+        """Smallest width between the fingers."""
+        return 0.0
+
+    @property
     def tcp_m(self) -> float:
         """Distance of the TCP from the flange."""
         return self.palm_m[2] + self.finger_m[2] - self.tcp_from_tip_m

@@ -1,4 +1,4 @@
-"""The hand that the arm's model brings along: two fingers of it that slide, as `cobot new-robot` keeps them.
+"""The hand that the arm's model brings along: links that slide or turn, as `cobot new-robot` keeps them.
 
 `robot.gripper: {type: simulated, hand: {...}}` describes it. It takes the place of the cell file's hand.
 """
@@ -6,17 +6,20 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator
 
-from cobot.cell.cell import Cell, Entry, Hand, load_cell
+from cobot.cell.cell import Cell, Coordinate, Entry, Hand, load_cell
 from cobot.config import Settings
 from cobot.errors import ConfigError
 from cobot.strict import sentence
 
 SIMULATED = "simulated"
 """The type of `robot.gripper` whose options have a hand."""
+MAX_WIDTHS, MIN_STEP_M = 64, 1e-6
 Component = Annotated[float, Field(ge=-1.0, le=1.0)]
 
 
@@ -36,9 +39,13 @@ class SlidingFinger(Entry):
     @field_validator("axis")
     @classmethod
     def _is_a_direction(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
-        if abs((length := math.hypot(*axis)) - 1.0) > 1e-3:
-            raise ValueError(f"its length is {length:g}, it must be 1")
-        return axis
+        return _direction(axis)
+
+
+def _direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
+    if abs((length := math.hypot(*axis)) - 1.0) > 1e-3:
+        raise ValueError(f"its length is {length:g}, it must be 1")
+    return axis
 
 
 class OwnHand(Entry):
@@ -58,12 +65,97 @@ class OwnHand(Entry):
         """Largest width between the fingers."""
         return sum(finger.travel_m for finger in self.fingers)
 
+    @property
+    def closed_m(self) -> float:
+        """Smallest width between the fingers."""
+        return 0.0
 
-AnyHand = Hand | OwnHand
+
+class TurningJoint(Entry):
+    """A joint of fingers that turn.
+
+    Attributes:
+        body: the link that it turns; the model has it open.
+        axis: about which it opens with a positive ratio, in the frame of that body.
+        anchor_m: a point of the axis, in the frame of that body.
+        ratio: its angle for each radian of the first joint.
+    """
+
+    body: Annotated[str, Field(min_length=1, max_length=200)]
+    axis: Annotated[tuple[Component, Component, Component], Field(strict=False)]
+    anchor_m: Annotated[tuple[Coordinate, Coordinate, Coordinate], Field(strict=False)] = (0.0, 0.0, 0.0)
+    ratio: Annotated[float, Field(ge=-10.0, le=10.0)] = 1.0
+
+    @field_validator("axis")
+    @classmethod
+    def _is_a_direction(cls, axis: tuple[float, float, float]) -> tuple[float, float, float]:
+        return _direction(axis)
+
+
+class TurningHand(Entry):
+    """A hand whose fingers turn together, or which has one jaw that turns.
+
+    Attributes:
+        joints: the first one is driven, all others follow it.
+        travel_rad: by which the first joint turns from closed to open.
+        widths_m: at equal steps of the first joint's angle from closed to open.
+        max_force_n: largest force between the fingers at every width.
+        max_speed_m_s: largest speed of the width.
+    """
+
+    joints: Annotated[tuple[TurningJoint, ...], Field(strict=False, min_length=1, max_length=12)]
+    travel_rad: Annotated[float, Field(ge=0.02, le=6.3)]
+    widths_m: Annotated[
+        tuple[Annotated[float, Field(ge=0.0, le=0.5)], ...],
+        Field(strict=False, min_length=2, max_length=MAX_WIDTHS),
+    ]
+    max_force_n: Annotated[float, Field(ge=1.0, le=2000.0)] = 100.0
+    max_speed_m_s: Annotated[float, Field(ge=0.01, le=1.0)] = 0.2
+
+    @field_validator("joints")
+    @classmethod
+    def _has_a_driven_joint(cls, joints: tuple[TurningJoint, ...]) -> tuple[TurningJoint, ...]:
+        if joints[0].ratio != 1.0:
+            raise ValueError(f"[0].ratio is {joints[0].ratio:g}, that of the driven joint must be 1")
+        return joints
+
+    @field_validator("widths_m")
+    @classmethod
+    def _grows(cls, widths: tuple[float, ...]) -> tuple[float, ...]:
+        for index, (before, after) in enumerate(pairwise(widths), start=1):
+            if after - before < MIN_STEP_M:
+                raise ValueError(
+                    f"[{index}] is {after:g} after {before:g}, each must be at least {MIN_STEP_M:g} m larger "
+                    "than the one before"
+                )
+        return widths
+
+    @property
+    def stroke_m(self) -> float:
+        """Largest width between the fingers."""
+        return self.widths_m[-1]
+
+    @property
+    def closed_m(self) -> float:
+        """Smallest width between the fingers."""
+        return self.widths_m[0]
+
+
+AnyOwnHand = OwnHand | TurningHand
+AnyHand = Hand | AnyOwnHand
+
+
+def kind_of_hand(content: Any) -> str:
+    """Which class describes a hand: "turning" or "sliding"."""
+    turns = isinstance(content, TurningHand) or (isinstance(content, Mapping) and "joints" in content)
+    return "turning" if turns else "sliding"
+
+
+_CLASSES: dict[str, type[AnyOwnHand]] = {"sliding": OwnHand, "turning": TurningHand}
 NO_CELL = Cell.model_validate({"floor_m": None})
 
 
-def own_hand(settings: Settings) -> OwnHand | None:
+def own_hand(settings: Settings) -> AnyOwnHand | None:
     """The hand that the robot's model brings along; None without one.
 
     Raises:
@@ -73,7 +165,7 @@ def own_hand(settings: Settings) -> OwnHand | None:
     if section is None or section.type != SIMULATED or section.options.get("hand") is None:
         return None
     try:
-        return OwnHand.model_validate(section.options["hand"])
+        return _CLASSES[kind_of_hand(section.options["hand"])].model_validate(section.options["hand"])
     except ValidationError as exc:
         said = "; ".join(sentence(each) for each in exc.errors())
         raise ConfigError(f"robot.gripper.hand: {said}") from exc

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from cobot.cell.cell import CUP, HAND, Belt, Cell, CellPart, CellSolid, Cup, Hand, cell_file
-from cobot.cell.own_hand import AnyHand, OwnHand, cell_of, hand_of
+from cobot.cell.own_hand import AnyHand, AnyOwnHand, TurningHand, cell_of, hand_of
 from cobot.cell.surroundings import FINGER_SHARE, LIP_M, pose_of
 from cobot.config import Settings
 from cobot.errors import CollisionError, ConfigError, exhausted
@@ -26,7 +26,10 @@ from cobot.types import Array, Pose
 
 FLOOR = "floor of the cell"
 FINGERS = ("hand finger 1", "hand finger 2")
-"""Names of the joints of the fingers, and of the bodies and shapes of a cell file's hand."""
+"""Names of the joints that the hand's drives move, and of the bodies and shapes of a cell file's hand. A hand
+that turns has one drive."""
+FOLLOWER = "hand follower"
+"""First part of the names of joints that follow the drive of a hand that turns."""
 LIPS = tuple(f"{CUP} lip {number}" for number in range(1, 9))
 """Names of the balls that are a cup's lip: it is closed where all of them touch one body."""
 SOFT_M = 0.0005
@@ -40,6 +43,8 @@ GRASP = {**CONTACT, "solref": [0.002, 1.0]}
 """Between fingers and parts: the stiffest contact that a period of 1 ms permits."""
 DRIVE_KG = 0.5
 """Mass of a finger's drive as the finger feels it: its rotor behind a gear."""
+FOLLOWER_SHARE, DAMPING_PER_S = 0.1, 2.0
+"""Inertia of a joint that follows, as a share of the drive's; and damping per inertia of joints that turn."""
 TORSION_M = 0.005
 ROLLING_M = 0.0002
 _GEOMS = {
@@ -58,6 +63,7 @@ class Plant:
         start: its joint positions at the start; those of the arm are zeros.
         flange: the site that carries the tool.
         tcp_body: the body with the TCP.
+        gripping: the bodies between which parts are held.
         parts: the bodies of the parts, in the cell's order.
         base: pose of the base frame in the world.
     """
@@ -68,6 +74,7 @@ class Plant:
     start: Array
     flange: int
     tcp_body: int
+    gripping: tuple[int, ...]
     parts: tuple[int, ...]
     base: Pose
 
@@ -81,11 +88,11 @@ def plant_of(robot: RobotModel, settings: Settings) -> Plant:
     """The plant of the settings, which have a cell or a hand of the arm's model; raises as `build_plant`."""
     cell, hand, names = cell_of(settings), hand_of(settings), settings.robot
     assert cell is not None
-    own = hand if isinstance(hand, OwnHand) else None
+    own = None if isinstance(hand, Hand) else hand
     return build_plant(robot, cell, names.base_frame, names.tcp, own)
 
 
-def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: OwnHand | None = None) -> Plant:
+def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnHand | None = None) -> Plant:
     """Add the cell to the arm's model.
 
     Args:
@@ -113,6 +120,7 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: OwnHand
         fingers = _add_hand(spec, robot, hand, tcp)
     elif hand is not None:
         fingers = _add_own_hand(spec, hand)
+    gripping = {finger.parent.name for finger in fingers}
     if cell.cup is not None:
         fingers = _add_cup(spec, robot, cell.cup, tcp)
     for name, solid in cell.solids():
@@ -140,12 +148,13 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: OwnHand
         start=start,
         flange=mj.site(_flange(robot.mj, tcp)).id,
         tcp_body=int(mj.site_bodyid[mj.site(tcp).id]),
+        gripping=tuple(mj.body(name).id for name in gripping),
         parts=tuple(mj.body(name).id for name in cell.parts),
         base=base_pose,
     )
 
 
-def _added_by(hand: Hand | OwnHand | None, cell: Cell) -> tuple[str, ...]:
+def _added_by(hand: AnyHand | None, cell: Cell) -> tuple[str, ...]:
     """The names that a hand or a cup adds to the model; the arm's own hand adds none."""
     if cell.cup is not None:
         return (CUP, *LIPS)
@@ -205,7 +214,7 @@ def check_cell(robot: RobotDescription, settings: Settings) -> str:
         (cell.belts, "belts"),
         (cell.switches, "switches"),
     )
-    own = "the hand of the arm's model" if isinstance(plant.hand, OwnHand) else "a hand"
+    own = "a hand" if isinstance(plant.hand, Hand) else "the hand of the arm's model"
     hand = "a suction cup" if cell.cup is not None else "no hand" if plant.hand is None else own
     return f"{file}: {hand}, " + ", ".join(f"{len(entries)} {what}" for entries, what in counts)
 
@@ -312,22 +321,62 @@ def _add_cup(spec: mujoco.MjSpec, robot: RobotModel, cup: Cup, tcp: str) -> list
     ]
 
 
-def _add_own_hand(spec: mujoco.MjSpec, hand: OwnHand) -> list[mujoco.MjsGeom]:
-    """Have the fingers of the arm's model slide; their shapes."""
+def _add_own_hand(spec: mujoco.MjSpec, hand: AnyOwnHand) -> list[mujoco.MjsGeom]:
+    """Have the fingers of the arm's model move; the shapes that hold parts."""
+    if isinstance(hand, TurningHand):
+        return _add_turning_hand(spec, hand)
     bodies = []
     for name, finger in zip(FINGERS, hand.fingers, strict=True):
-        body = spec.body(finger.body)
-        if body is None:
-            raise ConfigError(
-                f"robot.gripper.hand: the model has no body {finger.body!r}; valid are: "
-                f"{', '.join(each.name for each in spec.bodies if each.name)}"
-            )
-        if body.joints:
-            raise ConfigError(f"robot.gripper.hand: {finger.body!r} is a link of the arm, not a finger")
+        body = _finger_of_model(spec, finger.body)
         joint = _add_slide(body, name, finger.axis, finger.travel_m)
         joint.ref = finger.travel_m  # the model has it open
         bodies.append(body)
     return _couple(spec, (bodies[0], bodies[1]), hand.fingers[0].travel_m / hand.fingers[1].travel_m)
+
+
+def _add_turning_hand(spec: mujoco.MjSpec, hand: TurningHand) -> list[mujoco.MjsGeom]:
+    """Have the fingers of the arm's model turn; their shapes, and those of the link next to a single jaw."""
+    inertia = drive_inertia(hand)
+    bodies = [_finger_of_model(spec, joint.body) for joint in hand.joints]
+    carriers = [body.parent for body in bodies if body.parent not in bodies]
+    for index, (joint, body) in enumerate(zip(hand.joints, bodies, strict=True)):
+        name = FINGERS[0] if index == 0 else f"{FOLLOWER} {index}"
+        made = body.add_joint(
+            name=name,
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=joint.axis,
+            pos=joint.anchor_m,
+            armature=inertia if index == 0 else FOLLOWER_SHARE * inertia,
+            damping=DAMPING_PER_S * inertia,
+        )
+        made.ref = joint.ratio * hand.travel_rad  # the model has it open
+        made.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        if index == 0:
+            made.limited, made.range = mujoco.mjtLimited.mjLIMITED_TRUE, [0.0, hand.travel_rad]
+        else:
+            _follow(spec, name, joint.ratio)
+    links = list({link.name: link for body in bodies for link in _links(body)}.values())
+    carrier = _rigid_with(carriers[0])
+    _let_pass(spec, links, [*links, *carrier])
+    # A single jaw presses parts against the link that carries it.
+    return _gripping_shapes(links if len(carriers) > 1 else [*links, *carrier])
+
+
+def drive_inertia(hand: TurningHand) -> float:
+    """Inertia of the drive as the first joint feels it, kg m²."""
+    return DRIVE_KG * ((hand.stroke_m - hand.closed_m) / hand.travel_rad) ** 2
+
+
+def _finger_of_model(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
+    body = spec.body(name)
+    if body is None:
+        raise ConfigError(
+            f"robot.gripper.hand: the model has no body {name!r}; valid are: "
+            f"{', '.join(each.name for each in spec.bodies if each.name)}"
+        )
+    if body.joints:
+        raise ConfigError(f"robot.gripper.hand: {name!r} is a link of the arm, not a finger")
+    return body
 
 
 def _add_slide(
@@ -353,23 +402,49 @@ def _couple(
         ratio: how far the first one slides for each metre of the second one.
     """
     links = [_links(finger) for finger in fingers]
-    for one in links[0]:
-        for other in links[1]:
-            spec.add_exclude(bodyname1=one.name, bodyname2=other.name)
+    _let_pass(spec, *links)
+    _follow(spec, FINGERS[0], ratio, FINGERS[1])
+    return _gripping_shapes([*links[0], *links[1]])
+
+
+def _follow(spec: mujoco.MjSpec, name: str, ratio: float, leader: str = FINGERS[0]) -> None:
+    """Have a joint move by `ratio` for each unit of the leader."""
     together = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT,
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        name1=FINGERS[0],
-        name2=FINGERS[1],
+        name1=name,
+        name2=leader,
         solref=[0.004, 1.0],
     )
     together.data[:5] = [0.0, ratio, 0.0, 0.0, 0.0]
-    shapes = [geom for link in (*links[0], *links[1]) for geom in link.geoms if geom.contype]
+
+
+def _let_pass(spec: mujoco.MjSpec, links: list[mujoco.MjsBody], others: list[mujoco.MjsBody]) -> None:
+    """Let links pass through other ones."""
+    pairs = {frozenset((one.name, other.name)) for one in links for other in others if one.name != other.name}
+    for first, second in (sorted(pair) for pair in sorted(pairs, key=sorted)):
+        spec.add_exclude(bodyname1=first, bodyname2=second)
+
+
+def _gripping_shapes(links: list[mujoco.MjsBody]) -> list[mujoco.MjsGeom]:
+    """The shapes of links, which touch as fingers do."""
+    shapes = [geom for link in links for geom in link.geoms if geom.contype]
     for number, geom in enumerate(shapes, start=1):
-        geom.name = geom.name or f"{HAND} shape {number}"
+        geom.name = geom.name or f"{HAND} shape {number} of {geom.parent.name}"
         geom.condim, geom.friction = 4, [1.0, TORSION_M, ROLLING_M]
         geom.solref[:2], geom.solimp[:5] = CONTACT["solref"], CONTACT["solimp"]
     return shapes
+
+
+def _rigid_with(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
+    """The link, and those fixed to it in both directions."""
+    while not body.joints and body.parent.name != "world":
+        body = body.parent
+    found, pending = [], [body]
+    while pending:
+        found.append(each := pending.pop())
+        pending += [child for child in each.bodies if not child.joints]
+    return found
 
 
 def _links(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:

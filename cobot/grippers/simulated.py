@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
-from cobot.cell import AnyHand, Hand, OwnHand, hand_of
+from cobot.cell import AnyHand, Hand, OwnHand, TurningHand, hand_of, kind_of_hand
 from cobot.clock import SYSTEM
 from cobot.config import Settings
 from cobot.errors import ConfigError
@@ -41,7 +41,11 @@ class SimulatedOptions(GripperOptions):
     """Options of `SimulatedGripper`."""
 
     hand: Annotated[
-        OwnHand | None,
+        Annotated[
+            Annotated[OwnHand, Tag("sliding")] | Annotated[TurningHand, Tag("turning")],
+            Discriminator(kind_of_hand),
+        ]
+        | None,
         Field(
             description="Fingers of the arm's model, as cobot new-robot writes them; null: the cell's hand."
         ),
@@ -60,7 +64,7 @@ class SimulatedGripper:
         self._sent: dict[str, float] = {}
         self._holds = False
         self.capabilities = GripperCapabilities(
-            width_m=(0.0, hand.stroke_m),
+            width_m=(hand.closed_m, hand.stroke_m),
             force_n=(MIN_FORCE_N, hand.max_force_n),
             speed_m_s=(MIN_SPEED_M_S, hand.max_speed_m_s),
             object_detection=True,
@@ -104,7 +108,7 @@ class SimulatedGripper:
         self.move(self._hand.stroke_m, None, None)
 
     def close(self) -> None:
-        self.move(0.0, None, None)
+        self.move(self._hand.closed_m, None, None)
 
     def move(self, width: float, speed: float | None, force: float | None) -> None:
         hand, self._holds = self._hand, False
@@ -126,7 +130,7 @@ class SimulatedGripper:
             target_m = min(self._hand.stroke_m, grasp.width + grasp.tolerance_outer + BEYOND_M)
         else:
             narrow_m = 0.0 if grasp.width is None else grasp.width - grasp.tolerance_inner
-            target_m = max(0.0, narrow_m - BEYOND_M)
+            target_m = max(self._hand.closed_m, narrow_m - BEYOND_M)
         self.move(target_m, grasp.speed, grasp.force)
 
     def release(self, width: float | None) -> None:

@@ -5,6 +5,7 @@ cdef enum:
     MAX_BELTS = 8
     MAX_SWITCHES = 16
     LIP_BALLS = 8
+    MAX_WIDTHS = 64
 
 
 cdef struct Ray:
@@ -27,27 +28,39 @@ cdef class CellDevices:
     cdef mjData* _data
     cdef object _owners, _points, _indices, _reported
     cdef double _values[MAX_POINTS]
+    cdef int _drives  # of the hand: two that slide, or one that turns
     cdef int _finger_position[2]
     cdef int _finger_dof[2]
-    cdef double _finger_share[2]  # of the width that each finger makes
-    cdef int _finger_body[2]  # of a cup both are the cup
+    cdef double _travel[2]  # of each drive from closed to open, m or rad
+    cdef double _inertia[2]
+    cdef double _per_travel  # part of the opening for each metre or radian of a drive
+    cdef int _last_width
+    cdef double _widths[MAX_WIDTHS]  # at equal steps of the opening, from closed to open
+    cdef object _gripping_array
+    cdef unsigned char* _gripping  # by body: whether it holds parts
+    cdef int _cup
     cdef double* _turning
     cdef object _turning_array
     cdef bint _has_hand, _has_cup
     cdef int _lip  # the first ball of the cup's lip; the others follow it
     cdef int _sucked  # the body that the cup presses against; negative: none
     cdef double _holding_n, _full_kpa, _lip_m, _evacuate_s
-    cdef double _reference, _stroke_m, _period_s, _stiffness, _damping
+    cdef double _reference, _stroke_m, _closed_m, _period_s
     cdef int _still_cycles, _cycles_to_rest
     cdef int _belt_geom[MAX_BELTS]
     cdef int _belt_point[MAX_BELTS]
     cdef int _belts, _switches
     cdef Switch _switch[MAX_SWITCHES]
+    cdef _add_hand(self, object plant)
     cdef _add_switches(self, object plant)
     cdef void c_drive(self) noexcept nogil
     cdef void c_keep_grasp(self) noexcept nogil
     cdef void c_sense(self) noexcept nogil
     cdef void _drive_hand(self) noexcept nogil
+    cdef double _opening(self) noexcept nogil
+    cdef double _width(self) noexcept nogil
+    cdef double _opening_at(self, double width) noexcept nogil
+    cdef int _step_at(self, double opening) noexcept nogil
     cdef void _suck(self) noexcept nogil
     cdef int _covered(self, int* body) noexcept nogil
     cdef void _press(self, int body, double force_n) noexcept nogil

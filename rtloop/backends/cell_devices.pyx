@@ -1,14 +1,16 @@
 """What acts and senses in a simulated cell besides the arm: the hand or cup, the belts and the switches."""
 
 from libc.math cimport fabs
+from libc.stdint cimport uintptr_t
 
 import numpy as np
 
 from cobot.arrays cimport doubles
 from cobot.robot.mujoco cimport data_of, mj_jacDot, mj_ray, model_of
 
+from cobot.cell import TurningHand
 from cobot.cell.cell import COUNT, CUP, SPEED, ContactSwitch, LightBarrier
-from cobot.cell.plant import DRIVE_KG, FINGERS, LIPS
+from cobot.cell.plant import DRIVE_KG, FINGERS, LIPS, drive_inertia
 from rtloop.backends.cell_points import HAND_POINTS, cell_points
 from rtloop.backends.protocols import BackendError
 
@@ -33,6 +35,7 @@ cdef enum:
 
 # The drives of the fingers follow the width like springs of this frequency, critically damped.
 cdef double FINGER_FREQUENCY_RAD_S = 150.0
+cdef double DRIVE_MASS = DRIVE_KG
 # The fingers are still when the width changes more slowly than this, or is as near to the goal.
 cdef double STILL_M_S = 0.001
 cdef double REACHED_M = 0.0002
@@ -63,19 +66,15 @@ cdef class CellDevices:
         self._has_hand = plant.hand is not None
         if self._has_hand:
             assert HAND_POINTS == MOVING + 1
-            self._stroke_m = plant.hand.stroke_m
-            for index, name in enumerate(FINGERS):
-                self._finger_position[index] = plant.mj.joint(name).qposadr[0]
-                self._finger_dof[index] = plant.mj.joint(name).dofadr[0]
-                self._finger_share[index] = plant.mj.joint(name).range[1] / self._stroke_m
-                self._finger_body[index] = plant.mj.jnt_bodyid[plant.mj.joint(name).id]
-            self._stiffness = DRIVE_KG * FINGER_FREQUENCY_RAD_S * FINGER_FREQUENCY_RAD_S
-            self._damping = 2.0 * DRIVE_KG * FINGER_FREQUENCY_RAD_S
+            self._add_hand(plant)
             self._cycles_to_rest = round(REST_S / period_s)
+        self._gripping_array = np.zeros(plant.mj.nbody, np.uint8)
+        self._gripping_array[list(plant.gripping)] = 1
+        self._gripping = <unsigned char*><uintptr_t>self._gripping_array.ctypes.data
         self._has_cup = cell.cup is not None
         if self._has_cup:
             assert len(LIPS) == LIP_BALLS
-            self._finger_body[0] = self._finger_body[1] = plant.mj.body(CUP).id
+            self._cup = plant.mj.body(CUP).id
             self._lip = plant.mj.geom(LIPS[0]).id
             self._holding_n, self._full_kpa = cell.cup.force_n, cell.cup.vacuum_kpa
             self._lip_m, self._evacuate_s = cell.cup.length_m, cell.cup.evacuate_s
@@ -88,6 +87,24 @@ cdef class CellDevices:
             self._belt_point[index] = self._indices[f"{name}.{SPEED}"]
         self._add_switches(plant)
         self.reset()
+
+    cdef _add_hand(self, object plant):
+        """Prepare the drives of the hand, and how its width depends on them."""
+        hand, model = plant.hand, plant.mj
+        turns = isinstance(hand, TurningHand)
+        self._stroke_m, self._closed_m = hand.stroke_m, hand.closed_m
+        widths = hand.widths_m if turns else (0.0, hand.stroke_m)
+        self._last_width = len(widths) - 1
+        for index, width in enumerate(widths):
+            self._widths[index] = width
+        names = FINGERS[:1] if turns else FINGERS
+        self._drives = len(names)
+        for index, name in enumerate(names):
+            self._finger_position[index] = model.joint(name).qposadr[0]
+            self._finger_dof[index] = model.joint(name).dofadr[0]
+            self._travel[index] = model.joint(name).range[1]
+            self._inertia[index] = drive_inertia(hand) if turns else DRIVE_KG
+        self._per_travel = 1.0 / sum(model.joint(name).range[1] for name in names)
 
     cdef _add_switches(self, object plant):
         """Prepare the switches; their rays are in the world."""
@@ -175,22 +192,57 @@ cdef class CellDevices:
         cdef double* velocity = self._data.qvel
         cdef double force = self._values[FORCE]
         cdef double step = self._values[FINGER_SPEED] * self._period_s
-        cdef double width = position[self._finger_position[0]] + position[self._finger_position[1]]
-        cdef double lead = 2.0 * (force + 1.0) / self._stiffness
-        cdef double before = self._reference, speed, pull, share
-        cdef int finger, dof
+        cdef double width = self._width()
+        cdef int place = self._step_at(self._opening())
+        # Metres of width for the whole opening, were all of it like this place; and against the mean.
+        cdef double slope = (self._widths[place + 1] - self._widths[place]) * self._last_width
+        cdef double steeper = slope / (self._stroke_m - self._closed_m)
+        cdef double lead = (
+            2.0 * (force + 1.0) * steeper * steeper
+            / (DRIVE_MASS * FINGER_FREQUENCY_RAD_S * FINGER_FREQUENCY_RAD_S)
+        )
+        cdef double before = self._reference, speed, pull, opening, limit
+        cdef int drive, dof
         self._reference = min(max(self._values[WIDTH], before - step), before + step)
         self._reference = min(max(self._reference, width - lead - step), width + lead + step)
         speed = min(max((self._reference - before) / self._period_s, -self._values[FINGER_SPEED]),
                     self._values[FINGER_SPEED])
-        for finger in range(2):
-            dof = self._finger_dof[finger]
-            share = self._finger_share[finger]
-            pull = (
-                self._stiffness * (share * self._reference - position[self._finger_position[finger]])
-                + self._damping * (share * speed - velocity[dof])
+        opening = self._opening_at(self._reference)
+        limit = force * slope * self._per_travel
+        for drive in range(self._drives):
+            dof = self._finger_dof[drive]
+            pull = self._inertia[drive] * FINGER_FREQUENCY_RAD_S * (
+                FINGER_FREQUENCY_RAD_S
+                * (self._travel[drive] * opening - position[self._finger_position[drive]])
+                + 2.0 * (self._travel[drive] * speed / slope - velocity[dof])
             )
-            self._data.qfrc_applied[dof] = min(max(pull, -force), force)
+            self._data.qfrc_applied[dof] = min(max(pull, -limit), limit)
+
+    cdef double _opening(self) noexcept nogil:
+        """How far the fingers are open: 0 is closed, 1 is open."""
+        cdef double moved = 0.0
+        cdef int drive
+        for drive in range(self._drives):
+            moved += self._data.qpos[self._finger_position[drive]]
+        return moved * self._per_travel
+
+    cdef int _step_at(self, double opening) noexcept nogil:
+        """The place in the list of widths before an opening."""
+        return <int>min(max(opening * self._last_width, 0.0), self._last_width - 1.0)
+
+    cdef double _width(self) noexcept nogil:
+        cdef double opening = self._opening()
+        cdef int place = self._step_at(opening)
+        cdef double share = opening * self._last_width - place
+        return self._widths[place] + share * (self._widths[place + 1] - self._widths[place])
+
+    cdef double _opening_at(self, double width) noexcept nogil:
+        cdef int place = 0
+        while place < self._last_width - 1 and self._widths[place + 1] < width:
+            place += 1
+        return (
+            place + (width - self._widths[place]) / (self._widths[place + 1] - self._widths[place])
+        ) / self._last_width
 
     cdef void _suck(self) noexcept nogil:
         """Change the vacuum, and press the cup and what it sits on against each other.
@@ -206,12 +258,12 @@ cdef class CellDevices:
             time_s = self._evacuate_s
         share += (aim - share) * min(1.0, self._period_s / time_s)
         self._values[VACUUM] = share * self._full_kpa
-        self._press(self._finger_body[0], 0.0)
+        self._press(self._cup, 0.0)
         if self._sucked >= 0:
             self._press(self._sucked, 0.0)
         self._sucked = body
         if body >= 0:
-            self._press(self._finger_body[0], share * self._holding_n)
+            self._press(self._cup, share * self._holding_n)
             self._press(body, -share * self._holding_n)
 
     cdef int _covered(self, int* body) noexcept nogil:
@@ -236,8 +288,8 @@ cdef class CellDevices:
 
     cdef void _press(self, int body, double force_n) noexcept nogil:
         """Set a force on a body, along the cup's axis, in the middle of its lip."""
-        cdef const double* turn = self._data.xmat + 9 * self._finger_body[0]
-        cdef const double* cup = self._data.xpos + 3 * self._finger_body[0]
+        cdef const double* turn = self._data.xmat + 9 * self._cup
+        cdef const double* cup = self._data.xpos + 3 * self._cup
         cdef double* force = self._data.xfrc_applied + 6 * body
         cdef double lever[3]
         cdef int axis
@@ -264,10 +316,7 @@ cdef class CellDevices:
                 continue
             first = body_of[self._data.contact[index].geom[0]]
             second = body_of[self._data.contact[index].geom[1]]
-            if (
-                first == self._finger_body[0] or first == self._finger_body[1]
-                or second == self._finger_body[0] or second == self._finger_body[1]
-            ):
+            if self._gripping[first] or self._gripping[second]:
                 self._keep(&self._data.contact[index])
 
     cdef void _keep(self, const mjContact* contact) noexcept nogil:
@@ -325,12 +374,16 @@ cdef class CellDevices:
 
     cdef void _sense_hand(self) noexcept nogil:
         cdef const mjData* data = self._data
-        cdef double width = data.qpos[self._finger_position[0]] + data.qpos[self._finger_position[1]]
-        cdef double speed = data.qvel[self._finger_dof[0]] + data.qvel[self._finger_dof[1]]
-        self._values[MEASURED_WIDTH] = min(max(width, 0.0), self._stroke_m)
-        self._values[MEASURED_FORCE] = 0.5 * (
-            fabs(data.qfrc_applied[self._finger_dof[0]]) + fabs(data.qfrc_applied[self._finger_dof[1]])
+        cdef double width = self._width(), speed = 0.0, force = 0.0
+        cdef int place = self._step_at(self._opening()), drive
+        cdef double slope = (
+            (self._widths[place + 1] - self._widths[place]) * self._last_width * self._per_travel
         )
+        for drive in range(self._drives):
+            speed += slope * data.qvel[self._finger_dof[drive]]
+            force += fabs(data.qfrc_applied[self._finger_dof[drive]])
+        self._values[MEASURED_WIDTH] = min(max(width, self._closed_m), self._stroke_m)
+        self._values[MEASURED_FORCE] = force / (self._drives * slope)
         if fabs(speed) > STILL_M_S and fabs(width - self._values[WIDTH]) > REACHED_M:
             self._still_cycles = 0
         elif self._still_cycles < self._cycles_to_rest:

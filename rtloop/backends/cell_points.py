@@ -43,7 +43,7 @@ def _of_hand(hand: AnyHand | None) -> list[CellPoint]:
         return []
     stroke, speed, force = hand.stroke_m, hand.max_speed_m_s, hand.max_force_n
     return [
-        CellPoint(f"{HAND}.width", analog, True, stroke, 0.0, stroke),
+        CellPoint(f"{HAND}.width", analog, True, stroke, hand.closed_m, stroke),
         CellPoint(f"{HAND}.speed", analog, True, 0.5 * speed, 0.001, speed),
         CellPoint(f"{HAND}.force", analog, True, 0.5 * force, 0.0, force),
         CellPoint(f"{HAND}.measured_width", analog, False, stroke),

@@ -8,7 +8,7 @@ motions keep clear of the fingers where the model has them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -48,18 +48,20 @@ class _Slide:
     high: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class FingerPair:
     """Two fingers of a file.
 
     Attributes:
+        joints: the leader's is the first one.
         coupled: one follows the other.
         rate: velocity and effort of the leader in the file, 0 for unknown.
     """
 
-    slides: tuple[_Slide, _Slide]
+    joints: tuple[_Slide, _Slide]
     coupled: bool
     rate: tuple[float, float]
+    _hand: OwnHand | None = field(default=None, init=False)
 
     def open(
         self, spec: mujoco.MjSpec, mj: mujoco.MjModel, rest: Mapping[str, float]
@@ -75,12 +77,12 @@ class FingerPair:
         """
         data = mujoco.MjData(mj)
         mujoco.mj_kinematics(mj, data)
-        axes = [data.body(each.body).xmat.reshape(3, 3) @ each.axis for each in self.slides]
-        signs = self._opening(axes, [_middle(mj, data, each.body) for each in self.slides])
+        axes = [data.body(each.body).xmat.reshape(3, 3) @ each.axis for each in self.joints]
+        signs = self._opening(axes, [_middle(mj, data, each.body) for each in self.joints])
         if float(signs[0] * axes[0] @ (signs[1] * axes[1])) > -OPPOSITE:
             return "its fingers do not slide towards each other"
         fingers, places, light = [], [], []
-        for each, sign in zip(self.slides, signs, strict=True):
+        for each, sign in zip(self.joints, signs, strict=True):
             opens = each.high if sign * (each.high - each.low) > 0.0 else each.low
             body = spec.body(each.body)
             turned = np.zeros(3)
@@ -101,7 +103,7 @@ class FingerPair:
             known["max_force_n"] = float(np.clip(effort, *FORCES_N))
         if velocity > 0.0:
             known["max_speed_m_s"] = float(np.clip(speed, *SPEEDS_M_S))
-        hand = OwnHand(fingers=(fingers[0], fingers[1]), **known)
+        hand = self._hand = OwnHand(fingers=(fingers[0], fingers[1]), **known)
         return hand, (
             f"gripper found; robot.gripper is simulated, {1e3 * hand.stroke_m:g} mm wide, "
             f"{hand.max_force_n:g} N, {hand.max_speed_m_s:g} m/s; motions are planned with open fingers: "
@@ -120,9 +122,52 @@ class FingerPair:
             if abs(along[1]) > APART_M:
                 signs[1] = -float(np.sign(along[1]))
         if self.coupled:
-            ways = [each.high - each.low for each in self.slides]
+            ways = [each.high - each.low for each in self.joints]
             signs[1] = signs[0] * float(np.sign(ways[0] * ways[1]))
         return signs
+
+    def add_tcp(self, spec: mujoco.MjSpec, mj: mujoco.MjModel) -> str | None:
+        """Add a site between the fingertips of open fingers; its name. Its z axis leads out of the hand, and
+        its x axis is that of the first finger. None for fingers without shapes.
+
+        Args:
+            mj: the compiled specification.
+        """
+        hand = self._hand
+        if hand is None:
+            return None
+        data = mujoco.MjData(mj)
+        mujoco.mj_kinematics(mj, data)
+        first, second = hand.fingers
+        corners = [_corners(mj, data, each.body) for each in hand.fingers]
+        parent = spec.body(first.body).parent
+        if any(len(each) == 0 for each in corners) or not parent.name:
+            return None
+        frame = data.body(parent.name).xmat.reshape(3, 3)
+        opens = data.body(first.body).xmat.reshape(3, 3) @ first.axis
+        both = np.concatenate(corners)
+        from_hand = (both - data.body(parent.name).xpos) @ frame
+        reach = {
+            (axis, sign): float((sign * from_hand[:, axis]).max())
+            for axis in range(3)
+            for sign in (1.0, -1.0)
+            if abs(frame[:, axis] @ opens) < 0.5
+        }
+        axis, sign = max(reach, key=lambda each: reach[each])
+        out = sign * frame[:, axis]
+        out = (out - (out @ opens) * opens) / np.linalg.norm(out - (out @ opens) * opens)
+        far, near = float((both @ out).max()), float((both @ out).min())
+        inner = float((corners[0] @ opens).min()), float((corners[1] @ opens).max())
+        across = np.cross(out, opens)
+        place = (
+            opens * 0.5 * (inner[0] - first.travel_m + inner[1] + second.travel_m)
+            + out * (far - min(FROM_TIP_M, FROM_TIP_SHARE * (far - near)))
+            + across * 0.5 * ((both @ across).max() + (both @ across).min())
+        )
+        turn = frame.T @ np.column_stack([opens, across, out])
+        pos = frame.T @ (place - data.body(parent.name).xpos)
+        parent.add_site(name=TCP, pos=pos, quat=from_matrix(turn.ravel().tolist()))
+        return TCP
 
 
 def sliding_pair(fingers: Sequence[Node], rates: Mapping[str, tuple[float, float]]) -> FingerPair | str:
@@ -159,47 +204,6 @@ def sliding_pair(fingers: Sequence[Node], rates: Mapping[str, tuple[float, float
         for each, ends_m in zip((leader, other), ranges, strict=True)
     )
     return FingerPair((first, second), other.leader == leader.name, rates.get(leader.name, (0.0, 0.0)))
-
-
-def add_tcp(spec: mujoco.MjSpec, mj: mujoco.MjModel, hand: OwnHand) -> str | None:
-    """Add a site between the fingertips of open fingers, whose z axis leads out of the hand and whose x axis
-    is that of the first finger; its name. None for fingers without shapes.
-
-    Args:
-        mj: the compiled specification.
-    """
-    data = mujoco.MjData(mj)
-    mujoco.mj_kinematics(mj, data)
-    first, second = hand.fingers
-    corners = [_corners(mj, data, each.body) for each in hand.fingers]
-    parent = spec.body(first.body).parent
-    if any(len(each) == 0 for each in corners) or not parent.name:
-        return None
-    frame = data.body(parent.name).xmat.reshape(3, 3)
-    opens = data.body(first.body).xmat.reshape(3, 3) @ first.axis
-    both = np.concatenate(corners)
-    from_hand = (both - data.body(parent.name).xpos) @ frame
-    reach = {
-        (axis, sign): float((sign * from_hand[:, axis]).max())
-        for axis in range(3)
-        for sign in (1.0, -1.0)
-        if abs(frame[:, axis] @ opens) < 0.5
-    }
-    axis, sign = max(reach, key=lambda each: reach[each])
-    out = sign * frame[:, axis]
-    out = (out - (out @ opens) * opens) / np.linalg.norm(out - (out @ opens) * opens)
-    far, near = float((both @ out).max()), float((both @ out).min())
-    inner = float((corners[0] @ opens).min()), float((corners[1] @ opens).max())
-    across = np.cross(out, opens)
-    place = (
-        opens * 0.5 * (inner[0] - first.travel_m + inner[1] + second.travel_m)
-        + out * (far - min(FROM_TIP_M, FROM_TIP_SHARE * (far - near)))
-        + across * 0.5 * ((both @ across).max() + (both @ across).min())
-    )
-    turn = frame.T @ np.column_stack([opens, across, out])
-    pos = frame.T @ (place - data.body(parent.name).xpos)
-    parent.add_site(name=TCP, pos=pos, quat=from_matrix(turn.ravel().tolist()))
-    return TCP
 
 
 def _bodies(mj: mujoco.MjModel, name: str) -> Iterator[int]:

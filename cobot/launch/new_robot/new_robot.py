@@ -22,8 +22,8 @@ from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import ConfigError
 from cobot.ipc.shm import MAX_DOF
 from cobot.launch.new_robot import efforts, guesses, home_posture, masses
-from cobot.launch.new_robot.fingers import FingerPair, add_tcp, sliding_pair
 from cobot.launch.new_robot.inertials import Stated, set_aside
+from cobot.launch.new_robot.kept_fingers import Fingers, kept_fingers
 from cobot.launch.new_robot.srdf_import import GROUP, Semantics, Tree, read_srdf
 from cobot.launch.robot_file.arm import find_arm, guess_tcp, named_arm
 from cobot.launch.robot_file.joints import keep_joints, remove_shapes
@@ -244,7 +244,7 @@ class NewRobot:
         chain: list[Node],
         semantics: Semantics,
         own_state: dict[str, float],
-    ) -> tuple[list[str], str | None, FingerPair | None, dict[str, float]]:
+    ) -> tuple[list[str], str | None, Fingers | None, dict[str, float]]:
         """The joints of the arm, its TCP if that is known, its fingers if they can be simulated, and where
         all other joints are fixed; their links stay.
         """
@@ -255,7 +255,7 @@ class NewRobot:
             telescope.rescale([own_state, *semantics.states.values()])
         tcp = self._tcp(chain[-1].joint.parent, semantics.tcp)
         fingers = [node for child in chain[-1].children for node in child.subtree]
-        pair = sliding_pair(fingers, source.rates)
+        kept = kept_fingers(fingers, source.rates, bool(spec.compiler.degree))
         rods = tree.linkages(chain)
         remove_shapes(rods)
         joints = [node.name for node in chain]
@@ -267,28 +267,28 @@ class NewRobot:
         resting = self._leave_out(
             spec,
             joints,
-            [node.name for node in fingers],
+            [node.name for node in (fingers if isinstance(kept, str) else kept.joints)],
             [node.name for rod in rods for node in rod.subtree],
-            pair if isinstance(pair, str) else "",
+            kept if isinstance(kept, str) else "",
         )
         self._last_link = guess_tcp(chain[-1].joint.parent)[0]
-        return joints, tcp, None if isinstance(pair, str) else pair, resting
+        return joints, tcp, None if isinstance(kept, str) else kept, resting
 
     def _configure_gripper(
-        self, spec: mujoco.MjSpec, fingers: FingerPair | None, resting: dict[str, float], tcp: str | None
+        self, spec: mujoco.MjSpec, fingers: Fingers | None, resting: dict[str, float], tcp: str | None
     ) -> tuple[dict[str, Any], str]:
         """Return the setting robot.gripper, empty without fingers that can be simulated, and the TCP."""
         gripper: dict[str, Any] = {}
         if fingers is not None:
             found = fingers.open(spec, compiled(self.file, spec), resting)
             if isinstance(found, str):
-                places = ", ".join(f"{each.name} at {resting[each.name]:.4g}" for each in fingers.slides)
+                places = ", ".join(f"{each.name} at {resting[each.name]:.4g}" for each in fingers.joints)
                 self.guessed.append(f"{FROZEN} ({found}): {places}")
             else:
                 hand, sentence = found
                 self.guessed.append(sentence)
                 gripper = {"type": "simulated", "hand": hand.model_dump(mode="json")}
-                if tcp is None and (tcp := add_tcp(spec, compiled(self.file, spec), hand)):
+                if tcp is None and (tcp := fingers.add_tcp(spec, compiled(self.file, spec))):
                     self.guessed.append(f"tcp {tcp}: a new site between the fingertips (--tcp)")
         if tcp is None:
             tcp = self._last_link
@@ -315,7 +315,7 @@ class NewRobot:
         """All joints except the arm's; where they are fixed, which is reported.
 
         Args:
-            why_fixed: why the fingers are; "" if they may slide.
+            why_fixed: why the fingers are; "" if they may move.
         """
         slides = {joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
         resting = keep_joints(spec, arm)

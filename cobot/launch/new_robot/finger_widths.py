@@ -1,0 +1,341 @@
+"""The width of fingers that turn, as a function of the angle of their first joint: measured by MuJoCo.
+
+It is the distance between the ends of both fingers, or between the end of a jaw and that of the link that
+carries it, as the convex shapes have it that collide. The ends are cut off these shapes where the fingers are
+closed: nearer to the axis of a jaw its link is close at every angle.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from cobot.types import Array
+
+END_M, END_SHARE = 0.02, 0.25
+"""The end of a finger is this long, at most this share of the finger."""
+FROM_TIP_M, FROM_TIP_SHARE = 0.01, 0.25
+"""The TCP is this far from the fingertips, at most this share of the fingers' length."""
+ANGLES, WIDTHS = 129, 17
+"""Number of angles at which the width is measured, and of those that are kept."""
+FAR_M, NEAR_M = 2.0, 1e-4
+"""Largest distance that is measured, and distance of two axes that count as one."""
+GROWS_M, TOUCH_M = 1e-7, 1e-4
+"""Growth from one angle to the next, and width that counts as none."""
+SAME_REACH = 0.9
+"""A third branch that reaches as far as this share of the second one is a third finger."""
+STROKES_M, CLOSED_SHARE = (0.001, 0.5), 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Hinge:
+    """A joint of the fingers in the file. Its angle is `offset` + `ratio` times that of the first joint.
+
+    Attributes:
+        axis, anchor: in the frame of its body.
+        carrier: the body that carries the branch, if the joint is the first one of a branch; else "".
+    """
+
+    name: str
+    body: str
+    axis: Array
+    anchor: Array
+    offset: float
+    ratio: float
+    carrier: str
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The width of a gripper.
+
+    Attributes:
+        closed, open: angles of the first joint, rad.
+        widths: at equal steps of the angle from closed to open, m.
+        further_m: how much further out of the hand closed fingers reach than open ones.
+        tcp: where the fingertips meet, in the frame of the carrier: position, and rotation matrix, whose x
+            axis leads from the second to the first finger and whose z axis leads out of the hand.
+        carrier: the body that carries the fingers.
+    """
+
+    closed: float
+    open: float
+    widths: Array
+    further_m: float
+    tcp: tuple[Array, Array]
+    carrier: str
+
+
+class Linkage:
+    """The fingers of a specification without their joints, which have them again here.
+
+    Args:
+        rest: where the joints are in the specification, rad.
+    """
+
+    def __init__(self, spec: mujoco.MjSpec, joints: Sequence[Hinge], rest: Mapping[str, float]) -> None:
+        self._spec, self._joints, self._rest = spec.copy(), joints, rest
+        for each in joints:
+            self._spec.body(each.body).add_joint(
+                name=each.name,
+                type=mujoco.mjtJoint.mjJNT_HINGE,
+                axis=each.axis,
+                pos=each.anchor,
+                limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+            )
+        self._spec.compiler.boundmass = self._spec.compiler.boundinertia = 1e-6
+        self._spec.compiler.discardvisual = False
+        self._compile()
+
+    def _compile(self) -> None:
+        self._mj = self._spec.compile()
+        self._data = mujoco.MjData(self._mj)
+
+    def turn(self, angle: float) -> None:
+        """Turn the first joint to an angle, rad, and all others with it."""
+        for each in self._joints:
+            self._data.joint(each.name).qpos[0] = each.offset + each.ratio * angle - self._rest[each.name]
+        mujoco.mj_kinematics(self._mj, self._data)
+
+    def place(self, body: str) -> tuple[Array, Array]:
+        """Position and quaternion of a body in its parent."""
+        data, child = self._data, self._mj.body(body).id
+        parent = int(self._mj.body_parentid[child])
+        inverse, place, quaternion = np.zeros(4), np.zeros(3), np.zeros(4)
+        mujoco.mju_negQuat(inverse, data.xquat[parent])
+        mujoco.mju_rotVecQuat(place, data.xpos[child] - data.xpos[parent], inverse)
+        mujoco.mju_mulQuat(quaternion, inverse, data.xquat[child])
+        return place, quaternion
+
+    def measure(self, span: tuple[float, float]) -> Measured | str:
+        """Measure the width in a range of the first joint, rad; or say why there is none."""
+        sides = self._sides(span[0])
+        if isinstance(sides, str):
+            return sides
+        carrier = next(each.carrier for each in self._joints if each.body == sides[0])
+        bodies = [self._carried(side) for side in sides]
+        if len(sides) == 1:
+            bodies.append(self._rigid_with(carrier))
+        if not all(self._shapes(each) for each in bodies):
+            return "its fingers have no shapes, so their width is unknown"
+        self.turn(min(span, key=lambda angle: self._apart(angle, sides[0], bodies[1])))
+        first = self._steady(span, sides, bodies)
+        if isinstance(first, str):
+            return first
+        self.turn(first[1][0])  # the ends are cut off where the fingers are closed, which is known now
+        second = self._steady(span, sides, bodies)
+        if isinstance(second, str):
+            return second
+        groups, (closed, opened) = second
+        widths = np.array([self._distance(angle, groups) for angle in np.linspace(closed, opened, WIDTHS)])
+        if widths[0] < TOUCH_M:
+            widths[0] = 0.0
+        further, tcp = self._tcp((closed, opened), sides, groups, carrier)
+        return Measured(closed, opened, widths, further, tcp, carrier)
+
+    def _steady(
+        self, span: tuple[float, float], sides: Sequence[str], bodies: Sequence[Sequence[int]]
+    ) -> tuple[list[list[int]], tuple[float, float]] | str:
+        """The ends of both fingers, and the angles between which they open; or why there are none."""
+        groups = self._cut_ends(sides, bodies)
+        if not all(groups):
+            return "it has no second finger where the first one ends"
+        angles = np.linspace(*span, ANGLES)
+        ends = _stretch(angles, [self._distance(angle, groups) for angle in angles])
+        return ends if isinstance(ends, str) else (groups, ends)
+
+    def _cut_ends(self, sides: Sequence[str], bodies: Sequence[Sequence[int]]) -> list[list[int]]:
+        """Add the ends of both fingers as shapes; which they are."""
+        fingers = [body for each in bodies[: len(sides)] for body in each]
+        out, corners = self._out(sides), self._corners(self._shapes(fingers))
+        far, near = float((corners @ out).max()), float(self._middle(sides) @ out)
+        level = far - min(END_M, END_SHARE * (far - near))
+        names = [self._add_end(each, out, level) for each in bodies]
+        self._compile()
+        return [[int(self._mj.geom(name).id) for name in each] for each in names]
+
+    def _sides(self, angle: float) -> list[str] | str:
+        """The first links of the two fingers, or that of the jaw: those that reach farthest."""
+        self.turn(angle)
+        begins = [each.body for each in self._joints if each.carrier]
+        middle = self._middle(begins)
+        reach = {
+            body: float(np.linalg.norm(corners - middle, axis=1).max())
+            for body in begins
+            if len(corners := self._corners(self._shapes(self._carried(body))))
+        }
+        sides = sorted(reach, key=lambda body: -reach[body])
+        if not sides:
+            return "its fingers have no shapes, so their width is unknown"
+        if len(sides) > 2 and reach[sides[2]] > SAME_REACH * reach[sides[1]]:
+            return f"cobot simulates two fingers, it has more: {', '.join(sides)}"
+        return sides[:2]
+
+    def _joint(self, body: str) -> Any:
+        return self._data.joint(next(each.name for each in self._joints if each.body == body))
+
+    def _middle(self, bodies: Sequence[str]) -> Array:
+        """Of the axes of the bodies' joints."""
+        return np.asarray(np.mean([self._joint(body).xanchor for body in bodies], axis=0))
+
+    def _tip(self, side: str) -> Array:
+        """The point of a finger that is farthest from its axis."""
+        joint = self._joint(side)
+        offsets = self._corners(self._shapes(self._carried(side))) - joint.xanchor
+        across = offsets - np.outer(offsets @ joint.xaxis, joint.xaxis)
+        return np.asarray(joint.xanchor + across[np.argmax(np.linalg.norm(across, axis=1))])
+
+    def _apart(self, angle: float, side: str, others: Sequence[int]) -> float:
+        """Between the tip of a finger and the nearest corner of other bodies."""
+        self.turn(angle)
+        corners = self._corners(self._shapes(others))
+        return float(np.linalg.norm(corners - self._tip(side), axis=1).min())
+
+    def _out(self, sides: Sequence[str]) -> Array:
+        """The direction in which the fingers lead out of the hand."""
+        out = np.mean([self._tip(side) for side in sides], axis=0) - self._middle(sides)
+        if len(sides) > 1:
+            across = self._middle(sides[:1]) - self._middle(sides[1:])
+            if (length := float(np.linalg.norm(across))) > NEAR_M:
+                out -= (out @ across) * across / length**2
+        return np.asarray(out / np.linalg.norm(out))
+
+    def _add_end(self, bodies: Sequence[int], out: Array, level: float) -> list[str]:
+        """Add what bodies have beyond a plane, as shapes that touch nothing; their names."""
+        names = []
+        for geom in self._shapes(bodies):
+            body = int(self._mj.geom_bodyid[geom])
+            end = _cut_off(self._corners([geom]), out, level)
+            if end is None:
+                continue
+            local = (end - self._data.xpos[body]) @ self._data.xmat[body].reshape(3, 3)
+            name = f"end of a finger {self._mj.ngeom} {geom}"
+            mesh = self._spec.add_mesh(name=name, uservert=local.ravel())
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+            self._spec.body(self._mj.body(body).name).add_geom(
+                name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, contype=0, conaffinity=0, mass=0.0
+            )
+            names.append(name)
+        return names
+
+    def _distance(self, angle: float, groups: Sequence[Sequence[int]]) -> float:
+        """Between the nearest shapes of two groups; negative if they overlap."""
+        self.turn(angle)
+        mj, data, pairs = self._mj, self._data, itertools.product(*groups)
+        return float(min(mujoco.mj_geomDistance(mj, data, one, other, FAR_M, None) for one, other in pairs))
+
+    def _nearest(self, groups: Sequence[Sequence[int]]) -> Array:
+        """The point in the middle between the nearest points of two groups."""
+        least, found = FAR_M, np.zeros(6)
+        for one in groups[0]:
+            for other in groups[1]:
+                ends = np.zeros(6)
+                if (now := mujoco.mj_geomDistance(self._mj, self._data, one, other, least, ends)) < least:
+                    least, found = now, ends
+        return np.asarray(0.5 * (found[:3] + found[3:]))
+
+    def _tcp(
+        self, ends: tuple[float, float], sides: Sequence[str], groups: Sequence[Sequence[int]], carrier: str
+    ) -> tuple[float, tuple[Array, Array]]:
+        """How much further closed fingers reach than open ones, and the TCP: see `Measured`."""
+        shapes = [geom for side in sides for geom in self._shapes(self._carried(side))]
+        closed, opened = ends
+        self.turn(closed)
+        out, place, corners = self._out(sides), self._nearest(groups), self._corners(shapes)
+        far, near = float((corners @ out).max()), float(self._middle(sides) @ out)
+        height = far - min(FROM_TIP_M, FROM_TIP_SHARE * (far - near))
+        first = self._tip(sides[0])
+        end = self._corners([geom for group in groups for geom in group])
+        hand = self._shapes(self._rigid_with(carrier)) + shapes
+        reach = float((self._corners(hand) @ out).max())
+        self.turn(opened)
+        across = self._tip(sides[0]) - (self._tip(sides[1]) if len(sides) > 1 else first)
+        across -= (across @ out) * out
+        across /= np.linalg.norm(across)
+        further = reach - float((self._corners(hand) @ out).max())
+        body = self._data.body(carrier)
+        frame = body.xmat.reshape(3, 3)
+        beside = np.cross(out, across)
+        place += (height - place @ out) * out + (
+            0.5 * ((end @ beside).max() + (end @ beside).min()) - place @ beside
+        ) * beside
+        turn = frame.T @ np.column_stack([across, beside, out])
+        return further, (frame.T @ (place - body.xpos), turn)
+
+    def _carried(self, body: str) -> list[int]:
+        """A body and all that it carries."""
+        top, found = self._mj.body(body).id, []
+        for each in range(top, self._mj.nbody):
+            if each == top or int(self._mj.body_parentid[each]) in found:
+                found.append(each)
+        return found
+
+    def _rigid_with(self, body: str) -> list[int]:
+        weld = self._mj.body_weldid
+        return np.flatnonzero(weld == weld[self._mj.body(body).id]).tolist()
+
+    def _shapes(self, bodies: Sequence[int]) -> list[int]:
+        """The shapes of bodies that collide."""
+        mj = self._mj
+        return [geom for geom in range(mj.ngeom) if mj.geom_bodyid[geom] in bodies and mj.geom_contype[geom]]
+
+    def _corners(self, shapes: Sequence[int]) -> Array:
+        """Corners of the convex shapes, of the boxes around those without corners, in the world: (n, 3)."""
+        mj, found = self._mj, [np.zeros((0, 3))]
+        for geom in shapes:
+            if mj.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+                mesh = int(mj.geom_dataid[geom])
+                begin = int(mj.mesh_vertadr[mesh])
+                local = mj.mesh_vert[begin : begin + int(mj.mesh_vertnum[mesh])].astype(float)
+            else:
+                signs = 2.0 * np.array(list(np.ndindex(2, 2, 2))) - 1.0
+                local = mj.geom_aabb[geom, :3] + mj.geom_aabb[geom, 3:] * signs
+            turn = self._data.geom_xmat[geom].reshape(3, 3)
+            found.append(self._data.geom_xpos[geom] + local @ turn.T)
+        return np.concatenate(found)
+
+
+def _cut_off(corners: Array, out: Array, level: float) -> Array | None:
+    """The corners of the part of a convex solid that is beyond a plane; None if there is none."""
+    try:
+        hull = ConvexHull(corners)
+    except QhullError:
+        return None
+    heights = corners @ out - level
+    edges = hull.simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    below, above = edges[heights[edges[:, 0]] * heights[edges[:, 1]] < 0.0].T
+    share = (heights[below] / (heights[below] - heights[above]))[:, None]
+    beyond = hull.vertices[heights[hull.vertices] >= 0.0]
+    points = np.concatenate([corners[beyond], corners[below] + share * (corners[above] - corners[below])])
+    try:
+        return np.asarray(points[ConvexHull(points).vertices])
+    except (QhullError, ValueError):
+        return None
+
+
+def _stretch(angles: Array, widths: Sequence[float]) -> tuple[float, float] | str:
+    """The angles between which the fingers open steadily, from closed to open; or why there are none."""
+    if widths[0] > widths[-1]:
+        angles, widths = angles[::-1], widths[::-1]
+    last = int(np.argmax(widths))
+    first = last
+    while first > 0 and widths[first] > 0.0 and widths[first] - widths[first - 1] > GROWS_M:
+        first -= 1
+    low, high = max(widths[first], 0.0), widths[last]
+    if high - low > STROKES_M[1] or low > CLOSED_SHARE * high or high - low < STROKES_M[0]:
+        return (
+            f"the ends of its fingers are {1e3 * low:.3g} to {1e3 * high:.3g} mm apart; allowed are closed "
+            f"fingers at most {CLOSED_SHARE:g} times as far apart as open ones, and a travel of "
+            f"{1e3 * STROKES_M[0]:g} to {1e3 * STROKES_M[1]:g} mm"
+        )
+    closed = float(angles[first])
+    if widths[first] < 0.0:  # between this angle and the next one the fingers come off each other
+        share = widths[first] / (widths[first] - widths[first + 1])
+        closed += share * float(angles[first + 1] - angles[first])
+    return closed, float(angles[last])

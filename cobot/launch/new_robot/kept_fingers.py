@@ -1,0 +1,30 @@
+"""Which joints after an arm are a gripper that can be simulated: two that slide, or some that turn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import mujoco
+
+from cobot.launch.new_robot.fingers import FingerPair, sliding_pair
+from cobot.launch.new_robot.turning_fingers import TurningFingers, turning_fingers
+from cobot.launch.robot_file.tree import Node
+
+Fingers = FingerPair | TurningFingers
+
+
+def kept_fingers(
+    fingers: Sequence[Node], rates: Mapping[str, tuple[float, float]], degrees: bool
+) -> Fingers | str:
+    """The gripper; or why there is none.
+
+    Args:
+        degrees: whether the specification has its angles in degrees.
+    """
+    slides = [each for each in fingers if each.joint.type == mujoco.mjtJoint.mjJNT_SLIDE]
+    if not slides:
+        return turning_fingers(fingers, rates, degrees)
+    moved = {each.leader for each in slides}
+    # A motor that turns next to the fingers it drives moves nothing in the file.
+    idle = [each for each in fingers if each.name not in moved and not set(slides) & set(each.subtree)]
+    return sliding_pair([each for each in fingers if each not in idle], rates)
