@@ -39,10 +39,19 @@ class PathCommands:
         self._gripper.check(GripperRequest.of(fields, VALID).command)
 
     def begin(self, fields: Mapping[str, Any]) -> None:
-        """Begin it and return at once; its job says how it ends."""
+        """Begin it and return at once; its job says how it ends.
+
+        Raises:
+            CobotError: the gripper rejects it; its job has failed with this reason.
+        """
         request = GripperRequest.of(fields, VALID)
         job = self._ownership.new_job(JobKind.GRIPPER, f"{NAME}: {request.words}")
         caller = Caller(NAME, None, self._ownership.stops, TIMEOUT_S, asyncio.Event(), job, waits=False)
+        try:
+            self._gripper.require_ready(request.command, caller)
+        except CobotError as exc:
+            self._ownership.end(job, exc)
+            raise
         task = asyncio.create_task(self._run(request, caller, job))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)

@@ -148,7 +148,7 @@ class GripperService:
             MotionStopped: a stop has come before it.
         """
         worker = self.check(command)
-        self._require_ready(command, caller)
+        self.require_ready(command, caller)
         stops, latched = self._ownership.stops, self._is_latched(False)
         running = Running(name, command, caller.job, stops, latched)
         if self._running is not None:
@@ -221,12 +221,13 @@ class GripperService:
         check_command(self.type, worker.gripper.capabilities, command)
         return worker
 
-    def _require(self) -> GripperWorker:
-        if self._worker is None:
-            raise NotSupportedError(NONE_CONFIGURED)
-        return self._worker
+    def require_ready(self, command: AnyGripperCommand, caller: Caller) -> None:
+        """See that a command may begin now.
 
-    def _require_ready(self, command: AnyGripperCommand, caller: Caller) -> None:
+        Raises:
+            NotReadyError: an e-stop or a fault is latched.
+            MotionStopped: a stop has come before it.
+        """
         if self._ownership.stops != caller.stops:
             raise MotionStopped("a stop was requested while the request was being read")
         if isinstance(command, GripperRelease):
@@ -234,6 +235,11 @@ class GripperService:
         if self._is_latched(False):
             state = self._link.state()
             raise NotReadyError(f"mode {state.mode.name}: {state.reason}; see to the cause, then reset it")
+
+    def _require(self) -> GripperWorker:
+        if self._worker is None:
+            raise NotSupportedError(NONE_CONFIGURED)
+        return self._worker
 
     async def _follow(self, worker: GripperWorker, running: Running, caller: Caller) -> GripperState:
         """Start a command and wait for its end; one that ends early stops the fingers."""

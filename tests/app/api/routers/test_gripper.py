@@ -13,7 +13,15 @@ from virtual_service import VirtualService
 
 from app.services.rights.claims import Caller
 from cobot.client.jobs import JobHandle
-from cobot.errors import CobotError, DeviceError, ExecutionError, LimitError, MotionTimeout, NotSupportedError
+from cobot.errors import (
+    CobotError,
+    DeviceError,
+    ExecutionError,
+    LimitError,
+    MotionTimeout,
+    NotReadyError,
+    NotSupportedError,
+)
 from cobot.grippers.contract.toy import DEVICES, STROKE_M, ToyDevice
 from cobot.motions.gripper_bodies import GripperMove
 
@@ -359,16 +367,35 @@ def test_a_wrong_command_on_the_path_moves_nothing(
     assert run.service.joints() == before
 
 
-def test_an_action_that_the_gripper_rejects_when_it_is_due_is_a_failed_job(run: Run) -> None:
+def test_an_action_that_the_gripper_rejects_when_it_is_due_has_not_fired(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is a failed job; the answer and an event have the reason."""
+    monkeypatch.setattr(run.service.app.state.services.gripper, "_is_latched", lambda _before: True)
+    joints, width = [0.4, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0], run.toy.target_m
+    action = {"at": {"fraction": 0.5}, "gripper": {"command": "move", "width": 0.01}}
+    answer = run.service.post("/robot/move/joints", {"joints": joints, "speed": 0.2, "actions": [action]})
+    (result,) = answer.json()["actions"]
+    assert not result["fired"]
+    assert "see to the cause, then reset it" in result["problem"]
+    job = next(each for each in run.service.get("/jobs").json()["jobs"] if each["kind"] == "gripper")
+    assert (job["state"], job["error"]["detail"]) == ("failed", result["problem"])
+    kept = run.service.app.state.events.since(0, 10_000)
+    told = [json.loads(each.text)["data"] for each in kept if each.type == "action"][-1]
+    assert (told["what"], told["problem"]) == ("rejected", result["problem"])
+    assert run.toy.target_m == width, "the fingers were asked for nothing"
+
+
+def test_a_command_on_the_path_during_an_estop_is_a_failed_job(run: Run) -> None:
     services = run.service.app.state.services
 
     async def begin() -> None:
-        services.path_gripper.begin({"command": "move", "width": 0.01})
+        with pytest.raises(NotReadyError, match="ESTOP"):
+            services.path_gripper.begin({"command": "move", "width": 0.01})
 
     services.link.request_estop()
     run.service.until(lambda: run.client.state()["mode"] == "ESTOP")
     run.service.run(begin())
-    run.service.sleep(0.1)
     job = run.service.get("/jobs").json()["jobs"][0]
     run.client.reset()
     assert (job["kind"], job["state"]) == ("gripper", "failed")
