@@ -43,42 +43,42 @@ def prepare(priority: int, cpu: int | None, cpu_latency_us: int | None) -> Permi
     except OSError as exc:
         sched_fifo = False
         refused.append(f"SCHED_FIFO {priority}: {exc.strerror}, needs CAP_SYS_NICE")
-    problem = _keep_awake(cpu_latency_us) if cpu_latency_us is not None else ""
-    if problem:
-        refused.append(f"rt.cpu_latency_us {cpu_latency_us}: {_PM_QOS}: {problem}")
-    problem = _lock_memory()
-    if problem:
-        refused.append(f"locked memory: {problem}, needs CAP_IPC_LOCK")
-    return Permissions(sched_fifo, not problem, "; ".join(refused))
+    try:
+        if cpu_latency_us is not None:
+            _keep_awake(cpu_latency_us)
+    except OSError as exc:
+        refused.append(f"rt.cpu_latency_us {cpu_latency_us}: {_PM_QOS}: {exc.strerror}")
+    try:
+        _lock_memory()
+        memory_locked = True
+    except OSError as exc:
+        memory_locked = False
+        refused.append(f"locked memory: {exc.strerror}, needs CAP_IPC_LOCK")
+    return Permissions(sched_fifo, memory_locked, "; ".join(refused))
 
 
-def _keep_awake(latency_us: int) -> str:
-    """Keep all cores from sleep states with a longer wake-up latency; returns "" or why this failed.
+def _keep_awake(latency_us: int) -> None:
+    """Keep all cores from sleep states with a longer wake-up latency.
 
     A core that sleeps more deeply between cycles begins some of them a millisecond late. The kernel keeps the
     limit while the file is open, which is until this process ends.
     """
-    try:
-        file = os.open(_PM_QOS, os.O_WRONLY | os.O_CLOEXEC)
-        os.write(file, latency_us.to_bytes(4, sys.byteorder))
-    except OSError as exc:
-        return str(exc.strerror)
-    return ""
+    file = os.open(_PM_QOS, os.O_WRONLY | os.O_CLOEXEC)
+    os.write(file, latency_us.to_bytes(4, sys.byteorder))
 
 
-def _lock_memory() -> str:
-    """Lock each page once it has been touched, and the code that a cycle may need at once; returns "" or why
-    not.
+def _lock_memory() -> None:
+    """Lock each page once it has been touched, and the code that a cycle may need at once.
 
     Populating all reserved memory, as MCL_FUTURE alone does, would take five times the memory.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     everything = _MCL_CURRENT | _MCL_FUTURE
     if libc.mlockall(everything | _MCL_ONFAULT) != 0 and libc.mlockall(everything) != 0:
-        return os.strerror(ctypes.get_errno())
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
     for address, size in _code():
         libc.mlock(ctypes.c_void_p(address), ctypes.c_size_t(size))
-    return ""
 
 
 def _code() -> list[tuple[int, int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -28,6 +29,11 @@ class Rejected:
 
 Result = Accepted | Later | Rejected
 ACCEPTED, LATER = Accepted(), Later()
+
+
+def first_rejection(results: Iterable[Accepted | Rejected]) -> Accepted | Rejected:
+    """The first rejection, if any. A generator runs a check only if those before it have passed."""
+    return next((result for result in results if isinstance(result, Rejected)), ACCEPTED)
 
 
 def result_of(reason: str) -> Accepted | Rejected:

@@ -10,6 +10,7 @@ from cobot.foreign import fixed
 from cobot.robot import quaternion
 from cobot.robot.model import RobotModel
 from cobot.types import Array, Pose
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 OFF_M, OFF_RAD = 0.005, 0.02
 """Allowed difference between the two: more than the calibration of an arm, less than any wrong axis or
@@ -21,8 +22,8 @@ REDUCED_SHARE = 0.9
 POSES = 500
 
 
-def disagreement(model: RobotModel, joints: Array, flange: Pose) -> str:
-    """Why model and device are not the same arm; "" if they may be.
+def check_agreement(model: RobotModel, joints: Array, flange: Pose) -> Accepted | Rejected:
+    """Whether model and device may be the same arm.
 
     Args:
         joints: as the device measures them, shape (dof,), rad.
@@ -32,8 +33,8 @@ def disagreement(model: RobotModel, joints: Array, flange: Pose) -> str:
     off_m = float(np.linalg.norm(flange.position - ours.position))
     off_rad = float(np.linalg.norm(quaternion.between(ours.quaternion.tolist(), flange.quaternion.tolist())))
     if off_m <= OFF_M and off_rad <= OFF_RAD:
-        return ""
-    return (
+        return ACCEPTED
+    return Rejected(
         f"the device says that its flange is at {_said(flange)} m, the model of robot.model has it at "
         f"{_said(ours)} m with the same joints: {fixed(1e3 * off_m, 1)} mm and {np.degrees(off_rad):.1f} "
         f"degrees apart, {1e3 * OFF_M:g} mm and {np.degrees(OFF_RAD):.1f} degrees are allowed. Another arm, "

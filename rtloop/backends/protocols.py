@@ -36,11 +36,21 @@ from cobot.robot.io_points import IoPoint
 from cobot.robot.tool import Tool
 from cobot.types import Array
 from rtloop.backends.compiled import Measured
+from rtloop.results import Accepted, Rejected
 
 
 class BackendError(Exception):
     """A device does not answer, rejects a request or reports a fault; the user reads the text as the
     reason."""
+
+
+def require_accepted(result: Accepted | Rejected) -> None:
+    """
+    Raises:
+        BackendError: the result is a rejection, with its reason.
+    """
+    if isinstance(result, Rejected):
+        raise BackendError(result.reason)
 
 
 class BackendOptions(BaseModel):

@@ -30,7 +30,9 @@ from rtloop.backends.protocols import (
     Reporting,
     TrajectoryDevice,
     capabilities_of,
+    require_accepted,
 )
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 STATE_PERIOD_S, POINT_PERIOD_S = 0.05, 0.02
 """Default periods of a device."""
@@ -60,7 +62,7 @@ class Said:
         values: as `Measured.values`.
         motion: number of the motion to which `done_s`, in path time, belongs.
         halted: whether a stop was sent before.
-        problem: why there is no answer; "" if there is one.
+        result: ACCEPTED, or why the answer cannot be used.
         time_s: time of the answer, on this computer's clock.
     """
 
@@ -68,7 +70,7 @@ class Said:
     motion: int = 0
     done_s: float = 0.0
     halted: bool = False
-    problem: str = ""
+    result: Accepted | Rejected = ACCEPTED
     time_s: float = 0.0
 
 
@@ -127,7 +129,7 @@ class TrajectoryDriver:
         self._number = 0
         self._loaded = 0  # the number of the motion that the device has
         self._halting = self._halted = False
-        self._refused = ""
+        self._loading: Accepted | Rejected = ACCEPTED  # Whether the device accepts the motion.
         self._same, self._same_at = 0, np.zeros(dof)
         self._cycles = 0
 
@@ -148,7 +150,7 @@ class TrajectoryDriver:
     def enable(self) -> None:
         with self._turn:
             self.device.enable()
-            self._refused = ""
+            self._loading = ACCEPTED
             self._ask()
         self.require()
 
@@ -202,9 +204,9 @@ class TrajectoryDriver:
             BackendError: the state of the device is unknown, with the reason.
         """
         said = self._said
-        refused = "" if said.halted else self._refused
-        if said.problem or refused:
-            raise BackendError(said.problem or refused)
+        require_accepted(said.result)
+        if not said.halted:
+            require_accepted(self._loading)
         silence_s = time.monotonic() - said.time_s
         if self._threaded and silence_s > SILENCE_S + self._state_period_s:
             raise BackendError(f"the device has not answered for {silence_s:.1f} s")
@@ -215,7 +217,7 @@ class TrajectoryDriver:
             if self._threaded:
                 time.sleep(self._state_period_s)
             self._ask()
-            if self._said.problem or before.problem:
+            if self._said.result is not ACCEPTED or before.result is not ACCEPTED:
                 return
             moved = np.abs(self._said.values - before.values)[: self._dof]
             if not moved.max() > REST_RAD:
@@ -238,22 +240,23 @@ class TrajectoryDriver:
         found = Measured(self._dof)
         for name in self.capabilities.measured:
             getattr(found, name)[:] = np.nan  # reveals values that are not filled in
-        done_s, problem = self._said.done_s, ""
+        done_s = self._said.done_s
+        result: Accepted | Rejected = ACCEPTED
         try:
             self._pass_on()
             self.device.state(found)
             if self._motion is not None and self._loaded == self._motion.number:
                 done_s = self._motion.done_s(self.device.progress())
         except BackendError as exc:
-            problem = plain_text(exc)
+            result = Rejected(plain_text(exc))
         except BaseException as exc:  # noqa: BLE001 - a foreign class may raise anything
-            problem = plain_error(exc)
+            result = Rejected(plain_error(exc))
         self._ask_status()
-        if not problem:
+        if result is ACCEPTED:
             self._find_velocity(found)
-            problem = self._count_frozen(found, done_s)
+            result = self._check_movement(found, done_s)
         now_s = time.monotonic()
-        self._said = Said(found.values.copy(), self._loaded, done_s, self._halted, problem, now_s)
+        self._said = Said(found.values.copy(), self._loaded, done_s, self._halted, result, now_s)
 
     def _ask_status(self) -> None:
         if self._io is not None:
@@ -276,18 +279,18 @@ class TrajectoryDriver:
                 self.device.load(*motion.points(self._point_period_s))
                 self.device.start()
             except BaseException as exc:
-                self._refused = f"the device rejects the motion: {plain_text(exc)}"
-                raise BackendError(self._refused) from exc
+                self._loading = Rejected(f"the device rejects the motion: {plain_text(exc)}")
+                raise BackendError(self._loading.reason) from exc
 
     def _find_velocity(self, found: Measured) -> None:
         """Compute the velocity for a device that does not measure it."""
         before = self._said
-        if "velocity" not in self.capabilities.measured and before.values.size and not before.problem:
+        if "velocity" not in self.capabilities.measured and before.values.size and before.result is ACCEPTED:
             was = before.values.reshape(-1)[: self._dof]
             found.velocity[:] = (found.position - was) / self._state_period_s
 
-    def _count_frozen(self, found: Measured, done_s: float) -> str:
-        """Why the reported values cannot be true; "" if they can."""
+    def _check_movement(self, found: Measured, done_s: float) -> Accepted | Rejected:
+        """Whether the reported values can be true: they change while the device executes a motion."""
         motion, before = self._motion, self._said
         if not (before.values.size and np.array_equal(found.values, before.values)):
             self._same = 0
@@ -296,4 +299,6 @@ class TrajectoryDriver:
             if np.abs(there - self._same_at).max() > FROZEN_RAD:
                 self._same += 1
                 self._same_at = there
-        return "the device reports the same values although it moves" if self._same >= FROZEN_ASKED else ""
+        if self._same >= FROZEN_ASKED:
+            return Rejected("the device reports the same values although it moves")
+        return ACCEPTED

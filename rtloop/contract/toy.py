@@ -89,13 +89,18 @@ class ToyDevice:
             self.wire.append(position.copy())
             self._target = position.copy()
 
-    def switch_on(self) -> str:
-        """Switch the drives on at the present position; returns "" or why this is impossible."""
+    def switch_on(self) -> None:
+        """Switch the drives on at the present position.
+
+        Raises:
+            BackendError: this is impossible now, with the reason.
+        """
         if "disconnect" in self.faults:
-            return "the device does not answer"
+            raise BackendError("the device does not answer")
         self._stopped = self._cause()
         self._target = None
-        return self._stopped
+        if self._stopped:
+            raise BackendError(self._stopped)
 
     def switch_off(self) -> None:
         self._target = None
@@ -161,9 +166,7 @@ class ToyArm:
     def enable(self) -> None:
         if self._missed:
             raise BackendError(f"the device has been silent for {self._missed * self._period_s:.3f} s")
-        refusal = self._device.switch_on()
-        if refusal:
-            raise BackendError(refusal)
+        self._device.switch_on()
         self.wait(self._period_s)
 
     def wait(self, timeout_s: float) -> bool:

@@ -11,7 +11,7 @@ from cobot.ipc.session_rules import MAX_DECIMATION, damping_flaw, stiffness_flaw
 from cobot.robot.device import WORDS, Capabilities
 from cobot.servo.protocol import LONGEST_WATCHDOG_S
 from rtloop.backends import Backend, ImpedanceControlled, capabilities_of
-from rtloop.results import ACCEPTED, Accepted, Rejected, result_of
+from rtloop.results import ACCEPTED, Accepted, Rejected, first_rejection, result_of
 
 UNIT_TOLERANCE = 1e-2
 
@@ -22,7 +22,7 @@ def check_session(request: np.ndarray, backend: Backend, name: str) -> Accepted 
     Args:
         name: name of the backend, for people.
     """
-    return next((result for result in _results(request, backend, name) if result is not ACCEPTED), ACCEPTED)
+    return first_rejection(_results(request, backend, name))
 
 
 def _results(request: np.ndarray, backend: Backend, name: str) -> Iterator[Accepted | Rejected]:

@@ -19,13 +19,14 @@ from cobot.robot.device import Capabilities, DeviceStatus
 from cobot.robot.tool import BARE, Tool
 from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Impedance, Measured
-from rtloop.backends.agreement import disagreement
+from rtloop.backends.agreement import check_agreement
 from rtloop.backends.franka.bridge import Bridge
 from rtloop.backends.franka.impedance import GivingWay
 from rtloop.backends.franka.kinematics import told_flange
 from rtloop.backends.franka.link import Knock, Knocking, Link
 from rtloop.backends.franka.options import DOF, FrankaOptions
 from rtloop.backends.franka.words import MODES, REFUSALS, in_words, present
+from rtloop.backends.protocols import require_accepted
 
 if TYPE_CHECKING:
     from rtloop.contract import ContractRig
@@ -89,8 +90,7 @@ class FrankaBackend:
         self._receive()
         if self._options.check_pose:
             joints, flange = np.array(self._state.q), told_flange(self._state)
-            if problem := disagreement(self._giving.robot, joints, flange):
-                raise BackendError(problem)
+            require_accepted(check_agreement(self._giving.robot, joints, flange))
 
     def enable(self) -> None:
         while not self.enable_step():
@@ -133,7 +133,7 @@ class FrankaBackend:
 
     def write(self, command: Array) -> None:
         if self._link.control is None:
-            raise BackendError(self._why_not())
+            raise BackendError(self._explain_no_control())
         periods, self._periods = self._periods, 1
         with self._link.in_words():
             if self._impedance is None:
@@ -289,7 +289,7 @@ class FrankaBackend:
                 self._periods = periods
         self._fresh = True
 
-    def _why_not(self) -> str:
+    def _explain_no_control(self) -> str:
         if self._link.lost:
             return self._link.lost
         mode = self._state.robot_mode.name if self._state is not None else "Other"

@@ -17,6 +17,7 @@ from rtloop.backends.fri.messages import (
 from rtloop.backends.fri.options import FriOptions
 from rtloop.backends.fri.outputs import Outputs
 from rtloop.backends.fri.session import interpolator
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 _COUNTER = 1 << 32
 
@@ -53,19 +54,18 @@ class Answers:
             return interpolator(message)
         return tuple(sent.tolist())
 
-    def begin(self, message: Monitoring, command: Array) -> str:
-        """Begin commands at the controller's position of the arm. Returns why they may not begin, "" if
-        they may."""
+    def begin(self, message: Monitoring, command: Array) -> Accepted | Rejected:
+        """Begin commands at the controller's position of the arm, if the command is close to it."""
         here = np.array(self.held(message))
         off = np.abs(here - command)
         joint = int(off.argmax())
         if not off[joint] <= self._options.entry_rad:
-            return (
+            return Rejected(
                 f"{self._names[joint]} is commanded {off[joint]:.4f} rad from the controller's "
                 f"interpolator, {self._options.entry_rad} rad are allowed (robot.backend.entry_rad)"
             )
         self._entry.begin(here, command)
-        return ""
+        return ACCEPTED
 
     def encode(self, message: Monitoring, command: Array | None) -> bytes:
         """The answer to a packet; b"" if it needs none.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,7 @@ from cobot.robot.model import RobotModel
 from cobot.robot.tool import BARE, Tool
 from cobot.types import Array, JointLimits, Pose
 from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
-from rtloop.backends.agreement import disagreement, fastest, reduced_share
+from rtloop.backends.agreement import check_agreement, fastest, reduced_share
 from rtloop.backends.fri.answers import Answers
 from rtloop.backends.fri.beat import Beat
 from rtloop.backends.fri.channel import RELEASE_S, Channel, UdpChannel
@@ -30,12 +30,14 @@ from rtloop.backends.fri.options import FriOptions
 from rtloop.backends.fri.outputs import points
 from rtloop.backends.fri.session import (
     STOPPED,
+    check_command_mode,
+    check_entry,
+    check_readiness,
+    check_settings,
     drives_in_words,
-    entry_fault,
-    misfit,
-    obstacle,
-    wrong_overlay,
 )
+from rtloop.backends.protocols import require_accepted
+from rtloop.results import ACCEPTED, Accepted, Rejected, first_rejection
 
 if TYPE_CHECKING:
     from rtloop.contract import ContractRig
@@ -89,7 +91,9 @@ class FriBackend:
         self._starts = True
         self._refused = ""
         self._malformed = 0
-        self._lost = ""  # why the last motion ended: the arm does not move again until a reset
+        self._last_motion: Accepted | Rejected = (
+            ACCEPTED  # Why the last motion ended: the arm does not move again until a reset.
+        )
 
     def open(self, initial_position: Array) -> None:
         options, robot = self._options, self._robot
@@ -102,16 +106,12 @@ class FriBackend:
         while not self.wait(options.silence_s):
             if self._clock() - self._asked_s > options.connect_s:
                 raise BackendError(self._nobody())
-        problem = misfit(self._newest, options, self._period_s)
-        if problem:
-            raise BackendError(problem)
+        require_accepted(check_settings(self._newest, options, self._period_s))
         pose = self._newest.measured_pose
         told = len(pose) == 7 and bool(np.isfinite(pose).all()) and any(pose[3:])
         if told and options.check_pose:
             flange = Pose(1e-3 * np.array(pose[:3]), np.array(pose[3:]))
-            problem = disagreement(model, np.array(self._newest.measured_position), flange)
-        if problem:
-            raise BackendError(problem)
+            require_accepted(check_agreement(model, np.array(self._newest.measured_position), flange))
 
     def set_tool(self, tool: Tool) -> None:
         """Set the tool. Only the reduced speed of T1 uses it: the load of the drives is set at the
@@ -165,16 +165,19 @@ class FriBackend:
         if message is None or self._beat.due or self._answered:
             return
         self._answered = True
-        reason = self._lost or obstacle(message) or wrong_overlay(message, self._options)
-        if self._enabled and not reason and (self._joins or not self._answers.are_begun):
-            reason = self._answers.begin(message, command[0])
+        result = first_rejection(self._checks_of_a_command(message))
+        if self._enabled and result is ACCEPTED and (self._joins or not self._answers.are_begun):
+            result = self._answers.begin(message, command[0])
             self._joins = False
-        answer = self._answers.encode(message, command[0] if self._enabled and not reason else None)
+        follows = self._enabled and result is ACCEPTED
+        answer = self._answers.encode(message, command[0] if follows else None)
         if answer:
             self._open_channel.send(answer)
-        if reason and self._enabled and (command[1].any() or not self._may_begin_anew(message)):
-            self._lost = reason
-            raise BackendError(f"the robot takes no commands: {reason}")
+        if not self._enabled or not isinstance(result, Rejected):
+            return
+        if command[1].any() or not self._may_begin_anew(message):
+            self._last_motion = result
+            raise BackendError(f"the robot takes no commands: {result.reason}")
 
     def enable(self) -> None:
         """Enable the drives. Either side may start first: at the start, the first command reports why the
@@ -200,19 +203,11 @@ class FriBackend:
         now_s = self._clock()
         if not self._asking:
             self._asking, self._asked_s = True, now_s
-        problem = misfit(message, self._options, self._period_s)
-        problem = problem or wrong_overlay(message, self._options)
-        if not problem and message.safety != SafetyState.NORMAL_OPERATION:
-            problem = STOPPED[message.safety]
-        waiting = obstacle(message)
-        if not problem and not waiting:
-            problem = entry_fault(message, self._options, self._limits.names, self._answers.held(message))
-        if not problem and waiting and now_s - self._asked_s > self._options.enable_s:
-            problem = f"{waiting}, for {self._options.enable_s:g} s"
-        if problem:
+        result = first_rejection(self._checks_of_enabling(message, now_s - self._asked_s))
+        if isinstance(result, Rejected):
             self._asking = False
-            raise BackendError(problem)
-        if waiting:
+            raise BackendError(result.reason)
+        if check_readiness(message) is not ACCEPTED:
             return False
         self._asking, self._enabled, self._joins = False, True, True
         self._join_until_s = now_s + self._options.enable_s
@@ -220,7 +215,7 @@ class FriBackend:
 
     def recover_step(self) -> bool:
         """The controller's own program recovers the robot. Until then its position is only echoed."""
-        self._enabled, self._lost = False, ""
+        self._enabled, self._last_motion = False, ACCEPTED
         return True
 
     def disable(self) -> None:
@@ -238,7 +233,7 @@ class FriBackend:
             return DeviceStatus(connection="no packet yet", text=self._nobody())
         drives, brakes = drives_in_words(message.drives)
         silent = self._silence_s > self._options.silence_s
-        text = f"no packet for {self._silence_s:.1f} s" if silent else obstacle(message)
+        text = f"no packet for {self._silence_s:.1f} s" if silent else self._explain_waiting(message)
         if silent and self._refuses:
             text = f"no packet that can be used for {self._silence_s:.1f} s: what comes is {self._refused}"
         return DeviceStatus(
@@ -260,7 +255,8 @@ class FriBackend:
     def set_output(self, name: str, value: float) -> None:
         message = self._newest
         if message.state == SessionState.IDLE or self._silence_s > self._options.silence_s:
-            raise BackendError(f"{name} cannot be set: {obstacle(message) or 'the controller is silent'}")
+            reason = self._explain_waiting(message) or "the controller is silent"
+            raise BackendError(f"{name} cannot be set: {reason}")
         self._answers.outputs.set(message, name, value)
 
     def write_torque(self, torque: Array) -> None:
@@ -276,6 +272,29 @@ class FriBackend:
         from rtloop.backends.fri.simulator.lockstep import FriRig
 
         return FriRig(settings, limits)
+
+    def _checks_of_a_command(self, message: Monitoring) -> Iterator[Accepted | Rejected]:
+        yield self._last_motion
+        yield check_readiness(message)
+        yield check_command_mode(message, self._options)
+
+    def _checks_of_enabling(self, message: Monitoring, waited_s: float) -> Iterator[Accepted | Rejected]:
+        """The checks that end enabling. A controller that is not ready has `enable_s` to become so."""
+        yield check_settings(message, self._options, self._period_s)
+        yield check_command_mode(message, self._options)
+        ready = check_readiness(message)
+        if not isinstance(ready, Rejected):
+            yield check_entry(message, self._options, self._limits.names, self._answers.held(message))
+        elif message.safety != SafetyState.NORMAL_OPERATION:
+            yield ready
+        elif waited_s > self._options.enable_s:
+            yield Rejected(f"{ready.reason}, for {self._options.enable_s:g} s")
+
+    @staticmethod
+    def _explain_waiting(message: Monitoring) -> str:
+        """Why the controller takes no commands; "" if it takes them."""
+        ready = check_readiness(message)
+        return ready.reason if isinstance(ready, Rejected) else ""
 
     def _may_begin_anew(self, message: Monitoring) -> bool:
         """Whether the session may be lost and come back without a fault: shortly after enabling, which may

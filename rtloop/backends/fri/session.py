@@ -14,6 +14,7 @@ from rtloop.backends.fri.messages import (
     SessionState,
 )
 from rtloop.backends.fri.options import COMMAND_MODES, FriOptions
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 STOPPED = {
     SafetyState.SAFETY_STOP_LEVEL_0: "safety stop 0: the drives are off and the brakes applied",
@@ -35,12 +36,12 @@ def takes_commands(message: Monitoring) -> bool:
     return message.state == SessionState.COMMANDING_ACTIVE and message.quality >= Quality.GOOD
 
 
-def obstacle(message: Monitoring) -> str:
-    """Why the controller takes no commands; "" if it does."""
+def check_readiness(message: Monitoring) -> Accepted | Rejected:
+    """Whether the controller takes commands."""
     if message.safety != SafetyState.NORMAL_OPERATION:
-        return STOPPED[message.safety]
+        return Rejected(STOPPED[message.safety])
     if takes_commands(message):
-        return ""
+        return ACCEPTED
     reason = STATES[message.state] or "the controller has a motion with the FRI overlay"
     if message.quality < Quality.GOOD and message.state != SessionState.IDLE:
         reason += f"; the quality of the connection is {message.quality.name}, it takes commands from GOOD on"
@@ -50,7 +51,7 @@ def obstacle(message: Monitoring) -> str:
         reason += "without the enabling switch"
     if any(drive == DriveState.OFF for drive in message.drives):
         reason += "; drives are off"
-    return f"{reason} (session {message.state.name})"
+    return Rejected(f"{reason} (session {message.state.name})")
 
 
 def is_version(found: str, wanted: str) -> bool:
@@ -58,34 +59,34 @@ def is_version(found: str, wanted: str) -> bool:
     return found == wanted or found.split(".")[0] == wanted
 
 
-def misfit(message: Monitoring, options: FriOptions, period_s: float) -> str:
-    """Why this controller cannot be driven with these settings in any state; "" if it can."""
+def check_settings(message: Monitoring, options: FriOptions, period_s: float) -> Accepted | Rejected:
+    """Whether this controller can be driven with these settings."""
     if options.version != "auto" and message.version and not is_version(message.version, options.version):
-        return (
+        return Rejected(
             f"the controller speaks FRI {message.version}, robot.backend.version asks for {options.version}: "
             "set it to the controller's version or to auto"
         )
     if round(period_s * 1e3, 6) != message.send_period_ms:
-        return (
+        return Rejected(
             f"the controller sends every {message.send_period_ms} ms, rt.period_s is {period_s:g} s: set it "
             f"to {message.send_period_ms * 1e-3:g}, or the send period in the controller's program"
         )
-    return ""
+    return ACCEPTED
 
 
-def wrong_overlay(message: Monitoring, options: FriOptions) -> str:
-    """Why its motion does not match the settings; "" if it does, or is not known yet."""
+def check_command_mode(message: Monitoring, options: FriOptions) -> Accepted | Rejected:
+    """Whether the controller's motion has the overlay of the settings; accepted while it is not known."""
     wanted = COMMAND_MODES[options.overlay]
     if message.state < SessionState.COMMANDING_WAIT or message.command_mode == wanted:
-        return ""
+        return ACCEPTED
     taken = message.command_mode.name
-    return f"the controller's motion takes {taken}, robot.backend.overlay is {options.overlay}"
+    return Rejected(f"the controller's motion takes {taken}, robot.backend.overlay is {options.overlay}")
 
 
-def entry_fault(
+def check_entry(
     message: Monitoring, options: FriOptions, names: tuple[str, ...], held: tuple[float, ...]
-) -> str:
-    """Why commands may not begin because the arm is not at its held position; "" if they may.
+) -> Accepted | Rejected:
+    """Whether the arm is at its held position, so that commands may begin.
 
     Args:
         held: position of the controller's interpolator, or the last command if a motion is running.
@@ -93,17 +94,17 @@ def entry_fault(
     off: Array = np.abs(np.subtract(message.measured_position, held))
     joint = int(off.argmax())
     if not off[joint] <= options.entry_rad:
-        return (
+        return Rejected(
             f"{names[joint]} is {off[joint]:.6g} rad from the controller's interpolator, "
             f"{options.entry_rad} rad are allowed (robot.backend.entry_rad)"
         )
     tracking = message.tracking_performance
     if tracking is not None and not tracking >= options.min_tracking:
-        return (
+        return Rejected(
             f"the arm follows with a tracking performance of {tracking:.6g}, "
             f"{options.min_tracking} is needed (robot.backend.min_tracking)"
         )
-    return ""
+    return ACCEPTED
 
 
 def interpolator(message: Monitoring) -> tuple[float, ...]:

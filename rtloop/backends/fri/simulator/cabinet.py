@@ -37,7 +37,8 @@ from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.arm import SimulatedArm
 from rtloop.backends.fri.simulator.connection import Connection
 from rtloop.backends.fri.simulator.options import CabinetOptions
-from rtloop.backends.fri.simulator.reflexes import command_fault, echo_fault, overlay_fault, usable
+from rtloop.backends.fri.simulator.reflexes import check_command, check_echo, check_overlay, usable
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 COUNTER = 1 << 32
 STAGE_PERIODS = 10
@@ -223,13 +224,14 @@ class Cabinet:
             return
         position = np.array(command.position)
         if self.state == SessionState.COMMANDING_WAIT:
-            fault = echo_fault(self.arm, position)
+            result = check_echo(self.arm, position)
             self._echoed += 1
         else:
-            fault = self._follow(position, max(elapsed, 1))
-        fault = fault or overlay_fault(command, self.options.command_mode)
-        if fault:
-            self._end_motion(fault)
+            result = self._follow(position, max(elapsed, 1))
+        if result is ACCEPTED:
+            result = check_overlay(command, self.options.command_mode)
+        if isinstance(result, Rejected):
+            self._end_motion(result.reason)
             return
         self._commanded = position
         if self.options.command_mode == CommandMode.TORQUE:
@@ -238,16 +240,16 @@ class Cabinet:
         elif self.options.command_mode == CommandMode.WRENCH:
             self.arm.overlay[:] = self.arm.torque_of(np.array(command.wrench))
 
-    def _follow(self, position: Array, elapsed: int) -> str:
+    def _follow(self, position: Array, elapsed: int) -> Accepted | Rejected:
         last = self._commanded if self._commanded is not None else self.arm.setpoint
         time_s = elapsed * self.period_s
         with np.errstate(invalid="ignore", over="ignore"):
             velocity = (position - last) / time_s
-            fault = command_fault(self.arm, position, velocity, self._velocity, time_s, self.mode)
-        if not fault:
+            result = check_command(self.arm, position, velocity, self._velocity, time_s, self.mode)
+        if result is ACCEPTED:
             self._velocity = velocity
             self._left = self.options.multiplier
-        return fault
+        return result
 
     def _move(self) -> None:
         """Move the arm to the command, straight on without one, or brake."""

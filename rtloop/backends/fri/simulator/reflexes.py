@@ -7,6 +7,7 @@ import numpy as np
 from cobot.types import Array
 from rtloop.backends.fri.messages import Command, CommandMode, OperationMode
 from rtloop.backends.fri.simulator.arm import SimulatedArm
+from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ECHO_RAD = 1e-3
 """Largest distance of a command from the interpolator while the motion waits."""
@@ -32,44 +33,44 @@ def usable(command: Command, mode: CommandMode, dof: int) -> bool:
     )
 
 
-def overlay_fault(command: Command, mode: CommandMode) -> str:
-    """Why a motion ends because of its overlay; "" if the overlay is accepted. Torques are clamped to the
-    drives' limits."""
+def check_overlay(command: Command, mode: CommandMode) -> Accepted | Rejected:
+    """Whether the overlay is accepted; a motion with another one ends. Torques are clamped to the drives'
+    limits."""
     if mode == CommandMode.TORQUE and not np.isfinite(command.torque).all():
-        return "the client commands a torque that is not finite"
+        return Rejected("the client commands a torque that is not finite")
     if mode != CommandMode.WRENCH:
-        return ""
+        return ACCEPTED
     if not np.isfinite(command.wrench).all():
-        return "the client commands a wrench that is not finite"
+        return Rejected("the client commands a wrench that is not finite")
     most = max(command.wrench, key=abs)
     if abs(most) > MAX_WRENCH:
-        return f"the client commands a wrench of {most:.6g}, {MAX_WRENCH:g} N or N·m are allowed"
-    return ""
+        return Rejected(f"the client commands a wrench of {most:.6g}, {MAX_WRENCH:g} N or N·m are allowed")
+    return ACCEPTED
 
 
-def echo_fault(arm: SimulatedArm, position: Array) -> str:
-    """Why a motion that waits does not begin; "" if it may."""
+def check_echo(arm: SimulatedArm, position: Array) -> Accepted | Rejected:
+    """Whether a motion that waits may begin."""
     off = np.abs(position - arm.setpoint)
     if not np.isfinite(off).all():
-        return "the client commands a position that is not finite"
+        return Rejected("the client commands a position that is not finite")
     joint = int(off.argmax())
     if off[joint] > ECHO_RAD:
-        return (
+        return Rejected(
             f"{arm.limits.names[joint]} is commanded {off[joint]:.6g} rad from the interpolator, "
             f"{ECHO_RAD} rad are allowed while the motion waits"
         )
-    return ""
+    return ACCEPTED
 
 
-def command_fault(
+def check_command(
     arm: SimulatedArm,
     position: Array,
     velocity: Array,
     last_velocity: Array,
     time_s: float,
     mode: OperationMode,
-) -> str:
-    """Why a running motion ends; "" if the command is accepted.
+) -> Accepted | Rejected:
+    """Whether a command is accepted; a running motion with another one ends.
 
     Args:
         velocity: from the command before, rad/s.
@@ -77,29 +78,29 @@ def command_fault(
         time_s: between the two.
     """
     if not np.isfinite(position).all():
-        return "the client commands a position that is not finite"
+        return Rejected("the client commands a position that is not finite")
     limits = arm.limits
     outside = np.maximum(limits.min_position - position, position - limits.max_position)
     joint = int(outside.argmax())
     if outside[joint] > LIMIT_RAD:
-        return (
+        return Rejected(
             f"{limits.names[joint]} is commanded to {position[joint]:.6g} rad, its limits are "
             f"{limits.min_position[joint]:.3f} and {limits.max_position[joint]:.3f} rad"
         )
     speed = np.abs(velocity) / limits.max_velocity
     joint = int(speed.argmax())
     if speed[joint] > VELOCITY_SHARE:
-        return (
+        return Rejected(
             f"{limits.names[joint]} is commanded to move at {velocity[joint]:.6g} rad/s, its limit is "
             f"{limits.max_velocity[joint]:.3f} rad/s"
         )
     change = np.abs(velocity - last_velocity)
     joint = int(change.argmax())
     if change[joint] > JUMP_RAD_S2 * time_s + SLACK_RAD_S:
-        return (
+        return Rejected(
             f"the command of {limits.names[joint]} jumps: its velocity changes by {change[joint]:.6g} rad/s "
             f"in {time_s * 1e3:.0f} ms"
         )
     if mode == OperationMode.T1 and (tcp := arm.speed_at(velocity)) > T1_M_S:
-        return f"the TCP is commanded to move at {tcp:.3f} m/s, in T1 {T1_M_S} m/s are allowed"
-    return ""
+        return Rejected(f"the TCP is commanded to move at {tcp:.3f} m/s, in T1 {T1_M_S} m/s are allowed")
+    return ACCEPTED

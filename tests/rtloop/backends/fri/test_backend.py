@@ -35,9 +35,10 @@ from rtloop.backends.fri.messages import (
     SessionState,
 )
 from rtloop.backends.fri.options import FriOptions
-from rtloop.backends.fri.session import entry_fault
+from rtloop.backends.fri.session import check_entry
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.options import CabinetOptions
+from rtloop.results import Rejected
 
 WAIT_S = 0.25
 ENOUGH = 400
@@ -245,8 +246,9 @@ def test_an_arm_beside_its_interpolator_is_not_enabled(make: Make) -> None:
 
 def test_a_position_of_300_digits_is_said_in_a_few(make: Make) -> None:
     message = replace(make().backend._newest, measured_position=(1e300,) * 7)
-    said = entry_fault(message, FriOptions(), ("joint1",) * 7, (0.0,) * 7)
-    assert said.startswith("joint1 is 1e+300 rad from")
+    result = check_entry(message, FriOptions(), ("joint1",) * 7, (0.0,) * 7)
+    assert isinstance(result, Rejected)
+    assert result.reason.startswith("joint1 is 1e+300 rad from")
 
 
 def test_an_arm_that_does_not_follow_is_not_enabled(make: Make) -> None:
