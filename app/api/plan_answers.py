@@ -5,7 +5,19 @@ from __future__ import annotations
 from pydantic import BaseModel, Field
 
 from cobot.motions.fields import HOME, example
+from cobot.motions.forecast import Closest
+from cobot.robot.nearest import Nearest
 
+CLOSEST_SELF = {
+    "between": ["link3", "link5"],
+    "distance_m": 0.0415,
+    "points": [[0.075, 0.0, 0.7801], [0.1165, 0.0, 0.7801]],
+}
+CLOSEST_ENVIRONMENT = {
+    "between": ["floor", "link2"],
+    "distance_m": 0.28,
+    "points": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.28]],
+}
 PLANNED = {
     "plan_id": "plan_2f1c9a0b7d3e4855",
     "expires_in_s": 600.0,
@@ -31,8 +43,8 @@ PLANNED = {
         "velocity": {"peak": [0.49, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], "share": [0.33, *[0.0] * 6]},
         "torque": {"peak": [9.8, 52.0, 3.1, 24.0, 0.9, 2.4, 0.1], "share": [0.03, 0.16, *[0.03] * 5]},
     },
-    "closest_self": {"between": ["link2", "link5"], "distance_m": 0.094, "share": 0.0},
-    "closest_environment": {"between": ["floor", "link1"], "distance_m": 0.098, "share": 0.0},
+    "closest_self": CLOSEST_SELF | {"share": 0.0},
+    "closest_environment": CLOSEST_ENVIRONMENT | {"share": 0.0},
     "signals": ["0.550 s: set glue to 1"],
 }
 
@@ -70,12 +82,37 @@ class PlanUse(BaseModel):
     share: list[float] = Field(description="The same as a share of the robot's limit: 1 is all of it.")
 
 
-class PlanDistance(BaseModel):
-    """The smallest distance between two bodies."""
+class Distance(BaseModel):
+    """The distance between two bodies."""
 
     between: list[str] = Field(description="Their names.")
-    distance_m: float = Field(description="m; of 200 points of the motion the nearest.")
+    distance_m: float = Field(description="m; negative if they overlap.")
+    points: list[list[float]] = Field(
+        description="The nearest points of the first and of the second body in the base frame: x, y, z, m."
+    )
+
+    @classmethod
+    def of(cls, nearest: Nearest | Closest) -> Distance:
+        return Distance(
+            between=[nearest.first, nearest.second],
+            distance_m=nearest.distance_m,
+            points=[list(point) for point in nearest.points],
+        )
+
+
+class PlanDistance(Distance):
+    """The smallest distance between two bodies, at 200 points of a motion."""
+
     share: float = Field(description="Where: the share of the motion's duration.")
+
+
+class ClearanceAnswer(BaseModel):
+    """The smallest distances where the arm is now."""
+
+    model_config = example({"closest_self": CLOSEST_SELF, "closest_environment": CLOSEST_ENVIRONMENT})
+
+    closest_self: Distance | None = Field(description="Of the robot's own parts; null beyond 1 m.")
+    closest_environment: Distance | None = Field(description="Of the robot and the rest; null beyond 1 m.")
 
 
 class PlanAnswer(BaseModel):
@@ -114,8 +151,8 @@ class RehearsalAnswer(BaseModel):
             "effort": [0.05, 0.19, 0.02, 0.11, 0.01, 0.03, 0.01],
             "off": [0.001, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
             "problem": None,
-            "closest_self": {"between": ["link2", "link5"], "distance_m": 0.094, "share": 0.0},
-            "closest_environment": {"between": ["floor", "link1"], "distance_m": 0.098, "share": 0.0},
+            "closest_self": CLOSEST_SELF | {"share": 0.0},
+            "closest_environment": CLOSEST_ENVIRONMENT | {"share": 0.0},
         }
     )
 

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cobot.robot.scene import Numbers3
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 
 @dataclass(frozen=True, slots=True)
 class Closest:
-    """The shortest distance of two bodies along a motion, m, and where it occurs, as a share of the
-    duration."""
+    """The shortest distance of two bodies along a motion, m.
+
+    Attributes:
+        share: where it occurs, as a share of the duration.
+        points: the nearest points of the first and of the second body, in the base frame, m.
+    """
 
     first: str
     second: str
     distance_m: float
     share: float
+    points: tuple[Numbers3, Numbers3]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,10 @@ from cobot.planners import plan
 from cobot.polynomials import greatest_rates
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import effort_samples
+from cobot.robot.nearest import Nearest
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
-FARTHEST_M = 1.0
-"""Largest distance that is computed; farther objects do not matter for planning."""
 DISTANCE_SAMPLES = 200
 
 
@@ -49,7 +48,7 @@ def describe(robot: RobotDescription, trajectory: Trajectory | None, start: Arra
         robot.model.poses(joints),
         peaks,
         {name: peak / bound for (name, peak), bound in zip(peaks.items(), most, strict=True)},
-        *_closest(robot, _distances(robot, looked_at)),
+        *_closest(robot, looked_at, robot.collision.nearest.distances(looked_at)),
     )
 
 
@@ -65,36 +64,25 @@ def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array)
 
 def evaluate_run(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
     """The shortest distances of a simulated run; a contact is a flaw."""
-    distances = _distances(robot, run.positions)
+    distances = robot.collision.nearest.distances(run.positions)
     flaw = run.flaw
     touching = np.flatnonzero((distances <= 0.0).any(axis=1))
     if len(touching) and (flaw is None or run.times_s[touching[0]] < flaw.time_s):
         first = int(touching[0])
         pair = " and ".join(robot.collision.names(int(distances[first].argmin())))
         flaw = Flaw(float(run.times_s[first]), None, f"{pair} touch")
-    return Rehearsal(run, flaw, *_closest(robot, distances))
+    return Rehearsal(run, flaw, *_closest(robot, run.positions, distances))
 
 
-def _distances(robot: RobotDescription, rows: Array) -> Array:
-    """The distance of each pair in each row of joints, shape (n, pairs), m, at most `FARTHEST_M`."""
-    checker = robot.collision
-    if not checker.pairs:
-        return np.zeros((len(rows), 0))
-    return checker.clearance.distances(rows, FARTHEST_M)
-
-
-def _closest(robot: RobotDescription, distances: Array) -> tuple[Closest | None, Closest | None]:
+def _closest(robot: RobotDescription, rows: Array, distances: Array) -> tuple[Closest | None, Closest | None]:
     """The closest pair of the robot's own bodies, and that of the robot and its surroundings."""
-    checker = robot.collision
-    own = np.array([checker.is_own(pair) for pair in range(len(checker.pairs))], dtype=bool)
-    found: list[Closest | None] = []
-    for chosen in (np.flatnonzero(own), np.flatnonzero(~own)):
-        nearest = None
-        if len(chosen):
-            row, column = np.unravel_index(int(distances[:, chosen].argmin()), (len(distances), len(chosen)))
-            pair = int(chosen[column])
-            distance_m = float(distances[row, pair])
-            if distance_m < FARTHEST_M:
-                nearest = Closest(*checker.names(pair), distance_m, float(row) / max(len(distances) - 1, 1))
-        found.append(nearest)
-    return found[0], found[1]
+    last = max(len(rows) - 1, 1)
+
+    def along(nearest: Nearest | None) -> Closest | None:
+        if nearest is None:
+            return None
+        share = nearest.row / last
+        return Closest(nearest.first, nearest.second, nearest.distance_m, share, nearest.points)
+
+    own, around = robot.collision.nearest.among(rows, distances)
+    return along(own), along(around)

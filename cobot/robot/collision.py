@@ -16,6 +16,7 @@ from cobot.findings import Finding
 from cobot.polynomials import control_points
 from cobot.robot.clearance import Clearance
 from cobot.robot.model import RobotModel
+from cobot.robot.nearest import NearestParts
 from cobot.robot.scene import Scene
 from cobot.robot.tool import BARE, Tool
 from cobot.trajectory import Trajectory
@@ -82,12 +83,14 @@ class CollisionChecker:
         self.clearance.require(self.margin_m)
         self._mj, self.scene, self.tool = mj, scene, tool
         self.pairs = list(self.clearance.pairs)
+        self._nearest: NearestParts | None = None
 
     def take_over(self, other: CollisionChecker) -> None:
         """Take the scene, the tool and the distances of another checker of the same arm, without computing
         them."""
         self.clearance, self.pairs = other.clearance, other.pairs
         self._mj, self.scene, self.tool = other._mj, other.scene, other.tool
+        self._nearest = None
 
     def among(self, scene: Scene, tool: Tool | None = None) -> CollisionChecker:
         """A checker of the same arm in another scene or with another tool; raises as `surround` does."""
@@ -128,6 +131,13 @@ class CollisionChecker:
         roots = [int(self._mj.body_rootid[self._mj.geom_bodyid[geom]]) for geom in self.pairs[pair]]
         stands = {name for name, each in self.scene.objects.items() if not each.attached}
         return roots[0] == roots[1] != 0 and stands.isdisjoint(self.names(pair))
+
+    @property
+    def nearest(self) -> NearestParts:
+        """Finds the nearest parts."""
+        if self._nearest is None:
+            self._nearest = NearestParts(self, self._model.base)
+        return self._nearest
 
     @property
     def mj(self) -> mujoco.MjModel:

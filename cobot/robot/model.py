@@ -109,6 +109,11 @@ class RobotModel:
             raise ConfigError(f"{path}: {exc}") from exc
 
     @property
+    def base(self) -> str:
+        """The name of the body in whose frame all poses are."""
+        return str(self.mj.body(self._base).name)
+
+    @property
     def name(self) -> str:
         """The model's name in its file."""
         return bytes(self.mj.names).split(b"\0", 1)[0].decode("utf-8", "replace")
@@ -207,7 +212,7 @@ class RobotModel:
             for name, each in tool.shapes.items()
         }
         whole = replace(scene, objects=objects | shapes)
-        return compiled(self.spec, whole, self.mj.body(self._base).name, self.mj.site(self.tcp_site).name)
+        return compiled(self.spec, whole, self.base, self.mj.site(self.tcp_site).name)
 
     @cached_property
     def inverse_kinematics(self) -> Arm:

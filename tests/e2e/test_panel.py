@@ -14,6 +14,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from panel.dragging import *  # noqa: F403
 from panel.files import *  # noqa: F403
 from panel.jogging import *  # noqa: F403
 from panel.looking import *  # noqa: F403

@@ -98,6 +98,7 @@ def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> No
         ("get", "/health"),
         ("get", "/robots"),
         ("get", "/events"),
+        ("get", "/robot/clearance"),
         ("get", "/robot/geometry"),
         ("get", "/robot/visuals"),
         ("get", "/robot/io"),

@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call
 from app.api.errors import responses
+from app.api.plan_answers import ClearanceAnswer, Distance
 from app.api.route import EndpointRouter
 from app.services.state.geometry import Body, Geometry, Joint, Shape, geometry_of, geometry_version
 from cobot.access.roles import Role
@@ -174,6 +175,22 @@ def tagged(request: Request, content: bytes, media_type: str) -> Response:
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304, headers=headers)
     return Response(content, media_type=media_type, headers=headers)
+
+
+@router.endpoint("GET /robot/clearance", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
+async def clearance(request: Request) -> ClearanceAnswer:
+    """The smallest distances of the arm where it is measured now, each with its two nearest points.
+
+    With the tool and the scene, as the collision checks see them. Distances that no joint changes, such as
+    that of a turret over the floor, are left out.
+    """
+    call = Call(request)
+    state = await call.services.link.measured_state(call.timeout_s)
+    own, around = call.services.robot.collision.nearest.at(state.position)
+    return ClearanceAnswer(
+        closest_self=None if own is None else Distance.of(own),
+        closest_environment=None if around is None else Distance.of(around),
+    )
 
 
 @router.endpoint("GET /robot/geometry", Role.OBSERVER, timeout_s=1.5, response_model=GeometryAnswer)

@@ -16,6 +16,7 @@ from app.api.goals import goal_of
 from app.api.job_schemas import ACCEPTED, answer_accepted, answer_end
 from app.api.paging import After, Limit, page_of
 from app.api.plan_answers import (
+    Distance,
     MotionAnswer,
     MotionPoint,
     PlanAnswer,
@@ -319,6 +320,4 @@ def _path(found: Forecast) -> list[PlanPoint]:
 def _distance(closest: Closest | None) -> PlanDistance | None:
     if closest is None:
         return None
-    return PlanDistance(
-        between=[closest.first, closest.second], distance_m=closest.distance_m, share=closest.share
-    )
+    return PlanDistance(**Distance.of(closest).model_dump(), share=closest.share)

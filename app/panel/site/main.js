@@ -3,8 +3,10 @@ import { Api } from "./api.js";
 import { Approvals } from "./approvals.js";
 import { Banner } from "./banner.js";
 import { Cell } from "./cell.js";
+import { Clearance } from "./clearance.js";
 import { Csv } from "./csv.js";
 import { Device } from "./device.js";
+import { Drag } from "./drag.js";
 import { Events } from "./events.js";
 import { Freedrive } from "./freedrive.js";
 import { DeviceIo } from "./device-io.js";
@@ -81,8 +83,9 @@ class Panel {
     this.live = new Live();
     this.setup = new Setup(api, () => this);
     this.typed = new Typed(this.motions, () => this);
+    this.drag = new Drag(this.motions, () => this);
     this.viewTools = new ViewTools(() => this.view);
-    this.pages = new Pages(() => this.view?.resize());
+    this.pages = new Pages(() => this.turnPage());
     this.log = new Log();
     this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts, () => this);
@@ -94,6 +97,7 @@ class Panel {
     });
     this.way = new Way(api, () => this.view);
     this.cell = new Cell(api, () => this.view);
+    this.clearance = new Clearance(api, () => this.view);
     this.lookAgain = oneAtATime(() => this.look());
     document.addEventListener("cobot-stop", ({ detail }) => {
       this.jog.release();
@@ -125,6 +129,7 @@ class Panel {
 
   async choose(robot) {
     this.jog.release();
+    this.drag.cancel("");
     this.freedrive.end();
     this.api.robot = robot;
     this.status.name(robot);
@@ -138,6 +143,7 @@ class Panel {
     this.setup.choose();
     this.recordings.close();
     this.tag = this.state = this.geometry = null;
+    this.clearance.clear();
     await this.look();
     if (robot !== this.api.robot) return; // another one was chosen meanwhile
     this.state = null; // states of the robot before may have come until now
@@ -151,8 +157,11 @@ class Panel {
   connected(connected) {
     this.status.connected(connected);
     this.lease.lost();
-    if (!connected) this.jog.release();
-    else if (!this.tag) this.lookAgain();
+    if (!connected) {
+      this.jog.release();
+      this.drag.cancel("drag_lost");
+    }
+    if (connected && !this.tag) this.lookAgain();
   }
 
   // No state has come for a second: what is shown is old.
@@ -161,7 +170,9 @@ class Panel {
     this.banner.silent(silent, why);
     if (!silent) return;
     this.jog.release();
+    this.drag.cancel("drag_lost");
     this.state = null; // nothing may be planned from an old position
+    this.clearance.clear();
   }
 
   answered(frame) {
@@ -206,6 +217,7 @@ class Panel {
       if (this.api.robot && !this.looks) this.dress(this.api.robot);
       this.way.look();
       if (this.state) this.view.show(this.state);
+      this.clearance.draw();
       why.hidden = true;
     } catch (error) {
       why.dataset.word = "view_none";
@@ -223,6 +235,13 @@ class Panel {
   preview(plan) {
     this.view?.preview(plan);
     this.planned.show(plan);
+    this.drag?.previewed(plan);
+  }
+
+  turnPage() {
+    this.view?.resize();
+    this.drag?.cancel("");
+    this.drag?.place();
   }
 
   show(state) {
@@ -233,6 +252,8 @@ class Panel {
     this.banner.show(state);
     this.viewTools.show(state);
     this.view?.show(state);
+    this.drag.place();
+    this.clearance.show(state, this.tag);
     this.view?.blame(LATCHED.includes(state.mode) ? state.reason : "");
   }
 }

@@ -73,6 +73,7 @@ export class Readouts {
     this.place = joints;
     this.ranges = [];
     this.rows = [];
+    this.aimed = null;
     this.tcp = AXES.map((name, index) => row(name, TITLES[index], "tcp", index));
     tcp.replaceChildren(...this.tcp.map((each) => each.made));
   }
@@ -108,9 +109,22 @@ export class Readouts {
       each.meter.style.setProperty("--share", Math.abs(to - from).toFixed(4));
       each.meter.toggleAttribute("data-near", Number.isFinite(position) && (to < NEAR || to > 1 - NEAR));
     });
+    if (this.aimed) return;
     const [x, y, z, w, i, j, k] = state.tcp.map(number);
-    const angles = abcOf([i, j, k, w]).reverse();
-    [x, y, z].forEach((value, index) => write(this.tcp[index], fixed(1000 * value)));
+    this.showTcp([x, y, z], [i, j, k, w]);
+  }
+
+  // The TCP's numbers are those of a dragged target, a pose in the base frame; null: of the arm again.
+  aim(target) {
+    if (target === this.aimed) return;
+    this.aimed = target;
+    for (const { value } of this.tcp) value.toggleAttribute("data-aimed", target !== null);
+    if (target) this.showTcp(target.position, target.quaternion);
+  }
+
+  showTcp(position, quaternion) {
+    const angles = abcOf(quaternion).reverse();
+    position.forEach((value, index) => write(this.tcp[index], fixed(1000 * value)));
     angles.forEach((value, index) => write(this.tcp[3 + index], fixed(degrees(value))));
   }
 }

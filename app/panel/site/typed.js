@@ -15,11 +15,12 @@ export function numberOf(text, unit) {
 }
 
 export class Typed {
-  // now: {state, geometry}; either may be missing.
+  // now: {state, geometry, readouts}; either of the first two may be missing.
   constructor(motions, now) {
     this.motions = motions;
     this.now = now;
     this.planned = ""; // what the newest plan of a typed value is of
+    this.plan = null; // that plan
     document.addEventListener("focusin", ({ target }) => target.dataset.value && target.select());
     document.addEventListener("keydown", (event) => {
       if (event.key !== "Enter" || !event.target.dataset?.value) return;
@@ -33,7 +34,7 @@ export class Typed {
     const { state, geometry } = this.now();
     const typed = numberOf(field.value, this.unit(kind, Number(index), geometry));
     const asked = [kind, index, typed].join();
-    if (asked === this.planned && this.motions.plan) {
+    if (asked === this.planned && this.plan && this.plan === this.motions.plan) {
       field.blur();
       await this.motions.execute();
       return;
@@ -46,6 +47,7 @@ export class Typed {
     const name = `${field.closest(".row").firstElementChild.title} ${field.value}`;
     if (kind === "joint") await this.motions.toJoints(name, this.joints(state, geometry, Number(index), typed));
     else await this.motions.toPose(name, this.pose(state, geometry, Number(index), typed));
+    this.plan = this.planned === asked ? this.motions.plan : null;
   }
 
   unit(kind, index, geometry) {
@@ -60,7 +62,7 @@ export class Typed {
   }
 
   pose(state, geometry, index, typed) {
-    const { position, quaternion } = tcpOf(geometry, state.commanded_position);
+    const { position, quaternion } = this.now().readouts.aimed ?? tcpOf(geometry, state.commanded_position);
     const [[x, y, z], [a, b, c]] = [position, abcOf(quaternion)];
     return { x, y, z, a, b, c, [POSE[index]]: index < 3 ? typed / MM : typed * RAD };
   }

@@ -1,6 +1,8 @@
 // The arm in 3D. It is drawn when something has changed, not otherwise.
 import { OrbitControls } from "/three/OrbitControls.js";
 import * as THREE from "/three/three.module.min.js";
+import { hueAt } from "./clearance.js";
+import { Gizmo } from "./gizmo.js";
 import { Drawn, drawnPart } from "./shapes.js";
 
 const [PLANNED, RUNNING] = [0x12a150, 0xc2410c];
@@ -12,6 +14,7 @@ const VIEWS = { iso: [1.55, -1.5, 0.65], front: [2.25, 0, 0.1], top: [0.001, 0, 
 const SIZE = 1.3;
 const GIZMO_PX = 84;
 const MAP_SHARE = 0.6; // size of a point of a map, as a share of the distance of neighbours
+const CLEARANCE_M = 0.004; // radius of the line of a clearance
 const SHADOW_M = 0.45; // radius of the soft shadow under the arm
 
 export class View {
@@ -42,8 +45,11 @@ export class View {
     this.parts = new Map(); // of a simulated cell, by name and shape
     this.looks = new Map(); // what the links look like, by name
     this.collision = false; // the shapes of the collision checks are shown in place of the looks
+    this.handles = new Gizmo();
+    this.scene.add(this.handles.root);
     this.trace = null; // the points that the TCP has passed, while they are shown
     this.traceLine = null;
+    this.clearances = new Map(); // lines between the nearest points: of the arm, and of a plan
     this.frames = 0;
     this.asked = false;
     new ResizeObserver(() => this.resize()).observe(place);
@@ -208,12 +214,77 @@ export class View {
     this.path?.geometry.dispose();
     this.ghost = this.path = this.plan = null;
     this.still = null;
+    this.showClearance("plan", plan?.duration_s ? plan.closest_environment : null);
     if (plan?.duration_s && this.geometry) {
       this.plan = plan;
       this.ghost = new Drawn(this.geometry, this.looks, true);
       this.path = this.line(plan.path.map((point) => point.position), PLANNED);
       this.scene.add(this.ghost.root);
     }
+    this.draw();
+  }
+
+  // A line between the nearest points, visible through everything; null for none. of: "arm" or "plan".
+  showClearance(of, nearest) {
+    const before = this.clearances.get(of);
+    if (!before && !nearest) return;
+    before?.removeFromParent();
+    before?.traverse((each) => each.geometry?.dispose());
+    before?.children[0].material.dispose();
+    this.clearances.delete(of);
+    if (nearest) {
+      this.clearances.set(of, clearanceLine(nearest));
+      this.scene.add(this.clearances.get(of));
+    }
+    this.draw();
+  }
+
+  // The handles of the TCP: at a pose in the base frame; null hides them, and undefined leaves them where they are.
+  showHandles(pose) {
+    const { root } = this.handles;
+    const shown = JSON.stringify(pose);
+    if (pose === undefined || shown === this.shownHandles) return;
+    this.shownHandles = shown;
+    root.visible = pose !== null;
+    if (pose) this.handles.place(new THREE.Vector3(...pose.position), new THREE.Quaternion(...pose.quaternion));
+    this.draw();
+  }
+
+  // The ray from the camera through a pointer.
+  ray({ clientX, clientY }) {
+    const { left, top, width, height } = this.renderer.domElement.getBoundingClientRect();
+    const caster = new THREE.Raycaster();
+    caster.setFromCamera(new THREE.Vector2((2 * (clientX - left)) / width - 1, 1 - (2 * (clientY - top)) / height), this.camera);
+    return caster.ray;
+  }
+
+  // Whether a handle is under the pointer and can be dragged; then it is held.
+  holdHandle(event) {
+    const ray = this.ray(event);
+    const handle = this.handles.at(ray);
+    if (!handle || !this.handles.hold(handle, ray)) return false;
+    this.mark(handle);
+    return true;
+  }
+
+  dragHandle(event) {
+    return this.handles.drag(this.ray(event));
+  }
+
+  releaseHandle() {
+    this.handles.held = null;
+    this.mark(null);
+  }
+
+  hoverHandle(event) {
+    if (event.pointerType === "mouse") this.mark(this.handles.at(this.ray(event)));
+  }
+
+  mark(handle) {
+    if (handle === this.marked) return;
+    this.marked = handle;
+    this.handles.mark(handle);
+    this.place.style.cursor = handle ? "grab" : "";
     this.draw();
   }
 
@@ -238,6 +309,7 @@ export class View {
     requestAnimationFrame(() => {
       this.asked = false;
       if (this.plan) this.haunt();
+      this.handles.fit(this.camera);
       this.renderer.render(this.scene, this.camera);
       this.drawGizmo();
       this.frames += 1;
@@ -273,6 +345,24 @@ function shadow() {
   const map = new THREE.CanvasTexture(canvas);
   const made = new THREE.Mesh(new THREE.CircleGeometry(SHADOW_M, 32), new THREE.MeshBasicMaterial({ map, transparent: true, depthWrite: false }));
   made.position.z = 0.001;
+  return made;
+}
+
+function clearanceLine({ points: ends, distance_m: distance }) {
+  const color = new THREE.Color().setHSL(hueAt(distance) / 360, 0.85, 0.4);
+  const look = new THREE.MeshBasicMaterial({ color, depthTest: false, transparent: true });
+  const made = new THREE.Group();
+  const [from, to] = ends.map((end) => new THREE.Vector3(...end));
+  const rod = new THREE.Mesh(new THREE.CylinderGeometry(CLEARANCE_M, CLEARANCE_M, from.distanceTo(to), 8), look);
+  rod.position.lerpVectors(from, to, 0.5);
+  rod.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), to.clone().sub(from).normalize());
+  made.add(rod);
+  for (const end of [from, to]) {
+    const ball = new THREE.Mesh(new THREE.SphereGeometry(2.5 * CLEARANCE_M, 12, 8), look);
+    ball.position.copy(end);
+    made.add(ball);
+  }
+  for (const each of made.children) each.renderOrder = 1;
   return made;
 }
 

@@ -83,6 +83,52 @@ def test_the_camera_goes_to_the_views_and_the_tcp_leaves_a_trace(panel: Panel) -
     assert panel.page.run("cobotPanel.view.trace === null && cobotPanel.view.traceLine === null")
 
 
+def test_the_clearance_is_a_line_between_the_nearest_points(panel: Panel) -> None:
+    """Oracle: GET /robot/clearance; a ball over the TCP at home, by hand."""
+
+    def line(of: str) -> list[list[float]]:
+        ends = (
+            f"cobotPanel.view.clearances.get('{of}').children.slice(1).map((ball) => ball.position.toArray())"
+        )
+        return list(panel.page.run(ends))
+
+    shown = "document.querySelector('#clearance').innerText"
+    x, y, z = tcp_at(panel, HOME)
+    ball = {"shape": "sphere", "radius": 0.02, "x": x, "y": y, "z": z - 0.05}
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        try:
+            http.post("/scene", json={"objects": {"ball": ball}}).raise_for_status()
+            panel.until(f"{shown}.includes('ball')")
+            found = http.get("/robot/clearance").json()["closest_environment"]
+            assert sorted(found["between"]) == ["ball", "link7"]
+            assert found["distance_m"] == pytest.approx(0.05 - 0.02, abs=2e-3)
+            np.testing.assert_allclose(line("arm"), found["points"], atol=2e-3)
+            assert panel.text("#clearance").startswith(f"Clearance {1000 * found['distance_m']:.0f} mm")
+            hue = panel.page.run(
+                "Number(document.querySelector('#clearance').style.getPropertyValue('--hue'))"
+            )
+            assert hue < 30, "red or orange"
+            away = {"joints": [0.3, *HOME[1:]], "speed": 1.0}
+            plan = http.post("/robot/plan/joints", json=away).json()
+            row = f'[data-plan="{plan["plan_id"]}"]'
+            panel.until(f"document.querySelector('{row}')")
+            panel.page.click(f"{row} button:nth-of-type(2)")
+            panel.until("cobotPanel.view.clearances.has('plan')")
+            np.testing.assert_allclose(line("plan"), plan["closest_environment"]["points"], atol=1e-9)
+            panel.page.click("#discard")
+            panel.until("!cobotPanel.view.clearances.has('plan')")
+            assert http.post("/robot/move/joints", json=away).json()["success"]
+            panel.until(f"parseFloat({shown}.replace('Clearance ', '')) > 60")
+            now = http.get("/robot/clearance").json()["closest_environment"]
+            panel.until(
+                f"{shown} === 'Clearance {1000 * now['distance_m']:.0f} mm ({' – '.join(now['between'])})'"
+            )
+            np.testing.assert_allclose(line("arm"), now["points"], atol=2e-3)
+        finally:
+            http.post("/scene", json={"clear": True}).raise_for_status()
+    panel.until(f"!{shown}.includes('ball')")
+
+
 def test_a_typed_value_is_planned_and_a_second_enter_runs_it(panel: Panel) -> None:
     """Oracle: where the arm is commanded to, and where the service has the TCP."""
 

@@ -1,4 +1,7 @@
-"""What GET /robot/geometry says. Oracle: MuJoCo's own kinematics, at joint angles drawn at random."""
+"""What GET /robot/geometry and GET /robot/clearance say.
+
+Oracles: MuJoCo's own kinematics, at joint angles drawn at random; coal's distances; a capsule by hand.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import coal
 import mujoco
 import numpy as np
 import pytest
@@ -110,6 +114,70 @@ def test_every_shape_is_where_mujoco_has_it_with_tool_and_scene(
     assert shapes["held"][0]["size"] == pytest.approx([0.02, 0.1])
     shows_the_tcp(service, found)
     assert found["bodies"][found["base"]]["name"] == "base_link"
+
+
+def solid(shape: dict[str, Any]) -> Any:
+    size = shape["size"]
+    match shape["shape"]:
+        case "box":
+            return coal.Box(*size)
+        case "capsule":
+            return coal.Capsule(*size)
+        case "cylinder":
+            return coal.Cylinder(*size)
+    return None
+
+
+def placed_solids(found: dict[str, Any], joints: Array) -> list[tuple[dict[str, Any], Any, Any]]:
+    """Of each solid its body, its shape and its place, in the base frame, where this arm has the world."""
+    return [
+        (
+            body,
+            made,
+            coal.Transform3s(
+                (turn * Rotation.from_quat(shape["quaternion"])).as_matrix(),
+                place + turn.apply(shape["position"]),
+            ),
+        )
+        for (place, turn), body in zip(frames(found, joints), found["bodies"], strict=True)
+        for shape in body["shapes"]
+        if shape["collides"] and (made := solid(shape)) is not None
+    ]
+
+
+def test_the_clearance_has_the_nearest_points_of_both_parts(service: VirtualService) -> None:
+    service.post("/scene", {"clear": True}).raise_for_status()
+    service.post("/robot/tool", {"clear": True}).raise_for_status()
+    tilted = {**TABLE, "x": 0.45, "y": -0.35, "z": 0.4, "b": 0.2, "c": 0.5}
+    service.post("/scene", {"objects": {"table": tilted}}).raise_for_status()
+    move = {"joints": [-0.4, 0.7, 0.2, -1.2, 0.3, 0.9, 0.1], "speed": 1.0}
+    assert service.post("/robot/move/joints", move).json()["success"]
+    nearest = service.get("/robot/clearance").json()["closest_environment"]
+    solids = placed_solids(service.get("/robot/geometry").json(), np.array(service.joints()))
+    ((_, table, there),) = [each for each in solids if each[0]["name"] == "table"]
+    found = []
+    for body, link, here in (each for each in solids if each[0]["part"] == "robot"):
+        result = coal.DistanceResult()
+        distance = coal.distance(link, here, table, there, coal.DistanceRequest(), result)
+        found.append((distance, body["name"], result.getNearestPoint1(), result.getNearestPoint2()))
+    distance, name, *points = min(found, key=lambda each: each[0])
+    assert 0.01 < distance < 0.28, "nearer than the floor"
+    assert sorted(nearest["between"]) == sorted([name, "table"])
+    assert nearest["distance_m"] == pytest.approx(distance, abs=1e-4)
+    if nearest["between"][0] == "table":
+        points.reverse()
+    np.testing.assert_allclose(nearest["points"], points, atol=1e-3)
+
+
+def test_a_distance_that_no_joint_changes_does_not_hide_the_others(service: VirtualService) -> None:
+    """The first link turns 98 mm over the floor; the second one is a capsule of 80 mm with its axis at 360 mm."""
+    service.post("/scene", {"clear": True}).raise_for_status()
+    service.post("/robot/tool", {"clear": True}).raise_for_status()
+    assert service.post("/robot/move/named", {"name": "home", "speed": 1.0}).json()["success"]
+    found = service.get("/robot/clearance").json()
+    assert found["closest_environment"]["between"] == ["floor", "link2"]
+    assert found["closest_environment"]["distance_m"] == pytest.approx(0.36 - 0.08, abs=1e-3)
+    assert found["closest_self"]["distance_m"] < 0.1
 
 
 @pytest.mark.parametrize("tool", [TOOL, {"tcp": TOOL["tcp"]}, {"tcp": {"x": 0.1, "c": 1.0}, "mass": 1.0}])

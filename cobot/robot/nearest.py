@@ -1,0 +1,128 @@
+"""The nearest parts of an arm, to each other and to its surroundings, with their nearest points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from cobot.robot.scene import Numbers3
+from cobot.types import Array
+
+if TYPE_CHECKING:
+    from cobot.robot.collision import CollisionChecker
+
+FARTHEST_M = 1.0
+"""Largest distance that is computed; farther objects do not matter."""
+TURNS = 17
+"""Angles at which a pair that one joint moves is compared. A prime, so that few symmetric shapes fit it."""
+SAME_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Nearest:
+    """Two parts.
+
+    Attributes:
+        distance_m: negative if they overlap.
+        points: the nearest points of the first and of the second one, in the base frame, m.
+        row: index of the configuration among those that were given.
+    """
+
+    first: str
+    second: str
+    distance_m: float
+    points: tuple[Numbers3, Numbers3]
+    row: int
+
+
+class NearestParts:
+    """Finds the nearest parts, for one scene and one tool. Not thread safe.
+
+    Pairs whose distance no joint changes, such as a turret over a floor, are left out: their distance says
+    nothing about a motion, and it would hide the others.
+    """
+
+    def __init__(self, checker: CollisionChecker, base: str) -> None:
+        self._checker, self._base = checker, base
+        self._data = mujoco.MjData(checker.mj)
+        own = np.array([checker.is_own(pair) for pair in range(len(checker.pairs))], dtype=bool)
+        changes = np.array([self._changes(pair) for pair in range(len(checker.pairs))], dtype=bool)
+        self._own, self._around = np.flatnonzero(own & changes), np.flatnonzero(~own & changes)
+
+    def at(self, joints: Array) -> tuple[Nearest | None, Nearest | None]:
+        """`among` one configuration, of shape (dof,)."""
+        rows = np.asarray(joints, dtype=float)[None]
+        return self.among(rows, self.distances(rows))
+
+    def distances(self, rows: Array) -> Array:
+        """The distance of each pair at each row of joints, shape (n, pairs), m, at most `FARTHEST_M`."""
+        if not self._checker.pairs:
+            return np.zeros((len(rows), 0))
+        return self._checker.clearance.distances(rows, FARTHEST_M)
+
+    def among(self, rows: Array, distances: Array) -> tuple[Nearest | None, Nearest | None]:
+        """The nearest parts of the robot itself, and those of the robot and its surroundings.
+
+        Args:
+            rows: joints, shape (n, dof).
+            distances: of `distances`.
+
+        Returns:
+            None where everything is farther than `FARTHEST_M`.
+        """
+        return self._least(rows, distances, self._own), self._least(rows, distances, self._around)
+
+    def _least(self, rows: Array, distances: Array, chosen: npt.NDArray[np.intp]) -> Nearest | None:
+        if not len(chosen):
+            return None
+        row, column = np.unravel_index(int(distances[:, chosen].argmin()), (len(rows), len(chosen)))
+        pair = int(chosen[column])
+        distance_m = float(distances[row, pair])
+        if not distance_m < FARTHEST_M:
+            return None
+        return Nearest(
+            *self._checker.names(pair), distance_m, self._points(rows[row], pair, distance_m), int(row)
+        )
+
+    def _points(self, joints: Array, pair: int, distance_m: float) -> tuple[Numbers3, Numbers3]:
+        mj, data = self._checker.mj, self._data
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(mj, data)
+        ends = np.zeros(6)
+        mujoco.mj_geomDistance(mj, data, *self._checker.pairs[pair], distance_m + SAME_M + FARTHEST_M, ends)
+        base = data.body(self._base)
+        first, second = (ends.reshape(2, 3) - base.xpos) @ base.xmat.reshape(3, 3)
+        return _point(first), _point(second)
+
+    def _changes(self, pair: int) -> bool:
+        """Whether the distance of a pair depends on the joints."""
+        mj = self._checker.mj
+        first, second = (self._joints_of(int(mj.geom_bodyid[geom])) for geom in self._checker.pairs[pair])
+        moving = first ^ second
+        if len(moving) != 1:
+            return bool(moving)
+        joint = moving.pop()
+        rows = np.tile(mj.qpos0, (TURNS, 1))
+        low, high = mj.jnt_range[joint] if mj.jnt_limited[joint] else (-np.pi, np.pi)
+        rows[:, joint] = np.linspace(float(low), float(high), TURNS)
+        distances = self._checker.clearance.distances(rows, 10.0 * FARTHEST_M)[:, pair]
+        return bool(np.ptp(distances) > SAME_M)
+
+    def _joints_of(self, body: int) -> set[int]:
+        """The joints that move a body."""
+        mj, found = self._checker.mj, set[int]()
+        while body:
+            begin = int(mj.body_jntadr[body])
+            found |= set(range(begin, begin + int(mj.body_jntnum[body])))
+            body = int(mj.body_parentid[body])
+        return found
+
+
+def _point(point: Sequence[float] | Array) -> Numbers3:
+    x, y, z = (float(each) for each in point)
+    return x, y, z
