@@ -23,8 +23,8 @@ class Acknowledge(RequestModel):
 
     payload_checked: bool = Field(
         False,
-        description="The model's own tool and load are those of the arm. Where POST /robot/tool has set "
-        "others, it need not be said.",
+        description="Tool and load of the arm are those of the model. Not needed if POST /robot/tool has "
+        "set them.",
     )
 
 
@@ -32,19 +32,19 @@ class AcknowledgeAnswer(BaseModel):
     """What was acknowledged."""
 
     success: Literal[True] = Field(description="Always true.")
-    message: str = Field(description="What holds from now on, in words.")
+    message: str = Field(description="What applies from now on, in words.")
     found: str = Field(
         description='What the first contact had found; "" if there was nothing to acknowledge.'
     )
 
 
 class DeviceStatusAnswer(BaseModel):
-    """How the device says that it is; "" and null where it does not say."""
+    """State that the device reports; "" and null where it reports nothing."""
 
     connection: str = Field(description='Such as "connected", or the state of its session.')
     quality: str = Field(description="Of the connection.")
     operation_mode: str = Field(description="T1 (reduced speed, by hand), T2 (by hand) or AUT.")
-    safety_stop: str = Field(description='What stands in the way; "" for nothing.')
+    safety_stop: str = Field(description='What prevents motions; "" for nothing.')
     drives: str = Field(description="Whether they are on.")
     brakes: str = Field(description="Whether they hold the arm.")
     speed_scaling: float = Field(description="Its own speed override, 0 to 1, which planned motions follow.")
@@ -77,15 +77,15 @@ class DeviceAnswer(BaseModel):
     """The device that moves the robot."""
 
     backend: str = Field(description="The setting robot.backend.")
-    hardware: bool = Field(description="Whether something real moves.")
-    periods_s: list[float] = Field(description="Of the cycle, that it can be driven with, s; empty: any.")
+    hardware: bool = Field(description="Whether a real device moves.")
+    periods_s: list[float] = Field(description="Possible periods of the cycle, s; empty: any.")
     measured: list[str] = Field(description="Which measured values are real.")
     able: list[str] = Field(description=f"Which of {', '.join(FLAGS)} it has.")
     stops: dict[int, bool] = Field(
         description="Stop categories (IEC 60204-1), each with whether the device itself confirms it."
     )
-    status: DeviceStatusAnswer | None = Field(description="null: it says nothing of itself.")
-    speed_share: float = Field(description="Of the speed of planned motions that it moves with now.")
+    status: DeviceStatusAnswer | None = Field(description="Report of the device; null: it reports nothing.")
+    speed_share: float = Field(description="Share of the planned speed with which it moves now.")
     unacknowledged: str = Field(
         description='What the first contact has found, until it is acknowledged; "" when it is.'
     )

@@ -80,7 +80,7 @@ class ErrorAnswer(BaseModel):
 
 
 class RefusedAnswer(ErrorAnswer):
-    """A request that cannot be honoured; of a motion that cannot be planned, why."""
+    """An invalid request or, for a motion that cannot be planned, the reason."""
 
     explain: Explain | None = Field(None, description="Of a motion that cannot be planned: why, as numbers.")
 
@@ -88,18 +88,17 @@ class RefusedAnswer(ErrorAnswer):
 DESCRIPTIONS = {
     401: "A token is needed, and there is none, or it is not valid.",
     403: "The token's role does not permit this: the detail says which role does.",
-    404: "There is no such robot: the detail lists those that there are.",
+    404: "Unknown robot, name or id: see the detail.",
     409: "Another client moves the arm, or the motion was stopped before it began; see the detail.",
     412: "Another client has changed it meanwhile: the detail names the client, and what to do.",
     413: "The body is larger than `web.max_body_bytes` (uploads) or `web.max_json_bytes`.",
-    415: "The Content-Type is another one than this endpoint takes.",
-    422: "The request cannot be honoured as it is written: the detail says what, where, the value and the "
-    "limit. Nothing has moved.",
+    415: "The endpoint does not accept this Content-Type.",
+    422: "The request is invalid: the detail names the field, the value and the limit. Nothing has moved.",
     500: "An error in cobot itself; its log has the details.",
     501: "The robot's backend cannot do this: the detail names it.",
-    502: "The device does not take it: the detail says why.",
+    502: "The device rejects it: the detail says why.",
     503: "The real-time process does not answer, or the robot is in a mode that permits no motion.",
-    504: "The device has not said in time that it is done: the detail says what it reports.",
+    504: "The device has not confirmed it in time: the detail says what it reports.",
 }
 
 

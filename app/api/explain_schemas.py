@@ -13,19 +13,19 @@ from cobot.findings import Check, Failure, Finding, Kind
 
 
 class FailedCheck(BaseModel):
-    """What one check has found."""
+    """The result of one failed check."""
 
-    check: Check = Field(description="Which one.")
-    quantity: str = Field(description="What it looks at.")
-    value: float = Field(description="Of that, in `unit`.")
-    limit: float = Field(description="The same.")
-    by: float = Field(description="How far the one is beyond the other.")
+    check: Check = Field(description="Name of the check.")
+    quantity: str = Field(description="The checked quantity.")
+    value: float = Field(description="Value of the quantity, in `unit`.")
+    limit: float = Field(description="Its limit, in `unit`.")
+    by: float = Field(description="Distance of the value beyond the limit, in `unit`.")
     unit: str = Field(description="SI; empty for a share.")
     share: float | None = Field(
         description="Where, as a share of the path (of its time, if it has been timed): 0 is the start, 1 "
-        "the goal; null if nowhere in particular."
+        "the goal; null: no particular place."
     )
-    of: list[str] = Field(description="The joint, or the two that come too near to each other.")
+    of: list[str] = Field(description="The joint, or the two bodies that are too close to each other.")
 
 
 class Works(BaseModel):
@@ -39,25 +39,25 @@ class Works(BaseModel):
 
 
 class Tried(BaseModel):
-    """What does not help."""
+    """A change that does not work."""
 
     change: Kind = Field(description="What was changed.")
-    count: int = Field(description="In how many ways.")
+    count: int = Field(description="Number of variants that were tried.")
     says: str = Field(description="The first of them.")
-    why: str = Field(description="Why there is no motion then either.")
+    why: str = Field(description="Why it does not work.")
 
 
 class Explain(BaseModel):
-    """Why there is no motion, and what would make one."""
+    """Why there is no motion, and changes that make one possible."""
 
     checks: list[FailedCheck] = Field(description="What has failed, the decisive one first.")
     motion: int | None = Field(
-        None, description="Of a sequence, which one, from 1 on; `works` is of it alone."
+        None, description="In a sequence: number of the motion to which `works` applies, from 1."
     )
     works: list[Works] = Field([], description="At most one of each kind; for /robot/plan only.")
     tried: list[Tried] = Field([], description="What was tried and does not work.")
-    spent_s: float = Field(0.0, description="How long was tried, s.")
-    budget_s: float = Field(0.0, description="How long might be tried, s: `planning.explain_s`, or less.")
+    spent_s: float = Field(0.0, description="Time spent on the search, s.")
+    budget_s: float = Field(0.0, description="Time limit of the search, s: `planning.explain_s`, or less.")
 
 
 def explain_of(error: CobotError) -> Explain | None:

@@ -35,8 +35,8 @@ PARAMETER: dict[str, Any] = {
     "name": IDEMPOTENCY_KEY,
     "in": "header",
     "required": False,
-    "description": "A new random value for each job, such as a UUID. The same request with the same key "
-    "begins nothing within 24 hours: it gets the first answer.",
+    "description": "A new random value for each job, such as a UUID. For 24 hours, the same "
+    "request with the same key starts nothing and gets the first answer.",
     "schema": {"type": "string", "minLength": 1, "maxLength": MAX_KEY, "pattern": "^[\\x21-\\x7e]+$"},
 }
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]

@@ -42,11 +42,11 @@ class JobRequest(BaseModel):
 
 
 class JobAnswer(BaseModel):
-    """A motion, from when it was asked for to its end."""
+    """A motion, from its request to its end."""
 
-    id: str = Field(description="Of this job.")
+    id: str = Field(description="Id of this job.")
     robot: str = Field(description="Which robot moves.")
-    kind: JobKind = Field(description="What has asked for the motion.")
+    kind: JobKind = Field(description="Kind of the request.")
     state: JobState = Field(
         description="queued, planning, running, paused; or its end: finished, failed, cancelled (it was "
         "stopped), interrupted (by the end of the service)."
@@ -60,21 +60,23 @@ class JobAnswer(BaseModel):
     )
     owner: str = Field(description="The client that requested it.")
     parent: str | None = Field(description="The job of the sequence that it belongs to.")
-    motion_id: int | None = Field(description="Of its newest motion; null while nothing has moved.")
+    motion_id: int | None = Field(description="Number of its newest motion; null while nothing has moved.")
     progress: float = Field(
         description="Share of the motion's path time that is done, 0 to 1; of a sequence, of its waypoints."
     )
-    planned_duration_s: float | None = Field(description="Of the motion, at the speed it was planned with.")
+    planned_duration_s: float | None = Field(description="Duration of the motion at its planned speed.")
     remaining_s: float | None = Field(
         description="Remaining time, at the present speed override; null while it is unknown."
     )
-    note: str = Field(description="How the motion differs from what was asked for; empty if it does not.")
-    error: RefusedAnswer | None = Field(description="Why it has not arrived, as its own endpoint says it.")
-    actions: list[ActionAnswer] = Field(description="What became of the actions on the path.")
-    waits_for: str | None = Field(description="The condition that holds the motion up now.")
+    note: str = Field(description="How the motion differs from the request; empty if it does not.")
+    error: RefusedAnswer | None = Field(
+        description="Why it has not arrived, in the form of an error response."
+    )
+    actions: list[ActionAnswer] = Field(description="Results of the actions on the path.")
+    waits_for: str | None = Field(description="The condition for which the motion waits now.")
     stopped_by: str | None = Field(description="The condition that has ended the motion.")
     contact: ContactAnswer | None = Field(description="The moment at which it was met.")
-    created_at: datetime = Field(description="When it was asked for.")
+    created_at: datetime = Field(description="When it was requested.")
     started_at: datetime | None = Field(description="When its first motion began.")
     ended_at: datetime | None = Field(
         description="When it ended; of one that a crash interrupted, when the service was last "
@@ -111,7 +113,7 @@ class JobQuery(StrictModel):
     model_config = ConfigDict(strict=False)
 
     wait_s: float = Field(
-        0.0, ge=0.0, le=MAX_WAIT_S, description="Answer when it has ended, or after so long, s."
+        0.0, ge=0.0, le=MAX_WAIT_S, description="Answer when the job has ended, or after this time, s."
     )
 
 
@@ -121,16 +123,16 @@ class MoveQuery(BaseModel):
     wait: bool = Field(True, description=WAIT)
     queue: bool = Field(
         False,
-        description="true: have it done in its turn, after those that are queued already; answers 202 with "
-        "the job, as soon as it is planned.",
+        description="true: run it after the motions that are already queued; answers 202 with the job as "
+        "soon as it is planned.",
     )
     blend_radius: float = Field(
         0.0,
         ge=0.0,
         le=1.0,
         allow_inf_nan=False,
-        description="With queue: how far from its end, m, the TCP may leave its path to go on into the next "
-        "move without a stop, if that is queued in time; 0: it stops.",
+        description="With queue: distance from the end, m, within which the TCP may leave its path to "
+        "continue into the next motion without a stop, if that is queued in time; 0: it stops.",
     )
 
 
@@ -154,7 +156,7 @@ Wait = Annotated[bool, Query(description=WAIT)]
 ACCEPTED: dict[int | str, dict[str, Any]] = {
     202: {
         "model": JobAnswer,
-        "description": "With wait=false or queue=true: the job. `Location` leads to it.",
+        "description": "With wait=false or queue=true: the job. `Location` is its address.",
     }
 }
 

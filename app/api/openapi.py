@@ -18,7 +18,7 @@ CONTROL: dict[str, Any] = {
     "name": CONTROL_TOKEN,
     "in": "header",
     "required": False,
-    "description": "The token that POST /robot/control has given; only needed while its control is held.",
+    "description": "Token from POST /robot/control; needed only while the client has control.",
     "schema": {"type": "string"},
 }
 """Header parameter of all endpoints that move the arm: the client that has control sends it."""

@@ -71,7 +71,7 @@ class MotionAnswer(BaseModel):
 
     motion_id: int | None = Field(description="Of the motion that runs; null while none does.")
     duration_s: float = Field(description="Of its path at full speed, s.")
-    note: str = Field(description="How it differs from what was asked for.")
+    note: str = Field(description="How it differs from the request.")
     path: list[MotionPoint] = Field(description="Evenly over its time, both ends included.")
 
 
@@ -103,7 +103,7 @@ class Distance(BaseModel):
 class PlanDistance(Distance):
     """The smallest distance between two bodies, at 200 points of a motion."""
 
-    share: float = Field(description="Where: the share of the motion's duration.")
+    share: float = Field(description="Place, as a share of the motion's duration.")
 
 
 class ClearanceAnswer(BaseModel):
@@ -111,8 +111,10 @@ class ClearanceAnswer(BaseModel):
 
     model_config = example({"closest_self": CLOSEST_SELF, "closest_environment": CLOSEST_ENVIRONMENT})
 
-    closest_self: Distance | None = Field(description="Of the robot's own parts; null beyond 1 m.")
-    closest_environment: Distance | None = Field(description="Of the robot and the rest; null beyond 1 m.")
+    closest_self: Distance | None = Field(description="Between two parts of the robot; null beyond 1 m.")
+    closest_environment: Distance | None = Field(
+        description="Between the robot and its surroundings; null beyond 1 m."
+    )
 
 
 class PlanAnswer(BaseModel):
@@ -121,13 +123,15 @@ class PlanAnswer(BaseModel):
     model_config = example(PLANNED)
 
     plan_id: str = Field(description="For POST /robot/execute.")
-    expires_in_s: float = Field(description="After which it is forgotten, s; sooner if there are many.")
-    duration_s: float = Field(description="Of the motion at full speed, s; 0 if the arm is there already.")
+    expires_in_s: float = Field(description="Time for which the plan is kept, s; less if there are many.")
+    duration_s: float = Field(description="Duration at full speed, s; 0 if the arm is already there.")
     note: str = Field(description="What auto took and why, and how a start in collision was left.")
     path: list[PlanPoint] = Field(description="Evenly over the time, both ends included.")
     utilisation: dict[str, PlanUse] = Field(description="Of velocity, acceleration, jerk and torque.")
-    closest_self: PlanDistance | None = Field(description="Of the robot's own parts; null beyond 1 m.")
-    closest_environment: PlanDistance | None = Field(description="Of the robot and the rest; the same.")
+    closest_self: PlanDistance | None = Field(description="Between two parts of the robot; null beyond 1 m.")
+    closest_environment: PlanDistance | None = Field(
+        description="Between the robot and its surroundings; null beyond 1 m."
+    )
     signals: list[str] = Field(description="Actions on its path and its conditions, as sentences.")
 
 
@@ -158,11 +162,11 @@ class RehearsalAnswer(BaseModel):
 
     plan_id: str = Field(description="Of the plan.")
     runs_through: bool = Field(description="It arrives and settles, and there is no `problem` on the way.")
-    duration_s: float = Field(description="Until it had settled, or ended otherwise, at full speed.")
-    planned_duration_s: float = Field(description="Of the plan; settling comes on top.")
-    effort: list[float] = Field(description="The most of each joint, as a share of its limit.")
+    duration_s: float = Field(description="Duration at full speed until it settled, or ended otherwise.")
+    planned_duration_s: float = Field(description="Duration of the plan, without settling.")
+    effort: list[float] = Field(description="Largest effort of each joint, as a share of its limit.")
     off: list[float] = Field(
-        description="The most that each joint was from where it was commanded to be, rad; of slides m."
+        description="Largest deviation of each joint from its command, rad; for slides m."
     )
     problem: RehearsalFlaw | None = Field(description="The first one; null: none.")
     closest_self: PlanDistance | None = Field(

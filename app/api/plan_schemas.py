@@ -25,22 +25,22 @@ Start = Annotated[
     Field(
         min_length=1,
         max_length=64,
-        description="Joint angles to plan from, rad; without it where the arm rests now.",
+        description="Joint angles to plan from, rad. Default: the present ones.",
     ),
 ]
 Samples = Annotated[
-    int, Field(ge=2, le=1000, description="How many points of the path are answered, evenly over its time.")
+    int, Field(ge=2, le=1000, description="Number of path points in the response, evenly spaced in time.")
 ]
 
 ExplainIt = Annotated[
     bool,
     Field(
-        description="If there is no plan: try changes that would make one, for at most `planning.explain_s`; "
-        "false: only report what has failed."
+        description="If there is no plan: search for changes that make one possible, for at most "
+        "`planning.explain_s`; false: only report what has failed."
     ),
 ]
 PlanId = Annotated[
-    str, Field(min_length=1, max_length=64, description="The plan_id that planning a motion has answered.")
+    str, Field(min_length=1, max_length=64, description="The plan_id from the response that made the plan.")
 ]
 
 
@@ -68,7 +68,7 @@ class KeptPlan(BaseModel):
     )
     expires_in_s: float = Field(description="The time for which it is still kept.")
     approved_by: str | None = Field(
-        description="The client that lets an agent run it, once; null: not approved."
+        description="The client that has approved one run by an agent; null: not approved."
     )
 
 
@@ -78,7 +78,7 @@ class Approve(RequestModel):
     model_config = example({"plan_id": "plan_2f1c9a0b7d3e4855"})
 
     plan_id: PlanId
-    approved: Annotated[bool, Field(description="false takes an approval back.")] = True
+    approved: Annotated[bool, Field(description="false withdraws an approval.")] = True
 
 
 class Planning(RequestModel):
@@ -121,7 +121,7 @@ class PlanArc(Planning, MoveArc):
 
 
 class PlanPath(Planning, TcpMotion):
-    """Straight lines of the TCP, and from where."""
+    """Straight lines of the TCP, and their start."""
 
     model_config = example(
         {
@@ -136,12 +136,11 @@ class PlanPath(Planning, TcpMotion):
     )
 
     poses: Annotated[list[PathPose], FailFast()] = Field(
-        min_length=1, max_length=201, description="Where it goes through; the last is the goal."
+        min_length=1, max_length=201, description="Poses of the path; the last one is the goal."
     )
     radius: Radius = Field(
         0.0,
-        description="How far from each pose but the last, m, the TCP may leave its path to go on without a "
-        "stop; 0: it stops.",
+        description="Blend radius at each pose but the last, m; 0: the TCP stops there.",
     )
 
     def polyline(self) -> PlanPose:

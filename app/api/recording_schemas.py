@@ -21,23 +21,23 @@ class AskRecording(RequestModel):
         "continuous recording.",
     )
     seconds: Annotated[float, Field(gt=0.0, le=600.0, allow_inf_nan=False)] | None = Field(
-        None, description="Of a dump, s; at most what is in memory. Without it `recording.before_s`."
+        None, description="Length of a dump, s; at most what is in memory. Default: `recording.before_s`."
     )
 
 
 class AskedRecordingAnswer(BaseModel):
-    """What came of it."""
+    """The result of the request."""
 
     names: list[str] = Field(
-        description="Of the files that are whole now; after start: what their names will begin with."
+        description="Names of the complete files; after start: the beginning of the future names."
     )
 
 
 class RecordingAnswer(BaseModel):
     """A file."""
 
-    name: str = Field(description="As GET /recordings/{name} wants it.")
-    time: str = Field(description="Of the fault, the e-stop or the request, ISO 8601 in UTC.")
+    name: str = Field(description="Name for GET /recordings/{name}.")
+    time: str = Field(description="Time of the fault, the e-stop or the request, ISO 8601 in UTC.")
     reason: Literal["fault", "estop", "request", "continuous"] = Field(description="Why it was made.")
     size: int = Field(description="Bytes.")
 
@@ -52,11 +52,11 @@ class RecordedPoint(BaseModel):
 
 
 class RecordedEvent(BaseModel):
-    """What happened."""
+    """An event in a recording."""
 
-    time_s: float = Field(description="As of the points.")
+    time_s: float = Field(description="From the first cycle on, s.")
     kind: str = Field(
-        description="What has changed: a fault, estop and intervention also say so.",
+        description="What has changed. A fault, an e-stop and an intervention have kinds of their own.",
         json_schema_extra={"enum": [*sorted(EVENT_KINDS)]},
     )
     mode: str = Field(description="Of rtloop, from then on.")
@@ -64,10 +64,10 @@ class RecordedEvent(BaseModel):
 
 
 class RecordedPathAnswer(BaseModel):
-    """A recording to be looked at."""
+    """The path of a recording."""
 
     duration_s: float = Field(description="From its first to its last cycle, s.")
-    path: list[RecordedPoint] = Field(description="Some of its cycles, evenly.")
+    path: list[RecordedPoint] = Field(description="Some of its cycles, evenly spaced.")
     events: list[RecordedEvent] = Field(description="All of them, the oldest first.")
 
 
@@ -76,11 +76,13 @@ class RecorderAnswer(BaseModel):
 
     alive: bool = Field(description="Whether it runs.")
     pid: int = Field(description="0: it has not started yet.")
-    recording: str = Field(description="What the files of the continuous recording begin with; empty: none.")
-    lost: int = Field(description="Cycles that it came too late for; they are in no recording.")
-    files: int = Field(description="So many recordings are there.")
-    bytes: int = Field(description="And so large they are together.")
-    problem: str = Field(description="Why nothing can be recorded; empty while all is well.")
+    recording: str = Field(
+        description="Beginning of the names of the continuous recording's files; empty: none."
+    )
+    lost: int = Field(description="Cycles that it missed; no recording has them.")
+    files: int = Field(description="Number of recordings.")
+    bytes: int = Field(description="Their total size in bytes.")
+    problem: str = Field(description="Why nothing can be recorded; empty: no problem.")
 
 
 class RecordingsAnswer(BaseModel):
@@ -88,4 +90,4 @@ class RecordingsAnswer(BaseModel):
 
     recordings: list[RecordingAnswer] = Field(description="The newest first.")
     recorder: RecorderAnswer | None = Field(description="null: this robot is not recorded.")
-    max_bytes: int = Field(description="`recording.max_mb`: beyond it the oldest files go.")
+    max_bytes: int = Field(description="`recording.max_mb`: beyond it the oldest files are deleted.")

@@ -54,7 +54,7 @@ class Place(RequestModel):
         "",
         max_length=200,
         description="The frame of the pose: empty for the base, a named frame, or one that no joint moves. "
-        "It counts where that is now.",
+        "Its present place is used.",
     )
 
 
@@ -89,22 +89,22 @@ class PutObject(Place):
         description="Of a mesh: three indices of vertices, from 0 on, each.",
     )
     scale: Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)] = Field(
-        1.0, description="Of a mesh: all is multiplied by it, as 0.001 for a file in mm."
+        1.0, description="For a mesh: its scale, 0.001 for a file in mm."
     )
     tolerance: Length = Field(
         0.02,
-        description="Of a mesh that is not convex: what counts as it is no further from it than this, m.",
+        description="For a mesh that is not convex: maximum deviation of the solids that replace it, m.",
     )
     heights: list[Annotated[list[Coordinate | None], Field(fail_fast=True)]] | None = Field(
         None,
         fail_fast=True,
         max_length=2000,
-        description="Of a height field: rows along y of heights along x, m; null: nothing stands there.",
+        description="Of a height field: rows along y of heights along x, m; null: an empty cell.",
     )
     resolution: Length | None = Field(
         None, description="Of a height field: the edge of a cell, m; the first one's corner is the origin."
     )
-    floor: Coordinate = Field(0.0, description="Of a height field: where its columns begin, m.")
+    floor: Coordinate = Field(0.0, description="For a height field: the bottom of its columns, m.")
     step: Length | None = Field(
         None, description="Of a height field: heights are rounded up to its multiples, m; null: exact."
     )
@@ -112,7 +112,7 @@ class PutObject(Place):
         None, min_length=1, max_length=200_000, fail_fast=True, description="Of a point cloud: x, y, z, m."
     )
     voxel: Length | None = Field(
-        None, description="Of a point cloud: a cube of this edge, m, that has a point in it is solid."
+        None, description="For a point cloud: edge of the cubes, m; a cube that contains a point is solid."
     )
     mass: Annotated[float, Field(ge=0.0, le=10_000.0, allow_inf_nan=False)] = Field(
         0.0, description="kg; the arm carries it while the object is attached, together with the tool's."
@@ -121,15 +121,15 @@ class PutObject(Place):
         None,
         min_length=3,
         max_length=3,
-        description="Of the mass, x, y, z from the middle along its own axes, m; without it the solid has "
-        "one density.",
+        description="Centre of mass: x, y, z from the middle along its own axes, m. Default: uniform "
+        "density.",
     )
     inertia: list[Finite] | None = Field(
         None,
         min_length=6,
         max_length=6,
-        description="About the centre, along its own axes: xx, xy, xz, yy, yz, zz, kg·m²; without it the "
-        "solid has one density.",
+        description="About the centre, along its own axes: xx, xy, xz, yy, yz, zz, kg·m². Default: uniform "
+        "density.",
     )
 
     @model_validator(mode="after")
@@ -171,10 +171,10 @@ class ChangeScene(RequestModel):
         [],
         max_length=1000,
         fail_fast=True,
-        description="Objects that the hand lets go: they stand where they are now.",
+        description="Objects to release; each stays where it is now.",
     )
     frames: Annotated[dict[Name, Place | None], limit_entries(1000)] = Field(
-        {}, max_length=1000, description="Places by name, for `frame_id`; null forgets one."
+        {}, max_length=1000, description="Frames by name, for `frame_id`; null deletes one."
     )
     objects: Annotated[dict[Name, PutObject | None], limit_entries(1000)] = Field(
         {}, max_length=1000, description="Solids by name, added or replaced; null removes one."
@@ -187,13 +187,13 @@ class ChangeScene(RequestModel):
     attach: Annotated[dict[Name, Annotated[list[str], Field(max_length=100)]], limit_entries(1000)] = Field(
         {},
         max_length=1000,
-        description="Objects that the hand holds from now on, each with what it may touch meanwhile.",
+        description="Objects to attach, each with the bodies and objects that it may touch.",
     )
     allowed: list[Pair] | None = Field(
         None,
         fail_fast=True,
         max_length=1000,
-        description="Pairs of bodies and objects that may touch, not those before.",
+        description="Pairs of bodies and objects that may touch; they replace the previous pairs.",
     )
 
     @model_validator(mode="after")
@@ -209,10 +209,11 @@ class ObjectAnswer(BaseModel):
     name: str = Field(description="Of the object.")
     shape: str = Field(description="box, sphere, cylinder, capsule, mesh, height_field or point_cloud.")
     size: list[float] = Field(
-        description="m: a box's edges; a radius; a radius and a length; of others those of the box around."
+        description="m: a box's edges; a radius; a radius and a length; for others the edges of the "
+        "bounding box."
     )
     solids: int = Field(1, description="Convex solids that it is made of for collision checks.")
-    tolerance: float = Field(0.0, description="Of a mesh: how far from it these are at most, m; 0: exact.")
+    tolerance: float = Field(0.0, description="For a mesh: maximum deviation of these from it, m; 0: exact.")
     position: list[float] = Field(
         description="Of its middle: x, y, z, m; in the base frame, attached in the TCP's."
     )
@@ -220,9 +221,9 @@ class ObjectAnswer(BaseModel):
     attached: bool = Field(description="The hand holds it.")
     touch: list[str] = Field(description="What it may touch while the hand holds it.")
     mass: float = Field(0.0, description="kg")
-    centre: list[float] | None = Field(None, description="Of the mass, m; null: of one density.")
+    centre: list[float] | None = Field(None, description="Centre of mass, m; null: uniform density.")
     inertia: list[float] | None = Field(
-        None, description="About the centre: xx, xy, xz, yy, yz, zz, kg·m²; null: of one density."
+        None, description="About the centre: xx, xy, xz, yy, yz, zz, kg·m²; null: uniform density."
     )
 
     @classmethod
@@ -259,7 +260,7 @@ class SceneAnswer(BaseModel):
 
     version: int = Field(description="Rises with each change; 0: never changed.")
     objects: list[ObjectAnswer] = Field(description="The objects that stand in the scene or are attached.")
-    frames: list[FrameAnswer] = Field(description="Places with names.")
+    frames: list[FrameAnswer] = Field(description="Named frames.")
     allowed: list[list[str]] = Field(description="Pairs that may touch.")
 
 
@@ -268,6 +269,6 @@ class ChangedAnswer(BaseModel):
 
     model_config = _example({"version": 4, "stopped": "", "contacts": []})
 
-    version: int = Field(description="Of the scene from now on.")
-    stopped: str = Field(description="Why the motion under way was stopped; empty if none was.")
-    contacts: list[str] = Field(description="What the arm touches, or nearly, where it is now.")
+    version: int = Field(description="Version of the scene from now on.")
+    stopped: str = Field(description="Why the present motion was stopped; empty if it was not.")
+    contacts: list[str] = Field(description="What the arm touches or nearly touches now.")

@@ -21,7 +21,7 @@ from cobot.loose_lists import RequestModel
 from cobot.motions.fields import HOME, example
 from cobot.strict import StrictModel
 
-WAIT = "false: answer 202 with the job at once, instead of the ordinary answer when that is known."
+WAIT = "false: answer 202 with the job at once, instead of the result at the end."
 """Description of the parameter `wait`, which several requests have."""
 
 
@@ -51,20 +51,20 @@ class MoveAnswer(BaseModel):
     code: ErrorCode | None = Field(None, description="A stable word for the reason, null on success.")
     motion_id: int | None = Field(None, description="Null when nothing moved.")
     duration_s: float = Field(description="From request to answer, s.")
-    planning_time_s: float = Field(description="Of that, s, until there was a plan.")
+    planning_time_s: float = Field(description="Of that, the time for planning, s.")
     note: str = Field(
         "",
         description="What auto took and why, how a start in collision or beyond a limit was left, and which "
         "radius of a sequence was not used.",
     )
     explain: Explain | None = Field(None, description="Of a motion that cannot be planned: why, as numbers.")
-    actions: list[ActionAnswer] = Field([], description="What became of the actions on the path.")
+    actions: list[ActionAnswer] = Field([], description="Results of the actions on the path.")
     stopped_by: str | None = Field(None, description="The condition that has ended the motion.")
     contact: ContactAnswer | None = Field(None, description="The moment at which it was met.")
 
 
 class ResetAnswer(BaseModel):
-    """What a reset has led to."""
+    """Result of a reset."""
 
     success: Literal[True] = Field(description="Always true: the robot may move.")
     message: str = Field(description="The same in words.")
@@ -79,10 +79,10 @@ class TakeControl(RequestModel):
         TIMEOUT_S,
         ge=TIMEOUTS_S[0],
         le=TIMEOUTS_S[1],
-        description="s; it ends when nothing has moved for so long.",
+        description="s; control ends when nothing has moved for this time.",
     )
     force: bool = Field(
-        False, description="Take it over: whatever moves the arm ends, and the former holder is notified."
+        False, description="Take control over: the present motion ends, and the previous holder is informed."
     )
 
 
@@ -93,21 +93,21 @@ class ControlAnswer(BaseModel):
     holder: str | None = Field(
         description="Name of the client's access token; without one its own name in quotes, or anonymous."
     )
-    address: str | None = Field(description="Where they come from.")
+    address: str | None = Field(description="Address of the client.")
     how: Literal["explicit", "implicit"] | None = Field(
         description="explicit: by a lease; implicit: by what moves the arm, for as long as it does."
     )
     what: str | None = Field(description="What moves the arm now.")
-    since: datetime | None = Field(description="When they took it, if that is known.")
+    since: datetime | None = Field(description="When the client took it, if that is known.")
     until: datetime | None = Field(description="When a lease ends, if nothing moves until then.")
-    speed_fraction: float = Field(description="How fast motions go, as a share of their planned speed.")
+    speed_fraction: float = Field(description="The speed override: share of the planned speed.")
 
 
 class TakenAnswer(ControlAnswer):
-    """The control is the caller's."""
+    """The caller has control."""
 
     token: str = Field(description="To be sent as the header X-Control-Token.")
-    stopped: list[str] = Field(description="What was ended to take over.")
+    stopped: list[str] = Field(description="What was stopped to take control over.")
 
 
 class JointStates(BaseModel):
@@ -166,7 +166,7 @@ class PoseAnswer(BaseModel):
 
 
 class NamedPositionAnswer(BaseModel):
-    """A `group_state` of the SRDF, or a place that was taught."""
+    """A `group_state` of the SRDF, or a taught position."""
 
     name: str = Field(description="For POST /robot/move/named.")
     group: str = Field(description="The group of joints in the SRDF; `taught` without one.")
@@ -194,7 +194,7 @@ class LogQuery(StrictModel):
         "after it.",
     )
     n: int = Field(
-        50, ge=1, le=300, deprecated=True, description="The same as `limit`, which counts before it."
+        50, ge=1, le=300, deprecated=True, description="The same as `limit`, which takes precedence."
     )
 
     def lines_of(self, newest: Callable[[int], list[str]]) -> list[str]:
@@ -226,7 +226,7 @@ class LogAnswer(BaseModel):
 
 
 class StartedAnswer(BaseModel):
-    """The runner has started; whether its file is any good, /sequences/status will tell."""
+    """The runner has started; /sequences/status reports whether its file is valid."""
 
     status: Annotated[Literal["started"], Field(description="The runner's process runs.")] = "started"
     sequence_id: int = Field(description="Its number, counted from 1.")
@@ -240,10 +240,10 @@ class SequenceStatusAnswer(BaseModel):
     sequence_id: int | None = Field(description="Its number, counted from 1.")
     pid: int | None = Field(description="The runner's process.")
     iteration: int | None = Field(description="From 1.")
-    n_iterations: int | None = Field(description="How many were asked for.")
+    n_iterations: int | None = Field(description="Requested number.")
     waypoint: int | None = Field(description="Waypoint or step, from 1; 0 is the way home.")
     n_waypoints: int | None = Field(description="Number of waypoints or steps in an iteration.")
-    step: str | None = Field(description="Where it is, as in the log; steps in other steps included.")
+    step: str | None = Field(description="Present step, as in the log, including steps inside other steps.")
     started_at: datetime | None = Field(description="When.")
     finished_at: datetime | None = Field(description="When; null while it runs.")
     returncode: int | None = Field(description="0: all done; negative: the signal that ended it.")

@@ -17,9 +17,13 @@ class AuditQuery(StrictModel):
     model_config = ConfigDict(strict=False)
 
     limit: int = Field(100, ge=1, le=1000, description="Maximum number of entries.")
-    since: datetime | None = Field(None, description="Only those of then or later; without a zone it is UTC.")
+    since: datetime | None = Field(
+        None, description="Only entries of this time or later; without a time zone it is UTC."
+    )
     after: str | None = Field(
-        None, max_length=100, description="Id of an entry of an earlier response: those that are older."
+        None,
+        max_length=100,
+        description="Id of an entry of an earlier response: the list continues with older ones.",
     )
 
 
@@ -28,7 +32,7 @@ class AuditEntry(BaseModel):
 
     model_config = ConfigDict(populate_by_name=True)
 
-    id: str = Field(description="Of this entry.")
+    id: str = Field(description="Id of the entry.")
     time: datetime = Field(description="When, UTC.")
     who: str = Field(
         description="Name of the access token; a client's own name in quotes; anonymous; a local user."
@@ -38,7 +42,7 @@ class AuditEntry(BaseModel):
     outcome: str = Field(description="HTTP's status, or ok, or what went wrong.")
     request: str | None = Field(None, description="The X-Request-Id, which lines of the log have too.")
     repeated: int | None = Field(None, description="How many more of this kind followed in the same second.")
-    details: dict[str, Any] = Field({}, description="What else is known: the motion, the upload, the error.")
+    details: dict[str, Any] = Field({}, description="Further facts: the motion, the upload, the error.")
 
 
 class AuditAnswer(BaseModel):
@@ -46,7 +50,7 @@ class AuditAnswer(BaseModel):
 
     entries: list[AuditEntry] = Field(description="The newest first.")
     lost: int = Field(description="Entries that could not be written since the service started.")
-    problem: str = Field(description="Why nothing can be written at present; empty while all is well.")
+    problem: str = Field(description="Why nothing can be written now; empty: no problem.")
 
 
 class RobotHealth(BaseModel):
@@ -99,8 +103,8 @@ class ReadyAnswer(BaseModel):
 class ReloadAnswer(BaseModel):
     """What the reload has done, as sentences."""
 
-    taken_over: list[str] = Field(description="What counts from now on; empty if nothing has changed.")
-    needs_restart: list[str] = Field(description="What has changed too, and counts after a restart of cobot.")
+    taken_over: list[str] = Field(description="Changes that apply now; empty if nothing has changed.")
+    needs_restart: list[str] = Field(description="Changes that need a restart of cobot.")
 
 
 class RestoreAnswer(BaseModel):
@@ -111,12 +115,12 @@ class RestoreAnswer(BaseModel):
 
 
 class RobotAnswer(BaseModel):
-    """A robot that is served."""
+    """A robot of this service."""
 
     name: str = Field(description="For /robots/{robot}/...")
     model: str = Field(description="The name of its model, as the model's file has it.")
-    default: bool = Field(description="The endpoints without the name of a robot are about this one.")
-    path: str = Field(description="What its own endpoints begin with.")
+    default: bool = Field(description="Endpoints without the name of a robot use this one.")
+    path: str = Field(description="Beginning of the paths of its own endpoints.")
     base_frame: str = Field(description="The frame of all its poses.")
     joint_names: list[str] = Field(description="From the base to the flange.")
-    device: DeviceAnswer | None = Field(description="What moves it; null while that cannot be read.")
+    device: DeviceAnswer | None = Field(description="The device that moves it; null while it cannot be read.")

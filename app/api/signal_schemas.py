@@ -11,21 +11,21 @@ from cobot.motions.fields import example
 
 
 class ActionAnswer(BaseModel):
-    """An action on the path, and what became of it."""
+    """An action on the path, and its result."""
 
     action: str = Field(description="Its place in the request.")
     does: str = Field(description="What it does.")
-    at: str = Field(description="The place on the path that was asked for.")
+    at: str = Field(description="The requested place on the path.")
     planned_s: float = Field(description="The path time of that place, s.")
     fired: bool | None = Field(
-        description="Whether it has fired; null of a motion whose end the service has not seen."
+        description="Whether it has fired; null if the service has not seen the end of the motion."
     )
     path_time_s: float | None = Field(description="Path time of the cycle in which it fired, s.")
     robot_time_s: float | None = Field(description="Time of that cycle on the robot's clock, s.")
     position: list[float] | None = Field(
         description="Of the TCP in the base frame, as measured in that cycle, m."
     )
-    problem: str = Field(description="Why it did nothing; empty if it did, or has not fired.")
+    problem: str = Field(description="Why it had no effect; empty if it had one, or has not fired.")
 
 
 class ContactAnswer(BaseModel):
@@ -48,14 +48,14 @@ class ContactAnswer(BaseModel):
     position: list[float] = Field(description="Of the TCP in the base frame, m.")
     quaternion: list[float] = Field(description="Its orientation, x, y, z, w.")
     force: list[float] = Field(
-        description="That the surroundings exert at the TCP, in the base frame, from the zero on, N."
+        description="Force of the surroundings on the TCP, in the base frame, relative to the zero, N."
     )
     torque: list[float] = Field(description="The same, N·m.")
     value: float = Field(description="Value of the input, or amount of the force or torque of the condition.")
     path_time_s: float = Field(description="Path time of the cycle, s.")
     robot_time_s: float = Field(description="Time of the cycle on the robot's clock, s.")
-    overshoot_m: float | None = Field(description="How far the TCP moved on until it rested, m.")
-    retracted_m: float = Field(description="How far from the contact it went back along its path, m.")
+    overshoot_m: float | None = Field(description="Distance that the TCP moved on until it was at rest, m.")
+    retracted_m: float = Field(description="Distance that it moved back along its path after the contact, m.")
 
 
 def action_answers(results: tuple[ActionResult, ...]) -> list[ActionAnswer]:

@@ -69,20 +69,21 @@ class ToolShape(PutObject):
 
 
 class ChangeTool(RequestModel):
-    """What is on the flange. What is not given stays; but mass, centre and inertia go together."""
+    """The tool. Omitted fields keep their values, but mass, centre and inertia belong together."""
 
     model_config = _example(
         {"name": "gripper", "mass": 1.2, "centre": [0.0, 0.0, 0.06], "inertia": INERTIA, "tcp": {"z": 0.15}}
     )
 
-    clear: bool = Field(False, description="Begin with the bare flange, as the model's file has it.")
+    clear: bool = Field(False, description="Start from the bare flange of the model file.")
     name: Annotated[str, Field(max_length=64)] | None = Field(None, description="For people.")
     mass: Finite | None = Field(
         None,
-        description="Of tool and load, kg, up to robot.max_payload_kg; on top of the model's own masses.",
+        description="Mass of tool and load, kg, up to robot.max_payload_kg, in addition to the masses of "
+        "the model.",
     )
     centre: list[Finite] | None = Field(
-        None, min_length=3, max_length=3, description="Of that mass, x, y, z in the flange's frame, m."
+        None, min_length=3, max_length=3, description="Centre of that mass: x, y, z in the flange's frame, m."
     )
     inertia: list[Finite] | None = Field(
         None,
@@ -92,13 +93,16 @@ class ChangeTool(RequestModel):
     )
     tcp: ToolTip | None = Field(None, description="In the flange's frame; null: that of the model's file.")
     shapes: Annotated[dict[Name, ToolShape], limit_entries(50)] | None = Field(
-        None, max_length=50, description="Solids for the collision checks, by name, instead of those before."
+        None,
+        max_length=50,
+        description="Solids for the collision checks, by name; they replace the previous ones.",
     )
     gravity: list[Finite] | None = Field(
         None,
         min_length=3,
         max_length=3,
-        description="Free fall in the base frame, m/s², of a tilted base; null: that of the model's file.",
+        description="Gravitational acceleration in the base frame, m/s², for a tilted base; null: that of "
+        "the model's file.",
     )
 
     @model_validator(mode="after")
@@ -164,7 +168,5 @@ class ToolAnswer(BaseModel):
     position: list[float] = Field(description="Of the TCP: x, y, z, m.")
     quaternion: list[float] = Field(description="Of the TCP: x, y, z, w.")
     shapes: list[ObjectAnswer] = Field(description="What collision checks see of it, in the flange's frame.")
-    gravity: list[float] = Field(description="Free fall in the base frame, m/s².")
-    contacts: list[str] = Field(
-        description="After a change: what the arm touches, or nearly, where it is now."
-    )
+    gravity: list[float] = Field(description="Gravitational acceleration in the base frame, m/s².")
+    contacts: list[str] = Field(description="After a change: what the arm touches or nearly touches now.")

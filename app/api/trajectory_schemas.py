@@ -12,17 +12,17 @@ from cobot.motions.fields import HOME, Finite, example
 from cobot.strict import StrictModel
 
 VALIDATE = "False skips this check; the safety layer of the real-time process stays."
-RETIME = "Slow down where the limits need it, by as much as they need; else more than 5 % is refused."
+RETIME = "Slow down where the limits require it, by any amount; otherwise more than 5 % is refused."
 SMOOTHING = (
     "Maximum deviation from the curve through the points where they exceed the limits, rad; 0 "
     "follows it exactly. Default: the setting planning.smoothing_rad."
 )
 MAX_SMOOTHING_RAD = 0.01
-MOVE_TO_START = "Go to the first point by ptp before; else the arm has to be there."
+MOVE_TO_START = "First move to the first point by ptp; otherwise the arm must be there."
 
 
 class TrajectoryPoint(RequestModel):
-    """Where the joints are at a time. Missing rates are those of a smooth curve through all points."""
+    """Positions of the joints at a time. Missing rates are those of a smooth curve through all points."""
 
     positions: list[Finite] = Field(max_length=64, description="rad, one for each joint")
     time_from_start: Finite = Field(ge=0.0, description="s")
@@ -62,7 +62,8 @@ class CsvQuery(StrictModel):
         None,
         min_length=1,
         max_length=1,
-        description="One character. Without it that of the header: semicolons, tabs, commas or white space. "
+        description="One character. Default: that of the header, which is a semicolon, a tab, a comma or "
+        "white space. "
         "Only with semicolons may numbers have decimal commas.",
     )
     validate_limits: bool = Field(True, description=VALIDATE)
@@ -73,7 +74,7 @@ class CsvQuery(StrictModel):
 
 
 class SentAnswer(BaseModel):
-    """The real-time process has verified the motion and begun it; /trajectory/logs tells its end."""
+    """The real-time process has verified the motion and begun it; /trajectory/logs reports its end."""
 
     model_config = example(
         {
@@ -91,12 +92,16 @@ class SentAnswer(BaseModel):
 
     status: Annotated[Literal["sent"], Field(description="The motion has begun.")] = "sent"
     motion_id: int = Field(description="Its number, as in /trajectory/logs and in the state.")
-    duration_s: float = Field(description="Of the whole motion, s, the way to the start included.")
-    points: int = Field(description="How many were sent.")
+    duration_s: float = Field(
+        description="Duration of the whole motion, s, including the motion to the start."
+    )
+    points: int = Field(description="Number of points that were sent.")
     note: str = Field("", description="What was changed and why; empty if nothing was.")
-    blended_rad: float = Field(0.0, description="How far the arm was from the first point, blended in.")
+    blended_rad: float = Field(
+        0.0, description="Distance of the arm from the first point, which was removed smoothly."
+    )
     smoothed_rad: float = Field(0.0, description="Maximum deviation of the motion from the curve, rad.")
-    stretch: float = Field(1.0, description="Its duration in shares of that of the points.")
+    stretch: float = Field(1.0, description="Its duration relative to that of the points.")
     slowed_s: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="Between which times of the points it is slower than they ask for."
+        None, description="Interval of the points' times in which the motion is slower than they require."
     )

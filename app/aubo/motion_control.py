@@ -162,7 +162,7 @@ def get_last_error(robot: Services) -> str:
 
 @service("MotionControl")
 def get_speed_fraction(robot: Services) -> float:
-    """How fast motions go along their paths.
+    """The speed override: how fast motions run along their paths.
 
     Returns:
         A share of their planned speed: 0, or from 0.01 to 1.

@@ -147,7 +147,7 @@ class Topics:
         return [] if entry is None else entry.types
 
     def ends_of(self, topic: str) -> tuple[int, int]:
-        """How many publish on a topic, and how many have subscribed."""
+        """Numbers of publishers and of subscriptions of a topic."""
         entry = self._topics.get(absolute(topic))
         return (0, 0) if entry is None else (len(entry.publishers), len(entry.subscriptions))
 

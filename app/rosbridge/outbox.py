@@ -22,7 +22,7 @@ MAX_BYTES = 32 * 2**20
 MAX_OPTIONAL = 256
 """While so many messages wait for a client, feedback and status are left out."""
 MAX_PER_TOPIC = 100
-"""A client may subscribe or advertise one topic so many times, told apart by their ids."""
+"""Maximum number of subscriptions or advertisements of one topic by a client; they differ by their ids."""
 DEFAULT_QUEUE = 100
 """Number of messages of a topic that wait if the client gives no number or 0."""
 

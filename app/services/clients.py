@@ -13,8 +13,8 @@ class Client:
 
     Attributes:
         name: of the access token; without one the client's own name in quotes, or "anonymous".
-        address: where it comes from, without a port.
-        leases: the tokens of leases that it shows.
+        address: its address, without a port.
+        leases: the lease tokens that it sends.
         sequence: the token of the sequence for which it speaks, if any.
         tell: called with a sentence when another client takes over; None if the client cannot be notified.
     """

@@ -293,7 +293,7 @@ def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> l
 
 
 def _add_cup(spec: mujoco.MjSpec, robot: RobotModel, cup: Cup, tcp: str) -> list[mujoco.MjsGeom]:
-    """Add the suction cup at the flange; its lip."""
+    """Add the suction cup at the flange, and return its lip."""
     holder, radius_m = _body_at_flange(spec, robot, tcp, CUP), 0.5 * LIP_M
     length_m = cup.length_m - LIP_M
     holder.add_geom(
@@ -322,7 +322,7 @@ def _add_cup(spec: mujoco.MjSpec, robot: RobotModel, cup: Cup, tcp: str) -> list
 
 
 def _add_own_hand(spec: mujoco.MjSpec, hand: AnyOwnHand) -> list[mujoco.MjsGeom]:
-    """Have the fingers of the arm's model move; the shapes that hold parts."""
+    """Make the fingers of the arm's model movable, and return the shapes that hold parts."""
     if isinstance(hand, TurningHand):
         return _add_turning_hand(spec, hand)
     bodies = []

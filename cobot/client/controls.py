@@ -207,13 +207,17 @@ class CartesianMotionForceControl(Control[CartesianState]):
     ) -> None:
         """Set the TCP target that is due one command period from now. It is ignored during a `move_to_pose`.
 
-        Args: pose: x, y, z in m and w, x, y, z, in the base frame. wrench: force and torque that the TCP
-        exerts along the force-controlled axes, in the force frame: N, N·m. velocity: at the target: m/s,
-        rad/s, in the base frame; without it the interpolation chooses one. acceleration: m/s², rad/s²; it is
-        checked and then ignored.
+        Args:
+            pose: x, y, z in m and w, x, y, z, in the base frame.
+            wrench: force and torque that the TCP exerts along the force-controlled axes, in the force
+                frame: N, N·m.
+            velocity: at the target: m/s, rad/s, in the base frame; without it the interpolation chooses one.
+            acceleration: m/s², rad/s²; it is checked and then ignored.
 
-        Raises: InputError: the number of values is wrong, a value is not a finite number, or the quaternion
-        is invalid. MotionStopped: the session has ended, with the reason.
+        Raises:
+            InputError: the number of values is wrong, a value is not a finite number, or the quaternion is
+                invalid.
+            MotionStopped: the session has ended, with the reason.
         """
         force = vector(wrench, 6, name="wrench") if len(wrench) else 0.0
         twist = vector(velocity, 6, name="velocity") if len(velocity) else 0.0

@@ -22,7 +22,7 @@ class ForceMoves(Moves):
         return self._force("press", wait, force=force, **how)
 
     def follow(self, force: float, motion: Json, *, wait: bool = True, **how: Any) -> Json | JobHandle:
-        """Approach until contact, then go along a path with the force, N, held.
+        """Approach until contact, then move along a path and hold the force, N.
 
         Args:
             motion: a body of POST /robot/move/pose with planner lin, circ or polyline.
@@ -35,8 +35,7 @@ class ForceMoves(Moves):
 
         Args:
             how: `pattern`, `radius`, `pitch`, `angle`, `search_speed`, `drop`, `target`, `tolerance`,
-                `until`, and the
-                fields of all motions with force.
+                `until`, and the fields of all motions with force.
         """
         return self._force("search", wait, force=force, **how)
 

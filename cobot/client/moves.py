@@ -36,7 +36,7 @@ class Moves(Jobs):
     def move_named(
         self, name: str, *, speed: float = 0.1, accel_scale: float = 0.0, wait: bool = True, **how: Any
     ) -> Json | JobHandle:
-        """Go to a named position; returns on arrival, raises when it is not reached.
+        """Move to a named position; returns on arrival, raises when it is not reached.
 
         Args:
             how: `planner`, `algorithm`, `synchronization`, `constraints`, `actions`, `start_when`,
@@ -65,7 +65,7 @@ class Moves(Jobs):
         wait: bool = True,
         **how: Any,
     ) -> Json | JobHandle:
-        """Go to joint angles in rad; returns on arrival, raises when it is not reached.
+        """Move to joint angles in rad; returns on arrival, raises when it is not reached.
 
         Args:
             how: `planner`, `algorithm`, `synchronization`, `constraints`, `actions`, `start_when`,
@@ -120,7 +120,7 @@ class Moves(Jobs):
         wait: bool = True,
         **more: Any,
     ) -> Json | JobHandle:
-        """Bring the TCP to a pose (m, KUKA angles in rad); returns on arrival, raises when not reached.
+        """Move the TCP to a pose (m, KUKA angles in rad); returns on arrival, raises when not reached.
 
         Args:
             speed: a share; without it 0.1, or 1 where `speed_m_s` or `speed_rad_s` is given.
@@ -183,22 +183,23 @@ class Moves(Jobs):
     def move_sequence(
         self, motions: Sequence[Mapping[str, Any]], radii: Sequence[float] = (), *, wait: bool = True
     ) -> Json | JobHandle:
-        """Several motions as one; returns on arrival.
+        """Run several motions as one; returns on arrival.
 
         Args:
             motions: bodies of POST /robot/move/named, joints, pose and arc.
-            radii: for each but the last, m: so far from its end the TCP may leave its path; none: it stops.
+            radii: blend radius at the end of each but the last, m; none: the arm stops there.
         """
         return self._move(
             "sequence", {"motions": [dict(each) for each in motions], "radii": list(radii)}, wait
         )
 
     def queue(self, motion: Mapping[str, Any], *, blend_radius: float = 0.0) -> JobHandle:
-        """Have a motion done in its turn, after those that are queued; returns as soon as it is planned.
+        """Queue a motion after those that are already queued; returns as soon as it is planned.
 
         Args:
             motion: a body of POST /robot/move/named, joints, pose, arc or sequence, or of /robot/execute.
-            blend_radius: how far from its end, m, the TCP may leave its path to go on into the next one.
+            blend_radius: distance from its end, m, within which the TCP may leave its path to continue into
+                the next one.
         """
         what = next((path for key, path in KINDS.items() if key in motion), "move/pose")
         query = {"queue": True, "blend_radius": blend_radius}

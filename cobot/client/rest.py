@@ -141,9 +141,10 @@ class Client(ForceMoves, Steps, EventConnection):
     def put_object(self, name: str, shape: str, **solid: Any) -> Json:
         """Add an object to the scene, or replace it.
 
-        Args: shape: "box", "sphere", "cylinder", "capsule", "mesh", "height_field" or "point_cloud". solid:
-        fields of the shape: `size`, or `radius` and `length`, m, or the `file` of a mesh as base64; `x`, `y`,
-        `z`, `a`, `b`, `c` and `frame_id`; `mass`, kg.
+        Args:
+            shape: "box", "sphere", "cylinder", "capsule", "mesh", "height_field" or "point_cloud".
+            solid: fields of the shape: `size`, or `radius` and `length`, m, or the `file` of a mesh as
+                base64; `x`, `y`, `z`, `a`, `b`, `c` and `frame_id`; `mass`, kg.
         """
         return self.change_scene(objects={name: {"shape": shape, **solid}})
 
@@ -291,7 +292,7 @@ class Client(ForceMoves, Steps, EventConnection):
         )
 
     def delete_program(self, program: str) -> list[Json]:
-        """Delete a stored program with all its versions; returns the programs that are left."""
+        """Delete a stored program with all its versions; returns the remaining programs."""
         return list(self._request("DELETE", _program_path(program)))
 
     def run_program(self, program: str, **options: Any) -> Json:
@@ -326,7 +327,7 @@ class Client(ForceMoves, Steps, EventConnection):
         self._fetch(f"/studies/{study}/table", Path(file))
 
     def delete_study(self, study: str) -> list[Json]:
-        """Delete a study with its results; returns the studies that are left."""
+        """Delete a study with its results; returns the remaining studies."""
         return list(self._json("DELETE", f"/studies/{study}")["studies"])
 
     def call_service(self, robot: str, robot_class: str, method: str, arguments: Mapping[str, Any]) -> Json:

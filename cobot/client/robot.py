@@ -282,9 +282,10 @@ class Robot(SessionSettings):
     def execute_plan(self, name: str, **options: str | float) -> None:
         """Begin a plan and return when the arm moves.
 
-        Args: name: "PLAN-Home" or "home" for a named position, or the path of a sequence file (*.json).
-        options: of the motion or the sequence, see docs/motions.md: speed, ... A sequence runs once by
-            default.
+        Args:
+            name: "PLAN-Home" or "home" for a named position, or the path of a sequence file (*.json).
+            options: of the motion or the sequence, see docs/motions.md: speed, ... A sequence runs once by
+                default.
 
         Raises:
             ConflictError: the mode is not NRT_PLAN_EXECUTION, or another client moves the arm.

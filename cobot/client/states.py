@@ -16,13 +16,13 @@ Values = list[float]
 
 @dataclass(frozen=True, slots=True)
 class RobotInfo:
-    """What stays as it is.
+    """Constant facts about a robot.
 
     Attributes:
         serial_num: the robot's name.
-        model_name: what its model's file calls it.
+        model_name: name of the model, from its file.
         DoF: number of joints.
-        K_q_nom: joint stiffness at its stiffest, N·m/rad.
+        K_q_nom: largest joint stiffness, N·m/rad.
         K_x_nom: the same of the TCP: N/m three times, N·m/rad three times.
         q_min, q_max: joint limits, rad.
         dq_max: rad/s.
@@ -87,7 +87,7 @@ class JointState:
 
 @dataclass(frozen=True, slots=True)
 class CartesianState:
-    """The TCP's motion and what it feels; see `RobotStates`."""
+    """Motion of the TCP and the forces on it; see `RobotStates`."""
 
     tcp_pose: Values
     tcp_vel: Values
@@ -100,14 +100,14 @@ class CartesianState:
 
 @dataclass(frozen=True, slots=True)
 class RobotStates:
-    """All that is measured in one cycle.
+    """All measured values of one cycle.
 
-    External is what the surroundings do to the arm. The world is the base frame.
+    External torques and forces are those of the surroundings on the arm. The world is the base frame.
 
     Attributes:
         q, dq: joints, rad and rad/s.
         theta, dtheta: the same on the motors' side: the drives are taken to be rigid, so they are q and dq.
-        tau, tau_des, tau_ext: torques measured, asked for, external: N·m.
+        tau, tau_des, tau_ext: measured, commanded and external torques: N·m.
         tau_dot: change of tau, smoothed over 10 ms, N·m/s.
         tcp_pose, flange_pose: x, y, z in m, then w, x, y, z.
         tcp_vel: m/s three times, rad/s three times, in the base frame.

@@ -96,9 +96,10 @@ def token_from_environment() -> str | None:
 def tls_context(verify: Verify) -> ssl.SSLContext:
     """The TLS context for a connection to a service.
 
-    Args: verify: True for the certificates that the computer trusts, or the file that `COBOT_CERTIFICATE`
-    names. A file: only the service's own certificate (the first PEM block in it), for any host name. False
-    for any certificate, which protects from eavesdropping but not from an interceptor.
+    Args:
+        verify: True for the certificates that the computer trusts, or the file that `COBOT_CERTIFICATE`
+            names. A file: only the service's own certificate (the first PEM block in it), for any host name.
+            False for any certificate, which protects from eavesdropping but not from an interceptor.
 
     Raises:
         InputError: the file is not a certificate.

@@ -45,8 +45,9 @@ class Transport(Protocol):
     def open_session(self, request: np.ndarray) -> int:
         """Begin to stream.
 
-        Args: request: record of `cobot.ipc.layout.session_dtype`; the transport fills in the number, the
-        process and the count of stops.
+        Args:
+            request: record of `cobot.ipc.layout.session_dtype`; the transport fills in the number, the
+                process and the count of stops.
 
         Returns:
             The session's number.

@@ -95,9 +95,11 @@ def be(niceness: Niceness, *, session: bool = False) -> None:
 
     A lower niceness needs root or CAP_SYS_NICE, as SCHED_FIFO does; without it nothing changes.
 
-    Args: session: niceness of the session, if one begins with this process. By default Linux shares the
-    processor among sessions first, and niceness counts only within a session (sched(7), the autogroup
-    feature). Control groups can change that. Use it for processes that wait most of the time.
+    Args:
+        session: niceness of the session, if one begins with this process. By default Linux shares the
+            processor among sessions first, and niceness counts only within a session (sched(7), the
+            autogroup feature). Control groups can change that. Use it for processes that wait most of the
+            time.
     """
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, niceness)

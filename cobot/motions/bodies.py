@@ -159,7 +159,8 @@ Cyclic = Annotated[
     bool | None,
     Field(
         description="true: a path that leads back to its start ends at the joint angles it began with, so "
-        "that it can be repeated. null: full circles do so if possible, other paths end where they lead."
+        "that it can be repeated. null: full circles do so if possible; other paths end at the joint angles "
+        "that follow from them."
     ),
 ]
 
@@ -225,8 +226,8 @@ class MovePose(TcpMotion, PathPose):
     )
     end_joints: Annotated[list[Finite], Field(min_length=1, max_length=64)] | None = Field(
         None,
-        description=f"For {users_of('end_joints')}: joint angles at the end, rad, which have the TCP at the "
-        "pose. With them a line back to an earlier pose ends at the joint angles that the arm had there.",
+        description=f"For {users_of('end_joints')}: joint angles at the end, rad; their pose must be the "
+        "goal. With them a line back to an earlier pose ends at the joint angles that the arm had there.",
     )
     through: Annotated[list[PathPose], FailFast()] = Field(
         [], max_length=200, description=f"For {users_of('through')}: poses on the way."

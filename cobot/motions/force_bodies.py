@@ -19,8 +19,8 @@ Pattern = Literal["spiral", "raster", "tilt"]
 NotMet = Annotated[
     Literal["error", "success"],
     Field(
-        description="What the answer says if the end that was asked for is not reached: `success` false, or "
-        "true. `stopped_by` says in both cases what ended the motion."
+        description="Result if the requested end is not reached: `success` false, or true. `stopped_by` "
+        "says in both cases what ended the motion."
     ),
 ]
 
@@ -39,17 +39,21 @@ class ForceMotion(RequestModel):
         None,
         ge=1.0,
         le=10_000.0,
-        description="Beyond this external force along an axis of the base frame the real-time loop stops the "
-        "arm, in every cycle, N. Default: twice `force`, at least 20 N more. Less than 1 N is within the "
+        description="External force along an axis of the base frame beyond which the real-time loop stops "
+        "the arm, checked in every cycle, N. Default: twice `force`, at least 20 N more. Less than 1 N is "
+        "within the "
         "noise of the measurement.",
     )
     speed: Finite = Field(0.02, ge=0.001, le=0.1, description="Maximum speed towards the contact, m/s.")
     max_distance: Finite = Field(
-        0.1, gt=0.0, le=1.0, description="Maximum way along `direction` from where the TCP starts, m."
+        0.1, gt=0.0, le=1.0, description="Maximum distance along `direction` from the start of the TCP, m."
     )
     max_time_s: Finite = Field(30.0, gt=0.0, le=600.0, description="Maximum duration without pauses, s.")
     retract: Finite = Field(
-        0.0, ge=0.0, le=0.5, description="Way back against `direction` at the end, m. 0: only the force goes."
+        0.0,
+        ge=0.0,
+        le=0.5,
+        description="Distance back against `direction` at the end, m. 0: only the force is switched off.",
     )
     if_not_met: NotMet = "error"
 
@@ -99,7 +103,8 @@ class FollowMotion(ForceMotion):
         0.02,
         gt=0.0,
         le=0.5,
-        description="How far the TCP may leave the path along `direction`, counted from the contact, m.",
+        description="Maximum deviation of the TCP from the path along `direction`, relative to the contact, "
+        "m.",
     )
 
     @model_validator(mode="after")
@@ -139,15 +144,16 @@ class SearchMotion(ForceMotion):
         0.001,
         ge=1e-4,
         le=0.5,
-        description="It is found when the TCP has advanced this far beyond the contact, m.",
+        description="The hole is found when the TCP has advanced this far beyond the contact, m.",
     )
     target: PathPoint | None = Field(
         None,
-        description="It is found too when the TCP is within `tolerance` of this point of the base frame.",
+        description="The hole is also found when the TCP is within `tolerance` of this point of the base "
+        "frame.",
     )
     tolerance: Finite = Field(0.001, ge=1e-4, le=0.1, description="Distance to `target`, m.")
     until: StepCondition | None = Field(
-        None, description="It is found too when this input has this value, from the contact on."
+        None, description="The hole is also found when an input has this value after the contact."
     )
 
 

@@ -33,8 +33,8 @@ class GripperMove(RequestModel):
     force: GripForce = None
     if_blocked: Literal["error", "success"] = Field(
         "error",
-        description="What the answer says if something stops the fingers on their way: `success` false, or "
-        "true, and then they hold it.",
+        description="Result if something stops the fingers on their way: `success` false, or true, and then "
+        "they hold it.",
     )
 
 
@@ -45,8 +45,8 @@ class GripperGrasp(RequestModel):
 
     width: Width | None = Field(
         None,
-        description="Of the object, m; null: any. If it is wider than the present width, the fingers open "
-        "inside of it.",
+        description="Width of the object, m; null: any. If it is wider than the present width, the fingers "
+        "open inside it.",
     )
     tolerance_inner: Tolerance = Field(0.005, description="How much narrower the object may be, m.")
     tolerance_outer: Tolerance = Field(0.005, description="How much wider the object may be, m.")
@@ -54,8 +54,8 @@ class GripperGrasp(RequestModel):
     force: GripForce = None
     if_missed: Literal["error", "success"] = Field(
         "error",
-        description="What the answer says if the fingers have closed on nothing: `success` false, or true. "
-        "`object` says `none` in both cases.",
+        description="Result if the fingers close on nothing: `success` false, or true. `object` is `none` "
+        "in both cases.",
     )
 
 
@@ -64,7 +64,7 @@ class GripperRelease(RequestModel):
 
     model_config = example({"width": 0.08})
 
-    width: Width | None = Field(None, description="To open to, m; null: as far as possible.")
+    width: Width | None = Field(None, description="Width to open to, m; null: as far as possible.")
 
 
 class GripperHome(RequestModel):

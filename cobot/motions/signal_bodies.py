@@ -143,19 +143,22 @@ class UntilCondition(_EdgeTest):
     )
     relative_to: Literal["start", "zero"] = Field(
         "start",
-        description="start: forces and torques count from those at the start of the motion. zero: from those "
-        "of the last POST /robot/force/zero.",
+        description="start: forces and torques are relative to those at the start of the motion. zero: to "
+        "those of the last POST /robot/force/zero.",
     )
     stop: Literal["fast", "path"] = Field(
         "fast",
-        description="fast: each joint stops as fast as its limits permit, next to the path. path: the arm "
-        "stops on its path, which takes it further.",
+        description="fast: each joint stops as fast as its limits permit, off the path. path: the arm stops "
+        "on its path, over a longer distance.",
     )
     retract: Finite = Field(
-        0.0, ge=0.0, le=MAX_RETRACT_M, description="How far the TCP goes back along its path afterwards, m."
+        0.0,
+        ge=0.0,
+        le=MAX_RETRACT_M,
+        description="Distance by which the TCP then moves back along its path, m.",
     )
     if_not_met: Literal["error", "success"] = Field(
-        "error", description="The answer of a motion that reaches its goal and has not met the condition."
+        "error", description="Result of a motion that reaches its goal without meeting the condition."
     )
 
     @model_validator(mode="after")
@@ -174,18 +177,18 @@ class SignalFields(RequestModel):
     """Fields of a motion with actions on its path, and with conditions."""
 
     actions: Annotated[list[PathAction], FailFast()] = Field(
-        [], max_length=MAX_ACTIONS, description="What is done at places on the path, each once."
+        [], max_length=MAX_ACTIONS, description="Actions at places on the path, each done once."
     )
     start_when: InputCondition | None = Field(
         None,
-        description="The motion waits at its start until the input is so. In the queue the arm comes to rest "
+        description="The motion waits at its start until this condition holds. In the queue the arm stops "
         "before it.",
     )
     pause_while: InputCondition | None = Field(
-        None, description="The motion waits on its path while the input is so."
+        None, description="The arm waits on its path while this condition holds."
     )
     until: UntilCondition | None = Field(
         None,
-        description="The motion ends when this is so: that is a success. For motion until contact. In the "
-        "queue the arm comes to rest after it, and the next motions are planned from there.",
+        description="The motion ends with success when this condition is met, for example at a contact. In "
+        "the queue the arm then stops, and the next motions are planned from there.",
     )

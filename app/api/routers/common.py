@@ -37,12 +37,11 @@ Category = Annotated[
 
 @router.endpoint("POST /stop", Role.OBSERVER, timeout_s=10.0, responses=responses(422))
 async def stop(request: Request, category: Category = HELD) -> StopAnswer:
-    """End the sequence, the planning and the motion: the arm comes to rest on its path.
+    """End the sequence, the planning and the motion: the arm stops on its path.
 
-    Without the name of a robot it stops all of them, and tells of all of them.
-
-    Takes no body, asks for no ownership, and may be repeated. It is no emergency stop: it neither
-    removes power nor replaces the robot's own safety system.
+    Without the name of a robot it stops all robots and reports on all of them. It takes no body, needs no
+    control, and may be repeated. It is not an emergency stop: it neither removes power nor replaces the
+    robot's own safety system.
     """
     call = Call(request)
     robots = addressed(request)
@@ -56,10 +55,11 @@ async def stop(request: Request, category: Category = HELD) -> StopAnswer:
 
 @router.endpoint("GET /health/ready", Role.PUBLIC, timeout_s=1.5, responses=responses(503))
 async def ready(request: Request) -> ReadyAnswer:
-    """Whether motions would be carried out: 503 with the reasons while they would not.
+    """Whether the robot would execute motions; if not, 503 with the reasons.
 
     Ready means that the real-time process runs and reads its robot, that the planners have started, and that
-    no e-stop or fault is latched. A robot that moves is ready. Without the name of a robot it is about all.
+    no e-stop or fault is latched. A robot that moves is ready. Without the name of a robot, all must be
+    ready.
     """
     robots = {name: services.health.obstacles() for name, services in addressed(request).items()}
     obstacles = [f"{name}: {each}" for name, found in robots.items() for each in found]
@@ -72,7 +72,8 @@ async def ready(request: Request) -> ReadyAnswer:
 async def health(request: Request) -> HealthAnswer:
     """Processes, cycle times, interventions of the safety layer, versions.
 
-    Without the name of a robot, `robots` tells how each of them is; all else is of the default robot.
+    Without the name of a robot, `robots` has the health of each; the other fields are those of the default
+    robot.
     """
     robots = {name: asdict(services.health.health()) for name, services in addressed(request).items()}
     written, problems = _written(request.app.state)

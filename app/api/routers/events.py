@@ -42,16 +42,18 @@ class EventsQuery(StrictModel):
     model_config = ConfigDict(strict=False)
 
     types: str | None = Field(
-        None, max_length=1000, description=f"Some of {', '.join(TYPES)}, with commas; all without it."
+        None,
+        max_length=1000,
+        description=f"Types, with commas: {', '.join(TYPES)}. Default: all.",
     )
     robot: str | None = Field(
-        None, max_length=64, description="The events of this robot alone, and of the service."
+        None, max_length=64, description="Only events of this robot and of the service."
     )
     after: str | None = Field(
-        None, description="`EPOCH-ID` of the last event that is known; 0: all that are kept; else new ones."
+        None, description="`EPOCH-ID` of the last known event; 0: all kept events. Default: only new events."
     )
     state_hz: float | None = Field(
-        None, ge=0.1, le=100.0, allow_inf_nan=False, description="The state so often a second; else not."
+        None, ge=0.1, le=100.0, allow_inf_nan=False, description="Number of states a second. Default: none."
     )
 
 
@@ -62,18 +64,18 @@ class EventsQuery(StrictModel):
     response_class=Response,
     responses={
         200: {
-            "description": "Events, without an end.",
+            "description": "A stream of events without an end.",
             "content": {"text/event-stream": {"schema": {"type": "string"}}},
         },
         **responses(422, 503),
     },
 )
 async def events(query: Annotated[EventsQuery, Query()], request: Request) -> Response:
-    """Server-sent events, and over the same path a WebSocket: what happens, each with its number.
+    """Numbered events, as server-sent events or over a WebSocket on the same path.
 
-    A client that comes back with the number of the last event that it knows (`Last-Event-ID`, or `after`)
-    gets what it has missed. A slow client loses events, gets an event of the type `lost` about it, and does
-    not delay others. docs/events.md has the types and examples.
+    A client that reconnects with the number of the last event that it knows (`Last-Event-ID`, or `after`)
+    gets those that it has missed. A slow client loses events, gets an event of the type `lost` about it, and
+    does not delay others. docs/events.md has the types and examples.
     """
     after = request.headers.get(LAST_EVENT_ID) or query.after
     query = query.model_copy(update={"after": after})

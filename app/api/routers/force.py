@@ -30,18 +30,18 @@ class ForceZeroAnswer(BaseModel):
     )
 
     success: Literal[True] = Field(description="Always true.")
-    force: list[float] = Field(description="That counts as none at the TCP, in the base frame, N.")
+    force: list[float] = Field(description="Force at the TCP that counts as zero, in the base frame, N.")
     torque: list[float] = Field(description="The same, N·m.")
-    joints: list[float] = Field(description="The external torque that counts as none on each joint, N·m.")
+    joints: list[float] = Field(description="External torque of each joint that counts as zero, N·m.")
 
 
 @router.endpoint(
     "POST /robot/force/zero", Role.OPERATOR, timeout_s=5.0, control=True, responses=responses(409, 501, 503)
 )
 async def zero_force(request: Request) -> ForceZeroAnswer:
-    """Take what is measured now, at rest, as no force and no torque.
+    """Define the force and torque that are measured now, at rest, as zero.
 
-    Motions whose `until` has `relative_to: "zero"` count from here. A new tool and a restart of the service
+    Motions whose `until` has `relative_to: "zero"` use this zero. A new tool and a restart of the service
     make it invalid.
     """
     call = Call(request)

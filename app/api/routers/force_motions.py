@@ -47,8 +47,8 @@ class PushContact(BaseModel):
     """Where the TCP touched."""
 
     pose: TcpPose = Field(description="Of the TCP when it touched.")
-    distance_m: float = Field(description="How far it had gone along the push, m.")
-    force_n: float = Field(description="What it felt then, N.")
+    distance_m: float = Field(description="Distance along the push, m.")
+    force_n: float = Field(description="Force at that moment, N.")
 
 
 class ForceAnswer(BaseModel):
@@ -74,19 +74,19 @@ class ForceAnswer(BaseModel):
         }
     )
 
-    success: bool = Field(description="Whether the end that was asked for was reached, or did not matter.")
+    success: bool = Field(description="Whether the requested end was reached, or did not matter.")
     message: str = Field(description="The reason, if it was not.")
     code: ErrorCode | None = Field(description="A stable word for the reason, null on success.")
     stopped_by: str = Field(
         description="duration (press), path_end (follow), drop or target (search), depth (insert); or the "
-        "bound that came first: max_distance, max_time, max_deviation, pattern_end, force (insert: it goes "
-        "no further), let_go; or the code of an error."
+        "limit that was reached first: max_distance, max_time, max_deviation, pattern_end, force (insert: "
+        "it does not advance), let_go; or the code of an error."
     )
     contact: PushContact | None = Field(description="null: there was none.")
     force_n: float | None = Field(description="Mean force while it was held, N; null if it was not held.")
     max_force_n: float = Field(description="Largest force, N.")
     pose: TcpPose | None = Field(description="Of the TCP at the end.")
-    distance_m: float = Field(description="How far the TCP is from its start along the push, m.")
+    distance_m: float = Field(description="Distance of the TCP from its start along the push, m.")
     duration_s: float = Field(description="s")
     explain: Explain | None = Field(None, description="What would help, where it is known.")
 
@@ -110,7 +110,7 @@ async def press(body: PressMotion, request: Request, gone: Gone, wait: Wait = Tr
 
 @router.endpoint("POST /robot/force/follow", Role.OPERATOR, timeout_s=90.0, control=True, **FORCE)
 async def follow(body: FollowMotion, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Approach until the TCP touches, then go along a path with the force held, as in polishing."""
+    """Approach until the TCP touches, then move along a path and hold the force, for example to polish."""
     return await _run(body, request, gone, wait)
 
 

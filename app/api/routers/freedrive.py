@@ -19,7 +19,7 @@ router = EndpointRouter(tags=["robot"])
 
 
 class Freedrive(RequestModel):
-    """Switches it on, or has it go on."""
+    """Starts or renews freedrive."""
 
     model_config = example({"timeout_s": 3.0})
 
@@ -27,19 +27,21 @@ class Freedrive(RequestModel):
         TIMEOUT_S,
         ge=TIMEOUTS_S[0],
         le=TIMEOUTS_S[1],
-        description="s; it ends when it has not been renewed for so long.",
+        description="Time without a renewal after which freedrive ends, s.",
     )
     session: int | None = Field(
-        None, ge=1, description="What the answer said: renews that one. Without it, freedrive begins."
+        None,
+        ge=1,
+        description="Session from the response: renews that session. Without it, freedrive starts.",
     )
 
 
 class FreedriveAnswer(BaseModel):
-    """How freedrive stands."""
+    """State of freedrive."""
 
     session: int | None = Field(description="The number of its session while it is on.")
-    left_s: float = Field(description="It ends after so long, unless it is renewed.")
-    limited_by: str = Field(description='Why the arm does not go where it is pushed; "" if it does.')
+    left_s: float = Field(description="Time until it ends, unless it is renewed, s.")
+    limited_by: str = Field(description='Why the arm does not follow the hand; "" if it does.')
     ended: str = Field(description='Why it has ended the last time; "" for never.')
 
 
@@ -53,7 +55,7 @@ async def freedrive(request: Request) -> FreedriveAnswer:
     "POST /robot/freedrive", Role.OPERATOR, timeout_s=2.0, control=True, responses=responses(409, 501, 503)
 )
 async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
-    """Let the arm be moved by hand: it goes where it is pushed, and stays where it is let go.
+    """Let a person move the arm by hand: it moves where it is pushed and stays where it is released.
 
     It ends when it is not renewed within `timeout_s`, with the `session` of the answer; by DELETE, and by a
     stop. A joint slows down before its limit, and the arm before an obstacle. A backend that cannot be guided
@@ -70,7 +72,7 @@ async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
 
 @router.endpoint("DELETE /robot/freedrive", Role.OPERATOR, timeout_s=5.0, responses=responses(503))
 async def end_freedrive(request: Request) -> FreedriveAnswer:
-    """End freedrive of any client; answers when the arm rests."""
+    """End freedrive of any client; answers when the arm is at rest."""
     service = Call(request).services.freedrive
     await service.end()
     return _answer(service)

@@ -27,7 +27,7 @@ router = EndpointRouter(tags=["scene"])
 
 
 GLB_TYPE = "model/gltf-binary"
-Mesh = Annotated[int, Path(description="Its number in GET /robot/visuals, from 0 on.")]
+Mesh = Annotated[int, Path(description="Number of the mesh in GET /robot/visuals, from 0.")]
 
 
 GLB: dict[int | str, dict[str, Any]] = {
@@ -49,10 +49,10 @@ class JointShown(BaseModel):
     """What moves a body."""
 
     index: int = Field(description="Among the robot's joints.")
-    slides: bool = Field(description="Along its axis; else it turns about it.")
+    slides: bool = Field(description="It slides along its axis; otherwise it turns about it.")
     axis: list[float] = Field(description="In the body's frame.")
     anchor: list[float] = Field(description="A point of the axis in the body's frame, m.")
-    reference: float = Field(description="Its position where the body stands as its pose says, rad or m.")
+    reference: float = Field(description="Its position in which the pose of the body is given, rad or m.")
 
 
 class ShapeShown(PoseIn):
@@ -64,14 +64,14 @@ class ShapeShown(PoseIn):
     )
     rgba: list[float] = Field(description="From 0 to 1.")
     mesh: int | None = Field(description="Which of the meshes.")
-    collides: bool = Field(description="False: no collision check uses it, it is only to be looked at.")
+    collides: bool = Field(description="False: no collision check uses it; it is only for display.")
 
 
 class BodyShown(PoseIn):
-    """What moves as one, in the frame of what it hangs on, with its joints at their references."""
+    """A rigid body, in the frame of its parent, with its joints at their reference positions."""
 
-    name: str = Field(description="As messages about collisions have it; may be empty.")
-    parent: int = Field(description="Index of the body that it hangs on; the first one is the world.")
+    name: str = Field(description="Its name in messages about collisions; may be empty.")
+    parent: int = Field(description="Index of its parent; the first body is the world.")
     part: str = Field(description="robot, tool or scene.")
     joints: list[JointShown] = Field(description="In the order in which they move it.")
     shapes: list[ShapeShown] = Field(description="What it is made of.")
@@ -85,7 +85,7 @@ class MeshShown(BaseModel):
 
 
 class JointRange(BaseModel):
-    """How far and how fast a joint may go."""
+    """Limits of a joint."""
 
     name: str = Field(description="Of the joint.")
     slides: bool = Field(description="Then it is m, not rad.")
@@ -104,7 +104,7 @@ class TcpShown(PoseIn):
 class GeometryAnswer(BaseModel):
     """Bodies in a tree, each with its joints and shapes, those of the tool and the scene among them."""
 
-    bodies: list[BodyShown] = Field(description="Each after the one that it hangs on.")
+    bodies: list[BodyShown] = Field(description="Each after its parent.")
     base: int = Field(description="Index of the body in whose frame all poses are.")
     tcp: TcpShown = Field(description="The tool's tip.")
     joints: list[JointRange] = Field(description="In the robot's order.")

@@ -36,10 +36,10 @@ class GripperValues(BaseModel):
     width: float | None = Field(description="Between the fingers, m.")
     commanded_width: float | None = Field(description="Of the last command, m.")
     force: float | None = Field(description="At the fingers, N.")
-    moving: bool = Field(description="Whether a command is under way.")
+    moving: bool = Field(description="Whether a command is in progress.")
     object: HeldObject | None = Field(
-        description="none; held_inside (between the fingers), held_outside (the fingers are inside of it), "
-        "lost (it is gone although nothing has let go of it); null: it does not detect objects."
+        description="none; held_inside (between the fingers), held_outside (the fingers are inside it), "
+        "lost (it is gone without a release); null: it does not detect objects."
     )
     temperature: float | None = Field(description="°C")
     fault: str = Field(description='What is wrong with the device; "" for nothing.')
@@ -63,25 +63,25 @@ class GripperAble(BaseModel):
     """What the gripper can do. A range is its smallest and its largest value."""
 
     width_m: tuple[float, float] | None = Field(
-        description="Between the fingers, m; null: it has none, as a suction cup."
+        description="Width between the fingers, m; null: none, as for a suction cup."
     )
     force_n: tuple[float, float] | None = Field(description="N; null: the force is fixed.")
     speed_m_s: tuple[float, float] | None = Field(description="m/s; null: the speed is fixed.")
     object_detection: bool = Field(description="Whether `object` is known.")
-    continuous: bool = Field(description="Whether any width can be commanded, or the two ends alone.")
+    continuous: bool = Field(description="Whether any width can be commanded, or only the two ends.")
     on_power_loss: PowerLoss = Field(description="What the fingers do without power.")
     hardware: bool = Field(description="Whether it moves real fingers.")
 
 
 class GripperReportAnswer(BaseModel):
-    """How the gripper is."""
+    """State of the gripper."""
 
     type: str = Field(description="The setting robot.gripper.")
-    connected: bool = Field(description="Whether the state is the present one.")
+    connected: bool = Field(description="Whether the state is current.")
     problem: str = Field(description='Why it is not; "" if it is.')
-    state: GripperValues | None = Field(description="As read last; null before the first time.")
+    state: GripperValues | None = Field(description="Last reading; null before the first one.")
     age_s: float = Field(description="Of the state, s.")
-    command: str = Field(description='The command that is under way; "" for none.')
+    command: str = Field(description='The command in progress; "" for none.')
     held: str | None = Field(description="Name of the object of the scene that is attached to it.")
     capabilities: GripperAble = Field(description="What it can do.")
 
@@ -119,7 +119,7 @@ class GripperAnswer(GripperValues):
         }
     )
 
-    success: bool = Field(description="Whether it came to what was asked for, or that did not matter.")
+    success: bool = Field(description="Whether the command reached its goal, or did not need to.")
     message: str = Field(description="The reason, if it did not.")
     code: ErrorCode | None = Field(description="A stable word for the reason, null on success.")
     held: str | None = Field(description="Name of the object of the scene that is attached now.")
@@ -143,7 +143,7 @@ async def gripper(request: Request) -> GripperReportAnswer:
 
 @router.endpoint("POST /robot/gripper/move", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
 async def move_gripper(body: GripperMove, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Go to a width. The command that is under way ends, and so it is with each of these."""
+    """Move the fingers to a width. As with all of these commands, the present command ends."""
     return await _run("move", body, request, gone, wait)
 
 
@@ -155,7 +155,7 @@ async def grasp(body: GripperGrasp, request: Request, gone: Gone, wait: Wait = T
 
 @router.endpoint("POST /robot/gripper/release", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
 async def release(body: GripperRelease, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Open, and let go of the object: it is detached where it is. Also after an e-stop or a fault."""
+    """Open and release the object, which is detached at its place. Also after an e-stop or a fault."""
     return await _run("release", body, request, gone, wait)
 
 
@@ -167,7 +167,7 @@ async def home(body: GripperHome, request: Request, gone: Gone, wait: Wait = Tru
 
 @router.endpoint("POST /robot/gripper/stop", Role.OBSERVER, timeout_s=5.0, responses=responses(501, 502))
 async def stop_gripper(request: Request) -> GripperReportAnswer:
-    """Stop the fingers where they are, for any client. What they hold stays held. Takes no body."""
+    """Stop the fingers, for any client. A held object stays held. Takes no body."""
     return GripperReportAnswer.of(await Call(request).services.gripper.stop())
 
 

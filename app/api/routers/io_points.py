@@ -20,7 +20,7 @@ router = EndpointRouter(tags=["robot"])
 
 
 class SetOutput(RequestModel):
-    """What an output is to be."""
+    """The new value of an output."""
 
     model_config = example({"value": True})
 
@@ -56,12 +56,14 @@ async def inputs_and_outputs(request: Request) -> IoListAnswer:
     responses=responses(404, 409, 502, 503, 504),
 )
 async def set_output(
-    name: Annotated[str, Path(max_length=200, description="Of an output.")], body: SetOutput, request: Request
+    name: Annotated[str, Path(max_length=200, description="Name of an output.")],
+    body: SetOutput,
+    request: Request,
 ) -> IoAnswer:
-    """Set an output; answers when the device reports that it is so.
+    """Set an output; answers when the device reports the value.
 
-    Also while the arm moves. A value that the device has not reported in the endpoint's time is a 504, with
-    what it reports.
+    Also while the arm moves. If the device does not report the value within the endpoint's timeout, the
+    answer is a 504 with what it reports.
     """
     call = Call(request)
     audit.add_details(value=body.value)

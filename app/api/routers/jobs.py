@@ -34,17 +34,17 @@ CHANGED = responses(404, 409, 422, 503)
 
 router = EndpointRouter(tags=["jobs"])
 AtWaypoint = Annotated[
-    int | None, Query(ge=0, description="Of a sequence: pause when this one is reached; 0: the next one.")
+    int | None, Query(ge=0, description="For a sequence: waypoint to pause at; 0: the next one.")
 ]
-Waypoint = Annotated[int | None, Query(ge=1, description="Of a sequence: where to go on from.")]
-Id = Annotated[str, Path(max_length=100, description="Of a job.")]
+Waypoint = Annotated[int | None, Query(ge=1, description="For a sequence: waypoint to continue from.")]
+Id = Annotated[str, Path(max_length=100, description="Id of a job.")]
 
 
 @router.endpoint(
     "GET /jobs", Role.OBSERVER, timeout_s=1.5, response_model=JobsAnswer, responses=responses(422)
 )
 async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Response:
-    """The jobs that go on, and the newest of those that have ended.
+    """The active jobs, and the newest ended ones.
 
     Without the name of a robot, those of all robots.
     """
@@ -79,14 +79,14 @@ def _shown(answers: list[JobAnswer]) -> Response:
 
 @router.endpoint("GET /jobs/{job}", Role.OBSERVER, timeout_s=60.0, responses=responses(404, 422))
 async def job(job: Id, query: Annotated[JobQuery, Query()], request: Request) -> JobAnswer:
-    """A job; with `wait_s` once it has ended, or after that time."""
+    """A job; with `wait_s`, answers when the job has ended or the time is over."""
     call = Call(request)
     return job_answer(await call.services.jobs.wait(job, min(query.wait_s, call.timeout_s)))
 
 
 @router.endpoint("POST /jobs/{job}/cancel", Role.OPERATOR, timeout_s=10.0, responses=CHANGED)
 async def cancel_job(job: Id, request: Request) -> JobAnswer:
-    """End a job of any client: the arm comes to rest on its path; answers when it rests."""
+    """Cancel a job of any client: the arm stops on its path; answers when it is at rest."""
     call = Call(request)
     audit.add_details(job=job)
     return job_answer(await call.services.jobs.cancel(job, max(call.timeout_s - ANSWER_S, ANSWER_S)))
@@ -96,9 +96,9 @@ async def cancel_job(job: Id, request: Request) -> JobAnswer:
     "POST /jobs/{job}/pause", Role.OPERATOR, timeout_s=5.0, responses=responses(404, 409, 422, 501, 503)
 )
 async def pause_job(job: Id, request: Request, at_waypoint: AtWaypoint = None) -> JobAnswer:
-    """Bring the arm to rest on its path, where the job waits; answers when it rests.
+    """Pause a job: the arm stops on its path and waits; answers when it is at rest.
 
-    With `at_waypoint` a sequence or program goes on to there first; answers at once.
+    With `at_waypoint` a sequence or program first continues to that waypoint; answers at once.
     """
     services = Call(request).services
     audit.add_details(job=job)
@@ -107,7 +107,7 @@ async def pause_job(job: Id, request: Request, at_waypoint: AtWaypoint = None) -
 
 @router.endpoint("POST /jobs/{job}/resume", Role.OPERATOR, timeout_s=5.0, control=True, responses=CHANGED)
 async def resume_job(job: Id, request: Request, waypoint: Waypoint = None) -> JobAnswer:
-    """Go on with a job that was paused; a sequence that waits at a waypoint from any `waypoint`."""
+    """Resume a paused job; a sequence that waits at a waypoint can continue from any `waypoint`."""
     services = Call(request).services
     audit.add_details(job=job)
     return job_answer(await services.jobs.resume(job, waypoint))
@@ -115,7 +115,7 @@ async def resume_job(job: Id, request: Request, waypoint: Waypoint = None) -> Jo
 
 @router.endpoint("POST /jobs/{job}/step", Role.OPERATOR, timeout_s=5.0, control=True, responses=CHANGED)
 async def step_job(job: Id, request: Request) -> JobAnswer:
-    """Go on with a sequence or program that is paused, until it has made one more motion."""
+    """Continue a paused sequence or program for one more motion."""
     services = Call(request).services
     audit.add_details(job=job)
     return job_answer(await services.jobs.step(job))
@@ -123,7 +123,7 @@ async def step_job(job: Id, request: Request) -> JobAnswer:
 
 @router.endpoint("GET /robot/speed_override", Role.OBSERVER, timeout_s=1.5)
 async def speed_override(request: Request) -> SpeedOverrideAnswer:
-    """How fast motions go along their paths."""
+    """The speed override: how fast motions run along their paths."""
     return SpeedOverrideAnswer(fraction=Call(request).services.ownership.speed_fraction)
 
 
@@ -135,10 +135,10 @@ async def speed_override(request: Request) -> SpeedOverrideAnswer:
     responses=responses(409, 501, 503),
 )
 async def set_speed_override(body: SpeedOverrideBody, request: Request) -> SpeedOverrideAnswer:
-    """Go faster or slower along the paths: the motion that runs, and all that follow. Jerk-limited.
+    """Set the speed override, for the present motion and all later ones. The change is jerk-limited.
 
-    Refused while another client moves the arm or has control of it, and while it follows a stream. A value
-    that a program or the holder of a lease has set ends with the program or the lease.
+    Refused while another client moves the arm or has control, and during a stream. A value that was set by a
+    program or by the holder of a lease ends with the program or the lease.
     """
     ownership = Call(request).services.ownership
     await ownership.set_speed_fraction(body.fraction)

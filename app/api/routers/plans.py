@@ -58,7 +58,7 @@ PLAN: dict[str, Any] = {
     "responses": responses(409, 501, 503),
 }
 
-PlanOfPath = Annotated[str, Path(max_length=64, description="Its plan_id.")]
+PlanOfPath = Annotated[str, Path(max_length=64, description="Id of a plan.")]
 router = EndpointRouter(tags=["plans"])
 
 
@@ -121,7 +121,7 @@ EXECUTE: dict[str, Any] = {
 
 @router.endpoint("POST /robot/execute", Role.OPERATOR, **EXECUTE)
 async def execute(body: Execute, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Run a plan, if all is as it was when it was made; answers when the arm has arrived and settled."""
+    """Run a plan, if the robot is as it was when the plan was made; answers when the arm has settled."""
     return await _execute(body.plan_id, request, gone, how)
 
 
@@ -150,9 +150,9 @@ async def _execute(plan_id: str, request: Request, gone: Gone, how: How) -> Move
 
 @router.endpoint("GET /robot/motion", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def running_motion(query: Annotated[MotionQuery, Query()], request: Request) -> MotionAnswer:
-    """The planned path of the motion that runs, for whichever client; none while no motion runs.
+    """The planned path of the present motion, of any client; empty without a motion.
 
-    A stream has no path. A motion that goes on into the next one of the queue tells of both.
+    A stream has no path. If a motion is joined with the next one of the queue, the path is that of both.
     """
     found = Call(request).services.ownership.motion
     if found is None:
@@ -185,7 +185,7 @@ async def kept_plans(request: Request, limit: Limit = None, after: After = None)
     responses=responses(404, 422),
 )
 async def kept_plan(plan: PlanOfPath, request: Request) -> Response:
-    """A plan that can be run, as it was answered when it was made: its path is there to be looked at."""
+    """A plan that can be run, with its path, as in the response that made it."""
     plans = Call(request).services.plans
     found = plans.get(plan)
     content = _shown(found, plans.expires_in_s(found)).model_dump_json()
@@ -203,7 +203,7 @@ async def rehearse(plan: PlanOfPath, request: Request, gone: Gone) -> RehearsalA
 
 @router.endpoint("POST /robot/approve", Role.OPERATOR, timeout_s=1.5, responses=responses(404, 503))
 async def approve(body: Approve, request: Request) -> KeptPlan:
-    """Let an agent run a plan, once, or take that back: look at the plan first."""
+    """Allow an agent to run a plan once, or withdraw that. Look at the plan first."""
     return _approve(body.plan_id, request, approved=body.approved)
 
 
@@ -213,9 +213,9 @@ async def approve(body: Approve, request: Request) -> KeptPlan:
 async def approve_plan(
     plan: PlanOfPath,
     request: Request,
-    approved: Annotated[bool, Query(description="false: take the approval back.")] = True,
+    approved: Annotated[bool, Query(description="false: withdraw the approval.")] = True,
 ) -> KeptPlan:
-    """Let an agent run a plan, as POST /robot/approve does. Takes no body."""
+    """Allow an agent to run a plan, as POST /robot/approve does. Takes no body."""
     return _approve(plan, request, approved=approved)
 
 

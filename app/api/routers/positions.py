@@ -39,7 +39,7 @@ class TeachPosition(RequestModel):
 
 @router.endpoint("GET /robot/positions", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def positions(request: Request, limit: Limit = None, after: After = None) -> list[NamedPositionAnswer]:
-    """The positions that have a name, from the SRDF, and those that were taught."""
+    """The named positions: those of the SRDF and those that were taught."""
     found = Call(request).services.positions.all()
     return [_answer(each) for each in page_of(found, lambda each: each.name, limit, after)]
 
@@ -48,7 +48,7 @@ async def positions(request: Request, limit: Limit = None, after: After = None) 
     "POST /robot/positions", Role.OPERATOR, timeout_s=5.0, control=True, responses=responses(409, 503)
 )
 async def teach_position(body: TeachPosition, request: Request) -> NamedPositionAnswer:
-    """Give a place a name, which every motion to a named position knows from now on; kept over restarts."""
+    """Store a position under a name, for all motions to named positions; kept over restarts."""
     services = Call(request).services
     return _answer(await services.positions.teach(body.name, body.joints, body.description))
 
@@ -61,9 +61,9 @@ async def teach_position(body: TeachPosition, request: Request) -> NamedPosition
     responses=responses(404, 409, 422, 503),
 )
 async def forget_position(
-    name: Annotated[str, Path(max_length=200, description="Of a taught position.")], request: Request
+    name: Annotated[str, Path(max_length=200, description="Name of a taught position.")], request: Request
 ) -> list[NamedPositionAnswer]:
-    """Remove a position that was taught; answers those that are left."""
+    """Remove a taught position; answers the remaining ones."""
     services = Call(request).services
     service = services.positions
     await service.forget(name)

@@ -63,23 +63,21 @@ class RunProgram(RequestModel):
 
     model_config = example({"n_iterations": 1})
 
-    n_iterations: int = Field(1, ge=1, le=1_000_000, description="How often it runs.")
+    n_iterations: int = Field(1, ge=1, le=1_000_000, description="Number of iterations.")
     delay_between_iterations: float = Field(
-        0.0, ge=0.0, le=86400.0, allow_inf_nan=False, description="s, between two of them."
+        0.0, ge=0.0, le=86400.0, allow_inf_nan=False, description="Pause between two iterations, s."
     )
     from_waypoint: int | None = Field(
-        None, ge=1, le=100_000, description="Where the first iteration begins; without it home."
+        None, ge=1, le=100_000, description="Waypoint at which the first iteration starts. Default: home."
     )
-    hold: bool = Field(
-        False, description="It waits before its first motion, until its job is resumed or stepped."
-    )
-    version: int | None = Field(None, ge=1, le=999_999_999, description="Another version than the newest.")
+    hold: bool = Field(False, description="Wait before the first motion until the job is resumed or stepped.")
+    version: int | None = Field(None, ge=1, le=999_999_999, description="Version to run, if not the newest.")
 
 
 class StoredProgramAnswer(BaseModel):
     """A version of a stored program, without its text."""
 
-    id: str = Field(description="Of the program, for addresses.")
+    id: str = Field(description="Id of the program, for addresses.")
     label: str = Field(description="Name for people.")
     kind: Kind
     version: int = Field(description="Counted from 1.")
@@ -149,7 +147,7 @@ async def save_program(
 async def delete_program(
     program: Id, request: Request, if_match: IfMatch = None
 ) -> list[StoredProgramAnswer]:
-    """Delete a stored program with all its versions; answers the programs that are left."""
+    """Delete a stored program with all its versions; answers the remaining programs."""
     stored = Call(request).services.stored
     await stored.delete(program, _version_of(if_match))
     return [_answer(each) for each in await stored.all()]

@@ -33,13 +33,13 @@ MEDIA_TYPE = "application/octet-stream"
 FILE: dict[int | str, dict[str, Any]] = {
     200: {"content": {MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}}}
 }
-Name = Annotated[str, Path(max_length=200, description="One of GET /recordings.")]
+Name = Annotated[str, Path(max_length=200, description="Name of a recording, from GET /recordings.")]
 Samples = Annotated[int, Query(ge=2, le=1000, description="Maximum number of cycles.")]
 
 
 @router.endpoint("GET /recordings", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def recordings(request: Request, limit: Limit = None, after: After = None) -> RecordingsAnswer:
-    """The recordings that are there, and how the recorder stands."""
+    """The recordings, and the state of the recorder."""
     service = Call(request).services.recordings
     found = page_of(await asyncio.to_thread(service.all), lambda each: each.name, limit, after)
     status = service.status()
@@ -54,9 +54,9 @@ async def recordings(request: Request, limit: Limit = None, after: After = None)
 
 @router.endpoint("POST /recordings", Role.OPERATOR, timeout_s=120.0, responses=responses(409, 503))
 async def record(body: AskRecording, request: Request) -> AskedRecordingAnswer:
-    """Write the last seconds to a file, or begin or end a continuous recording.
+    """Write the last seconds to a file, or start or stop a continuous recording.
 
-    A dump answers when its file is whole. Faults and e-stops are recorded without being asked for.
+    A dump answers when its file is complete. Faults and e-stops are recorded automatically.
     """
     call = Call(request)
     names = await call.services.recordings.ask(body.action, body.seconds, call.timeout_s)
@@ -85,7 +85,7 @@ async def recording(name: Name, request: Request) -> FileResponse:
     responses=responses(404, 422, 503),
 )
 async def recorded_path(name: Name, request: Request, samples: Samples = 200) -> Response:
-    """Where the arm was in a recording, at some of its cycles, and what happened then."""
+    """The path of the arm in a recording, at some of its cycles, and the events."""
     call = Call(request)
     service = call.services.recordings
     path = await asyncio.to_thread(service.path, name)
@@ -113,6 +113,6 @@ def _answer(found: RecordedPath) -> RecordedPathAnswer:
 
 @router.endpoint("DELETE /recordings/{name}", Role.PROGRAMMER, timeout_s=1.5, responses=responses(404, 422))
 async def remove_recording(name: Name, request: Request) -> AskedRecordingAnswer:
-    """Remove a recording for good."""
+    """Delete a recording permanently."""
     await asyncio.to_thread(Call(request).services.recordings.remove, name)
     return AskedRecordingAnswer(names=[name])

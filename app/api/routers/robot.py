@@ -91,19 +91,19 @@ async def state(request: Request) -> Response:
 
 @router.endpoint("POST /robot/move/named", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_named(body: MoveNamed, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Go to a named position; answers when the arm has arrived and settled."""
+    """Move to a named position; answers when the arm has arrived and settled."""
     return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/move/joints", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_joints(body: MoveJoints, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Go to joint angles; answers when the arm has arrived and settled."""
+    """Move to joint angles; answers when the arm has arrived and settled."""
     return await _move(Call(request), body, gone, how)
 
 
 @router.endpoint("POST /robot/move/pose", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)
 async def move_pose(body: MovePose, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Bring the TCP to a pose; answers when the arm has arrived and settled."""
+    """Move the TCP to a pose; answers when the arm has arrived and settled."""
     return await _move(Call(request), body, gone, how)
 
 
@@ -115,7 +115,7 @@ async def move_arc(body: MoveArc, request: Request, gone: Gone, how: How) -> Mov
 
 @router.endpoint("POST /robot/move/sequence", Role.OPERATOR, timeout_s=600.0, control=True, **MOTION)
 async def move_sequence(body: MoveSequence, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Several motions as one, with round corners; answers when the arm has arrived and settled."""
+    """Run several motions as one, with round corners; answers when the arm has arrived and settled."""
     return await _move(Call(request), body, gone, how)
 
 
@@ -133,8 +133,8 @@ async def reset(request: Request) -> ResetAnswer:
 async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
     """Confirm that a person has compared the arm with the findings of the first contact.
 
-    From now on it goes at full speed, and may be streamed to. Where there is nothing to acknowledge, it
-    changes nothing.
+    From then on it moves at full speed and accepts streams. If there is nothing to acknowledge, nothing
+    changes.
     """
     services = Call(request).services
     found = await acknowledge_contact(services.link, payload_checked=body.payload_checked)

@@ -28,7 +28,7 @@ NOT_FOUND = responses(404)
 
 @router.endpoint(f"GET {ROBOTS}", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def robots(request: Request, limit: Limit = None, after: After = None) -> list[RobotAnswer]:
-    """The robots that are served; the first is the one that the endpoints without a name are about."""
+    """The robots of this service; the first is the default robot, which endpoints without a name use."""
     found = [
         RobotAnswer(
             name=name,

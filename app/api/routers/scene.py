@@ -30,7 +30,7 @@ router = EndpointRouter(tags=["scene"])
 
 @router.endpoint("GET /scene", Role.OBSERVER, timeout_s=1.5)
 async def scene(request: Request) -> SceneAnswer:
-    """All of it, with its version."""
+    """The whole scene, with its version."""
     found = Call(request).services.scene.scene
     return SceneAnswer(
         version=found.version,
@@ -47,11 +47,11 @@ async def scene(request: Request) -> SceneAnswer:
     "POST /scene", Role.OPERATOR, timeout_s=10.0, control=True, responses=responses(404, 409, 503)
 )
 async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
-    """Change it, all at once or not at all.
+    """Change the scene, completely or not at all.
 
-    From the answer on, every planned motion keeps `planning.collision_margin_m` from the objects; the motion
-    under way is stopped if what is left of it would not. It is kept over restarts. Nothing is attached or
-    detached while the arm moves, nor does what it carries change.
+    From the response on, every planned motion keeps `planning.collision_margin_m` from the objects; the
+    present motion is stopped if its rest would come closer. The scene is kept over restarts. While the arm
+    moves, nothing can be attached or detached, and the carried load cannot change.
     """
     call = Call(request)
     service = call.services.scene

@@ -48,19 +48,20 @@ async def start_sequence(
             f"{link('program.lua')}, see docs/lua.md."
         ),
     ],
-    n_iterations: Annotated[int, Form(ge=1, le=1_000_000, description="How often it runs.")] = 3,
+    n_iterations: Annotated[int, Form(ge=1, le=1_000_000, description="Number of iterations.")] = 3,
     delay_between_iterations: Annotated[
-        float, Form(ge=0.0, le=86400.0, allow_inf_nan=False, description="s, between two of them.")
+        float, Form(ge=0.0, le=86400.0, allow_inf_nan=False, description="Pause between two iterations, s.")
     ] = 5.0,
     from_waypoint: Annotated[
-        int | None, Form(ge=1, le=100_000, description="Where the first iteration begins; without it home.")
+        int | None,
+        Form(ge=1, le=100_000, description="Waypoint at which the first iteration starts. Default: home."),
     ] = None,
     bag_path: Annotated[
         str, _text("A new folder below the recordings folder, for a recording; empty for none.")
     ] = "",
     topics: Annotated[str, _text("What is recorded, comma separated; empty for all.")] = "",
     hold: Annotated[
-        bool, Form(description="It waits before its first motion, until its job is resumed or stepped.")
+        bool, Form(description="Wait before the first motion until the job is resumed or stepped.")
     ] = False,
     joints_action: Annotated[str, _text(ACTION)] = "cobot/move_to_joints",
     pose_action: Annotated[str, _text(ACTION)] = "cobot/move_to_pose",
@@ -100,13 +101,13 @@ async def start_order(call: Call, order: SequenceOrder, *, wait: bool) -> Starte
 
 @router.endpoint("GET /sequences/status", Role.OBSERVER, timeout_s=1.5)
 async def sequence_status(request: Request) -> SequenceStatusAnswer:
-    """How the newest sequence stands."""
+    """State of the newest sequence."""
     call = Call(request)
     return SequenceStatusAnswer.model_validate(asdict(call.services.sequences.status))
 
 
 @router.endpoint("GET /sequences/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def sequence_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
-    """What runners have printed; it stays when they have ended."""
+    """Output of the runners, also after their end."""
     call = Call(request)
     return LogAnswer(lines=query.lines_of(call.services.sequences.lines))

@@ -43,7 +43,7 @@ class StartStudy(RequestModel):
 
     question: str = Field(min_length=1, max_length=500, description="The question in words, for people.")
     kind: Literal["reach", "placement", "cycle", "robustness", "compare"] = Field(
-        description="What is asked; each kind has keys of its own."
+        description="Kind of the study; each kind has its own keys."
     )
     seed: int | None = Field(None, ge=0, lt=2**63, description="Seed of all random numbers. Default: 0.")
     metric: str | None = Field(None, max_length=100, description="The result that the answer is about.")
@@ -90,7 +90,7 @@ class StudyAnswer(BaseModel):
 
     id: str = Field(description="Named by a hash of the question, the robot, its tool and its scene.")
     question: str = Field(description="The question in words.")
-    kind: str = Field(description="What is asked.")
+    kind: str = Field(description="Kind of the study.")
     state: Literal["running", "finished", "partial", "failed"] = Field(
         description="A partial study continues when the same study is started again."
     )
@@ -107,7 +107,7 @@ class StudyAnswer(BaseModel):
     job: str = Field(description="The job of its last run: POST /jobs/{job}/cancel ends it.")
     owner: str = Field(description="The client that started it.")
     started_at: str = Field(description="When its last run was started, ISO 8601, UTC.")
-    document: dict[str, Any] = Field(description="The study as it was asked for.")
+    document: dict[str, Any] = Field(description="The study as requested.")
 
 
 class StudiesAnswer(BaseModel):
@@ -177,7 +177,7 @@ async def study(study: Id, request: Request) -> StudyAnswer:
     responses=responses(404, 422) | {200: {"model": StudyMap}},
 )
 async def study_map(study: Id, request: Request) -> FileResponse:
-    """The map of a reach study, at most 20000 places of it."""
+    """The map of a reach study, with at most 20000 places."""
     path = await Call(request).services.studies.file(study, MAP)
     return FileResponse(path, media_type="application/json")
 
@@ -200,7 +200,7 @@ async def study_table(study: Id, request: Request) -> FileResponse:
     "DELETE /studies/{study}", Role.PROGRAMMER, timeout_s=10.0, responses=responses(404, 409, 422, 503)
 )
 async def delete_study(study: Id, request: Request) -> StudiesAnswer:
-    """Delete a study with its results; answers the studies that are left."""
+    """Delete a study with its results; answers the remaining studies."""
     service = Call(request).services.studies
     await service.delete(study)
     return StudiesAnswer(studies=[_answer(each) for each in await service.all()])

@@ -29,7 +29,7 @@ router = EndpointRouter(tags=["robot"])
 
 @router.endpoint("GET /robot/tool", Role.OBSERVER, timeout_s=1.5)
 async def tool(request: Request) -> ToolAnswer:
-    """What is on the flange: mass, TCP, shapes."""
+    """The tool: mass, TCP, shapes."""
     return _answer(Call(request).services.robot.model, [])
 
 
@@ -37,10 +37,10 @@ async def tool(request: Request) -> ToolAnswer:
     "POST /robot/tool", Role.PROGRAMMER, timeout_s=10.0, control=True, responses=responses(409, 503)
 )
 async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
-    """Say what is on the flange, all at once or not at all.
+    """Set the tool, completely or not at all.
 
-    From the answer on, every motion is planned with its mass, its TCP and its shapes, the real-time process
-    makes up for its weight, and so does the simulation. It is kept over restarts. Only while the arm rests.
+    From the response on, every motion is planned with its mass, its TCP and its shapes. The real-time process
+    and the simulation include its weight. The tool is kept over restarts. Only while the arm is at rest.
     """
     call = Call(request)
     changed = await call.services.tool.change(await asyncio.to_thread(_edit, body), call.name)

@@ -79,7 +79,7 @@ async def send_csv(
 
 @router.endpoint("GET /trajectory/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
-    """What became of trajectories: accepted, arrived, stopped, refused, and why."""
+    """Results of trajectories: accepted, arrived, stopped or refused, and why."""
     call = Call(request)
     return LogAnswer(lines=query.lines_of(call.services.trajectories.lines))
 

@@ -55,7 +55,7 @@ class GripperOutcome:
 
 @dataclass(frozen=True, slots=True)
 class GripperReport:
-    """How the gripper is.
+    """State of the gripper.
 
     Attributes:
         command: the name of the command that is under way; "" for none.

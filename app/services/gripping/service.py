@@ -256,7 +256,7 @@ class GripperService:
             worker.tell(lambda gripper: gripper.stop())
 
     def _note(self, command: AnyGripperCommand, state: GripperState, *, good: bool) -> None:
-        """Tell what a command that has ended has come to."""
+        """Publish what an ended command has grasped or released."""
         if isinstance(command, GripperGrasp):
             if good and missed(state) is None:
                 self._note_grasp(state)

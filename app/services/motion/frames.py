@@ -108,7 +108,7 @@ class Frames:
         return self._in_world(reference).inverse() @ self._in_world(name)
 
     def way_up(self, name: str) -> list[str]:
-        """The frame, its parent and so on, without the world."""
+        """This frame and its ancestors, without the world."""
         way = []
         while name != WORLD:
             way.append(name)

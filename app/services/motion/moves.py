@@ -1,4 +1,4 @@
-"""Motions from the request to the arrival: planned, carried out, and answered for."""
+"""Motions from the request to the arrival: planning, execution and response."""
 
 from __future__ import annotations
 

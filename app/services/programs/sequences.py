@@ -77,7 +77,7 @@ class SequenceOrder:
 
 @dataclass(frozen=True, slots=True)
 class SequenceStatus:
-    """How the newest sequence stands."""
+    """State of the newest sequence."""
 
     status: str = "idle"
     sequence_id: int | None = None

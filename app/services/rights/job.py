@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class JobKind(StrEnum):
-    """What asks for a motion."""
+    """Kind of a request for a motion."""
 
     MOVE = "move"
     EXECUTE = "execute"
@@ -39,7 +39,7 @@ class JobKind(StrEnum):
 
 
 class JobState(StrEnum):
-    """How a job stands. The last four are ends: nothing follows them."""
+    """State of a job. The last four are final."""
 
     QUEUED = "queued"
     PLANNING = "planning"
@@ -243,7 +243,7 @@ class Job:
 
     @property
     def failed(self) -> bool:
-        """Whether it was noted why it does not arrive."""
+        """Whether a reason for its failure was noted."""
         return self._error is not None
 
     def record(self) -> JobRecord:

@@ -50,7 +50,7 @@ OFF = "freedrive was switched off"
 
 @dataclass(frozen=True, slots=True)
 class FreedriveState:
-    """How freedrive stands.
+    """State of freedrive.
 
     Attributes:
         session: the session's number while it is on, else None.

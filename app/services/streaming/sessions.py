@@ -41,16 +41,16 @@ log = logging.getLogger("cobot.streams")
 
 
 class Session:
-    """One session, from rtloop's consent to the arm's rest.
+    """One session, from its acceptance by rtloop until the arm is at rest.
 
     Attributes:
-        number, stream: as rtloop knows it.
+        number, stream: those of the session in rtloop.
         name: its client, for people.
-        setpoint: the newest one that was taken.
+        setpoint: the newest accepted one.
         refused: frames that came out of order.
         over: why targets are no longer followed; "" while they are.
         ended: done when the arm rests, with the reason.
-        tell: called once with the words for a first target that is too far from the arm.
+        tell: called once with a message if the first target is too far from the arm.
     """
 
     def __init__(

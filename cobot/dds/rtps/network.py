@@ -79,7 +79,7 @@ def local_interfaces(wanted: Sequence[str] | None) -> list[IPv4Interface]:
 
 
 def first_addresses(hosts: Sequence[str], ports: Ports) -> list[Address]:
-    """Where discovery reaches the first participants on computers that multicast does not reach."""
+    """Addresses at which discovery finds the first participants of hosts that multicast does not reach."""
     numbers = range(_PORTS_WITHOUT_MULTICAST)
     return [(host, ports.metatraffic(number)) for host in hosts for number in numbers]
 
