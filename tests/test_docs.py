@@ -145,6 +145,7 @@ def test_on_the_site_each_link_leads_somewhere_and_each_page_is_in_the_navigatio
     navigation = tomllib.loads((DOCS / "zensical.toml").read_text(encoding="utf-8"))["project"]["nav"]
     listed = [name for part in navigation for names in part.values() for name in names]
     assert sorted(listed) == [page.name for page in pages]
+    assert list((tmp_path / "files").rglob("*.md")) == [], "the site reads them as pages, so name them only"
     reference = (tmp_path / "reference-rest.md").read_text(encoding="utf-8")
     document = create_app(load_settings(), None, "http://robot.test").openapi()
     for name, model in document["components"]["schemas"].items():
