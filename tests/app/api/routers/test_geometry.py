@@ -170,7 +170,7 @@ def test_the_clearance_has_the_nearest_points_of_both_parts(service: VirtualServ
 
 
 def test_a_distance_that_no_joint_changes_does_not_hide_the_others(service: VirtualService) -> None:
-    """The first link turns 98 mm over the floor; the second one is a capsule of 80 mm with its axis at 360 mm."""
+    """The first link turns 98 mm over the floor; the second is a capsule of 80 mm with its axis at 360 mm."""
     service.post("/scene", {"clear": True}).raise_for_status()
     service.post("/robot/tool", {"clear": True}).raise_for_status()
     assert service.post("/robot/move/named", {"name": "home", "speed": 1.0}).json()["success"]
