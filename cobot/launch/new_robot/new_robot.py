@@ -317,7 +317,8 @@ class NewRobot:
         Args:
             why_fixed: why the fingers are; "" if they may move.
         """
-        slides = {joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
+        nodes = JointTree(spec).nodes
+        slides = {name for name, node in nodes.items() if node.joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
         resting = keep_joints(spec, arm)
         parts = {
             f"{FROZEN} ({why_fixed})": fingers if why_fixed else (),
@@ -330,7 +331,7 @@ class NewRobot:
                 for name in names
             }
             if places:
-                told = (f"{name or '(no name)'} at {place}" for name, place in places.items())
+                told = (f"{name} at {place}" for name, place in places.items())
                 self.guessed.append(f"{what}: {', '.join(told)}")
         return resting
 

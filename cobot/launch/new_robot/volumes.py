@@ -13,7 +13,9 @@ from cobot.robot.rotations import matrix_of
 from cobot.types import Array
 
 SAMPLES = 1000
-"""Random points in each shape of a link that has several."""
+"""Maximum number of random points in each shape of a link that has several."""
+MAX_POINTS = 20_000
+"""Maximum number of random points in a link."""
 KINDS = mujoco.mjtGeom
 
 
@@ -43,10 +45,16 @@ class Solid:
         if len(shapes) < 2:
             return 1.0
         random, shared = np.random.default_rng(0), 0.0
-        for shape in shapes:  # Each point counts as one over the number of shapes that it is in.
-            points = shape.sampled(random)
-            counts = np.sum([other.holds(points) for other in shapes], axis=0)
-            shared += shape.volume * (float(np.mean(1.0 / np.maximum(counts, 1))) if len(points) else 1.0)
+        number = max(1, min(SAMPLES, MAX_POINTS // len(shapes)))
+        sampled = [shape.sampled(random, number) for shape in shapes]
+        points = np.concatenate(sampled)
+        counts = np.zeros(len(points))
+        for shape in shapes:
+            counts += shape.holds(points)
+        ends = np.cumsum([len(each) for each in sampled])[:-1]
+        for shape, inside in zip(shapes, np.split(counts, ends), strict=True):
+            # Each point counts as one over the number of shapes that it is in.
+            shared += shape.volume * float(np.mean(1.0 / np.maximum(inside, 1)))
         return shared / sum(shape.volume for shape in shapes)
 
 
@@ -93,12 +101,12 @@ class _Shape:
         """Equations of the hull's faces, with coplanar triangles as one, shape (n, 4)."""
         return np.zeros((0, 4)) if self._hull is None else np.unique(self._hull.equations.round(6), axis=0)
 
-    def sampled(self, random: np.random.Generator) -> Array:
-        """Points in the shape, in the link's frame."""
-        points = random.uniform(self._low, self._high, (SAMPLES, 3))
-        inside = points[
-            self._inside(points)
-        ]  # Of a thin shape perhaps none: it counts with its whole volume.
+    def sampled(self, random: np.random.Generator, number: int) -> Array:
+        """Points in the shape, in the link's frame: up to this number, at least one."""
+        points = random.uniform(self._low, self._high, (number, 3))
+        inside = points[self._inside(points)]
+        if not len(inside):  # a thin shape
+            inside = 0.5 * (self._low + self._high)[np.newaxis]
         return np.asarray(self._place + inside @ self._turn.T)
 
     def holds(self, points: Array) -> Array:

@@ -39,7 +39,7 @@ def find_arm(file: Path, root: Element, spec: mujoco.MjSpec, tree: JointTree, tc
     chain = _only_arm(file, tree) if tcp is None else _chain_to(file, spec, tree, tcp)
     if not chain:
         raise ConfigError(f"{file}: has no joint that moves; give the file of a whole arm")
-    if unnamed := next((node for node in chain if not node.name), None):
+    if unnamed := next((node for node in chain if not node.joint.name), None):
         body = unnamed.joint.parent.name
         raise ConfigError(f"{file}: the joint of {body!r} has no name; give each joint of the arm its own")
     if tree.is_finger(chain[0]):

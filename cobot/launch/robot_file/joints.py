@@ -19,13 +19,15 @@ def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
     """
     for element in (*spec.actuators, *spec.sensors, *spec.keys):
         spec.delete(element)
-    gone = {joint.name: joint for joint in spec.joints if joint.name not in kept}
     tree = JointTree(spec)
     resting = tree.resting(bool(spec.compiler.degree))
-    place(spec, {tree.nodes[name]: at for name, at in resting.items() if name in gone})
-    for joint in [joint for joint in spec.joints if joint.name not in kept]:
+    left = {name: node for name, node in tree.nodes.items() if name not in kept}
+    place(spec, {node: resting[name] for name, node in left.items()})
+    gone = [joint for joint in spec.joints if joint.name not in kept]
+    names = [joint.name for joint in gone if joint.name]
+    for joint in gone:
         spec.delete(joint)
-    lost = set(gone)
+    lost = set(names)
     for tendon in list(spec.tendons):
         if any(wrap.target is None or wrap.target.name in lost for wrap in tendon.path):
             lost.add(tendon.name)
@@ -33,7 +35,7 @@ def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
     for equality in list(spec.equalities):
         if equality.type in LOOPS or {equality.name1, equality.name2} & lost:
             spec.delete(equality)
-    return {name: resting.get(name, 0.0) for name in gone}
+    return {name: resting.get(name, 0.0) for name in [*names, *left]}
 
 
 def remove_shapes(branches: Iterable[Node]) -> None:

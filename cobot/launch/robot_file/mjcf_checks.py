@@ -10,22 +10,28 @@ from xml.etree.ElementTree import Element
 from cobot.errors import ConfigError
 from cobot.xml_file import is_printable, parse, shown, where
 
-MAX_ELEMENTS = 20_000
-"""Maximum number of elements in a file, including those that <replicate> and the like make."""
+MAX_ELEMENTS = 5_000
+"""Maximum number of elements in a file, including those that <replicate> and <composite> make. The time to
+read a file grows with the square of this number.
+"""
+MAX_JOINTS = 500
+"""Maximum number of joints in a file. Leaving one out takes as long as the file has others."""
 MAX_CELLS = 4_000_000
 """Maximum number of cells in a height field: 2000 by 2000."""
 MAX_INCLUDED = 100
 """Maximum number of files that a file includes, or attaches as models."""
 MAX_SHOWN = 10**12
 """The largest number that a message writes out."""
-MULTIPLYING = ("replicate", "composite", "flexcomp")
+MULTIPLYING = ("replicate", "composite")
+SOFT = ("flexcomp", "flex")
+JOINTS = ("joint", "freejoint")
 ALLOCATING = re.compile("nkey|nuser")
 """Attributes of <size> that allocate memory for each element."""
 
 
 def check_mjcf(file: Path, root: Element) -> None:
     """Reject files that would make more elements than any arm has, a height field of monstrous size, or
-    names that are none.
+    soft bodies, or names that are none.
 
     Raises:
         ConfigError: names the line, the element, the number and the limit.
@@ -39,7 +45,7 @@ class _Counter:
     def __init__(self, file: Path) -> None:
         self._folder = file.parent
         self._included = 0
-        self._count = 0
+        self._count = self._joints = 0
 
     def add(self, file: Path, root: Element, times: int) -> None:
         """Count an element that is made `times` times, and all in it."""
@@ -56,10 +62,17 @@ class _Counter:
                 for attribute in filter(ALLOCATING.match, element.keys()):
                     count = _product(file, element, attribute)
                     _require(file, element, f"entries by {attribute}", count, MAX_ELEMENTS)
+            if element.tag in SOFT:
+                raise ConfigError(
+                    f"{where(file, element)}: <{element.tag}> makes a soft body; cobot checks collisions of "
+                    "rigid bodies only: remove it, or describe it by geoms"
+                )
             if element.tag in MULTIPLYING:
                 times *= _product(file, element, "count")
             self._count += times
             _require(file, element, "elements in the file", self._count, MAX_ELEMENTS)
+            self._joints += times * (element.tag in JOINTS)
+            _require(file, element, "joints in the file", self._joints, MAX_JOINTS)
             pending += [(child, times) for child in element]
             if element.tag == "include" and (name := element.get("file")):
                 self._include(file, element, name, times)

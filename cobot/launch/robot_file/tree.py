@@ -26,19 +26,17 @@ class Node:
     """A hinge or a slide.
 
     Attributes:
+        name: a joint without one has its number in the file.
         leader: the joint that this one follows, "" for none.
         polynomial: this joint's distance from its reference by that of its leader: a0 + a1 x + a2 x² + ...
     """
 
+    name: str
     joint: mujoco.MjsJoint
     parent: Node | None
     children: list[Node] = field(default_factory=list)
     leader: str = ""
     polynomial: tuple[float, ...] = ()
-
-    @property
-    def name(self) -> str:
-        return str(self.joint.name)
 
     def reference(self, degrees: bool) -> float:
         """Where the joint is when its body is as the file draws it, rad or m.
@@ -98,15 +96,17 @@ class JointTree:
 
     def _read(self, world: mujoco.MjsBody, still: Container[str]) -> None:
         pending: list[tuple[mujoco.MjsBody, Node | None]] = [(world, None)]
+        number = 0
         while pending:
             body, last = pending.pop()
             for joint in body.joints:
+                number += 1
                 if joint.name in still:
                     continue
                 if joint.type == mujoco.mjtJoint.mjJNT_BALL:
                     self._balls.append(joint)
                 elif joint.type in MOVABLE:
-                    node = Node(joint, last)
+                    node = Node(joint.name or f"(no name, number {number})", joint, last)
                     (last.children if last else self.roots).append(node)
                     self.nodes[node.name] = last = node
             self._last[body.name] = last
@@ -228,7 +228,7 @@ def rigid_with(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
 
 
 def _is_within(body: mujoco.MjsBody | None, other: mujoco.MjsBody) -> bool:
-    while body is not None and body.name != other.name:
+    while body is not None and body != other:
         body = body.parent
     return body is not None
 

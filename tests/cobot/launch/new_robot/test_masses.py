@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pinocchio
 import pytest
@@ -15,6 +16,7 @@ from urdf_arms import ARMS, urdf
 from cobot.config import load_settings
 from cobot.errors import ConfigError
 from cobot.launch.cli import main
+from cobot.launch.new_robot import volumes
 from cobot.launch.new_robot.masses import DENSITY_KG_M3, Wishes
 from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.robot.description import load_robot
@@ -47,6 +49,27 @@ def made(tmp_path: Path, text: str, **options: object) -> tuple[RobotModel, list
 
 def mass_of(robot: RobotModel, link: str) -> float:
     return float(robot.mj.body(link).mass[0])
+
+
+@pytest.mark.parametrize(("offset", "balls"), [(0.0, 1), (1.0, 500)])
+def test_each_of_many_shapes_is_looked_at_once(
+    offset: float, balls: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A look for each pair would take minutes. Balls at one place have the volume of one of them."""
+    looks: list[int] = []
+    holds = volumes._Shape.holds
+    monkeypatch.setattr(
+        volumes._Shape, "holds", lambda shape, points: looks.append(len(points)) or holds(shape, points)
+    )
+    mj = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><body><joint/><replicate count="500" offset="{offset} 0 0"><geom size=".1"/>'
+        "</replicate></body></worldbody></mujoco>"
+    )
+    solid = volumes.solid(mj, 1, np.ones(mj.ngeom, dtype=bool))
+    assert solid is not None
+    assert solid.volume == pytest.approx(balls * BALL * (0.1 / 0.03) ** 3)
+    assert len(looks) == 500
+    assert max(looks) <= volumes.MAX_POINTS
 
 
 @pytest.mark.parametrize(

@@ -244,6 +244,27 @@ def test_jaws_of_mjcf_stay_as_its_kinematics_have_them_and_its_objects_too(tmp_p
         np.testing.assert_allclose(data.body(name).xmat, wanted.body(name).xmat, atol=1e-9)
 
 
+def test_joints_without_names_stay_where_the_kinematics_have_them(tmp_path: Path) -> None:
+    """Oracle: MuJoCo, in which both joints are at the ends of their ranges."""
+    bare = JAWS
+    for name in ("jaw_lift", "jaw", "jaw_tip"):
+        bare = bare.replace(f'name="{name}" ', "")
+    named = mjcf()
+    robot, said = made_of(tmp_path / "arm.xml", named.replace(JAWS, bare), tcp="pinch_site")
+    assert (
+        "(no name, number 7) at 0.01 m, (no name, number 8) at 0.3491 rad, (no name, number 9) at 0" in said
+    )
+    whole = mujoco.MjModel.from_xml_string(named)
+    wanted, data = mujoco.MjData(whole), mujoco.MjData(robot.model.mj)
+    wanted.joint("jaw_lift").qpos, wanted.joint("jaw").qpos = 0.01, np.radians(20.0)
+    wanted.joint("jaw_tip").qpos = 0.0
+    mujoco.mj_kinematics(whole, wanted)
+    mujoco.mj_kinematics(robot.model.mj, data)
+    for name in ("upper", "lower"):
+        np.testing.assert_allclose(data.body(name).xpos, wanted.body(name).xpos, atol=1e-9)
+        np.testing.assert_allclose(data.body(name).xmat, wanted.body(name).xmat, atol=1e-9)
+
+
 def test_the_rod_of_a_palletiser_that_closes_a_loop_keeps_its_mass_and_loses_its_shape(
     tmp_path: Path,
 ) -> None:
