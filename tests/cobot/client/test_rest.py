@@ -332,3 +332,62 @@ def test_how_to_plan_goes_with_a_motion_and_a_plan_with_its_number() -> None:
     assert (dry.method, dry.url.path) == ("POST", "/robot/plans/1/rehearse")
     run = sent(lambda robot: robot.execute("1"))
     assert (run.url.path, json.loads(run.content)) == ("/robot/execute", {"plan_id": "1"})
+
+
+DOWNLOADS: list[Callable[[Client, Path], None]] = [
+    lambda robot, file: robot.fetch_recording("log", file),
+    Client.fetch_backup,
+    Client.fetch_support,
+]
+
+
+@pytest.mark.parametrize("link", [Path.symlink_to, Path.hardlink_to])
+@pytest.mark.parametrize("name", ["backup.zip", "backup.zip.part"])
+@pytest.mark.parametrize("download", DOWNLOADS)
+def test_a_download_writes_through_no_link(
+    tmp_path: Path, download: Callable[[Client, Path], None], name: str, link: Callable[[Path, Path], None]
+) -> None:
+    """Oracle: the file that the link leads to."""
+    theirs, folder = tmp_path / "theirs", tmp_path / "folder"
+    folder.mkdir()
+    theirs.write_bytes(b"theirs")
+    link(folder / name, theirs)
+    with client(lambda request: httpx.Response(200, content=b"new")) as robot:
+        download(robot, folder / "backup.zip")
+    assert theirs.read_bytes() == b"theirs"
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == {"backup.zip": b"new"}
+    assert not (folder / "backup.zip").is_symlink()
+
+
+@pytest.mark.parametrize("name", ["backup.zip", "backup.zip.part"])
+def test_a_download_whose_name_is_a_folder_s_is_refused_and_the_folder_stays(
+    tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).mkdir()
+    with (
+        client(lambda request: httpx.Response(200, content=b"new")) as robot,
+        pytest.raises(InputError, match=r"backup\.zip: cannot be written: Is a directory"),
+    ):
+        robot.fetch_backup(tmp_path / "backup.zip")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).is_dir()
+
+
+def test_a_broken_download_leaves_the_file_that_was_there(tmp_path: Path) -> None:
+    """Also where its name is a link: the link stays, and what it leads to."""
+
+    def broken() -> Iterator[bytes]:
+        yield b"half"
+        raise httpx.ReadError("gone")
+
+    theirs, file = tmp_path / "theirs", tmp_path / "backup.zip"
+    theirs.write_bytes(b"theirs")
+    file.symlink_to(theirs)
+    with (
+        client(lambda request: httpx.Response(200, content=broken())) as robot,
+        pytest.raises(UnavailableError, match="gone"),
+    ):
+        robot.fetch_backup(file)
+    assert file.readlink() == theirs
+    assert theirs.read_bytes() == b"theirs"
+    assert not (tmp_path / "backup.zip.part").exists()
