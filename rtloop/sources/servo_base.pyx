@@ -50,6 +50,12 @@ cdef class ServoSource(Source):
         """`buffered`."""
         return 0
 
+    cdef void c_heading(self, double* step) noexcept nogil:
+        """A joint step to the point read last."""
+        cdef int joint
+        for joint in range(self.dof):
+            step[joint] = self.last[joint] - self.ref[joint]
+
     cdef void c_follow(self, const double* command) noexcept nogil:
         cdef double ahead = 0.0
         cdef int joint

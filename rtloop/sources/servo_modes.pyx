@@ -105,9 +105,6 @@ cdef class Newest(ServoSource):
             self.law.c_follow(self.aim)
             memcpy(self.ref, self.law.ref, 3 * self.dof * sizeof(double))
 
-    cdef void c_heading(self, double* step) noexcept nogil:
-        memset(step, 0, self.dof * sizeof(double))
-
 
 cdef class Buffered(ServoSource):
     """Modes 3 and 4: one point after the other, each in its time, on straight lines.
@@ -215,9 +212,6 @@ cdef class Buffered(ServoSource):
             memset(self.line + self.dof, 0, 2 * self.dof * sizeof(double))
         self.law.c_follow(self.line)
         memcpy(self.ref, self.law.ref, 3 * self.dof * sizeof(double))
-
-    cdef void c_heading(self, double* step) noexcept nogil:
-        memset(step, 0, self.dof * sizeof(double))
 
 
 def make_servo(mode, limits, safe_velocity, double period_s):

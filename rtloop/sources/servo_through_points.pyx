@@ -120,9 +120,6 @@ cdef class ThroughPoints(ServoSource):
         if self.rate == 0.0 and self.distance == self.ends[self.count - 1]:
             self.first = self.count
 
-    cdef void c_heading(self, double* step) noexcept nogil:
-        memset(step, 0, self.dof * sizeof(double))
-
     cdef void c_bound(self) noexcept nogil:
         """The range of the points: those ahead are known, and the next one is the target."""
         cdef int piece, joint

@@ -9,6 +9,7 @@ from rtloop.generators.rates cimport Rates
 cdef class CollisionMonitor:
     cdef public double share
     cdef public bint blocked
+    cdef public bint inside
     cdef object _mj, _pairs, _watched, _stand
     cdef GeomDistances _distances
     cdef int _dof, _cycle, _tool
@@ -23,11 +24,15 @@ cdef class CollisionMonitor:
     cdef double* _c_second
     cdef double* _c_before                # of `c_leads_away`: a look that is under way keeps its own
     cdef double* _c_after
+    cdef double* _c_floor                 # largest distance since they are inside the margin, m
     cdef char* _c_blocking
     cdef char* _c_links                   # whether both are the arm's own
 
     cdef void c_look(self, const double* command) noexcept nogil
     cdef bint c_leads_away(self, const double* position, const double* heading) noexcept nogil
+    cdef bint c_leads_deeper(self, const double* position, const double* heading) noexcept nogil
+    cdef bint _probe(self, const double* position, const double* heading) noexcept nogil
+    cdef bint _see_inside(self) noexcept nogil
     cdef void _find_way_to_rest(self, const double* command) noexcept nogil
     cdef void _go_on(self, int joint, const double* command, Problem* problem) noexcept nogil
     cdef void _judge(self) noexcept nogil

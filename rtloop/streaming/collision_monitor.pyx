@@ -30,8 +30,12 @@ cdef double SECOND_THIRD = 0.42
 cdef double MIN_SHARE = 0.1
 # A distance has to shrink by as much to count as an approach.
 cdef double APPROACH_M = 1e-5
+# The floor of two parts that are outside the margin.
+cdef double OUTSIDE = -1e9
 # No joint goes further in the step with which a way out is tried.
 cdef double PROBE_RAD = 0.02
+# A shorter step than this is made longer: of a step of some µm, a distance says nothing.
+cdef double MIN_PROBE_RAD = 0.002
 # So near beyond the margin links slow down for each other, and count when a way out is looked for.
 cdef double NEAR_M = 0.01
 # Links of the arm often pass close to each other. They slow the stream down only if stopping needs more than
@@ -44,7 +48,8 @@ cdef class CollisionMonitor:
 
     Attributes:
         share: of the velocities that is permitted, from `MIN_SHARE` to 1.
-        blocked: whether the arm would come to rest nearer than the margin.
+        blocked: whether the arm would come to rest nearer than the margin, or has come nearer inside it.
+        inside: whether something is nearer than the margin.
     """
 
     def __init__(self, model, section, double period_s, mj=None, apart=frozenset()):
@@ -64,28 +69,31 @@ cdef class CollisionMonitor:
         ]
         self._distances = GeomDistances(self._mj, len(self._pairs), self._margin_m + self._zone_m)
         room = max(1, len(self._pairs))
-        self._rows, self._blocking = np.zeros((7, room)), np.zeros(room, np.int8)
+        self._rows, self._blocking = np.zeros((8, room)), np.zeros(room, np.int8)
         self._links = np.zeros(room, np.int8)
-        self._c_zones_m = doubles(self._rows, 7 * room)
+        self._c_zones_m = doubles(self._rows, 8 * room)
         self._c_here, self._c_there = &self._c_zones_m[room], &self._c_zones_m[2 * room]
         self._c_first, self._c_second = &self._c_zones_m[3 * room], &self._c_zones_m[4 * room]
         self._c_before, self._c_after = &self._c_zones_m[5 * room], &self._c_zones_m[6 * room]
+        self._c_floor = &self._c_zones_m[7 * room]
         self._c_links = bytes_of(self._links, room)
         self._c_blocking = bytes_of(self._blocking, room)
         self._watched = []
         self.share = 1.0
-        self.blocked = False
+        self.blocked = self.inside = False
 
-    def begin(self, *, touching):
+    def begin(self, command, *, touching):
         """A session begins.
 
         Args:
+            command: where the arm is, shape (3, dof).
             touching: force control is on, so the tool may touch the surroundings: that is what it is for.
         """
         watched = [pair for pair in self._pairs if not (touching and self._is_tool_work(pair))]
         self._distances.watch(watched)
         self._watched = watched
         self._rows[...] = 0.0
+        self._rows[7] = OUTSIDE
         self._blocking[...] = False
         for index, pair in enumerate(watched):
             # The arm's own links are always near each other: they only slow down where it is tight.
@@ -93,7 +101,11 @@ cdef class CollisionMonitor:
             self._rows[0, index] = NEAR_M if self._links[index] else self._zone_m
         self._cycle = 0
         self.share = 1.0
-        self.blocked = False
+        self.blocked = self.inside = False
+        rows = np.array(command, dtype=np.float64)
+        if self._distances.c_find(doubles(rows, 3 * self._dof), self._c_here):
+            self._rows[2:5] = self._rows[1]  # The arm is at rest.
+            self._see_inside()
 
     def blocking(self):
         """What would come too near to what, in words; "" if nothing has."""
@@ -175,7 +187,7 @@ cdef class CollisionMonitor:
         cdef const double* here = self._c_here
         cdef double share = 1.0
         cdef double nearest_m, left_m, zone_m
-        cdef bint blocked = False
+        cdef bint blocked = self._see_inside()
         cdef int index
         for index in range(self._distances.count):
             nearest_m = self._nearest(index)
@@ -192,7 +204,31 @@ cdef class CollisionMonitor:
         if blocked:
             for index in range(self._distances.count):
                 nearest_m = self._nearest(index)
-                self._c_blocking[index] = nearest_m < here[index] - APPROACH_M and nearest_m < self._margin_m
+                self._c_blocking[index] = here[index] < self._c_floor[index] - APPROACH_M or (
+                    nearest_m < here[index] - APPROACH_M and nearest_m < self._margin_m
+                )
+                if here[index] < self._c_floor[index] - APPROACH_M:
+                    self._c_floor[index] = here[index]
+
+    cdef bint _see_inside(self) noexcept nogil:
+        """See what is inside the margin, and whether any of it has come nearer since it was farthest away.
+
+        A slow arm comes nearer by less than `APPROACH_M` from one look to the next.
+        """
+        cdef double here
+        cdef bint nearer = False
+        cdef int index
+        self.inside = False
+        for index in range(self._distances.count):
+            here = self._c_here[index]
+            if here >= self._margin_m:
+                self._c_floor[index] = OUTSIDE
+                continue
+            self.inside = True
+            self._c_floor[index] = fmax(self._c_floor[index], here)
+            if here < self._c_floor[index] - APPROACH_M:
+                nearer = True
+        return nearer
 
     cdef double _nearest(self, int index) noexcept nogil:
         """The smallest distance of a pair on the way to rest."""
@@ -207,17 +243,9 @@ cdef class CollisionMonitor:
         """Whether a joint step in this direction comes no nearer to what has blocked the way, nor to anything
         that is as near as that.
         """
-        cdef double there[MAX_DOF]
-        cdef double longest = PROBE_RAD
         cdef double before
         cdef int index
-        for index in range(self._dof):
-            longest = max(longest, fabs(heading[index]))
-        for index in range(self._dof):
-            there[index] = position[index] + heading[index] * (PROBE_RAD / longest)
-        if not self._distances.c_find(position, self._c_before):
-            return False
-        if not self._distances.c_find(there, self._c_after):
+        if not self._probe(position, heading):
             return False
         for index in range(self._distances.count):
             before = self._c_before[index]
@@ -225,6 +253,43 @@ cdef class CollisionMonitor:
                 if not self._c_after[index] >= before - APPROACH_M:
                     return False
         return True
+
+    def leads_deeper(self, position, heading):
+        """`c_leads_deeper`, for a position and a joint step of shape (dof,), rad."""
+        here, step = np.array(position, dtype=np.float64), np.array(heading, dtype=np.float64)
+        return self.c_leads_deeper(doubles(here, self._dof), doubles(step, self._dof))
+
+    cdef bint c_leads_deeper(self, const double* position, const double* heading) noexcept nogil:
+        """Whether a joint step in this direction brings parts nearer that are inside the margin already.
+        Then these are `blocking`.
+        """
+        cdef bint deeper = False
+        cdef int index
+        if not self._probe(position, heading):
+            return True
+        for index in range(self._distances.count):
+            self._c_blocking[index] = (
+                self._c_before[index] < self._margin_m
+                and not self._c_after[index] >= self._c_before[index] - APPROACH_M
+            )
+            if self._c_blocking[index]:
+                deeper = True
+        return deeper
+
+    cdef bint _probe(self, const double* position, const double* heading) noexcept nogil:
+        """Find the distances before and after a joint step in this direction. False if it is not finite."""
+        cdef double there[MAX_DOF]
+        cdef double longest = 0.0, scale = 0.0
+        cdef int index
+        for index in range(self._dof):
+            longest = max(longest, fabs(heading[index]))
+        if longest > 0.0:
+            scale = max(MIN_PROBE_RAD, min(longest, PROBE_RAD)) / longest
+        for index in range(self._dof):
+            there[index] = position[index] + heading[index] * scale
+        return self._distances.c_find(position, self._c_before) and self._distances.c_find(
+            there, self._c_after
+        )
 
     def _has_world(self, pair):
         return any(

@@ -32,6 +32,7 @@ cdef class Feed:
                         double robot_time_s) noexcept nogil
     cdef void c_watch_surroundings(self) noexcept nogil
     cdef void c_judge(self, int flaw) noexcept nogil
+    cdef void c_follow_unless_deeper(self, const double* heading) noexcept nogil
     cdef void c_hold(self, int why) noexcept nogil
     cdef void c_end(self, Problem problem) noexcept nogil
 
@@ -61,7 +62,7 @@ cdef class PointFeed(Feed):
     cdef PointQueue queue
     cdef CartesianSource presses
     cdef bint has_force
-    cdef unsigned long long session
+    cdef unsigned long long session, judged
     cdef Setpoint setpoint
     cdef long long watchdog_cycles, silent_cycles, finishing_cycles, dropped
 

@@ -88,6 +88,21 @@ cdef class Feed:
                 self.safety.c_command, heading
             )
             self.holding = self.blocked
+        elif self.monitor.inside:
+            self.source.c_heading(heading)
+            self.c_follow_unless_deeper(heading)
+        else:
+            self.holding = False
+
+    cdef void c_follow_unless_deeper(self, const double* heading) noexcept nogil:
+        """Inside the margin: hold if a joint step in this direction leads deeper.
+
+        The surroundings are watched too, but they stop an arm that moves already. A client that begins again
+        and again would come a little nearer each time.
+        """
+        if self.monitor.c_leads_deeper(self.safety.c_command, heading):
+            self.blocked = True
+            self.c_hold(COUNT_COLLISION)
         else:
             self.holding = False
 
@@ -234,6 +249,7 @@ cdef class PointFeed(Feed):
         self.session = int(request["number"])
         self.watchdog_cycles = round(float(request["watchdog_s"]) / period_s)
         self.silent_cycles = self.finishing_cycles = self.dropped = 0
+        self.judged = 0
 
     @property
     def watchdog_s(self):
@@ -241,6 +257,7 @@ cdef class PointFeed(Feed):
 
     cdef void c_advance(self, const double* external_effort, const double* wrench,
                         double robot_time_s) noexcept nogil:
+        cdef double heading[MAX_DOF]
         cdef bint finishes = self.box.c_finishes()
         self.silent_cycles += 1
         if self.queue.c_poll():
@@ -260,7 +277,12 @@ cdef class PointFeed(Feed):
         if self.points.dropped != self.dropped:
             self.dropped = self.points.dropped
             self.safety.c_count(COUNT_JUMP)
-        self.source.c_advance(external_effort, wrench)
+        if self.queue.seen != self.judged and self.monitor.inside and not self.holding:
+            self.points.c_heading(heading)
+            self.c_follow_unless_deeper(heading)
+        self.judged = self.queue.seen
+        if not self.holding:
+            self.source.c_advance(external_effort, wrench)
 
     cdef bint c_done(self) noexcept nogil:
         """Whether all points have been gone to."""

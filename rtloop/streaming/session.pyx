@@ -183,7 +183,7 @@ cdef class Session:
             self._backend.set_impedance(self._impedance(stream, request, command))
         self.overlay = overlay_of(request, self._backend, self._limits, self._period_s)
         self._contact_monitor.begin(request["max_contact_torque"], request["max_contact_wrench"])
-        self._collision_monitor.begin(touching=bool(request["force_axes"].any()))
+        self._collision_monitor.begin(command, touching=bool(request["force_axes"].any()))
         self._safety.use(limits, catch_up=np.inf if joints else CATCH_UP_RAD_S)
         self._safety.stay_within(source.targets)
         source.c_begin(self._safety.c_command)

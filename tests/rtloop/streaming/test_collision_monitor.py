@@ -48,30 +48,38 @@ def test_share_block_and_way_out_are_those_of_numpy(
 ) -> None:
     plain = PlainMonitor(here.model, settings.streaming, settings.rt.period_s)
     monitor = CollisionMonitor(here.model, settings.streaming, settings.rt.period_s)
+    first = wandering(here, seed, LOOKS)[0]
     for each in (plain, monitor):
-        each.begin(touching=touching)
+        each.begin(first, touching=touching)
     random = np.random.default_rng(seed)
-    slowed = blocked = ways = 0
+    slowed = blocked = ways = inside = deeper = 0
     for cycle, command in enumerate(wandering(here, seed, LOOKS)):
         plain.look(command)
         monitor.look(command)
         assert abs(monitor.share - plain.share) <= 1e-10, cycle  # Ruckig rounds, and small rooms magnify it.
         assert monitor.blocked == plain.blocked, cycle
+        assert monitor.inside == plain.inside, cycle
+        inside += plain.inside
         slowed, blocked = slowed + (plain.share < 1.0), blocked + plain.blocked
         if cycle % ASK_EVERY == 0:
             heading = random.normal(size=here.limits.dof) * 10.0 ** random.uniform(-3.0, 0.0)
             leads_away = monitor.leads_away(command[0], heading)
             assert leads_away == plain.leads_away(command[0], heading), cycle
             ways += leads_away
+            leads_deeper = monitor.leads_deeper(command[0], heading)
+            assert leads_deeper == plain.leads_deeper(command[0], heading), cycle
+            deeper += leads_deeper
     assert slowed > LOOKS // 100
     assert blocked > LOOKS // 100
     assert 0 < ways < WAYS
+    assert 0 < deeper < WAYS
+    assert 0 < inside < LOOKS
 
 
 def test_a_command_that_is_not_finite_changes_nothing(settings: Settings, robot: RobotDescription) -> None:
     monitor = CollisionMonitor(robot.model, settings.streaming, settings.rt.period_s)
-    monitor.begin(touching=False)
     command = np.zeros((3, 7))
+    monitor.begin(command, touching=False)
     for _ in range(8):
         monitor.look(np.full((3, 7), np.nan))
     assert (monitor.share, monitor.blocked) == (1.0, False)

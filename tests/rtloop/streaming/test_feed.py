@@ -157,7 +157,7 @@ class Side:
     def begin(self, position: Array, kind: str, interpolation: Interpolation) -> None:
         self.safety.reset(position)
         self.box.asks()
-        self.monitor.begin(touching=False)
+        self.monitor.begin(self.safety.command, touching=False)
         self.source, self.points = self._sources(kind, interpolation)
         self.source.begin(self.safety.command)
         self.queue.begin(int(self.memory.session.data["number"]))
@@ -214,8 +214,8 @@ class Side:
 
 
 def a_place(robot: RobotDescription, margin_m: float, random: np.random.Generator) -> Array:
-    """Where the arm is not in anything; every other time it is near something."""
-    near = random.random() < 0.5
+    """Where the arm is not in anything; often it is near something, or inside the margin."""
+    near, inside = random.random() < 0.5, random.random() < 0.25
     limits, home = robot.limits, np.array(robot.positions["home"].joints)
     while True:
         drawn = home + 0.7 * random.normal(size=(100, limits.dof))
@@ -223,6 +223,8 @@ def a_place(robot: RobotDescription, margin_m: float, random: np.random.Generato
         distances_m = np.partition(robot.collision.clearance.distances(drawn, 1.0), 1)
         nearest_m, next_m = distances_m[:, 0], distances_m[:, 1]
         fits = (nearest_m > margin_m) & ((next_m < margin_m + NEAR_M) == near)  # Two links are always near.
+        if inside:
+            fits = (nearest_m > 0.0) & (nearest_m < margin_m)
         if fits.any():
             return drawn[fits.argmax()]
 

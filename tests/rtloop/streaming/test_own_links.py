@@ -182,13 +182,102 @@ def test_no_stream_at_any_speed_brings_two_parts_nearer_than_the_margin(name: st
     assert distances_m(robot, rows[::8], 2.0 * MARGIN_M).min() >= MARGIN_M - SHORT_M
 
 
+def inside(robot: RobotDescription, seed: int) -> tuple[Array, Array]:
+    """A place where one pair is inside the margin and no other is near it, and the joint step that brings
+    this pair nearest, of which the largest is 1.
+    """
+    random, limits = np.random.default_rng(seed), robot.limits
+    while True:
+        place = random.uniform(0.9 * limits.min_position, 0.9 * limits.max_position)
+        found = distances_m(robot, place[None], 1.0)[0]
+        if 0.2 * MARGIN_M < found.min() < 0.6 * MARGIN_M and np.sort(found)[1] > 4.0 * MARGIN_M:
+            steps = place + 1e-4 * np.eye(len(place))
+            slope = (distances_m(robot, steps, 1.0)[:, found.argmin()] - found.min()) / 1e-4
+            return place, -slope / np.abs(slope).max()
+
+
+def now_s(rig: Rig) -> float:
+    assert rig.memory.state.try_read()
+    return float(rig.memory.state.data["robot_time_s"])
+
+
+def go(rig: Rig, kind: str, step: Array, writer: PointWriter, steps: int = 30) -> None:
+    """Stream from where the arm is, a joint step in each 10 ms."""
+    here = rig.loop.controller.safety.position.copy()
+    fields = {"servo_mode": ServoMode[kind], "watchdog_s": 0.5} if kind in ServoMode.__members__ else {}
+    stream = Stream.CARTESIAN if kind in ("pose", "move") else Stream.JOINT_IMPEDANCE
+    assert rig.stream(stream, decimation=EVERY, **fields) == ""
+    writer.begin(int(rig.memory.session.data["number"]))
+    pose = np.zeros(7)
+    for count in range(1, steps + 1):
+        target = here + count * step
+        rig.robot.model.forward_into(target, pose)
+        if fields and rig.mode is LoopMode.JOINT_IMPEDANCE:
+            writer.put(target.tolist(), 0.01, 0.03, 100.0)
+        elif kind == "joint":
+            rig.aim(joints=target)
+        elif kind == "pose":
+            rig.aim(pose=pose)
+        elif kind == "move" and count == 1:
+            rig.robot.model.forward_into(here + 30 * step, pose)
+            rig.aim(move=int(rig.memory.setpoint.data["move"]) + 1, move_pose=pose, move_duration_s=3.0)
+        elif kind == "chunk" and count == 1:
+            chunk = rig.memory.chunk.data
+            chunk["session"], chunk["count"] = rig.memory.session.data["number"], 30
+            chunk["number"] += 1
+            chunk["times_s"][:30] = now_s(rig) + 0.01 * np.arange(1, 31)
+            chunk["points"][:30, : len(here)] = here + np.arange(1, 31)[:, None] * step
+            rig.memory.chunk.publish()
+        rig.step(EVERY)
+    rig.end_stream()
+    rig.run()
+
+
+def test_no_stream_creeps_over_the_margin() -> None:
+    """At 0.3 mm/s, the way to rest is shorter than what counts as an approach from one look to the next."""
+    settings, robot = arm("iiwa")
+    place, nearer = inside(robot, 4)
+    found = distances_m(robot, place - np.array([[0.0], [1e-4]]) * nearer, 1.0).min(axis=1)
+    slope = (found[1] - found[0]) / 1e-4
+    begin = place - nearer * (MARGIN_M + 2e-4 - found[0]) / slope
+    rig = Rig(settings, robot, start=begin)
+    go(rig, "joint", 3e-6 / slope * nearer, PointWriter(rig.memory), steps=250)
+    rows = np.array(rig.commanded)
+    rig.close()
+    found = distances_m(robot, rows[::20], 1.0).min(axis=1)
+    assert MARGIN_M - 5e-5 < found.min() < MARGIN_M
+
+
+@pytest.mark.parametrize(
+    "kind", ["joint", "pose", "move", "chunk", "REPLANNED", "DIRECT", "BUFFERED", "THROUGH"]
+)
+@pytest.mark.parametrize("speed_rad_s", [0.5, 0.01])
+def test_no_session_that_begins_inside_the_margin_leads_deeper(kind: str, speed_rad_s: float) -> None:
+    """Nor do many, each of which begins where the one before has ended. The same streams lead out."""
+    settings, robot = arm("iiwa")
+    place, nearer = inside(robot, 4)
+    rig, step = Rig(settings, robot, start=place), 0.01 * speed_rad_s * nearer
+    writer = PointWriter(rig.memory)
+    for _ in range(8):
+        go(rig, kind, step, writer)
+    found = distances_m(robot, np.array(rig.commanded), 1.0).min(axis=1)
+    begun = len(rig.commanded)
+    for _ in range(5):
+        go(rig, kind, -step, writer)
+    left = distances_m(robot, np.array(rig.commanded[begun:]), 1.0).min(axis=1)
+    rig.close()
+    assert found.min() >= found[0] - 1e-6
+    assert rig.counted()["COLLISION"] >= 8
+    assert left[-1] > left[0] + 1e-4
+
+
 @pytest.mark.parametrize("name", ["iiwa", "fr3", "rail arm"])
 def test_links_that_pass_closely_do_not_slow_a_stream(name: str) -> None:
     """Nor does the base that they pass: only links whose way to rest takes more than half of their room."""
     settings, robot = arm(name)
     section, limits, mj = settings.streaming, robot.limits, robot.model.mj
     monitor, random = CollisionMonitor(robot.model, section, settings.rt.period_s), np.random.default_rng(3)
-    monitor.begin(touching=False)
+    monitor.begin(np.zeros((3, limits.dof)), touching=False)
     of_floor = np.array(["floor" in (mj.geom(a).name, mj.geom(b).name) for a, b in geom_pairs(mj)])
     passed = 0
     for _ in range(samples(400)):

@@ -18,7 +18,7 @@ LATE_CYCLES, LEAD = 6, 3.0
 ON_THE_WAY = (0.18, 0.42)
 MIN_SHARE = 0.1
 APPROACH_M = 1e-5
-PROBE_RAD = 0.02
+PROBE_RAD, MIN_PROBE_RAD = 0.02, 0.002
 NEAR_M = 0.01
 LINK_ROOM = 0.5
 
@@ -49,14 +49,16 @@ class CollisionMonitor:
         self._ahead = np.zeros((3, 0))
         self._links = np.zeros(0, bool)
         self._blocking = np.zeros(0, bool)
+        self._floor = np.zeros(0)
         self._cycle = 0
         self.share = 1.0
-        self.blocked = False
+        self.blocked = self.inside = False
 
-    def begin(self, *, touching: bool) -> None:
+    def begin(self, command: Array, *, touching: bool) -> None:
         """A session begins.
 
         Args:
+            command: where the arm is, shape (3, dof).
             touching: force control is on, so the tool may touch the surroundings: that is what it is for.
         """
         self._watched = [pair for pair in self._pairs if not (touching and self._is_tool_work(pair))]
@@ -69,6 +71,16 @@ class CollisionMonitor:
         self._cycle = 0
         self.share = 1.0
         self.blocked = False
+        self._find_distances(command[0], self._here)
+        self._floor = np.full(len(self._watched), -np.inf)
+        self._come_nearer()
+
+    def _come_nearer(self) -> Array:
+        """What is inside the margin, and nearer than where it was farthest inside."""
+        within = self._here < self._margin_m
+        self.inside = bool(within.any())
+        self._floor = np.where(within, np.maximum(self._floor, self._here), -np.inf)
+        return np.asarray(self._here < self._floor - APPROACH_M)
 
     def look(self, command: Array) -> None:
         """See where the command leads, shape (3, dof)."""
@@ -104,9 +116,12 @@ class CollisionMonitor:
         here, there = self._here, self._ahead.min(axis=0)
         nearer = there < here - APPROACH_M
         room = np.where(nearer, there - self._margin_m, np.inf)
-        self.blocked = bool((room < 0.0).any())
+        sunk = self._come_nearer()
+        now = sunk | (room < 0.0)
+        self.blocked = bool(now.any())
         if self.blocked:
-            np.less(room, 0.0, out=self._blocking)
+            self._blocking[:] = now
+            self._floor[sunk] = here[sunk]
         halves = np.where(self._links & nearer, LINK_ROOM * (here - self._margin_m), np.inf)
         shares = np.where(room < 0.0, 0.0, room / np.minimum(self._zones_m, halves))
         self.share = min(1.0, max(MIN_SHARE, float(shares.min(initial=1.0))))
@@ -115,13 +130,26 @@ class CollisionMonitor:
         """Whether a joint step in this direction, shape (dof,), comes no nearer to what has blocked the way,
         nor to anything that is as near as that.
         """
+        before, after = self._probe(position, heading)
+        matters = self._blocking | (before < self._margin_m + NEAR_M)
+        return bool((after >= before - APPROACH_M)[matters].all())
+
+    def leads_deeper(self, position: Array, heading: Array) -> bool:
+        """Whether a joint step in this direction, shape (dof,), brings parts nearer that are inside the
+        margin already: these are blocking.
+        """
+        before, after = self._probe(position, heading)
+        self._blocking[:] = (before < self._margin_m) & (after < before - APPROACH_M)
+        return bool(self._blocking.any())
+
+    def _probe(self, position: Array, heading: Array) -> tuple[Array, Array]:
+        """Distances before and after a step that is neither too short nor too long."""
         longest = float(np.abs(heading).max())
-        step = heading * (PROBE_RAD / longest) if longest > PROBE_RAD else heading
+        step = heading * (np.clip(longest, MIN_PROBE_RAD, PROBE_RAD) / longest) if longest else heading
         before, after = np.zeros((2, len(self._watched)))
         self._find_distances(position, before)
         self._find_distances(position + step, after)
-        matters = self._blocking | (before < self._margin_m + NEAR_M)
-        return bool((after >= before - APPROACH_M)[matters].all())
+        return before, after
 
     def _find_distances(self, joints: Array, out: Array) -> None:
         """Of the pairs, up to where they begin to matter."""

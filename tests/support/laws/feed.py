@@ -65,6 +65,15 @@ class Feed:
                 self._safety.position, self.source.heading
             )
             self.holding = self._blocked
+        elif self._monitor.inside:
+            self._follow_unless_deeper(self.source.heading)
+        else:
+            self.holding = False
+
+    def _follow_unless_deeper(self, heading: Array) -> None:
+        if self._monitor.leads_deeper(self._safety.position, heading):
+            self._blocked = True
+            self._hold(Intervention.COLLISION)
         else:
             self.holding = False
 
@@ -173,7 +182,7 @@ class PointFeed(Feed):
         super().__init__(source, *rest)
         self._points, self._queue = points, queue
         self._watchdog_cycles = round(float(rest[-1]["watchdog_s"]) / self._period_s)
-        self._finishing_cycles = self._dropped = 0
+        self._finishing_cycles = self._dropped = self._judged = 0
 
     def advance(self, external_effort: Array, wrench: Array, robot_time_s: float) -> None:
         finishes = self._box.finishes
@@ -198,4 +207,8 @@ class PointFeed(Feed):
         if self._points.dropped != self._dropped:
             self._dropped = self._points.dropped
             self._safety.count(Intervention.JUMP)
-        self.source.advance(external_effort, wrench)
+        if self._queue.seen != self._judged and self._monitor.inside and not self.holding:
+            self._follow_unless_deeper(self._points.heading)
+        self._judged = self._queue.seen
+        if not self.holding:
+            self.source.advance(external_effort, wrench)
