@@ -237,7 +237,7 @@ class Reloading:
         while True:
             with contextlib.suppress(UnavailableError):
                 if int(link.statistics()["pid"]) != process.pid:
-                    await link.fresh_state(0.0)
+                    await link.await_fresh_state(0.0)
                     return
             if link.clock.now_s() > deadline_s:
                 raise UnavailableError(
@@ -248,7 +248,7 @@ class Reloading:
 
 
 async def _require_rest(services: Services) -> None:
-    state = await services.link.fresh_state(STATE_TIMEOUT_S)
+    state = await services.link.await_fresh_state(STATE_TIMEOUT_S)
     if state.mode not in RESTING or state.session or not state.settled:
         raise ConflictError(
             f"robot {services.robot.name} is not at rest (mode {state.mode.name}): the configuration is read "

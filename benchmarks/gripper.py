@@ -51,7 +51,7 @@ SPEED_M_S = 0.03
 """So slow that the fingers still move when they are stopped."""
 UNDER_WAY_S = (0.15, 0.25)
 POLL_S = 2e-4
-LONGEST_S = 2.0
+MAX_WAIT_S = 2.0
 AIM_MS = 20.0
 
 Told = Callable[[], object]
@@ -172,8 +172,8 @@ def _delay_ms(told: Told, command: Callable[[], object]) -> float:
     sent = threading.Thread(target=command)
     sent.start()
     while told() == before:
-        if time.monotonic() - begin_s > LONGEST_S:
-            raise AssertionError(f"the device has got no command within {LONGEST_S:g} s")
+        if time.monotonic() - begin_s > MAX_WAIT_S:
+            raise AssertionError(f"the device has got no command within {MAX_WAIT_S:g} s")
         time.sleep(POLL_S)
     took_s = time.monotonic() - begin_s
     sent.join()

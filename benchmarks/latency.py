@@ -24,7 +24,7 @@ STEP_RAD = 1e-8
 POLL_S = 1e-4
 PAUSE_S = (0.004, 0.006)
 """Between commands: they come at any time of a cycle, and never in the same one."""
-LONGEST_S = 1.0
+MAX_WAIT_S = 1.0
 
 
 def commands(repetitions: int, slices: int) -> Iterator[Row]:
@@ -77,13 +77,13 @@ def _session(robot_or_url: str, memory: RobotMemory, count: int, random: np.rand
 
 def changed_ns(memory: RobotMemory, before: float) -> int:
     """When the first state was published that commands another position; a missed one counts as late."""
-    deadline_s = time.monotonic() + LONGEST_S
+    deadline_s = time.monotonic() + MAX_WAIT_S
     while time.monotonic() < deadline_s:
         state = memory.state.read()
         if float(state["commanded_position"][0]) != before:
             return int(state["monotonic_ns"])
         time.sleep(POLL_S)
-    raise UnavailableError(f"no target has changed the command within {LONGEST_S:g} s")
+    raise UnavailableError(f"no target has changed the command within {MAX_WAIT_S:g} s")
 
 
 def echoed(count: int, random: np.random.Generator) -> list[float]:

@@ -24,7 +24,7 @@ MODES = [mode for mode in ServoMode if mode is not ServoMode.NONE]
 EVERY = 10
 LAW = (0.1, 200.0)
 RISE_S = 2.0
-LONGEST_LAG = 600
+MAX_LAG = 600
 ANSWER_S = 2.0
 COLUMNS = ("RMS error, mrad", "lag, ms", "RMS jerk, rad/s³")
 
@@ -114,11 +114,10 @@ def _tracking(
                 points.put(arm.home + MOVED * _path(cycle * 1e-3), every * 1e-3, *law)
             arm.step()
         joint = np.array(arm.commanded)[-cycles:, 0] - arm.home[0]
-    past = round(RISE_S * 1000) + LONGEST_LAG
+    past = round(RISE_S * 1000) + MAX_LAG
     times_s: Array = 1e-3 * np.arange(cycles, dtype=np.float64)
     errors = [
-        float(np.sqrt(np.mean((joint - _path(times_s - lag * 1e-3))[past:] ** 2)))
-        for lag in range(LONGEST_LAG)
+        float(np.sqrt(np.mean((joint - _path(times_s - lag * 1e-3))[past:] ** 2))) for lag in range(MAX_LAG)
     ]
     jerk = np.diff(joint, 3)[past:] / 1e-9
     lag = int(np.argmin(errors))

@@ -19,7 +19,7 @@ JITTER_S = 1e-3
 RISE_S = 2.0
 CHUNK_S = 0.5
 """What a policy that sends chunks sees of its future."""
-LONGEST_LAG_S = 0.3
+MAX_LAG_S = 0.3
 COLUMNS = ("RMS jerk, rad/s³", "peak jerk, rad/s³", "lag, ms")
 
 
@@ -92,6 +92,6 @@ def _measured(joint: Array) -> tuple[float, float, float]:
     jerk = np.diff(joint, 3)[round(RISE_S * 1000) :] / 1e-9
     times_s = np.arange(len(joint)) * 1e-3
     past = round(RISE_S * 1000)
-    lags_s = np.arange(0.0, LONGEST_LAG_S, 1e-3)
+    lags_s = np.arange(0.0, MAX_LAG_S, 1e-3)
     errors = [np.mean((joint - _path(times_s - lag_s))[past:] ** 2) for lag_s in lags_s]
     return float(np.sqrt(np.mean(jerk**2))), float(np.abs(jerk).max()), 1e3 * float(lags_s[np.argmin(errors)])

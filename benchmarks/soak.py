@@ -25,7 +25,7 @@ from cobot.robot.quaternion import product
 from cobot.types import Array, LoopMode
 from rtloop.modes import STREAMING
 
-LONGEST_TASK = 2500
+MAX_TASK = 2500
 """Cycles, and as many more to come to rest."""
 WAYS = ("smooth", "fast", "steps", "noise", "far")
 PUSH_N, PUSH_NM = 60.0, 6.0
@@ -133,7 +133,7 @@ class Soak:
         task = Wanderer(rig, kind, random, **wishes)
         if kind == "servo":  # what the force modes shall exert
             rig.aim()
-        task.step(int(random.integers(1, LONGEST_TASK)))
+        task.step(int(random.integers(1, MAX_TASK)))
         if client is not None:
             client.kill()
             client.wait()

@@ -32,7 +32,7 @@ WIDE = ("utf-16", "utf-32", "ucs-", "utf16", "utf32")
 SLOW = ("idna", "punycode")
 """Codecs whose time grows with the square of the text; they are not for files."""
 DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-LARGEST = 1e15
+MAX_NUMBER = 1e15
 """Larger values are errors of the file, and their squares lose all digits."""
 SHOWN = 60
 """Characters of a wrong value that a message shows."""
@@ -183,8 +183,8 @@ def numbers(
         return default
     words = text.split()
     values = [float(word) for word in words if DECIMAL.fullmatch(word)]
-    if len(words) != count or len(values) != count or not all(abs(value) <= LARGEST for value in values):
-        raise ConfigError(f"{what} is {shown(text)}; it must be {_amount(count)} up to ±{LARGEST:g}")
+    if len(words) != count or len(values) != count or not all(abs(value) <= MAX_NUMBER for value in values):
+        raise ConfigError(f"{what} is {shown(text)}; it must be {_amount(count)} up to ±{MAX_NUMBER:g}")
     return tuple(values)
 
 

@@ -13,7 +13,7 @@ from cobot.ipc.layout import Intervention
 from cobot.ipc.shm import encoded
 from cobot.ipc.state_fields import RECORDED, state_dtype
 
-cdef long long LONGEST_NS = 2**32 - 1
+cdef long long MAX_NS = 2**32 - 1
 _COPIES = {
     ("u8", "u8"): COPY_WORDS,
     ("i8", "i8"): COPY_WORDS,
@@ -100,7 +100,7 @@ cdef class CycleRecorder:
         for index in range(self._copied):
             copy_field(&self._copies[index], state, self._c_record)
         for index in range(PHASES):
-            self._phases_ns[index] = <uint32_t>min(max(phases_ns[index], 0), LONGEST_NS)
+            self._phases_ns[index] = <uint32_t>min(max(phases_ns[index], 0), MAX_NS)
         self._is_fresh[0] = fresh
         self._fresh.c_put(self._c_record)
 

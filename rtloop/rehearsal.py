@@ -30,7 +30,7 @@ from rtloop.loop import ControlLoop
 FOREVER_NS = 10**16
 LOADING_CYCLES = 10_000
 """Enough cycles to load the longest motion."""
-LONGEST_SETTLING_S = 30.0
+MAX_SETTLING_S = 30.0
 """Longer than the settling time after which the cycle ends any motion."""
 RESTING_S = 0.2
 """Time for which a disturbance acts on the resting arm before the motion begins."""
@@ -129,7 +129,7 @@ def _follow(
     disturbance: Disturbance | None,
 ) -> SimulatedRun:
     period_s, state = memory.period_s, memory.state.data
-    most = round((trajectory.duration_s + LONGEST_SETTLING_S) / period_s)
+    most = round((trajectory.duration_s + MAX_SETTLING_S) / period_s)
     every = max(1, round(trajectory.duration_s / period_s) // ROWS)
     effort, off = np.zeros(limits.dof), np.zeros(limits.dof)
     kept = [(0.0, state["position"].copy())]

@@ -31,7 +31,8 @@ VERBS = {
 """First words of names that say what is done, whatever the last one is: `require_ready`, `is_gone`."""
 REVIEWED = {
     *("connection_made", "connection_lost", "data_received", "wait_closed", "write_paused"),
-    *("move_named", "plan_named", "ready"),
+    *("move_named", "plan_named", "ready", "kept_plan", "kept_plans", "recorded_path"),
+    "done_s",
 }
 """Names that others have given: methods of asyncio and uvicorn, and endpoints."""
 
@@ -50,16 +51,23 @@ def is_participle(word: str) -> bool:
     return word in IRREGULAR | STATES or (word.endswith("ed") and not word.endswith(("eed", "embed")))
 
 
+EXTREME = re.compile(
+    r"^\s*(?:cdef \w+ |const )?_?((?:MOST|LEAST|LONGEST|SHORTEST|LARGEST|SMALLEST)(?:_\w+)?) *[:,=]", re.M
+)
+"""A constant that is a bound: its name begins with `MAX_` or `MIN_`."""
+
+
 def is_misnamed(function: Function) -> bool:
     """Whether a function acts and is named by a participle or an adjective: an event or a flag."""
     words = function.name.strip("_").removeprefix("c_").split("_")
     if not function.acts or function.name in REVIEWED or words[0] in VERBS:
         return False
-    return is_participle(words[-1])
+    return is_participle(words[-1]) or is_participle(words[0])
 
 
 PYTHON = """
 async def _started(): ...
+async def measured_state(self): ...
 def told(self) -> None: ...
 @contextmanager
 def watched(self): yield
@@ -90,7 +98,7 @@ cdef double clamped(double value) noexcept nogil:
 @pytest.mark.parametrize(
     ("name", "source", "expected"),
     [
-        ("a.py", PYTHON, ["_started", "told", "watched", "accepted"]),
+        ("a.py", PYTHON, ["_started", "measured_state", "told", "watched", "accepted"]),
         ("a.pyx", CYTHON, ["c_held", "switched", "filtered"]),
     ],
 )
@@ -108,6 +116,16 @@ def test_functions_that_act_are_verbs(package: str) -> None:
         for path in sources_of(package)
         for each in functions_of(path)
         if is_misnamed(each)
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_bounds_are_called_max_and_min(package: str) -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in sources_of(package, "py", "pyx", "pxd")
+        for name in EXTREME.findall(path.read_text(encoding="utf-8"))
     ]
     assert wrong == []
 

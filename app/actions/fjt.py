@@ -106,7 +106,7 @@ class FollowJointTrajectory:
             raise ConflictError(f"{self.name} is switched off; see ros.enable_fjt_action, or fjt_control")
         if self._newest is None:
             await self._ownership.await_free(None)
-        await self._link.ready_state(READY_S)
+        await self._link.await_ready_state(READY_S)
         try:
             wanted = await asyncio.to_thread(read_goal, goal, self._limits, self._wall_s())
         except GoalError as exc:  # whatever runs goes on

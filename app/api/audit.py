@@ -44,7 +44,7 @@ class RequestTrail:
         client = scope.get("client")
         log_context.set({"request": request, "client": client[0] if client else ""})
         if kind == "http" and scope["method"] in SAFE:
-            return self._app(scope, receive, _identified(send, request))
+            return self._app(scope, receive, _identify(send, request))
         audit = cast("Audit | None", getattr(scope["app"].state, "audit", None))
         if audit is None:  # not started, as in a test of the schema
             return self._app(scope, receive, send)
@@ -65,7 +65,7 @@ class RequestTrail:
             await send(message)
 
         try:
-            await self._app(scope, receive, _identified(send_and_note, on.request))
+            await self._app(scope, receive, _identify(send_and_note, on.request))
         except Exception:
             outcome = "500"
             raise
@@ -134,7 +134,7 @@ def _request_id(scope: Scope) -> str:
     return f"{_process}-{next(_numbers):x}"
 
 
-def _identified(send: Send, request: str) -> Send:
+def _identify(send: Send, request: str) -> Send:
     def answer(message: Message) -> Awaitable[None]:
         if message["type"] == "http.response.start":
             message["headers"] = [*message["headers"], (HEADER, request.encode())]

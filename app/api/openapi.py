@@ -38,7 +38,7 @@ def with_limits(
         robots: each robot's limits by its name.
     """
 
-    def described() -> dict[str, Any]:
+    def describe() -> dict[str, Any]:
         text, items = _described(robots)
         schema = openapi()
         models = schema.get("components", {}).get("schemas", {})
@@ -61,7 +61,7 @@ def with_limits(
         link(schema)
         return schema
 
-    return described
+    return describe
 
 
 def version(robots: dict[str, JointLimits]) -> Hashable:
@@ -145,7 +145,7 @@ def with_tokens(
         roles: by endpoint; the schema of an endpoint may have its own as `x-role`.
     """
 
-    def described() -> dict[str, Any]:
+    def describe() -> dict[str, Any]:
         schema = openapi()
         components = schema.setdefault("components", {})
         components.setdefault("responses", {}).update(error_components(401, 403))
@@ -159,7 +159,7 @@ def with_tokens(
                 endpoint["responses"] |= error_references(401, 403)
         return schema
 
-    return described
+    return describe
 
 
 def error_components(*statuses: int) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 from app.robot_services import Services
 from cobot.errors import CobotError, InputError, NotSupportedError
 from cobot.motions.bodies import AnyMotion
-from cobot.motions.checks import SHORTEST_AXIS
+from cobot.motions.checks import MIN_AXIS_LENGTH
 from cobot.motions.conditions import InputTest, StepCondition
 from cobot.motions.fields import Direction
 from cobot.motions.signal_bodies import (
@@ -195,8 +195,8 @@ def _unit(field: str, direction: Direction | None) -> tuple[float, float, float]
     if direction is None:
         return None
     length = math.hypot(direction.x, direction.y, direction.z)
-    if not length > SHORTEST_AXIS:
+    if not length > MIN_AXIS_LENGTH:
         raise InputError(
-            f"{field}: has a length of {length:g}, which is no direction; above {SHORTEST_AXIS:g} is"
+            f"{field}: has a length of {length:g}, which is no direction; above {MIN_AXIS_LENGTH:g} is"
         )
     return direction.x / length, direction.y / length, direction.z / length

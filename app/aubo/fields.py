@@ -30,7 +30,7 @@ ROS_TYPES: dict[Any, str] = {
 """The ROS type of each annotation; json is a string on the wire, see `Field.ros_type`."""
 EMPTY: dict[str, Any] = {"bool": False, "int32": 0, "int64": 0, "float64": 0.0, "string": "", "json": ""}
 """The value of an unset field, as in ROS; an unset list is empty."""
-LARGEST = {"int32": 2**31 - 1, "int64": 2**63 - 1}
+MAX_INTEGER = {"int32": 2**31 - 1, "int64": 2**63 - 1}
 REQUIRED: Any = inspect.Parameter.empty
 MAX_ITEMS = 65_536
 """A list may have so many items: each is checked on the event loop, which motions wait for as well."""
@@ -99,7 +99,7 @@ def _scalar(kind: str, place: str, value: Any) -> Any:
         case "bool", bool():
             return value
         case "int32" | "int64", int() if not isinstance(value, bool):
-            if not -LARGEST[kind] - 1 <= value <= LARGEST[kind]:
+            if not -MAX_INTEGER[kind] - 1 <= value <= MAX_INTEGER[kind]:
                 raise InputError(f"{place}: does not fit into an {kind}, got {shown(value)}")
             return value
         case "float64", int() | float() if not isinstance(value, bool):

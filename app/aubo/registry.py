@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from app.aubo.fields import LARGEST, REQUIRED, Field, Int64, Json, argument
+from app.aubo.fields import MAX_INTEGER, REQUIRED, Field, Int64, Json, argument
 from app.aubo.roles import needs_control, role_of
 from app.aubo.signatures import Function, find_kind, make_field, parse_docstring
 from cobot import audit
@@ -197,7 +197,7 @@ async def _run(robot: Services, found: Service, bound: dict[str, Any], origin: O
 
 def failed(found: Service, code: Code, message: str) -> Answer:
     """The answer of a call that failed."""
-    return Answer(code, message, int(code) if found.result.kind in LARGEST else found.result.empty)
+    return Answer(code, message, int(code) if found.result.kind in MAX_INTEGER else found.result.empty)
 
 
 def unknown_service(robot_class: str, method: str) -> str:

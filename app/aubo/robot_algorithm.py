@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 TIMEOUT_S = 20.0
-FEWEST_POSES = 3
+MIN_POSES = 3
 ALIKE = 1e-3
 """Poses whose smallest singular value is below this are turned too little to tell where the tip is."""
 
@@ -147,8 +147,8 @@ def calibrate_tcp_position(robot: Services, poses: Json) -> Json:
         JSON: [[x, y, z] of the tip in the flange's frame in m, the largest distance in m between a touch and
         the point].
     """
-    if not isinstance(poses, list) or len(poses) < FEWEST_POSES:
-        raise InputError(f"poses must be a list of {FEWEST_POSES} poses or more")
+    if not isinstance(poses, list) or len(poses) < MIN_POSES:
+        raise InputError(f"poses must be a list of {MIN_POSES} poses or more")
     flanges = [_pose(values, f"poses[{index}]") for index, values in enumerate(poses)]
     turns = np.array([flange.rotation for flange in flanges])
     places = np.array([flange.position for flange in flanges])

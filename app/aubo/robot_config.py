@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 SAME = 1e-3
 """A gravity that is so near to another one is taken for the same, m/s²."""
-SMALLEST = 1e-3
+MIN_VALUE = 1e-3
 """A rate that is set, and the distance of two position limits, is no smaller: nothing could move at all."""
 
 
@@ -159,7 +159,7 @@ def set_joint_min_positions(robot: Services, positions: list[float]) -> None:
     """
     least = _each(robot, positions, "positions")
     _require(robot, least, robot.robot.limits.min_position, "positions", "rad", least=True)
-    _require(robot, least, _limits(robot).max_position - SMALLEST, "positions", "rad")
+    _require(robot, least, _limits(robot).max_position - MIN_VALUE, "positions", "rad")
     _set(robot, replace(_limits(robot), min_position=least))
 
 
@@ -172,7 +172,7 @@ def set_joint_max_positions(robot: Services, positions: list[float]) -> None:
     """
     most = _each(robot, positions, "positions")
     _require(robot, most, robot.robot.limits.max_position, "positions", "rad")
-    _require(robot, most, _limits(robot).min_position + SMALLEST, "positions", "rad", least=True)
+    _require(robot, most, _limits(robot).min_position + MIN_VALUE, "positions", "rad", least=True)
     _set(robot, replace(_limits(robot), max_position=most))
 
 
@@ -371,7 +371,7 @@ def _each(robot: Services, values: list[float], name: str) -> Array:
 def _rates(robot: Services, values: list[float], most: Array, name: str, unit: str) -> Array:
     rates = _each(robot, values, name)
     _require(robot, rates, most, name, unit)
-    _require(robot, rates, np.full(len(rates), SMALLEST), name, unit, least=True)
+    _require(robot, rates, np.full(len(rates), MIN_VALUE), name, unit, least=True)
     return rates
 
 
@@ -389,6 +389,6 @@ def _pair(values: list[float], most: tuple[float, float], name: str) -> tuple[fl
     if len(values) != 2:
         raise InputError(f"{name} must be [linear, angular], got {len(values)} numbers")
     for value, bound in zip(values, most, strict=True):
-        if not SMALLEST <= value <= bound:
-            raise LimitError(f"{name}: possible is from {SMALLEST} to {bound:g}, got {value:g}")
+        if not MIN_VALUE <= value <= bound:
+            raise LimitError(f"{name}: possible is from {MIN_VALUE} to {bound:g}, got {value:g}")
     return values[0], values[1]

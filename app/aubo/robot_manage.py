@@ -21,19 +21,19 @@ RECORDINGS = "recordings are made by sequences, see bag_path of POST /sequences/
 @service(CLASS)
 async def poweron(robot: Services) -> None:
     """See that the drives are on, as they are while the real-time process runs and there is no fault."""
-    await robot.link.ready_state(STATE_TIMEOUT_S)
+    await robot.link.await_ready_state(STATE_TIMEOUT_S)
 
 
 @service(CLASS)
 async def startup(robot: Services) -> None:
     """See that the arm is ready to move, as poweron does."""
-    await robot.link.ready_state(STATE_TIMEOUT_S)
+    await robot.link.await_ready_state(STATE_TIMEOUT_S)
 
 
 @service(CLASS)
 async def release_robot_brake(robot: Services) -> None:
     """See that the arm is held by its drives, not by brakes, as poweron does."""
-    await robot.link.ready_state(STATE_TIMEOUT_S)
+    await robot.link.await_ready_state(STATE_TIMEOUT_S)
 
 
 @service(CLASS)
@@ -110,7 +110,7 @@ async def get_robot_control_mode(robot: Services) -> str:
     Returns:
         HOLD, TRAJECTORY, STOPPING, JOINT_IMPEDANCE, CARTESIAN, JOINT_TORQUE, ESTOP or FAULT.
     """
-    return (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode.name
+    return (await robot.link.await_fresh_state(STATE_TIMEOUT_S)).mode.name
 
 
 @service(CLASS)
@@ -120,7 +120,7 @@ async def get_operational_mode(robot: Services) -> str:
     Returns:
         Automatic: there is no teach pendant; Disabled after an e-stop or a fault.
     """
-    mode = (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode
+    mode = (await robot.link.await_fresh_state(STATE_TIMEOUT_S)).mode
     return "Disabled" if mode in (LoopMode.ESTOP, LoopMode.FAULT) else "Automatic"
 
 

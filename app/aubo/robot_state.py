@@ -24,7 +24,7 @@ PUSHED = (Intervention.TRACKING, Intervention.CONTACT)
 
 async def record(robot: Services) -> np.ndarray:
     """All that rtloop publishes, fresh and measured, or an UnavailableError."""
-    return await robot.link.measured_record(STATE_TIMEOUT_S)
+    return await robot.link.await_measured_record(STATE_TIMEOUT_S)
 
 
 @service("RobotState")
@@ -176,7 +176,7 @@ async def get_robot_mode_type(robot: Services) -> str:
         Idle (holds its position), Running (follows a motion or a stream, or comes to rest), Error (a fault),
         or EmergencyStop.
     """
-    mode = LoopMode(int((await robot.link.fresh_state(STATE_TIMEOUT_S)).mode))
+    mode = LoopMode(int((await robot.link.await_fresh_state(STATE_TIMEOUT_S)).mode))
     return {LoopMode.HOLD: "Idle", LoopMode.FAULT: "Error", LoopMode.ESTOP: "EmergencyStop"}.get(
         mode, "Running"
     )
@@ -189,7 +189,7 @@ async def get_safety_mode_type(robot: Services) -> str:
     Returns:
         Normal, Fault, or RobotEmergencyStop.
     """
-    mode = (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode
+    mode = (await robot.link.await_fresh_state(STATE_TIMEOUT_S)).mode
     return {LoopMode.FAULT: "Fault", LoopMode.ESTOP: "RobotEmergencyStop"}.get(mode, "Normal")
 
 
@@ -200,7 +200,7 @@ async def get_mode_reason(robot: Services) -> str:
     Returns:
         A sentence; empty when there is nothing to explain.
     """
-    return (await robot.link.fresh_state(STATE_TIMEOUT_S)).reason
+    return (await robot.link.await_fresh_state(STATE_TIMEOUT_S)).reason
 
 
 @service("RobotState")
@@ -210,7 +210,7 @@ async def is_steady(robot: Services) -> bool:
     Returns:
         True when the arm has settled, no motion or streaming session runs, and the motion queue is empty.
     """
-    state = await robot.link.fresh_state(STATE_TIMEOUT_S)
+    state = await robot.link.await_fresh_state(STATE_TIMEOUT_S)
     return state.mode in RESTING and state.settled and state.session == 0 and robot.queue.idle
 
 
@@ -221,7 +221,7 @@ async def is_power_on(robot: Services) -> bool:
     Returns:
         False in a fault.
     """
-    return (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode is not LoopMode.FAULT
+    return (await robot.link.await_fresh_state(STATE_TIMEOUT_S)).mode is not LoopMode.FAULT
 
 
 @service("RobotState")
@@ -231,7 +231,7 @@ async def is_collision_occurred(robot: Services) -> bool:
     Returns:
         True until the fault is reset.
     """
-    state = await robot.link.fresh_state(STATE_TIMEOUT_S)
+    state = await robot.link.await_fresh_state(STATE_TIMEOUT_S)
     newest = int(np.argmax(state.intervened_ns))
     return (
         state.mode in (LoopMode.FAULT, LoopMode.ESTOP)
@@ -247,7 +247,7 @@ async def is_within_safety_limits(robot: Services) -> bool:
     Returns:
         As measured.
     """
-    state = await robot.link.measured_state(STATE_TIMEOUT_S)
+    state = await robot.link.await_measured_state(STATE_TIMEOUT_S)
     limits = robot.robot.limits
     inside = (state.position >= limits.min_position) & (state.position <= limits.max_position)
     return bool(inside.all()) and state.mode not in (LoopMode.FAULT, LoopMode.ESTOP)

@@ -39,7 +39,7 @@ MAX_SUBSCRIPTIONS = 64
 MESSAGE_DATA = struct.Struct("<BIQ")
 """The head of a message: its kind (1), of which subscription it is, and its time, ns since 1970."""
 ERROR = 2
-LARGEST_ID = 2**32 - 1
+MAX_ID = 2**32 - 1
 
 router = EndpointRouter()
 
@@ -210,8 +210,8 @@ def _list(content: dict[str, Any], name: str) -> list[Any]:
 
 
 def _number(value: Any, name: str) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= LARGEST_ID:
-        raise InputError(f"{name}: a whole number from 0 to {LARGEST_ID} is needed")
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= MAX_ID:
+        raise InputError(f"{name}: a whole number from 0 to {MAX_ID} is needed")
     return value
 
 

@@ -14,7 +14,7 @@ from cobot.errors import UnavailableError
 
 SILENT_S = 20.0
 """Time without data after which the connection counts as lost, in seconds. The service sends every 5 s."""
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 2.0
+FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 2.0
 UNTOLD = ("hello", "alive")
 
 
@@ -77,7 +77,7 @@ class EventReader:
             if self._now_s() - self._heard_s > self._patience_s:
                 raise UnavailableError(f"no event for {self._patience_s:g} s: {problem}")
             self._sleep(pause_s)
-            pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+            pause_s = min(2.0 * pause_s, MAX_PAUSE_S)
 
     def _one_stream(self) -> Iterator[Json]:
         headers = {"Last-Event-ID": self._last_id} if self._last_id else {}

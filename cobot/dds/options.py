@@ -14,7 +14,7 @@ from cobot.dds.rosbridge import AWAY
 from cobot.dds.telemetry import Telemetry
 from cobot.errors import UnavailableError
 from cobot.ros.robot_messages import STRING
-from cobot.servo.protocol import LONGEST_PERIOD_S, LONGEST_TIME_S
+from cobot.servo.protocol import MAX_PERIOD_S, MAX_TIME_S
 
 MAX_HZ = 1000.0
 FIXED = "it is needed at the start: change ros.{} in the settings file and start cobot again"
@@ -80,7 +80,7 @@ def options(settings: Settings, robots: list[Telemetry], gateway: Gateway | None
             "s, the time of each of its points; 0: fjt_send_period",
             later("fjt_time"),
             low=0.0,
-            high=LONGEST_TIME_S,
+            high=MAX_TIME_S,
         ),
         Parameter(
             "fjt_send_period",
@@ -88,6 +88,6 @@ def options(settings: Settings, robots: list[Telemetry], gateway: Gateway | None
             "s, between its points; 0: 0.01",
             later("fjt_send_period"),
             low=0.0,
-            high=LONGEST_PERIOD_S,
+            high=MAX_PERIOD_S,
         ),
     ]

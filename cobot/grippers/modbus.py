@@ -20,7 +20,7 @@ import serial
 from cobot.grippers.protocol import GripperError
 
 REFUSED = 0x80
-SHORTEST = 5
+MIN_FRAME = 5
 """Bytes of the shortest answer, a refusal."""
 REFUSALS = {1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure", 6: "busy"}
 COIL_ON = 0xFF00
@@ -165,8 +165,8 @@ class Master:
         except LOST as exc:
             raise self._error(f"has lost its connection: {exc}") from exc
         self._expects_late = True
-        refuses = len(frame) == SHORTEST and frame[1] == function | REFUSED
-        if not frame or len(frame) < (SHORTEST if refuses else length + 4):
+        refuses = len(frame) == MIN_FRAME and frame[1] == function | REFUSED
+        if not frame or len(frame) < (MIN_FRAME if refuses else length + 4):
             got = f"; it sent {len(frame)} bytes" if frame else ""
             raise self._error(f"has not answered within {self._timeout_s:g} s{got}")
         if not is_whole(frame) or frame[0] != self._unit or frame[1] & ~REFUSED != function:
@@ -181,9 +181,9 @@ class Master:
     def _exchange(self, request: bytes, length: int) -> bytes:
         """Send a request, and return what comes of the frame of its answer."""
         self._port.write(framed(request))
-        frame: bytes = self._port.read(SHORTEST)
-        if len(frame) == SHORTEST and not frame[1] & REFUSED:
-            frame += self._port.read(length + 4 - SHORTEST)
+        frame: bytes = self._port.read(MIN_FRAME)
+        if len(frame) == MIN_FRAME and not frame[1] & REFUSED:
+            frame += self._port.read(length + 4 - MIN_FRAME)
         return frame
 
     def _await_quiet(self) -> None:

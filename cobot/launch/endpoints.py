@@ -9,7 +9,7 @@ from cobot.config import EndpointChange, load_endpoints
 from cobot.errors import ConfigError
 from cobot.launch.process import RUN_MODULE
 
-LONGEST_S = 60.0
+MAX_WAIT_S = 60.0
 """How long the service may take to tell which endpoints it has, s: 2 s, and more on a computer under load."""
 
 
@@ -29,12 +29,12 @@ def check_endpoints(path: Path) -> dict[str, EndpointChange]:
                 capture_output=True,
                 text=True,
                 check=False,
-                timeout=LONGEST_S,
+                timeout=MAX_WAIT_S,
             )
         except subprocess.TimeoutExpired as exc:
             raise ConfigError(
-                f"{path}: the service has not told within {LONGEST_S:g} s which endpoints it has: start again"
-                " when the computer has less to do"
+                f"{path}: the service has not told within {MAX_WAIT_S:g} s which endpoints it has: start "
+                "again when the computer has less to do"
             ) from exc
         if done.returncode != 0:
             said = done.stderr.strip().splitlines()

@@ -151,7 +151,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         """
         wanted = self._read_start(options)
         super().reset(seed=seed)
-        start = self._free_start() if wanted is None else wanted
+        start = self._draw_free_start() if wanted is None else wanted
         self._task.reset(self.robot, start, self.np_random)
         self._arm.restart(start)
         self._target, self._ended = start, False
@@ -222,7 +222,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         self.robot.collision.check_position(start, what)
         return start
 
-    def _free_start(self) -> Array:
+    def _draw_free_start(self) -> Array:
         for _ in range(TRIES):
             away = self.np_random.uniform(-self._spread_rad, self._spread_rad, len(self._home))
             free: Array = (self._home + away).clip(self._low, self._high)

@@ -14,7 +14,7 @@ from cobot.errors import InputError
 from cobot.learning.cameras import Renderer
 from cobot.learning.episodes import EpisodeWriter
 
-LONGEST_S = 3600.0
+MAX_EPISODE_S = 3600.0
 
 
 # It has many parameters because it is a public function; callers give most by name or leave the default.
@@ -42,9 +42,9 @@ def record(
         InputError: the duration or the rate is outside its limits.
         UnavailableError: the robot does not answer. No file is kept.
     """
-    if not 0.0 < seconds <= LONGEST_S or not 1.0 <= rate_hz <= 200.0:
+    if not 0.0 < seconds <= MAX_EPISODE_S or not 1.0 <= rate_hz <= 200.0:
         raise InputError(
-            f"an episode lasts up to {LONGEST_S:g} s at 1 to 200 Hz, got {seconds} s at {rate_hz} Hz"
+            f"an episode lasts up to {MAX_EPISODE_S:g} s at 1 to 200 Hz, got {seconds} s at {rate_hz} Hz"
         )
     name = robot.info().serial_num
     with EpisodeWriter(path, joint_names, rate_hz, task=task, robot=name) as episode:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cobot.motions.requests import Arc, MotionRequest
     from cobot.robot.description import RobotDescription
 
-SHORTEST_AXIS = 1e-3
+MIN_AXIS_LENGTH = 1e-3
 """Shorter vectors are rejected as directions."""
 
 
@@ -103,10 +103,10 @@ def _check_arc(arc: Arc) -> None:
     """Require an arc to turn, about a direction."""
     if arc.angle_rad == 0.0:
         raise InputError("angle: is 0 rad, which is no arc, with or without a rise; for a line there is lin")
-    if arc.axis is not None and not math.hypot(*arc.axis) > SHORTEST_AXIS:
+    if arc.axis is not None and not math.hypot(*arc.axis) > MIN_AXIS_LENGTH:
         length = math.hypot(*arc.axis)
         raise InputError(
-            f"axis: has a length of {length:g}, which is no direction; above {SHORTEST_AXIS:g} is"
+            f"axis: has a length of {length:g}, which is no direction; above {MIN_AXIS_LENGTH:g} is"
         )
 
 

@@ -12,10 +12,10 @@ from cobot.robot.limits import check_positions
 from cobot.types import Array, JointLimits, Waypoint
 
 REST_TOLERANCE = 1e-6
-SHORTEST_S, LONGEST_S = 1e-9, 1e6
+MIN_INTERVAL_S, MAX_TIME_S = 1e-9, 1e6
 """Minimum time between two points, and latest time of the last. An arm needs neither; both prevent
 overflow."""
-LARGEST = 1e6
+MAX_NUMBER = 1e6
 """Largest absolute position, velocity or acceleration of a point. It prevents overflow."""
 
 
@@ -88,7 +88,7 @@ def labels_of(points: Sequence[Waypoint], dof: int) -> list[str]:
 
 
 def require_size(points: Sequence[Waypoint], labels: list[str]) -> None:
-    """Check that no number exceeds `LARGEST`, even if the limits are not checked.
+    """Check that no number exceeds `MAX_NUMBER`, even if the limits are not checked.
 
     Raises:
         InputError: naming the first point that does.
@@ -99,32 +99,32 @@ def require_size(points: Sequence[Waypoint], labels: list[str]) -> None:
         if not given:
             continue
         sizes = np.abs(np.array([values for _, values in given], dtype=np.float64)).max(axis=1)
-        for index in np.flatnonzero(sizes > LARGEST)[:1]:
-            raise InputError(f"{given[index][0]}: {name} may be up to {LARGEST:g}, got {sizes[index]:g}")
+        for index in np.flatnonzero(sizes > MAX_NUMBER)[:1]:
+            raise InputError(f"{given[index][0]}: {name} may be up to {MAX_NUMBER:g}, got {sizes[index]:g}")
 
 
 def require_order(times: Array, labels: list[str]) -> None:
-    """Check that times are within 0 to `LONGEST_S` and increase by at least `SHORTEST_S`.
+    """Check that times are within 0 to `MAX_TIME_S` and increase by at least `MIN_INTERVAL_S`.
 
     Raises:
         InputError: naming the first point that violates this.
     """
     if times[0] < 0.0:
         raise InputError(f"{labels[0]}: time_from_start is {times[0]} s, must not be negative")
-    if 0.0 < times[0] < SHORTEST_S:
+    if 0.0 < times[0] < MIN_INTERVAL_S:
         raise InputError(
-            f"{labels[0]}: time_from_start is {times[0]} s, must be 0 or at least {SHORTEST_S:g} s"
+            f"{labels[0]}: time_from_start is {times[0]} s, must be 0 or at least {MIN_INTERVAL_S:g} s"
         )
-    for index in np.flatnonzero(times > LONGEST_S)[:1]:
+    for index in np.flatnonzero(times > MAX_TIME_S)[:1]:
         raise InputError(
-            f"{labels[index]}: time_from_start is {times[index]} s, may be up to {LONGEST_S:g} s"
+            f"{labels[index]}: time_from_start is {times[index]} s, may be up to {MAX_TIME_S:g} s"
         )
-    late = np.flatnonzero(np.diff(times) < SHORTEST_S / 2.0)  # half of it: large times are rounded
+    late = np.flatnonzero(np.diff(times) < MIN_INTERVAL_S / 2.0)  # half of it: large times are rounded
     if len(late):
         index = int(late[0]) + 1
         raise InputError(
             f"{labels[index]}: time_from_start is {times[index]} s, must be later than the "
-            f"{times[index - 1]} s of {labels[index - 1]}, by at least {SHORTEST_S:g} s"
+            f"{times[index - 1]} s of {labels[index - 1]}, by at least {MIN_INTERVAL_S:g} s"
         )
 
 

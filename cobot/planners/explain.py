@@ -30,12 +30,12 @@ from cobot.types import Array, Pose, Scaling
 
 MAX_BRANCHES, MAX_STARTS, MAX_GOALS = 12, 40, 4
 SLOWER = (0.5, 0.2, 0.1)
-SLOWEST, LONGEST_S = 0.01, 600.0
+MIN_SPEED, MAX_DURATION_S = 0.01, 600.0
 """The lowest speed that is tried, and the longest duration of a remedy."""
 BACK = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.2)
 """Shares of the way to the start by which a goal at the edge of the workspace is taken back, in this order:
 at the edge a joint is at its limit or the elbow is straight."""
-SHORT_OF, SHORTEST = (0.95, 0.8, 0.6, 0.4, 0.2), 0.05
+SHORT_OF, MIN_SHARE = (0.95, 0.8, 0.6, 0.4, 0.2), 0.05
 """Shares of the point of failure up to which a line is tried, and the shortest share of the line to offer."""
 SPREAD = 8
 ANY_END: dict[str, Any] = {"cyclic": False, "end_joints": None}
@@ -78,8 +78,10 @@ def explain(
         try:
             motion = _plan_idea(robot, limited, idea)
             duration_s = 0.0 if motion is None else motion.duration_s
-            if duration_s > LONGEST_S:
-                raise PlanningError(f"it would take {duration_s:.4g} s, allowed is up to {LONGEST_S:g} s")
+            if duration_s > MAX_DURATION_S:
+                raise PlanningError(
+                    f"it would take {duration_s:.4g} s, allowed is up to {MAX_DURATION_S:g} s"
+                )
         except CobotError as exc:
             first = tried.get(idea.kind) or Failure(idea.kind, 0, idea.says, str(exc))
             tried[idea.kind] = replace(first, count=first.count + 1)
@@ -130,7 +132,7 @@ def _at_start(error: CobotError) -> bool:
 def _slower(request: MotionRequest) -> Iterator[Idea]:
     for share in SLOWER:
         speed = share * request.scaling.speed
-        if speed >= SLOWEST:
+        if speed >= MIN_SPEED:
             yield Idea("slower", {"scaling": Scaling(speed)}, f"at a speed of {speed:.3g}")
 
 
@@ -259,7 +261,7 @@ def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError)
     line = straight_line(robot.model.forward(request.start), request.goal)
     for part in SHORT_OF:
         share = part * max(shares)
-        if share >= SHORTEST:
+        if share >= MIN_SHARE:
             goal = _as_written(line.pose_at(share))
             yield Idea("goal", {"goal": goal, **ANY_END}, f"along the line up to {100.0 * share:.0f} % of it")
 

@@ -22,7 +22,7 @@ ALLOWANCE = 1e-4
 INSIDE, INSIDE_SHARE = 2e-3, 0.1
 """How far inside the constraints a projected configuration stays, rad or m, or as a share of a narrower
 range."""
-TURNS, LONGEST_STEP_RAD, DAMPING = 25, 0.3, 1e-6
+TURNS, MAX_STEP_RAD, DAMPING = 25, 0.3, 1e-6
 
 
 class Held:
@@ -119,7 +119,7 @@ class Held:
             square.flat[:: len(square) + 1] += DAMPING
             step = matrix.T @ np.linalg.solve(square, np.array(missing))
             longest = np.abs(step).max()
-            here = np.clip(here + step * min(1.0, LONGEST_STEP_RAD / longest), self.low, self.high)
+            here = np.clip(here + step * min(1.0, MAX_STEP_RAD / longest), self.low, self.high)
         return None
 
     def _broken(self, joints: Array, inside: float) -> tuple[list[Array], list[float]]:

@@ -15,7 +15,7 @@ from cobot.robot.feasibility import stretch_to_limits
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array, JointLimits, Synchronization
 
-SHORTEST_PIECE_S = 1e-9
+MIN_PIECE_S = 1e-9
 
 
 def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
@@ -77,7 +77,7 @@ def from_profiles(profiles: list[ruckig.Profile], duration_s: float) -> Trajecto
     rows = np.array([[[0.0, *each.t], each.p, each.v, each.a, [*each.j, 0.0]] for each in profiles])
     begins = rows[:, 0] = rows[:, 0].cumsum(axis=1)
     times = np.sort(np.minimum(np.append(begins, duration_s), duration_s))
-    keep = np.append(True, times[1:] - times[:-1] > SHORTEST_PIECE_S)
+    keep = np.append(True, times[1:] - times[:-1] > MIN_PIECE_S)
     times = times[keep]
     times[-1] = duration_s
     middles = 0.5 * (times[:-1] + times[1:])

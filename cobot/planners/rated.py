@@ -18,7 +18,7 @@ from cobot.robot.description import RobotDescription
 from cobot.types import CartesianLimits, JointLimits
 
 MAX_DURATION_S = 86_400.0
-SLOWEST, PLACES = 1e-4, 200
+MIN_SHARE, PLACES = 1e-4, 200
 ROUNDING = 1e-6
 """Relative tolerance for a duration below the shortest possible one, because of rounding."""
 
@@ -63,14 +63,14 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
     stretched = trajectory.stretched(max(factor, 1.0))
     if leg.tcp is None:
         way = np.abs(stretched.end - stretched.start) / stretched.duration_s
-        share = float(np.clip((way / leg.limits.max_velocity).max(), SLOWEST, 1.0))
+        share = float(np.clip((way / leg.limits.max_velocity).max(), MIN_SHARE, 1.0))
         return Leg(stretched, leg.limits.scaled(share, 1.0, 1.0), None)
     places = robot.model.poses(stretched.sample(np.linspace(0.0, stretched.duration_s, PLACES)))
     length_m = float(np.linalg.norm(np.diff(places[:, :3], axis=0), axis=1).sum())
     turns = np.abs((places[1:, 3:] * places[:-1, 3:]).sum(axis=1))
     angle_rad = float(2.0 * np.arccos(np.minimum(turns, 1.0)).sum())
     shares = length_m / leg.tcp.max_linear_velocity, angle_rad / leg.tcp.max_angular_velocity
-    share = float(np.clip(max(shares) / stretched.duration_s, SLOWEST, 1.0))
+    share = float(np.clip(max(shares) / stretched.duration_s, MIN_SHARE, 1.0))
     return Leg(stretched, leg.limits, leg.tcp.scaled(share, 1.0, 1.0))
 
 

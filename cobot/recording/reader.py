@@ -21,7 +21,7 @@ from cobot.recording.messages import CYCLE, DEFINITIONS, EVENT, JOINT_STATE
 from cobot.recording.path import Marked, RecordedPath
 from cobot.types import Array
 
-LARGEST_SHOWN = 200_000_000
+MAX_SHOWN_BYTES = 200_000_000
 """Maximum size of a file whose path is shown, in bytes. Such a file takes some seconds of computing time."""
 UNREADABLE = (McapError, ZstdError, struct.error, ValueError, KeyError, TypeError, IndexError, AssertionError)
 """Errors that the reader raises for a damaged file or one that is not a recording of cobot."""
@@ -93,9 +93,9 @@ def _types() -> Typestore:
 
 def _sample_file(path: Path, samples: int) -> RecordedPath:
     size = path.stat().st_size
-    if size > LARGEST_SHOWN:
+    if size > MAX_SHOWN_BYTES:
         raise InputError(
-            f"{path.name}: has {size / 1e6:.0f} MB, up to {LARGEST_SHOWN / 1e6:.0f} MB are shown; "
+            f"{path.name}: has {size / 1e6:.0f} MB, up to {MAX_SHOWN_BYTES / 1e6:.0f} MB are shown; "
             "cobot plot draws it"
         )
     store = _types()

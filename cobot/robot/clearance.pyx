@@ -32,7 +32,7 @@ from cobot.robot.rotations import matrix_of, with_z_along
 cdef enum:
     MAX_DEGREE = 5
 
-LONGEST_SLIDE_M = 1e3
+MAX_SLIDE_M = 1e3
 """Of a slide that has no range."""
 
 
@@ -120,7 +120,7 @@ cdef class Clearance:
             part.reach[joint] = 1.0 if self._link[joint].slides else reach
             if self._link[joint].slides:
                 ends = np.abs(mj.jnt_range[joint] - mj.qpos0[joint])
-                reach += float(ends.max()) if mj.jnt_limited[joint] else LONGEST_SLIDE_M
+                reach += float(ends.max()) if mj.jnt_limited[joint] else MAX_SLIDE_M
             reach += float(np.linalg.norm([self._link[joint].offset[i] for i in range(3)]))
             joint = self._link[joint].before
 

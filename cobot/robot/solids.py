@@ -17,7 +17,7 @@ MAX_SOLIDS = 500
 """Maximum number of solids of a scene, because a streaming session checks all of them in a cycle."""
 MIN_M = 1e-6
 """A lower column is ignored."""
-LARGEST_M = 200.0
+MAX_M = 200.0
 """Coarsest resolution that is tried when searching for one that fits."""
 TRIES = 4
 """Bisections between the last resolution that did not fit and the first one that did."""
@@ -69,7 +69,7 @@ def coarser(fits: Callable[[float], bool], edge_m: float) -> str:
     low_m = high_m = edge_m
     while not fits(high_m := _rounded_up(2.0 * high_m)):
         low_m = high_m
-        if high_m > LARGEST_M:
+        if high_m > MAX_M:
             return f"{high_m:g} m would not fit either"
     for _ in range(TRIES):
         middle_m = _rounded_up(math.sqrt(low_m * high_m))

@@ -36,7 +36,7 @@ ROS1_TIMES = {"secs": "sec", "nsecs": "nanosec"}
 _DTYPES = {"bool": "bool", "byte": "uint8", "octet": "uint8", "char": "uint8"}
 BARE: dict[str, tuple[type, ...]] = {"bool": (bool,), "string": (str,), "wstring": (str,)}
 """Python types of a single item that may stand for a list of one. Items of other types are numbers."""
-_LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
+_MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 class Field(Protocol):
@@ -290,8 +290,8 @@ def _double(value: Any, path: str) -> float:
 
 def _single(value: Any, path: str) -> float:
     number = _double(value, path)
-    if math.isfinite(number) and abs(number) > _LARGEST_FLOAT32:
-        raise InputError(f"{path}: float32 is up to {_LARGEST_FLOAT32:.7g}, got {shown(value)}")
+    if math.isfinite(number) and abs(number) > _MAX_FLOAT32:
+        raise InputError(f"{path}: float32 is up to {_MAX_FLOAT32:.7g}, got {shown(value)}")
     return number
 
 

@@ -28,8 +28,8 @@ from cobot.strict import shown
 
 Result = TypeVar("Result")
 Report = Callable[[dict[str, Any]], None]
-LONGEST_LINE = 10_000
-LONGEST_SLEEP_S = 1e9
+MAX_LINE = 10_000
+MAX_SLEEP_S = 1e9
 POSE = ("x", "y", "z", "c", "b", "a")
 """[x, y, z, rx, ry, rz] turn about fixed axes, x first, which is KUKA's ABC backwards."""
 TO_JOINTS, TO_POSE = JointMotion.model_fields.keys(), TcpMotion.model_fields.keys()
@@ -113,10 +113,10 @@ class Program:
         }
 
     def _textmsg(self, line: bytes) -> None:
-        self._log(line[:LONGEST_LINE].decode("utf-8", "replace"))
+        self._log(line[:MAX_LINE].decode("utf-8", "replace"))
 
     def _sleep(self, seconds: object = None) -> None:
-        self.watch.sleep(number(seconds, "sleep", 0.0, LONGEST_SLEEP_S))
+        self.watch.sleep(number(seconds, "sleep", 0.0, MAX_SLEEP_S))
 
     def _from_json(self, content: object = None) -> Any:
         try:

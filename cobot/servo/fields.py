@@ -7,8 +7,8 @@ from enum import StrEnum
 from math import isfinite
 from typing import Any
 
-LONGEST_TEXT = 65536
-LARGEST_INTEGER = 2**63 - 1
+MAX_TEXT = 65536
+MAX_INTEGER = 2**63 - 1
 
 
 class Refusal(StrEnum):
@@ -41,9 +41,9 @@ class BrokenRule(Exception):
 
 def parsed(text: str) -> dict[str, Any]:
     """The fields of a JSON object."""
-    if len(text) > LONGEST_TEXT:
+    if len(text) > MAX_TEXT:
         raise BrokenRule(
-            Refusal.MALFORMED, f"a message may have at most {LONGEST_TEXT} characters, got {len(text)}"
+            Refusal.MALFORMED, f"a message may have at most {MAX_TEXT} characters, got {len(text)}"
         )
     try:
         fields = json.loads(text)
@@ -61,7 +61,7 @@ def integer(fields: dict[str, Any], name: str, kind: Refusal) -> int | None:
         return None
     if isinstance(value, float) and value.is_integer():
         value = int(value)
-    if type(value) is not int or abs(value) > LARGEST_INTEGER:
+    if type(value) is not int or abs(value) > MAX_INTEGER:
         raise BrokenRule(kind, f"{name} must be an integer of 64 bits, got {shown(value)}")
     return value
 
@@ -76,7 +76,7 @@ def as_number(value: object, name: str) -> float:
     """A value as a finite number. true is not a number."""
     if type(value) is float and isfinite(value):
         return value
-    if type(value) is int and abs(value) <= LARGEST_INTEGER:
+    if type(value) is int and abs(value) <= MAX_INTEGER:
         return float(value)
     raise BrokenRule(Refusal.VALUE, f"{name} must be made of finite numbers, got {shown(value)}")
 
@@ -92,6 +92,6 @@ def shown(value: object) -> str:
     """A short text of a value for people, whatever its size."""
     if isinstance(value, list | dict):
         return f"{'a list' if isinstance(value, list) else 'an object'} of {len(value)}"
-    if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+    if isinstance(value, int) and abs(value) > MAX_INTEGER:
         return "a huge integer"
     return repr(value)[:60]

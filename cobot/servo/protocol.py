@@ -19,9 +19,9 @@ from cobot.servo.fields import BrokenRule, Refusal, as_number, integer, number, 
 POSE_SIZE = 6
 DEFAULT_WATCHDOG_S = 0.5
 MIN_WATCHDOG_S = 0.05
-LONGEST_WATCHDOG_S = 60.0
-LONGEST_PERIOD_S = 1.0
-LONGEST_TIME_S = 10.0
+MAX_WATCHDOG_S = 60.0
+MAX_PERIOD_S = 1.0
+MAX_TIME_S = 10.0
 LOOKAHEAD_S = (0.03, 0.2)
 GAIN = (100.0, 2000.0)
 """Ranges of the lookahead time, s, and of the gain of UR's servoj."""
@@ -169,10 +169,10 @@ class ServoRules:
         if mode not in list(ServoMode):
             raise BrokenRule(Refusal.MODE, f"mode must be an integer from 0 to 7, got {mode}")
         watchdog_s = watchdog_s or DEFAULT_WATCHDOG_S
-        if not 0.0 < watchdog_s <= LONGEST_WATCHDOG_S:
+        if not 0.0 < watchdog_s <= MAX_WATCHDOG_S:
             raise BrokenRule(
                 Refusal.VALUE,
-                f"watchdog_timeout must be above 0 s, up to {LONGEST_WATCHDOG_S:g} s, got {watchdog_s:g}",
+                f"watchdog_timeout must be above 0 s, up to {MAX_WATCHDOG_S:g} s, got {watchdog_s:g}",
             )
         if watchdog_s < MIN_WATCHDOG_S:
             log.warning("watchdog_timeout is %g s, recommended are %g s or more", watchdog_s, MIN_WATCHDOG_S)
@@ -239,8 +239,8 @@ class ServoRules:
             mode = ServoMode(wanted)
         times = {}
         for name, longest, before in (
-            ("fjt_time", LONGEST_TIME_S, self.fjt.time_s),
-            ("fjt_send_period", LONGEST_PERIOD_S, self.fjt.send_period_s),
+            ("fjt_time", MAX_TIME_S, self.fjt.time_s),
+            ("fjt_send_period", MAX_PERIOD_S, self.fjt.send_period_s),
         ):
             times[name] = before
             if name in fields and fields[name] is not None:
@@ -301,7 +301,7 @@ class ServoRules:
         """Time, lookahead time and gain, clipped to UR's ranges."""
         if time_s < 0.0:
             raise BrokenRule(Refusal.VALUE, f"time must be 0 s or more, got {time_s:g}")
-        time_s = within(time_s, LONGEST_TIME_S, "time") or self.send_period_s
+        time_s = within(time_s, MAX_TIME_S, "time") or self.send_period_s
         if lookahead_s <= 0.0 and gain <= 0.0:
             return time_s, 0.0, 0.0
         lookahead_s = lookahead_s if lookahead_s > 0.0 else DEFAULT_LOOKAHEAD_S
@@ -315,4 +315,4 @@ class ServoRules:
     def _period(self, value: float, name: str) -> float:
         if value <= 0.0:
             return self._control_period_s
-        return max(within(value, LONGEST_PERIOD_S, name), self._control_period_s)
+        return max(within(value, MAX_PERIOD_S, name), self._control_period_s)

@@ -4,7 +4,7 @@ from cobot.arrays cimport MAX_DOF
 from rtloop.generators.brake cimport Brake
 
 cdef enum:
-    LONGEST_CHUNK = 64  # Waypoints; as many of older chunks may still be ahead.
+    MAX_CHUNK = 64  # Waypoints; as many of older chunks may still be ahead.
     SUPPORT = 3  # Passed waypoints that the spline still runs through: a new chunk hardly moves its start.
     MAX_WAYPOINTS = 131  # All of these.
 

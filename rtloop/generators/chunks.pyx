@@ -74,7 +74,7 @@ cdef class ChunkInterpolator:
         end = self._index(times_s[first] - 0.5 * step_s)
         ahead = min(self._index(soon_s), end)
         begin = max(ahead - SUPPORT, 0)
-        if end - ahead > LONGEST_CHUNK:
+        if end - ahead > MAX_CHUNK:
             self.refused, self.refused_count = CHUNK_FULL, end - ahead
             return self.refused
         memmove(self.times_s, self.times_s + begin, (end - begin) * sizeof(double))
@@ -123,7 +123,7 @@ cdef class ChunkInterpolator:
 
     cdef int _flaw(self, const double* times_s, const double* points, int count) noexcept nogil:
         cdef int i
-        if not 1 <= count <= LONGEST_CHUNK:
+        if not 1 <= count <= MAX_CHUNK:
             return CHUNK_SHAPE
         for i in range(count):
             if not isfinite(times_s[i]):
@@ -201,7 +201,7 @@ cdef class ChunkInterpolator:
     def _result(self):
         if self.refused == CHUNK_SHAPE:
             return Rejected(
-                f"times and positions must be shape (k,) and (k, {self.n}), k from 1 to {LONGEST_CHUNK}"
+                f"times and positions must be shape (k,) and (k, {self.n}), k from 1 to {MAX_CHUNK}"
             )
         if self.refused == CHUNK_NOT_FINITE:
             return Rejected("times and positions must be finite")
@@ -213,7 +213,7 @@ cdef class ChunkInterpolator:
             )
         if self.refused == CHUNK_FULL:
             return Rejected(
-                f"{self.refused_count} waypoints are still ahead, up to {LONGEST_CHUNK} are kept"
+                f"{self.refused_count} waypoints are still ahead, up to {MAX_CHUNK} are kept"
             )
         return ACCEPTED
 
@@ -223,7 +223,7 @@ cdef class ChunkInterpolator:
 
     def take(self, times_s, positions, double now_s):
         cdef int k = len(times_s)
-        if np.ndim(times_s) != 1 or not 1 <= k <= LONGEST_CHUNK or np.shape(positions) != (k, self.n):
+        if np.ndim(times_s) != 1 or not 1 <= k <= MAX_CHUNK or np.shape(positions) != (k, self.n):
             self.refused = CHUNK_SHAPE
             return self._result()
         times, points = plain(times_s, (k,)), plain(positions, (k, self.n))

@@ -49,7 +49,7 @@ cdef double[CRESTS] CREST = [1.0, 0.85, 0.7]
 cdef double FINER = 0.003
 cdef double SHORTER_S = 1e-5
 # A profile that lasts longer is not taken, because an operator waits for the stop.
-cdef double LONGEST_S = 2.0
+cdef double MAX_PROFILE_S = 2.0
 # Where no profile leads from rest to the target rate, one leads to this share of it, or to the share of that.
 cdef double GENTLER_AIM = 0.5
 cdef double MIN_AIM = 0.02
@@ -320,7 +320,7 @@ cdef class PathClock:
         problem.max_acceleration = fmax(steepest, fabs(self.rate_slope) * (1.0 + 1e-9))
         problem.min_acceleration = -problem.max_acceleration
         problem.max_jerk = jerk * share
-        return otg_velocity(&problem, &self.candidate) == OTG_OK and self.candidate.duration <= LONGEST_S
+        return otg_velocity(&problem, &self.candidate) == OTG_OK and self.candidate.duration <= MAX_PROFILE_S
 
     cdef bint _admissible(self, Path path) noexcept nogil:
         """Whether the joints' acceleration and jerk hold all along the candidate."""

@@ -41,8 +41,8 @@ cdef double POSTURE_FILTER_S = 0.1
 cdef double FORCE_FILTER_S = 0.03
 cdef double VELOCITY_SHARE = 0.98
 cdef double UNIT_TOLERANCE = 1e-3
-cdef double FASTEST_LINEAR = LINEAR_VELOCITY
-cdef double FASTEST_ANGULAR = ANGULAR_VELOCITY
+cdef double MAX_LINEAR = LINEAR_VELOCITY
+cdef double MAX_ANGULAR = ANGULAR_VELOCITY
 
 
 cdef inline double clamped(double value, double bound) noexcept nogil:
@@ -222,8 +222,8 @@ cdef class CartesianSource(Source):
             reach[axis] = 0.0
             for joint in range(self.dof):
                 reach[axis] += fabs(self.jacobian[axis * self.dof + joint]) * self.max_velocity[joint]
-        fastest[0] = min(FASTEST_LINEAR, norm3(reach) * slack)
-        fastest[1] = min(FASTEST_ANGULAR, norm3(reach + 3) * slack)
+        fastest[0] = min(MAX_LINEAR, norm3(reach) * slack)
+        fastest[1] = min(MAX_ANGULAR, norm3(reach + 3) * slack)
 
     cdef void c_press(self, const double* wrench) noexcept nogil:
         """`press`."""

@@ -27,7 +27,7 @@ from rtloop.generators.target_range import TargetRange
 
 cdef enum:
     MAX_CHUNK = 64
-cdef double LONGEST_CHUNK_S = 600.0
+cdef double MAX_CHUNK_S = 600.0
 
 assert CHUNK_POINTS == MAX_CHUNK, "the chunk block of cobot.ipc.layout holds other chunks than this module"
 
@@ -136,7 +136,7 @@ cdef class JointSource(Source):
             self.spoilt_chunk = True
             return NOT_FINITE
         self.time_s = robot_time_s - self.period_s  # The reference is that of the cycle before.
-        if count and chunk.times_s[count - 1] > robot_time_s + LONGEST_CHUNK_S:
+        if count and chunk.times_s[count - 1] > robot_time_s + MAX_CHUNK_S:
             return LATE
         if self.c_chunk_jumps(chunk.times_s, points, count):
             return JUMP

@@ -7,7 +7,7 @@ from rtloop.inboxes.point_queue cimport PointQueue, ServoPoint
 from rtloop.sources.source cimport FINE, LEAD_RAD, Source, flaw_of
 from rtloop.sources.target_checks cimport c_is_finite, c_joint_jump
 
-cdef double LONGEST_TIME_S = 10.0
+cdef double MAX_TIME_S = 10.0
 
 
 cdef class ServoSource(Source):
@@ -73,7 +73,7 @@ cdef class ServoSource(Source):
         # Who writes to shared memory may write anything; the service refuses what is beyond these.
         for joint in range(self.dof):
             self.target[joint] = min(max(point.joints[joint], self.lowest[joint]), self.highest[joint])
-        self.time_s = min(max(point.time_s, self.period_s), LONGEST_TIME_S)
+        self.time_s = min(max(point.time_s, self.period_s), MAX_TIME_S)
         return True
 
     cdef bint c_jumps(self, double interval_s) noexcept nogil:

@@ -5,8 +5,8 @@ JOINT_VELOCITY: float
 LINEAR_VELOCITY: float
 ANGULAR_VELOCITY: float
 DEFAULT_INTERVAL_S: float
-SHORTEST_INTERVAL_S: float
-LONGEST_INTERVAL_S: float
+MIN_INTERVAL_S: float
+MAX_INTERVAL_S: float
 
 def angular_distance(first: Array, second: Array) -> float: ...
 def is_finite(values: Array) -> bool: ...

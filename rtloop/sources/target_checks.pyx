@@ -18,19 +18,19 @@ LINEAR_VELOCITY = 10.0
 ANGULAR_VELOCITY = 50.0
 # The time between two commands, before there are two, and the bounds for what is measured.
 DEFAULT_INTERVAL_S = 0.01
-SHORTEST_INTERVAL_S = 0.001
-LONGEST_INTERVAL_S = 0.1
+MIN_INTERVAL_S = 0.001
+MAX_INTERVAL_S = 0.1
 # A command may have been meant so much later than its predecessor than it came.
 cdef double SLACK_S = 0.01
 
 cdef double _JOINT_VELOCITY = JOINT_VELOCITY
-cdef double _SHORTEST_S = SHORTEST_INTERVAL_S
-cdef double _LONGEST_S = LONGEST_INTERVAL_S
+cdef double _MIN_INTERVAL_S = MIN_INTERVAL_S
+cdef double _MAX_INTERVAL_S = MAX_INTERVAL_S
 
 
 cdef double c_clamped_interval(double interval_s) noexcept nogil:
     """The interval that thresholds are made of: neither a burst nor a pause makes them extreme."""
-    return min(max(interval_s, _SHORTEST_S), _LONGEST_S)
+    return min(max(interval_s, _MIN_INTERVAL_S), _MAX_INTERVAL_S)
 
 
 cdef double joint_threshold(double interval_s, double max_velocity) noexcept nogil:

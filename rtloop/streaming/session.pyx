@@ -14,7 +14,7 @@ from rtloop.sources.servo_modes import make_servo
 from rtloop.sources.torque import TorqueSource
 from rtloop.streaming.overlay import overlay_of
 from rtloop.streaming.session_checks import check_session
-from rtloop.streaming.session_limits import LEAST_SHARE, SessionLimits
+from rtloop.streaming.session_limits import MIN_SHARE, SessionLimits
 
 from libc.string cimport memset
 
@@ -127,7 +127,7 @@ cdef class Session:
             return Rejected(f"the arm is in mode {mode.name}")
         if int(request["stops"]) != stops:
             return Rejected("a stop was requested meanwhile")
-        if t1_share is not None and t1_share < LEAST_SHARE:
+        if t1_share is not None and t1_share < MIN_SHARE:
             return Rejected(f"the robot is in T1 and lets itself go with {t1_share:g} of its speed")
         result = check_session(request, self._backend, self._backend_name)
         if result == ACCEPTED:

@@ -9,7 +9,7 @@ import numpy as np
 from cobot.ipc.layout import Interpolation, ServoMode, Stream
 from cobot.ipc.session_rules import MAX_DECIMATION, damping_flaw, stiffness_flaw
 from cobot.robot.device import WORDS, Capabilities
-from cobot.servo.protocol import LONGEST_WATCHDOG_S
+from cobot.servo.protocol import MAX_WATCHDOG_S
 from rtloop.backends import Backend, ImpedanceControlled, capabilities_of
 from rtloop.results import ACCEPTED, Accepted, Rejected, first_rejection, result_of
 
@@ -74,9 +74,9 @@ def _check_servo(request: np.ndarray) -> Accepted | Rejected:
     force = servo in (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)
     if servo not in list(ServoMode) or stream != (Stream.CARTESIAN if force else Stream.JOINT_IMPEDANCE):
         return Rejected(f"there is no servo mode {servo} of stream {stream}")
-    if not 0.0 < request["watchdog_s"] <= LONGEST_WATCHDOG_S:
+    if not 0.0 < request["watchdog_s"] <= MAX_WATCHDOG_S:
         return Rejected(
-            f"watchdog_s must be above 0 and at most {LONGEST_WATCHDOG_S:g}, got {request['watchdog_s']}"
+            f"watchdog_s must be above 0 and at most {MAX_WATCHDOG_S:g}, got {request['watchdog_s']}"
         )
     return ACCEPTED
 

@@ -9,7 +9,7 @@ import numpy as np
 from cobot.types import CartesianLimits, JointLimits
 from rtloop.backends.agreement import REDUCED_M_S
 
-LEAST_SHARE = 0.01
+MIN_SHARE = 0.01
 """A session needs at least this share of the joints' speed."""
 POSES_SHARE, FORCE_SHARE = 0.8, 0.4
 """Shares of the reduced speed for following poses, and for force control across them. Both together, with the

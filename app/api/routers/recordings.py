@@ -23,7 +23,7 @@ from app.api.recording_schemas import (
     RecordingsAnswer,
 )
 from app.api.route import EndpointRouter
-from app.services.motion.planning_tasks import recorded
+from app.services.motion.planning_tasks import read_recorded_path
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.recording.path import RecordedPath
@@ -90,7 +90,7 @@ async def recorded_path(name: Name, request: Request, samples: Samples = 200) ->
     service = call.services.recordings
     path = await asyncio.to_thread(service.path, name)
     async with service.reading:  # it leaves planning processes to the motions
-        work = partial(recorded, path=path, samples=samples)
+        work = partial(read_recorded_path, path=path, samples=samples)
         found = await call.services.planning.compute(work, call.timeout_s)
     async with costly_turn(request):
         content = _answer(found).model_dump_json()

@@ -53,7 +53,7 @@ router = EndpointRouter(tags=["robot"])
 async def joint_states(request: Request) -> JointStates:
     """Angles, velocities and efforts, as measured."""
     call = Call(request)
-    state = await call.services.link.measured_state(call.timeout_s)
+    state = await call.services.link.await_measured_state(call.timeout_s)
     return JointStates(
         name=list(call.services.robot.limits.names),
         position=state.position.tolist(),
@@ -66,7 +66,7 @@ async def joint_states(request: Request) -> JointStates:
 async def pose(request: Request) -> PoseAnswer:
     """The TCP in the base frame."""
     call = Call(request)
-    state = await call.services.link.measured_state(call.timeout_s)
+    state = await call.services.link.await_measured_state(call.timeout_s)
     x, y, z, qw, qx, qy, qz = state.tcp.tolist()
     a, b, c = abc_from_quaternion(state.tcp[3:])
     return PoseAnswer(
@@ -86,7 +86,7 @@ async def pose(request: Request) -> PoseAnswer:
 async def state(request: Request) -> Response:
     """The whole state block, as rtloop publishes it in each cycle; also while the robot cannot be read."""
     call = Call(request)
-    return state_response((await call.services.link.fresh_state(call.timeout_s)).record)
+    return state_response((await call.services.link.await_fresh_state(call.timeout_s)).record)
 
 
 @router.endpoint("POST /robot/move/named", Role.OPERATOR, timeout_s=60.0, control=True, **MOTION)

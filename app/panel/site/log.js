@@ -1,7 +1,7 @@
 // The log, the newest event first: for people one line per job and what they have to know; or all events.
 import { inEachLanguage, word } from "./words.js";
 
-const MOST = 100;
+const MAX_ENTRIES = 100;
 const LEVELS = { fault: "bad", estop: "bad", lost: "bad", log: "warn", intervention: "warn", refused: "warn", rtloop: "warn", stop: "warn", planning: "warn" };
 const FAILURES = ["failed", "interrupted"];
 const LATCHED = ["ESTOP", "FAULT"];
@@ -66,7 +66,7 @@ export class Log {
   hear(event) {
     if (QUIET.includes(event.type)) return;
     this.waiting.push(event);
-    if (this.waiting.length > MOST) this.waiting.shift();
+    if (this.waiting.length > MAX_ENTRIES) this.waiting.shift();
     if (this.asked) return;
     this.asked = true;
     setTimeout(() => this.write(), 100); // many may come at once
@@ -76,7 +76,7 @@ export class Log {
     this.asked = false;
     element("log").prepend(...this.waiting.reverse().map((event) => this.row(event)));
     this.waiting = [];
-    while (element("log").children.length > MOST) element("log").lastElementChild.remove();
+    while (element("log").children.length > MAX_ENTRIES) element("log").lastElementChild.remove();
   }
 
   translate() {

@@ -8,7 +8,7 @@ const WHEN = ["hello", "fault", "estop"];
 const LATER_MS = 10_000; // a fault's file is whole some seconds after it
 const SHOWN = 50;
 const SAMPLES = 400;
-const MOST_EVENTS = 100;
+const MAX_EVENTS = 100;
 const REASONS = { fault: "rec_fault", estop: "rec_estop", request: "rec_request", continuous: "rec_continuous" };
 const element = (id) => document.getElementById(id);
 
@@ -83,7 +83,7 @@ export class Recordings {
       this.shown = shown;
       element("rec-name").textContent = name;
       element("rec-time").max = shown.duration_s;
-      element("rec-events").replaceChildren(...shown.events.slice(-MOST_EVENTS).map((event) => this.event(event)));
+      element("rec-events").replaceChildren(...shown.events.slice(-MAX_EVENTS).map((event) => this.event(event)));
       element("rec-shown").hidden = false;
       this.goTo(shown.duration_s);
     } catch (error) {

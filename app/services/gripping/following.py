@@ -12,7 +12,7 @@ from cobot.clock import Clock
 from cobot.errors import DeviceError, MotionStopped, MotionTimeout
 from cobot.grippers import GripperState
 
-SHORTEST_WAIT_S = 0.001
+MIN_WAIT_S = 0.001
 """A wait for the rest of a time that rounding has left over must not take no time at all."""
 
 
@@ -51,7 +51,7 @@ async def follow(
                 )
             running.news.clear()
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(running.news.wait(), max(left_s, SHORTEST_WAIT_S))
+                await asyncio.wait_for(running.news.wait(), max(left_s, MIN_WAIT_S))
     finally:
         gone.cancel()
         asked.cancel()

@@ -74,10 +74,10 @@ class MotionService:
         """A state from which a motion may start.
 
         Raises:
-            UnavailableError: see `RobotLink.ready_state`.
+            UnavailableError: see `RobotLink.await_ready_state`.
             ConflictError: the arm still executes a motion whose client is gone.
         """
-        state = await self._link.ready_state(STATE_TIMEOUT_S)
+        state = await self._link.await_ready_state(STATE_TIMEOUT_S)
         if state.mode is not LoopMode.HOLD:
             raise ConflictError(f"the arm still moves: motion {state.motion_id} is in mode {state.mode.name}")
         return state
@@ -270,7 +270,7 @@ class MotionService:
         begun_s, waits_for = clock.now_s(), ""
         while True:
             try:
-                state = await self._link.fresh_state(STATE_TIMEOUT_S)
+                state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
             except UnavailableError:
                 self._link.request_stop()  # rtloop must not continue a motion that no client owns
                 raise

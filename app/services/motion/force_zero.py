@@ -54,7 +54,7 @@ class ForceZero:
         self.require_measured(Quantity.FORCE, "the zero of the force")
         wrenches, torques = [], []
         for _ in range(SAMPLES):
-            state = await self._link.measured_state(timeout_s)
+            state = await self._link.await_measured_state(timeout_s)
             if state.mode is not LoopMode.HOLD or np.abs(state.velocity).max() > STILL_RAD_S:
                 raise ConflictError(f"the arm moves (mode {state.mode.name}): the zero is measured at rest")
             wrenches.append(state.wrench)

@@ -10,7 +10,7 @@ from functools import partial
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals, check_radii
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import joined
+from app.services.motion.planning_tasks import join_motions
 from app.services.motion.signal_follower import SignalFollower, planned_results
 from app.services.rights.claims import Caller, Claim, watching
 from app.services.rights.ownership import Ownership
@@ -159,7 +159,7 @@ class MoveService:
         signals = tuple(goal.signals for goal in goals)
         if not motions:
             return Course(None, signals, (0.0,) * len(goals))
-        blended = await join(partial(joined, requests=requests, motions=motions, radii_m=radii[:-1]))
+        blended = await join(partial(join_motions, requests=requests, motions=motions, radii_m=radii[:-1]))
         ends_s = (0.0, *blended.ends_s[:-1], blended.trajectory.duration_s)
         return Course(blended.trajectory, signals, tuple(ends_s[count] for count in parts))
 

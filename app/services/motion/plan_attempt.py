@@ -8,7 +8,7 @@ from functools import partial
 from typing import TypeVar
 
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import explained
+from app.services.motion.planning_tasks import explain
 from cobot.clock import Clock
 from cobot.errors import LimitError, PlanningError
 from cobot.motions.requests import MotionRequest
@@ -75,7 +75,7 @@ class PlanAttempt:
             budget_s = min(self._explain_s, self._left_s() - ANSWER_S)
             if exc.findings and budget_s > 0.0:
                 exc.explanation = await self.compute(
-                    partial(explained, request=request, error=exc, budget_s=budget_s)
+                    partial(explain, request=request, error=exc, budget_s=budget_s)
                 )
             raise
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from app.services.motion.planning_pool import PlanningPool, WorkerLost
-from app.services.motion.planning_tasks import PlanRequest, in_scene, planned
+from app.services.motion.planning_tasks import PlanRequest, in_scene, plan_motion
 from cobot.errors import PlanningError, PlanningTimeout
 from cobot.launch.forked import Forked
 from cobot.robot.description import RobotDescription
@@ -102,7 +102,7 @@ class PlanningService:
 
     async def plan(self, request: PlanRequest, timeout_s: float) -> Trajectory | None:
         """See `cobot.planners.plan`, `plan_waypoints` and `plan_rated`; raises as `compute` does."""
-        return await self.compute(partial(planned, request=request), timeout_s)
+        return await self.compute(partial(plan_motion, request=request), timeout_s)
 
     async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
         """What a picklable function makes of the robot. Cancelling this kills the worker.

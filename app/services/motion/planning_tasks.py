@@ -30,7 +30,7 @@ PlanRequest = MotionRequest | WaypointRequest | RatedMove
 LegRequest = RatedMove | MotionRequest
 
 
-def planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
+def plan_motion(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
     """See `cobot.planners.plan`, `plan_waypoints` and `plan_rated`."""
     from cobot.planners import plan, plan_waypoints
 
@@ -38,7 +38,7 @@ def planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
         return plan(robot, request)
     if isinstance(request, WaypointRequest):
         return plan_waypoints(robot, request)
-    leg = rated(robot, request)
+    leg = plan_rated(robot, request)
     return None if leg is None else leg.motion
 
 
@@ -56,7 +56,7 @@ def in_scene(
     return work(robot)
 
 
-def rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
+def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
     """See `cobot.planners.rated.plan_rated`."""
     from cobot.planners.rated import plan_rated
 
@@ -64,9 +64,9 @@ def rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
 
 
 def leg(robot: RobotDescription, request: LegRequest, envelope: Envelope) -> Leg | None:
-    """A motion of the queue: see `rated`, or `cobot.planners.plan` within these limits."""
+    """A motion of the queue: see `plan_rated`, or `cobot.planners.plan` within these limits."""
     if isinstance(request, RatedMove):
-        return rated(robot, request)
+        return plan_rated(robot, request)
     from cobot.planners import plan
     from cobot.planners.blending.joined import leg_of
     from cobot.planners.rated import with_envelope
@@ -105,7 +105,7 @@ def extend_stretch(
     return extend_stretch(with_envelope(robot, envelope), under_way, legs, radii_m, *times_s)
 
 
-def joined(
+def join_motions(
     robot: RobotDescription,
     requests: Sequence[MotionRequest],
     motions: Sequence[Trajectory],
@@ -140,14 +140,14 @@ def dry_run(robot: RobotDescription, settings: Settings, start: Array, trajector
     return evaluate_run(robot, rehearse(settings, robot, start, trajectory))
 
 
-def pictured(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
+def draw_picture(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
     """See `cobot.planners.picture.picture`."""
     from cobot.planners.picture import picture
 
     return picture(robot, joints, poses)
 
 
-def recorded(robot: RobotDescription, path: Path, samples: int) -> RecordedPath:
+def read_recorded_path(robot: RobotDescription, path: Path, samples: int) -> RecordedPath:
     """See `cobot.recording.reader.read_path`; and where the TCP was.
 
     Raises:
@@ -162,7 +162,7 @@ def recorded(robot: RobotDescription, path: Path, samples: int) -> RecordedPath:
     return replace(found, poses=robot.model.poses(found.joints))
 
 
-def explained(
+def explain(
     robot: RobotDescription, request: MotionRequest, error: CobotError, budget_s: float
 ) -> Explanation:
     """See `cobot.planners.explain.explain`."""

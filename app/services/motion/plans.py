@@ -20,10 +20,10 @@ from app.services.motion.plan_attempt import MIN_COMPUTE_S, PlanAttempt, PlanOpt
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import (
     describe,
+    draw_picture,
     dry_run,
     forecast,
-    pictured,
-    planned,
+    plan_motion,
 )
 from app.services.motion.queue.moves import QueueRequest
 from app.services.motion.queue.signals import MoveSignals
@@ -157,7 +157,7 @@ class PlanService:
             return found, Course(found.trajectory, (goals[0].signals,), (duration_s,))
 
         async def plan(request: MotionRequest) -> Trajectory | None:
-            return await attempt.of(request, partial(planned, request=request))
+            return await attempt.of(request, partial(plan_motion, request=request))
 
         course = await self._moves.sequence(goals, radii_m, begin, plan, attempt.compute)
         work = partial(describe, trajectory=course.trajectory, start=begin, samples=samples)
@@ -178,7 +178,7 @@ class PlanService:
             raise UnavailableError(f"not drawn within {DRAW_S:g} s: other plans are being drawn") from None
         try:
             return await self._planning.compute(
-                partial(pictured, joints=found.joints, poses=found.poses), DRAW_S
+                partial(draw_picture, joints=found.joints, poses=found.poses), DRAW_S
             )
         finally:
             self._drawing.release()

@@ -72,7 +72,7 @@ class PositionService:
         if name in self._robot.positions:
             raise ConflictError(f"name: {shown(name)} is a position of the SRDF; take another name")
         if joints is None:
-            state = await self._link.measured_state(STATE_TIMEOUT_S)
+            state = await self._link.await_measured_state(STATE_TIMEOUT_S)
             joints = state.commanded_position.tolist()
         self._goals.require_joints(np.array(joints))
         async with self._turn:

@@ -184,7 +184,7 @@ class SceneService:
         """
         async with self.turn:
             self._ownership.require_control()
-            state = await self._link.fresh_state(STATE_TIMEOUT_S)
+            state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
             if moves_hand and state.mode not in RESTING:
                 raise ConflictError(
                     f"the arm moves (mode {state.mode.name}): attach and detach only while it rests"

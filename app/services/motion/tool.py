@@ -113,7 +113,7 @@ class ToolService:
         caller = Caller(name, token, stops, math.inf, asyncio.Event())
         async with self._scene.turn:
             with self._ownership.claim(caller):
-                state = await self._link.fresh_state(STATE_TIMEOUT_S)
+                state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
                 if state.mode not in RESTING:
                     raise ConflictError(
                         f"the arm moves (mode {state.mode.name}): the tool changes only while it rests"
@@ -180,7 +180,7 @@ class ToolService:
             return
         with contextlib.suppress(CobotError):
             async with self._scene.turn:
-                state = await self._link.fresh_state(0.0)
+                state = await self._link.await_fresh_state(0.0)
                 if self._knows() or state.mode not in RESTING:
                     return
                 had = self._link.tool_version, self._link.scene_version

@@ -205,7 +205,7 @@ class StopService:
         state: RobotState | None = None
         while self._link.clock.now_s() < deadline_s:
             try:
-                state = await self._link.fresh_state(0.5)
+                state = await self._link.await_fresh_state(0.5)
             except CobotError as exc:
                 problems.append(str(exc))
                 return None

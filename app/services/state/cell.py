@@ -71,7 +71,7 @@ class CellService:
             UnavailableError: rtloop does not answer.
         """
         self.require()
-        await self._link.fresh_state(TIMEOUT_S)
+        await self._link.await_fresh_state(TIMEOUT_S)
         try:
             await self._link.commands.reset_cell()
         except ExecutionError as exc:

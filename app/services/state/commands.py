@@ -204,7 +204,7 @@ class Commands:
             NotReadyError: the cause persists, with rtloop's reason.
             UnavailableError: rtloop does not answer.
         """
-        state = await self._link.fresh_state(timeout_s)
+        state = await self._link.await_fresh_state(timeout_s)
         if state.mode in (LoopMode.TRAJECTORY, LoopMode.STOPPING):
             raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):

@@ -46,7 +46,7 @@ class IoService:
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
-            await self._link.fresh_state(timeout_s)
+            await self._link.await_fresh_state(timeout_s)
             backend, points = self.points()
             if points is None:
                 raise NotFoundError(

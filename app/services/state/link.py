@@ -164,7 +164,7 @@ class RobotLink:
         except TornReadError as exc:
             raise UnavailableError(str(exc)) from exc
 
-    async def fresh_state(self, timeout_s: float) -> RobotState:
+    async def await_fresh_state(self, timeout_s: float) -> RobotState:
         """Wait for a fresh state of rtloop and return it.
 
         Raises:
@@ -183,29 +183,29 @@ class RobotLink:
                 raise UnavailableError(f"{problem}; cobot run restarts it if it has died")
             await asyncio.sleep(0.01)
 
-    async def measured_state(self, timeout_s: float) -> RobotState:
+    async def await_measured_state(self, timeout_s: float) -> RobotState:
         """A fresh state with fresh measurements.
 
         Raises:
-            UnavailableError: see `fresh_state`; or the robot cannot be read, with the reason.
+            UnavailableError: see `await_fresh_state`; or the robot cannot be read, with the reason.
         """
-        state = await self.fresh_state(timeout_s)
+        state = await self.await_fresh_state(timeout_s)
         if state.measured_age_s > self._stale_after_s:
             raise UnavailableError(f"not measured for {state.measured_age_s:.1f} s: {state.reason}")
         return state
 
-    async def measured_record(self, timeout_s: float) -> np.ndarray:
-        """A copy of the state block, `cobot.ipc.state_fields.state_dtype`; raises as `measured_state`."""
-        return (await self.measured_state(timeout_s)).record
+    async def await_measured_record(self, timeout_s: float) -> np.ndarray:
+        """A copy of the state block, see `state_dtype`; raises as `await_measured_state` does."""
+        return (await self.await_measured_state(timeout_s)).record
 
-    async def ready_state(self, timeout_s: float) -> RobotState:
+    async def await_ready_state(self, timeout_s: float) -> RobotState:
         """A fresh state in which motion is permitted.
 
         Raises:
-            UnavailableError: see `fresh_state`.
+            UnavailableError: see `await_fresh_state`.
             NotReadyError: ESTOP or FAULT, with the reason and the way out.
         """
-        state = await self.fresh_state(timeout_s)
+        state = await self.await_fresh_state(timeout_s)
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             reset = f"{address('', self.memory.robot)}/reset" if self.label else "/robot/reset"
             raise NotReadyError(

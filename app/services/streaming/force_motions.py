@@ -52,7 +52,7 @@ from cobot.types import Array
 
 ANSWER_S = 2.0
 """Timeout for rtloop's answer to a session that begins."""
-LEAST_ROOM_N = 20.0
+MIN_ROOM_N = 20.0
 """The default of `max_force` is at least this much above `force`, N."""
 MOVED_RAD = 1e-3
 """The arm may have moved by no more while the path of a motion was planned."""
@@ -189,7 +189,7 @@ class ForceMotionService:
 
     async def _plan(self, goal: MotionRequest, caller: Caller) -> Trajectory:
         await self._ownership.await_free(caller.token)
-        start = (await self._link.ready_state(ANSWER_S)).commanded_position
+        start = (await self._link.await_ready_state(ANSWER_S)).commanded_position
         path = await self._planning.plan(self._goals.request(goal, start), caller.timeout_s)
         if path is None:
             raise InputError("motion: the TCP is at its end already; there is no path to follow")
@@ -231,7 +231,7 @@ class ForceMotionService:
 
 def _max_force(body: AnyForceMotion) -> float:
     """Beyond which rtloop stops the arm, N."""
-    return body.max_force or max(2.0 * body.force, body.force + LEAST_ROOM_N)
+    return body.max_force or max(2.0 * body.force, body.force + MIN_ROOM_N)
 
 
 def _unit(body: AnyForceMotion) -> Array:

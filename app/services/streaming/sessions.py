@@ -305,7 +305,7 @@ class StreamService:
         """Why the session has ended, once it has."""
         while True:
             try:
-                state = await self._link.fresh_state(STATE_TIMEOUT_S)
+                state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
             except CobotError as exc:
                 session.end()  # rtloop must not continue a session that no client owns
                 return str(exc)

@@ -25,8 +25,8 @@ PARTICIPANT_WRITER = bytes((0, 1, 0, 0xC2))
 
 LEASE_S = 20.0
 _DEFAULT_LEASE_S = 100.0  # of a participant that does not say (RTPS 2.2, table 9.13)
-_LONGEST_NAME = 1024
-_LONGEST_USER_DATA = 8192
+_MAX_NAME = 1024
+_MAX_USER_DATA = 8192
 
 _BEST_EFFORT, _RELIABLE = 1, 2
 _VOLATILE, _TRANSIENT_LOCAL = 0, 1
@@ -91,8 +91,8 @@ def read_participant(payload: bytes) -> ParticipantAnnouncement:
     return ParticipantAnnouncement(
         guid=Guid(guid.prefix + PARTICIPANT_ENTITY),
         domain_id=values.u32(Pid.DOMAIN_ID, 0) if Pid.DOMAIN_ID in values else None,
-        name=values.text(Pid.ENTITY_NAME, _LONGEST_NAME) if Pid.ENTITY_NAME in values else "",
-        user_data=values.octets(Pid.USER_DATA, _LONGEST_USER_DATA) if Pid.USER_DATA in values else b"",
+        name=values.text(Pid.ENTITY_NAME, _MAX_NAME) if Pid.ENTITY_NAME in values else "",
+        user_data=values.octets(Pid.USER_DATA, _MAX_USER_DATA) if Pid.USER_DATA in values else b"",
         vendor=values.vendor(),
         lease_s=values.seconds(Pid.LEASE_DURATION, _DEFAULT_LEASE_S),
         metatraffic=tuple(values.locators(Pid.METATRAFFIC_UNICAST_LOCATOR)),
@@ -129,10 +129,10 @@ def read_endpoint(payload: bytes, *, writer: bool) -> EndpointAnnouncement:
     durability = values.u32(Pid.DURABILITY, _VOLATILE)
     return EndpointAnnouncement(
         values.guid(Pid.ENDPOINT_GUID if Pid.ENDPOINT_GUID in values else Pid.KEY_HASH),
-        values.text(Pid.TOPIC_NAME, _LONGEST_NAME),
-        values.text(Pid.TYPE_NAME, _LONGEST_NAME),
+        values.text(Pid.TOPIC_NAME, _MAX_NAME),
+        values.text(Pid.TYPE_NAME, _MAX_NAME),
         Qos(reliable=reliability > _BEST_EFFORT, transient_local=durability >= _TRANSIENT_LOCAL, depth=None),
-        values.octets(Pid.USER_DATA, _LONGEST_USER_DATA) if Pid.USER_DATA in values else b"",
+        values.octets(Pid.USER_DATA, _MAX_USER_DATA) if Pid.USER_DATA in values else b"",
         tuple(values.locators(Pid.UNICAST_LOCATOR)),
     )
 

@@ -51,7 +51,7 @@ _ANNOUNCE_FIRST_S = 0.1
 _ANNOUNCE_S = 3.0
 _GREETINGS = 30
 _GREET_S = 0.1
-_LONGEST_LEASE_S = 300.0
+_MAX_LEASE_S = 300.0
 _SILENT_S = 10.0  # a full house: who was heard from within this time does not make room for a newcomer
 
 
@@ -242,7 +242,7 @@ class Discovery:
         if peer is None:
             self._meet(announcement, metatraffic, user)
             return
-        peer.lease_s = min(announcement.lease_s, _LONGEST_LEASE_S)
+        peer.lease_s = min(announcement.lease_s, _MAX_LEASE_S)
         if (peer.metatraffic, peer.user) != (metatraffic, user):
             for remote in peer.endpoints.values():
                 remote.address = user if remote.address == peer.user else remote.address
@@ -256,7 +256,7 @@ class Discovery:
         public = RemoteParticipant(
             announcement.guid, announcement.name, announcement.user_data, announcement.vendor
         )
-        lease_s = min(announcement.lease_s, _LONGEST_LEASE_S)
+        lease_s = min(announcement.lease_s, _MAX_LEASE_S)
         peer = _Peer(public, metatraffic, user, lease_s, time.monotonic())
         self._peers[public.guid.prefix] = peer
         self._greet(peer, _GREETINGS)

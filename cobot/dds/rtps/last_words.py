@@ -16,7 +16,7 @@ from cobot.dds.rtps.announcements import goodbye
 from cobot.dds.rtps.network import DISCOVERY_GROUP, Ports, first_addresses
 from cobot.dds.rtps.types import Address, Guid
 
-_LONGEST = 65536
+_MAX_BYTES = 65536
 
 
 class LastWords:
@@ -40,7 +40,7 @@ class LastWords:
 
     def speak(self) -> None:
         """Announce the departure of the predecessor, if there was one."""
-        note = os.pread(self._descriptor, _LONGEST, 0)
+        note = os.pread(self._descriptor, _MAX_BYTES, 0)
         if not note:
             return
         participant, domain_id, interfaces, hosts = json.loads(note)

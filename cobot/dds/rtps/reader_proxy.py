@@ -8,18 +8,18 @@ from cobot.dds.rtps import submessages
 from cobot.dds.rtps.history import Change
 from cobot.dds.rtps.types import Address
 
-LARGEST_PIECE = 60_000
+MAX_PIECE = 60_000
 """One datagram has so many bytes of payload; longer samples are cut into fragments of this size."""
 
 FIRST_HEARTBEAT_S = 0.02
 """A sample that stays unacknowledged is followed by a heartbeat after this, s, then after twice as long."""
 
-SLOWEST_HEARTBEAT_S = 0.5
+MAX_HEARTBEAT_S = 0.5
 
 
 def pieces(change: Change) -> range:
     """Numbers of the fragments of a change; 1..1 when it is sent whole."""
-    return range(1, max(1, -(-len(change.payload) // LARGEST_PIECE)) + 1)
+    return range(1, max(1, -(-len(change.payload) // MAX_PIECE)) + 1)
 
 
 class ReaderProxy:
@@ -83,10 +83,10 @@ class ReaderProxy:
     def piece(self, change: Change, piece: int) -> bytes:
         """One piece of a change, with what its reader must know before it."""
         arguments = self._guid_entity, self._writer, change.sequence, change.inline, change.payload
-        if len(change.payload) <= LARGEST_PIECE:
+        if len(change.payload) <= MAX_PIECE:
             body = submessages.data(*arguments, key=change.disposes)
         else:
-            body = submessages.data_fragment(*arguments, piece, LARGEST_PIECE)
+            body = submessages.data_fragment(*arguments, piece, MAX_PIECE)
         skipped = self.skipped(change.sequence)
         self.sent = max(self.sent, change.sequence)
         return skipped + submessages.info_time(change.time_s) + body

@@ -25,15 +25,15 @@ from cobot.dds.rtps.number_sets import MAX_BITS
 from cobot.dds.rtps.parameters import related_identity
 from cobot.dds.rtps.reader_proxy import (
     FIRST_HEARTBEAT_S,
-    LARGEST_PIECE,
-    SLOWEST_HEARTBEAT_S,
+    MAX_HEARTBEAT_S,
+    MAX_PIECE,
     ReaderProxy,
     pieces,
 )
 from cobot.dds.rtps.types import Address, Guid, Qos, RemoteEndpoint, SampleIdentity
 from cobot.dds.rtps.wire import Wire
 
-_BURST_BYTES = 2 * LARGEST_PIECE  # three of these fill the usual receive buffer of 208 KiB
+_BURST_BYTES = 2 * MAX_PIECE  # three of these fill the usual receive buffer of 208 KiB
 _BETWEEN_BURSTS_S = 0.001
 _GATHERED_BYTES = 1_300  # of small samples in one datagram: a frame of Ethernet, so that a loss is small
 _GATHERED_HERE_BYTES = 16_000  # the limit within this computer, which has no frames
@@ -126,7 +126,7 @@ class Writer(Endpoint[ReaderProxy]):
             if not proxy.pumping:
                 proxy.pumping = True
                 self._wire.later(_GATHER_S, partial(self._pump, proxy))
-        elif not proxy.queue and len(change.payload) <= LARGEST_PIECE:
+        elif not proxy.queue and len(change.payload) <= MAX_PIECE:
             self._send_piece(proxy, change, 1, done=True, burst_ends=True)
         else:
             self._send_later(proxy, [(change, pieces(change))])
@@ -166,7 +166,7 @@ class Writer(Endpoint[ReaderProxy]):
                 del proxy.queue[change]  # the next datagram reports the gap
                 continue
             room -= len(change.payload)
-            if len(change.payload) > LARGEST_PIECE or (taken and room < 0):
+            if len(change.payload) > MAX_PIECE or (taken and room < 0):
                 break
             del proxy.queue[change]
             taken.append(change)
@@ -186,7 +186,7 @@ class Writer(Endpoint[ReaderProxy]):
         while fragments and left > 0:
             piece = next(iter(fragments))
             del fragments[piece]
-            left -= min(len(change.payload), LARGEST_PIECE)
+            left -= min(len(change.payload), MAX_PIECE)
             self._send_piece(proxy, change, piece, done=not fragments, burst_ends=left <= 0)
         if not fragments:
             del proxy.queue[change]
@@ -231,7 +231,7 @@ class Writer(Endpoint[ReaderProxy]):
             if proxy.due_s <= now_s:
                 if not proxy.queue:
                     self._send_heartbeat(proxy)
-                    proxy.interval_s = min(2 * proxy.interval_s, SLOWEST_HEARTBEAT_S)
+                    proxy.interval_s = min(2 * proxy.interval_s, MAX_HEARTBEAT_S)
                 proxy.due_s = now_s + proxy.interval_s
             self._timer_s = min(self._timer_s, proxy.due_s)
         if self._timer_s < float("inf"):

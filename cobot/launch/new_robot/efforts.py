@@ -16,7 +16,7 @@ from cobot.types import JointLimits
 FRICTION_SHARE = 0.3
 """Maximum fraction of the effort left after holding the arm that friction and damping may take at full speed.
 Planned motions use the rest."""
-LEAST_SHARE = 0.05
+MIN_SHARE = 0.05
 """Fraction of an effort that friction and damping may take if it does not even hold the arm."""
 
 
@@ -76,7 +76,7 @@ def reduce_friction(
         lost = friction + damping * float(limits.max_velocity[index])
         effort, unit = float(limits.max_effort[index]), limits.effort_unit(index)
         left = max(effort - needed[name], 0.0)
-        room = max(FRICTION_SHARE * left, LEAST_SHARE * effort)
+        room = max(FRICTION_SHARE * left, MIN_SHARE * effort)
         if lost <= room:
             continue
         joint, factor, per = spec.joint(name), room / lost, f"{unit} per {limits.unit(index, 1)}"

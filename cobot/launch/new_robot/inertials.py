@@ -28,7 +28,7 @@ FLOOR = 1e-6
 """Least second moment of a repaired tensor, as a share of their sum: MuJoCo checks without a tolerance."""
 ROUNDING = 1e-3
 """Smaller changes, as a share of the tensor, are rounding of the file and not reported."""
-LARGEST_RADIUS, SMALLEST_RADIUS = 30.0, 0.001
+MAX_RADIUS, MIN_RADIUS = 30.0, 0.001
 """Radius of gyration of a body, as a share of the size of its shapes. Between these the file is believed,
 because shapes may be smaller than the link; beyond, the inertia is in other units, such as kg·mm²."""
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -101,7 +101,7 @@ def repair(spec: mujoco.MjSpec, solids: dict[str, Solid]) -> list[str]:
 def _fit_size(body: mujoco.MjsBody, solid: Solid) -> str | None:
     """Replace an inertia whose radius of gyration is out of proportion to the shapes."""
     radius = math.sqrt(max(float(np.trace(_tensor(body))), 0.0) / (2.0 * body.mass))
-    if SMALLEST_RADIUS <= radius / solid.reach <= LARGEST_RADIUS:
+    if MIN_RADIUS <= radius / solid.reach <= MAX_RADIUS:
         return None
     _set(body, 0.4 * body.mass * solid.reach**2 * np.eye(3))
     return (

@@ -41,7 +41,7 @@ SLOW = 2.5
 def follow(
     robot: RobotDescription, request: MotionRequest, path: TcpPath, end: Array | None = None
 ) -> Trajectory | None:
-    """Plan a motion whose TCP stays within `LARGEST_DEVIATION_*` of the path; None if the path is a point.
+    """Plan a motion whose TCP stays within `MAX_DEVIATION_*` of the path; None if the path is a point.
 
     Args:
         end: joints at the end of the motion, shape (dof,), with the TCP at the end of the path; None: any.

@@ -20,7 +20,7 @@ EQUAL_RADII_M = 1e-3
 """Tolerance for the difference of the radii at start and goal, and for a goal outside the plane; the path
 compensates for it evenly."""
 PLACE_RAD, MAX_PLACES = 0.2, 400
-SMALLEST_SINE = 1e-3
+MIN_SINE = 1e-3
 """If the sine of the angle at `via` is smaller, the three points count as collinear."""
 
 
@@ -75,11 +75,11 @@ def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD)
             findings=[_shape("difference of the radii", float(abs(radii[0] - radii[1])), EQUAL_RADII_M)],
         )
     normal = np.cross(x, to_goal) if given.axis is None else given.axis / np.linalg.norm(given.axis)
-    if given.axis is None and np.linalg.norm(normal) < SMALLEST_SINE * radii[0] * radii[1]:
+    if given.axis is None and np.linalg.norm(normal) < MIN_SINE * radii[0] * radii[1]:
         raise PlanningError(
             "circ: start, centre and goal are on one line; send an axis, which defines the plane of the arc, "
             "or via, a point on it",
-            findings=[_shape("sine of the arc", _sine(normal, x, to_goal), SMALLEST_SINE, "")],
+            findings=[_shape("sine of the arc", _sine(normal, x, to_goal), MIN_SINE, "")],
         )
     axis = normal / np.linalg.norm(normal)
     for name, way in (("start", x), ("goal", to_goal)):
@@ -106,10 +106,10 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
     Raises:
         PlanningError: the axis is missing, or the TCP is on it.
     """
-    if given.axis is None or np.linalg.norm(given.axis) < SMALLEST_SINE:
+    if given.axis is None or np.linalg.norm(given.axis) < MIN_SINE:
         raise PlanningError(
             "circ: axis: is missing or zero; an arc by an angle needs one",
-            findings=[_shape("length of the axis", 0.0, SMALLEST_SINE, "")],
+            findings=[_shape("length of the axis", 0.0, MIN_SINE, "")],
         )
     axis = given.axis / np.linalg.norm(given.axis)
     along = (start.position - given.centre) @ axis * axis
@@ -172,11 +172,11 @@ def arc(start: Pose, via: Array, goal: Pose, least_rad: float = SMALL_RAD) -> Tc
             )
     normal = np.cross(to_via, to_goal)
     area = float(np.linalg.norm(normal))
-    if area < SMALLEST_SINE * np.linalg.norm(to_via) * np.linalg.norm(via - goal.position):
+    if area < MIN_SINE * np.linalg.norm(to_via) * np.linalg.norm(via - goal.position):
         sine = _sine(normal, to_via, via - goal.position)
         raise PlanningError(
             "circ: start, via and goal are on one line; use lin",
-            findings=[_shape("sine of the angle at via", sine, SMALLEST_SINE, "")],
+            findings=[_shape("sine of the angle at via", sine, MIN_SINE, "")],
         )
     # Circumcentre of a triangle with one corner in the origin.
     towards = np.cross(normal, to_via) * (to_goal @ to_goal) + np.cross(to_goal, normal) * (to_via @ to_via)

@@ -11,10 +11,10 @@ import numpy as np
 from cobot.errors import CobotError, UnreachableError
 from cobot.findings import Finding
 from cobot.planners.path.joint_path import (
-    LARGEST_DEVIATION_M,
-    LARGEST_DEVIATION_RAD,
+    MAX_DEVIATION_M,
+    MAX_DEVIATION_RAD,
+    MIN_SHARE,
     POSE_SHARE,
-    SHORTEST_SHARE,
     JointsAt,
     at_limit_of,
     jump_of,
@@ -117,7 +117,7 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
         if solved and not at_limit and step.max() <= STEP_RAD:
             shares.append(ahead.pop())
             rows.append(joints)
-        elif share - shares[-1] > SHORTEST_SHARE and not (solved and at_limit):
+        elif share - shares[-1] > MIN_SHARE and not (solved and at_limit):
             ahead.append(0.5 * (shares[-1] + share))
         else:
             beyond = next(place for place in reversed(ahead) if place in poses)
@@ -137,7 +137,7 @@ def _farthest(descend: Callable[..., Any], poses: dict[float, Array], near: Arra
 
     def excess(share: float) -> float:
         _, _, distance_m, angle_rad = descend(poses[share], near)
-        return float(max(distance_m / LARGEST_DEVIATION_M, angle_rad / LARGEST_DEVIATION_RAD))
+        return float(max(distance_m / MAX_DEVIATION_M, angle_rad / MAX_DEVIATION_RAD))
 
     return max(poses, key=excess)
 

@@ -13,14 +13,14 @@ from cobot.errors import PlanningError, UnreachableError
 from cobot.findings import Finding
 from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners.path.cartesian import follow
-from cobot.planners.path.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
+from cobot.planners.path.joint_path import MAX_DEVIATION_M, MAX_DEVIATION_RAD
 from cobot.planners.path.tcp_path import TcpPath, angles_between, untwisted
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import apart, inverse
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 
-CLOSED_M, CLOSED_RAD = 2.0 * LARGEST_DEVIATION_M, 2.0 * LARGEST_DEVIATION_RAD
+CLOSED_M, CLOSED_RAD = 2.0 * MAX_DEVIATION_M, 2.0 * MAX_DEVIATION_RAD
 """A path that ends this close to the TCP pose of the joints is led exactly there, because the pose may have
 been rounded to four digits."""
 ALLOWED = f"allowed are {1e3 * CLOSED_M:g} mm and {np.degrees(CLOSED_RAD):g} degrees"

@@ -13,8 +13,8 @@ from cobot.planners.timing.path import Path, spline_through
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
 
-LARGEST_DEVIATION_M = 5e-5
-LARGEST_DEVIATION_RAD = np.radians(0.01)
+MAX_DEVIATION_M = 5e-5
+MAX_DEVIATION_RAD = np.radians(0.01)
 PATH_SHARE = 0.4
 """Share of the allowed deviation that the joint path may use; the rest is for the time parameterization."""
 POSE_SHARE = 0.5 * PATH_SHARE
@@ -27,10 +27,10 @@ AT_ENDS = np.array([0.03, 0.08, 0.15])
 spline overshoots first."""
 EVEN_STEP_RAD = 0.25
 """If the joints turn further than this between even places, the parameter is the joints' distance instead."""
-LARGEST_STEP_RAD = 0.12
+MAX_STEP_RAD = 0.12
 THIN = 0.4
-"""Minimum distance between places, as a share of their mean distance or of `LARGEST_STEP_RAD`."""
-SHORTEST_SHARE = 1e-9
+"""Minimum distance between places, as a share of their mean distance or of `MAX_STEP_RAD`."""
+MIN_SHARE = 1e-9
 """If joints still turn too far between places this close, they jump: the path is singular there."""
 SHARE_RAD = 0.1
 """Contribution of the whole TCP path to the parameter, next to that of the joints, so that it always
@@ -51,7 +51,7 @@ JointsAt = Callable[[float, Array], Array | None]
 def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, joints_at: JointsAt) -> Path:
     """A joint path through rows, shape (n, dof), at shares, shape (n,), with more places where it needs them.
 
-    It stays within the joint limits, and its TCP within `LARGEST_DEVIATION_*` of the TCP path.
+    It stays within the joint limits, and its TCP within `MAX_DEVIATION_*` of the TCP path.
 
     Raises:
         UnreachableError: the joints jump, a place has no joint angles, or `MAX_PLACES` are not enough.
@@ -96,7 +96,7 @@ def jump_of(where: str, limits: JointLimits, joint: int, step: float, share: flo
     name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(
         f"{where} {name} would have to jump by {step:.2f} {unit}: the path leads through a singularity",
-        findings=[Finding("singularity", "step", step, LARGEST_STEP_RAD, unit, share, (name,))],
+        findings=[Finding("singularity", "step", step, MAX_STEP_RAD, unit, share, (name,))],
     )
 
 
@@ -119,10 +119,10 @@ def _refine_jumps(
     """Add places where the joints turn far between two places."""
     while True:
         steps = np.abs(np.diff(rows, axis=0))
-        far = steps.max(axis=1) > LARGEST_STEP_RAD
+        far = steps.max(axis=1) > MAX_STEP_RAD
         if not far.any():
             return shares, rows
-        jumps = np.flatnonzero(far & (np.diff(shares) < SHORTEST_SHARE))
+        jumps = np.flatnonzero(far & (np.diff(shares) < MIN_SHARE))
         if len(jumps):
             place, joint = int(jumps[0]), int(steps[jumps[0]].argmax())
             where = f"{path.name}: at {100 * shares[place]:.0f} % of the path"
@@ -133,7 +133,7 @@ def _refine_jumps(
 def _thin(shares: Array, rows: Array) -> tuple[Array, Array]:
     """Remove places that are much closer together than most: a spline through them would overshoot."""
     steps = _chords(shares, rows)
-    least = THIN * min(LARGEST_STEP_RAD, float(steps.sum()) / len(steps))
+    least = THIN * min(MAX_STEP_RAD, float(steps.sum()) / len(steps))
     kept, gone = [0], 0.0
     for index, step in enumerate(steps[:-1], start=1):
         gone += step
@@ -209,8 +209,8 @@ def _find_spoiled(
         # TCP.
         there = np.clip(spline_through(parameters, shares[:, None])(inner)[:, 0], 0.0, 1.0)
     poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
-    far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * LARGEST_DEVIATION_M
-    far |= angles_between(poses[:, 3:], targets[:, 3:], path.free) > PATH_SHARE * LARGEST_DEVIATION_RAD
+    far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * MAX_DEVIATION_M
+    far |= angles_between(poses[:, 3:], targets[:, 3:], path.free) > PATH_SHARE * MAX_DEVIATION_RAD
     wrong = np.concatenate([inner[far], joint_path.places_outside(*_bounds(robot, start))])
     spoiled = np.zeros(len(steps), bool)
     spoiled[np.clip(np.searchsorted(parameters, wrong, side="right") - 1, 0, len(steps) - 1)] = True

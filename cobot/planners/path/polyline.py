@@ -26,7 +26,7 @@ METRES_PER_RAD = 0.3
 """Length that a rotation by 1 rad counts as, where a leg needs one length."""
 PLACES_PER_CORNER = 12
 MAX_PLACES = 400
-LARGEST_SHARE = 0.5
+MAX_SHARE = 0.5
 """Largest share of a leg that a blend may take; the rest is for the other corner."""
 
 
@@ -79,7 +79,7 @@ def rounded(
     lengths, angles = np.linalg.norm(ways, axis=1), np.linalg.norm(turns, axis=1)
     sizes = np.maximum(np.maximum(lengths, METRES_PER_RAD * angles), STANDING_M)
     # The part of each leg, in the parameter, that belongs to the blend at its end: the same on both sides.
-    free = np.minimum(LARGEST_SHARE, radius_m / np.maximum(lengths, 1e-9)) * sizes
+    free = np.minimum(MAX_SHARE, radius_m / np.maximum(lengths, 1e-9)) * sizes
     corners = np.concatenate([[0.0], np.minimum(free[:-1], free[1:]), [0.0]])
     ends = np.cumsum(sizes)
     start = poses[0]

@@ -13,7 +13,7 @@ from cobot.robot.description import RobotDescription
 from cobot.types import FREE_AXES, Array, FreeAxis, Pose
 
 PLACES = 24
-LEAST_RAD = 1e-12
+MIN_RAD = 1e-12
 UNIT_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -51,7 +51,7 @@ def least_turn(robot: RobotDescription) -> float:
     """Rotations below this, rad, are ignored. It is smaller for an arm that can only reach poses that fit
     each other.
     """
-    return LEAST_RAD if robot.model.inverse_kinematics.lacking else quaternion.SMALL_RAD
+    return MIN_RAD if robot.model.inverse_kinematics.lacking else quaternion.SMALL_RAD
 
 
 def turned(start: Array, turn: Array, shares: Array, least_rad: float = quaternion.SMALL_RAD) -> Array:
@@ -94,7 +94,7 @@ def _tilt(start: Array, goal: Array, axis: FreeAxis) -> tuple[Array, float]:
     normal = np.cross(before, after)
     sine = float(np.linalg.norm(normal))
     angle = math.atan2(sine, float(before @ after))
-    if sine > LEAST_RAD:
+    if sine > MIN_RAD:
         return normal / sine, angle
     return _axis(start, (index + 1) % 3), angle
 

@@ -19,7 +19,7 @@ from cobot.types import Array
 DECIMALS = range(4, 10)
 """Range of decimals: with fewer, a unit is too large a correction; with more, there is nothing to remove."""
 MIN_POINTS = 100
-LONGEST_STEP_S = 0.02
+MAX_STEP_S = 0.02
 """Maximum time step for which points count as samples of a curve and are smoothed, s."""
 UNEVEN = 0.01
 """Share by which time steps may differ."""
@@ -43,11 +43,7 @@ def smoothed(times_s: Array, positions: Array) -> tuple[Array, float] | None:
         points are not rounded like this.
     """
     steps_s = np.diff(times_s)
-    if (
-        len(times_s) < MIN_POINTS
-        or steps_s.max() > LONGEST_STEP_S
-        or np.ptp(steps_s) > UNEVEN * steps_s.max()
-    ):
+    if len(times_s) < MIN_POINTS or steps_s.max() > MAX_STEP_S or np.ptp(steps_s) > UNEVEN * steps_s.max():
         return None
     unit = _unit(positions[1:-1])
     if unit is None:

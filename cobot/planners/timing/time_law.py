@@ -50,7 +50,7 @@ PLACES = 100
 GAP = 5e-4
 """The optimisation ends when at most this share of the duration is left to gain."""
 ITERATIONS = 60
-LONGEST_S = 1e9
+MAX_DURATION_S = 1e9
 """Longest duration, about thirty years: powers of longer times overflow."""
 ROUNDS, MAX_ROUNDS = 3, 8
 TIGHT = 1.003
@@ -149,12 +149,12 @@ def _solve_laws(robot: RobotDescription, coordinates: Coordinates, laws: Iterato
             if not keeps_effort(robot.model, timed.trajectory, limits, PLANNED_EFFORT):
                 problem.limit_efforts()
                 timed = problem.refine(problem.solve())
-            if not timed.trajectory.duration_s < LONGEST_S:
+            if not timed.trajectory.duration_s < MAX_DURATION_S:
                 raise ValueError(f"it would take {timed.trajectory.duration_s:.3g} s")
         except (ValueError, InputError, OverflowError) as exc:
             raise PlanningError(
                 f"no motion along the path from rest to rest: limits may be too small ({exc})",
-                findings=[Finding("time", "duration, more than", LONGEST_S, LONGEST_S, "s")],
+                findings=[Finding("time", "duration, more than", MAX_DURATION_S, MAX_DURATION_S, "s")],
             ) from exc
     return timed
 

@@ -44,7 +44,7 @@ cdef extern from *:
     """
     const double TOLERANCE "COBOT_IK_TOLERANCE"
     const double ACCEPTED "COBOT_IK_ACCEPTED"
-    const double LARGEST_STEP "COBOT_IK_LARGEST_STEP"
+    const double MAX_STEP "COBOT_IK_LARGEST_STEP"
     const double BIAS "COBOT_IK_BIAS"
     const double MIN_DAMPING "COBOT_IK_MIN_DAMPING"
     const double MIN_SLOP "COBOT_IK_MIN_SLOP"
@@ -321,7 +321,7 @@ cdef class Arm:
             largest = 0.0
             for i in range(self.dof):
                 largest = fabs(step[i]) if fabs(step[i]) > largest else largest
-            largest = LARGEST_STEP / largest if largest > LARGEST_STEP else 1.0
+            largest = MAX_STEP / largest if largest > MAX_STEP else 1.0
             for i in range(self.dof):
                 joints[i] += largest * step[i]
             if bounded:

@@ -15,7 +15,7 @@ from cobot.robot.inverse_kinematics.srs import SrsArm
 from cobot.types import FREE_AXES, Array, FreeAxis, JointLimits
 
 POSE_DOF, POSTURES, NONE_FREE = 6, 4, -1
-LARGEST_SLOP = 1e-4
+MAX_SLOP = 1e-4
 """Axes that miss each other by less, m, or deviate from parallel by less, rad, count as meeting or parallel,
 because files are rounded. Solutions stay exact: a few numeric steps refine the closed form."""
 
@@ -65,9 +65,9 @@ class Axes:
         return float(sum(np.linalg.norm(after - before) for before, after in pairwise(places)))
 
     def _accept(self, off: float) -> bool:
-        if off < LARGEST_SLOP:
+        if off < MAX_SLOP:
             self.slop = max(self.slop, off)
-        return off < LARGEST_SLOP
+        return off < MAX_SLOP
 
 
 def recognised(chain: Chain, limits: JointLimits, rest: Array, free: Sequence[FreeAxis] = ()) -> Arm:
@@ -100,7 +100,7 @@ def _rank(chain: Chain, limits: JointLimits) -> int:
     postures."""
     random = np.random.default_rng(0)
     postures = random.uniform(limits.min_position, limits.max_position, (POSTURES, chain.dof))
-    return max(int(np.linalg.matrix_rank(chain.solve(joints)[2], tol=LARGEST_SLOP)) for joints in postures)
+    return max(int(np.linalg.matrix_rank(chain.solve(joints)[2], tol=MAX_SLOP)) for joints in postures)
 
 
 def _srs(chain: Chain, limits: JointLimits, rest: Array) -> Arm | None:

@@ -80,7 +80,7 @@ cdef extern from *:
     static const double COBOT_NEARLY_STRAIGHT = 1e-3;
     static const double COBOT_SRS_BETWEEN = 0.6, COBOT_SRS_ARC = 1.2;
     """
-    const double LARGEST_TURN "COBOT_SRS_TURN"
+    const double MAX_TURN "COBOT_SRS_TURN"
     const double MIN_STEP "COBOT_SRS_MIN_STEP"
     const double EDGE "COBOT_SRS_EDGE"
     const double NEARLY_STRAIGHT_RAD "COBOT_NEARLY_STRAIGHT"
@@ -90,7 +90,7 @@ cdef extern from *:
     const double BETWEEN "COBOT_SRS_BETWEEN"
     const double ARC "COBOT_SRS_ARC"
     const double SLACK "COBOT_SRS_SLACK"
-    const double LONGEST_STEP "COBOT_SRS_STEP"
+    const double MAX_STEP "COBOT_SRS_STEP"
     const double GOLDEN "COBOT_GOLDEN"
 
 cdef enum:
@@ -419,7 +419,7 @@ cdef class SrsArm(Arm):
     ) noexcept nogil:
         """An odd number of steps, so that the middle one is where the middle is, and two edges."""
         cdef double edge = EDGE if end - begin > 100.0 * EDGE else 0.0
-        cdef int parts = 2 * <int>(0.5 * ((end - begin) / LONGEST_STEP + 1.0)) + 1
+        cdef int parts = 2 * <int>(0.5 * ((end - begin) / MAX_STEP + 1.0)) + 1
         cdef int first = places.count
         cdef int i
         if edge > 0.0:
@@ -873,11 +873,11 @@ cdef inline int racing(const Turned* one, const Turned* other) noexcept nogil:
     for i in range(2):
         for k in range(3):
             if one.shoulder_fits[i] and other.shoulder_fits[i] and (
-                fabs(wrapped(one.shoulder[i][k] - other.shoulder[i][k], 0.0)) > LARGEST_TURN
+                fabs(wrapped(one.shoulder[i][k] - other.shoulder[i][k], 0.0)) > MAX_TURN
             ):
                 part |= 1
             if one.wrist_fits[i] and other.wrist_fits[i] and (
-                fabs(wrapped(one.wrist[i][k] - other.wrist[i][k], 0.0)) > LARGEST_TURN
+                fabs(wrapped(one.wrist[i][k] - other.wrist[i][k], 0.0)) > MAX_TURN
             ):
                 part |= 2
     return part
@@ -897,7 +897,7 @@ cdef double bound_of(double cost, const double* joints, int i, int length) noexc
         for k in range(7):
             off = fabs(wrapped(joints[7 * (i + side) + k] - joints[7 * i + k], 0.0))
             sum, largest = sum + off * off, max(largest, off)
-        if largest <= LARGEST_TURN:
+        if largest <= MAX_TURN:
             farthest = max(farthest, sqrt(sum))
     return max(sqrt(cost) - ARC * farthest, 0.0) ** 2
 

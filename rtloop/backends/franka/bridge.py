@@ -13,7 +13,7 @@ import numpy as np
 
 from cobot.types import Array
 
-SHORTEST_S, LONGEST_S = 0.2, 1.0
+MIN_DURATION_S, MAX_DURATION_S = 0.2, 1.0
 MAX_ACCELERATION = 2.0
 MAX_JERK = 1000.0
 """Maximum acceleration and jerk of the fading difference, rad/s², rad/s³. It exceeds them slightly if it
@@ -79,7 +79,7 @@ class Bridge:
         self._fit(expected - command)
 
     def _fit(self, start: Array) -> None:
-        self._time_s, self._duration_s = 0.0, SHORTEST_S
+        self._time_s, self._duration_s = 0.0, MIN_DURATION_S
         # A quintic that begins with an acceleration reaches 0.36 of it in the other direction, whatever its
         # duration.
         along = np.maximum(MAX_ACCELERATION, np.abs(start[2])) * (1.0 + 1e-9)
@@ -91,7 +91,7 @@ class Bridge:
             jerk = np.abs(np.diff(rows[2], axis=0)).max() / (self._duration_s / (len(PLACES) - 1))
             signed = sign * rows[2]
             gentle = (signed <= along).all() and (signed >= -against).all() and jerk <= MAX_JERK
-            if gentle or self._duration_s >= LONGEST_S:
+            if gentle or self._duration_s >= MAX_DURATION_S:
                 return
             self._duration_s *= 1.5
 

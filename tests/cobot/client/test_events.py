@@ -58,7 +58,7 @@ class Service:
 @pytest.fixture(autouse=True)
 def no_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cobot.client.events.FIRST_PAUSE_S", 0.0)
-    monkeypatch.setattr("cobot.client.events.LONGEST_PAUSE_S", 0.0)
+    monkeypatch.setattr("cobot.client.events.MAX_PAUSE_S", 0.0)
 
 
 def test_blocks_are_read_as_the_standard_says() -> None:

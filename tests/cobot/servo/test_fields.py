@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cobot.servo.fields import LONGEST_TEXT, BrokenRule, Refusal, as_number, integer, number, parsed, within
+from cobot.servo.fields import MAX_TEXT, BrokenRule, Refusal, as_number, integer, number, parsed, within
 
 SEED = 20261122
 
@@ -22,7 +22,7 @@ SEED = 20261122
         ("3", "a message must be a JSON object, got 3"),
         ("[" * 60_000, "a message must be JSON"),
         ("9" * 5000, "a message must be JSON"),
-        (" " * (LONGEST_TEXT + 1), f"a message may have at most {LONGEST_TEXT} characters"),
+        (" " * (MAX_TEXT + 1), f"a message may have at most {MAX_TEXT} characters"),
     ],
 )
 def test_what_is_no_object_is_malformed(text: str, sentence: str) -> None:

@@ -8,7 +8,7 @@ from laws.smooth_interpolation import EXPONENTS, FACTORS, HERMITE, Brake, Quinti
 from cobot.types import Array
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
-LONGEST_CHUNK = 64
+MAX_CHUNK = 64
 """Waypoints; as many of older chunks may still be ahead."""
 SUPPORT = 3
 """Waypoints already passed that the spline still runs through: a new chunk hardly moves its beginning."""
@@ -78,8 +78,8 @@ class ChunkInterpolator:
         end = int(np.searchsorted(self._times_s, times_s[0] - 0.5 * step_s))
         ahead = min(int(np.searchsorted(self._times_s, soon_s)), end)
         begin = max(ahead - SUPPORT, 0)
-        if end - ahead > LONGEST_CHUNK:
-            return Rejected(f"{end - ahead} waypoints are still ahead, up to {LONGEST_CHUNK} are kept")
+        if end - ahead > MAX_CHUNK:
+            return Rejected(f"{end - ahead} waypoints are still ahead, up to {MAX_CHUNK} are kept")
         self._times_s = np.concatenate([self._times_s[begin:end], times_s])
         self._positions = np.concatenate([self._positions[begin:end], positions])
         ends = np.stack([self._positions, *spline(self._times_s, self._positions)], axis=1)
@@ -108,8 +108,8 @@ class ChunkInterpolator:
 
     def _refusal(self, times_s: Array, positions: Array) -> str:
         k, n = len(times_s), self.reference.shape[1]
-        if times_s.ndim != 1 or not 1 <= k <= LONGEST_CHUNK or positions.shape != (k, n):
-            return f"times and positions must be shape (k,) and (k, {n}), k from 1 to {LONGEST_CHUNK}"
+        if times_s.ndim != 1 or not 1 <= k <= MAX_CHUNK or positions.shape != (k, n):
+            return f"times and positions must be shape (k,) and (k, {n}), k from 1 to {MAX_CHUNK}"
         if not (np.isfinite(times_s).all() and np.isfinite(positions).all()):
             return "times and positions must be finite"
         if k > 1 and np.diff(times_s).min() < 0.5 * self._period_s:

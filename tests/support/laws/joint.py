@@ -14,7 +14,7 @@ from cobot.ipc.layout import CHUNK_POINTS, Intervention
 from cobot.types import Array
 from rtloop.results import ACCEPTED
 
-LONGEST_CHUNK_S = 600.0
+MAX_CHUNK_S = 600.0
 
 
 class JointSource:
@@ -60,7 +60,7 @@ class JointSource:
         if not (np.isfinite(times_s).all() and np.isfinite(points).all()):
             return Intervention.NOT_FINITE
         self._time_s = robot_time_s - self._period_s  # the reference is that of the cycle before
-        if count and times_s[-1] > robot_time_s + LONGEST_CHUNK_S:
+        if count and times_s[-1] > robot_time_s + MAX_CHUNK_S:
             return Intervention.LATE
         if self._chunk_jumps(times_s, points):
             return Intervention.JUMP

@@ -22,7 +22,7 @@ SOONER = 0.8
 """A profile under way gives way to one that needs no more than this share of the time that is left."""
 MIN_RATE = -1e-9
 """Below zero the arm would go back."""
-LONGEST_S = 2.0
+MAX_PROFILE_S = 2.0
 """Of a profile: a gentler one is not taken, for somebody waits for the stop."""
 GENTLER_AIM, MIN_AIM = 0.5, 0.02
 """Where no profile leads from rest to the target rate, one leads to a share of it, down to a least rate."""
@@ -144,7 +144,7 @@ class PathClock:
             result = self._generator.calculate(self._problem, self._candidate)
         except (ruckig.RuckigError, ValueError):  # ValueError: a result that its binding does not know
             return False
-        return result is ruckig.Result.Working and self._candidate.duration <= LONGEST_S
+        return result is ruckig.Result.Working and self._candidate.duration <= MAX_PROFILE_S
 
     def _admissible(self, path: Path) -> bool:
         """Whether the joints' acceleration and jerk hold all along the candidate.

@@ -17,7 +17,7 @@ from cobot.ipc.layout import Intervention
 from cobot.types import Array, JointLimits
 
 MAX_POINTS = 8
-LONGEST_TIME_S, LEAD_RAD = 10.0, 0.2
+MAX_TIME_S, LEAD_RAD = 10.0, 0.2
 JITTER_S, BEFORE_TIMEOUT = 0.01, 2.0
 
 
@@ -65,7 +65,7 @@ class PointReader:
         if not np.isfinite([point.time_s, point.lookahead_s, point.gain, *point.joints]).all():
             return False
         self._target = np.clip(point.joints, limits.min_position, limits.max_position)
-        self._time_s = min(max(point.time_s, self._period_s), LONGEST_TIME_S)
+        self._time_s = min(max(point.time_s, self._period_s), MAX_TIME_S)
         return True
 
     def _jumps(self, interval_s: float) -> bool:

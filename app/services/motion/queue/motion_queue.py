@@ -44,7 +44,7 @@ SHOWN_S = 0.2
 """An accepted move is shown as under way for so long at least: clients poll, and some moves are none."""
 CAPACITY = 500
 """Maximum number of motions that wait."""
-LARGEST_NUMBER = 2**31 - 1
+MAX_NUMBER = 2**31 - 1
 NAME = "the motion queue"
 
 log = logging.getLogger("cobot.queue")
@@ -183,7 +183,7 @@ class MotionQueue:
         return True
 
     async def _accept(self, claim: Claim, request: QueueRequest) -> int:
-        number = 1 if self._last is None else self._last.number % LARGEST_NUMBER + 1
+        number = 1 if self._last is None else self._last.number % MAX_NUMBER + 1
         self._last = found = await self._line.add(claim, number, request)
         self.last_error = ""
         if (job := request.job) is not None:

@@ -8,14 +8,14 @@ from rtloop.backends.fri.messages import Quality, ahead
 
 WINDOW = 100
 """Answers that the quality is judged by."""
-LEAST = 10
+MIN_PACKETS = 10
 """Before so many the quality is POOR."""
 LATE = 0.5
 """What an answer that is one period late is worth."""
 EXCELLENT, GOOD, FAIR = 0.95, 0.75, 0.5
 """Least mean worth of the answers for a quality."""
 CLOSE_AFTER_MS = 100
-CLOSE_AFTER_LEAST = 10
+MIN_CLOSE_AFTER = 10
 """Answers in a row that have to be missing, at least, before a session is closed."""
 _COUNTER = 1 << 32
 
@@ -30,7 +30,7 @@ class Connection:
 
     def __init__(self, period_ms: int, multiplier: int) -> None:
         self._period_ms, self._multiplier = period_ms, multiplier
-        self._close_after = max(CLOSE_AFTER_LEAST, CLOSE_AFTER_MS // (period_ms * multiplier))
+        self._close_after = max(MIN_CLOSE_AFTER, CLOSE_AFTER_MS // (period_ms * multiplier))
         self.late = self.missing = self.answered = 0
         self.forget(0)
 
@@ -76,7 +76,7 @@ class Connection:
 
     @property
     def quality(self) -> Quality:
-        if len(self._worth) < LEAST:
+        if len(self._worth) < MIN_PACKETS:
             return Quality.POOR
         mean = sum(self._worth) / len(self._worth)
         if mean >= EXCELLENT:

@@ -16,7 +16,7 @@ from rtloop.backends.fri.simulator.control import Control
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.times import Times
 
-LONGEST_WAIT_S = 0.02
+MAX_WAIT_S = 0.02
 """Time between two checks of the control interface while the server waits for a late answer."""
 MAX_AT_ONCE = 256
 """Maximum number of packets that are read from the socket at the end of a period."""
@@ -164,7 +164,7 @@ class CabinetServer:
                 return
             if now_s >= deadline_s:
                 self._control.serve()
-            ready, _, _ = select.select([self._socket], [], [], min(until_s - now_s, LONGEST_WAIT_S))
+            ready, _, _ = select.select([self._socket], [], [], min(until_s - now_s, MAX_WAIT_S))
             if ready:
                 self._take()
 

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-SHORTEST_S, LONGEST_S = 1e-6, 100.0
+MIN_TIME_S, MAX_TIME_S = 1e-6, 100.0
 STEP = 0.02
 """Resolution of the logarithm: percentiles are exact to two per cent."""
-BUCKETS = math.ceil(math.log(LONGEST_S / SHORTEST_S) / STEP) + 1
+BUCKETS = math.ceil(math.log(MAX_TIME_S / MIN_TIME_S) / STEP) + 1
 
 
 class Times:
@@ -27,8 +27,8 @@ class Times:
     def add(self, duration_s: float) -> None:
         self.count += 1
         self._longest_s = max(self._longest_s, duration_s)
-        within = min(max(duration_s, SHORTEST_S), LONGEST_S)
-        self._counts[round(math.log(within / SHORTEST_S) / STEP)] += 1
+        within = min(max(duration_s, MIN_TIME_S), MAX_TIME_S)
+        self._counts[round(math.log(within / MIN_TIME_S) / STEP)] += 1
 
     def shares(self) -> dict[str, float]:
         """p50, p99, p99.9 and max, s; empty if none was added."""
@@ -36,7 +36,7 @@ class Times:
             return {}
         below = np.cumsum(self._counts)
         found = {
-            f"p{100.0 * share:g}": SHORTEST_S
+            f"p{100.0 * share:g}": MIN_TIME_S
             * math.exp(STEP * int(np.searchsorted(below, share * self.count)))
             for share in (0.5, 0.99, 0.999)
         }

@@ -38,7 +38,7 @@ def test_what_a_dead_process_has_published_just_now_is_not_how_the_robot_is(rig:
     rig.memory.statistics.publish()
     gone = rf"rtloop \(pid {process.pid}\) is gone"
     with pytest.raises(UnavailableError, match=gone + "; cobot run restarts it if it has died"):
-        asyncio.run(link.fresh_state(0.0))
+        asyncio.run(link.await_fresh_state(0.0))
     link.close()
 
 
@@ -49,7 +49,7 @@ def test_a_state_whose_writer_died_while_writing_names_the_real_time_process(rig
     memory = link.memory
     memory.state._head[0] = memory.state.sequence + 1
     with pytest.raises(UnavailableError, match="no consistent state in 100 reads; rtloop may have died"):
-        asyncio.run(link.fresh_state(0.0))
+        asyncio.run(link.await_fresh_state(0.0))
     link.close()
 
 

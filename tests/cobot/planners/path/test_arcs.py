@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from cobot.errors import InputError, PlanningError
 from cobot.motions.requests import Arc, TcpSpeed
 from cobot.planners import MotionRequest, plan
-from cobot.planners.path.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
+from cobot.planners.path.joint_path import MAX_DEVIATION_M, MAX_DEVIATION_RAD
 from cobot.planners.path.polyline import rounded
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -51,13 +51,13 @@ def test_circles_and_helices_turn_about_their_axis_and_rise_evenly(
     motion = circ(robot, Arc(centre, Z, angle, rise_m))
     positions, turned = tcp(motion)
     flat = positions[:, :2] - centre[:2]
-    assert np.abs(np.linalg.norm(flat, axis=1) - 0.08).max() <= LARGEST_DEVIATION_M
+    assert np.abs(np.linalg.norm(flat, axis=1) - 0.08).max() <= MAX_DEVIATION_M
     angles = np.unwrap(np.arctan2(flat[:, 1], flat[:, 0]))
     assert angles[-1] - angles[0] == pytest.approx(angle, abs=1e-5)
     assert (np.diff(angles) * turns).min() > -1e-9, "goes back"
     rise = here.position[2] + rise_m * (angles - angles[0]) / angle
-    assert np.abs(positions[:, 2] - rise).max() <= LARGEST_DEVIATION_M
-    assert (turned[0].inv() * turned).magnitude().max() <= LARGEST_DEVIATION_RAD
+    assert np.abs(positions[:, 2] - rise).max() <= MAX_DEVIATION_M
+    assert (turned[0].inv() * turned).magnitude().max() <= MAX_DEVIATION_RAD
 
 
 def test_the_hand_turns_with_the_arc_where_that_is_asked_for(robot: RobotDescription) -> None:
@@ -144,8 +144,8 @@ def test_a_polyline_stops_at_its_corners_or_goes_round_them_within_the_radius(
             share = np.clip((positions - begin) @ way / (way @ way), 0.0, 1.0)
             nearest = np.minimum(nearest, np.linalg.norm(positions - begin - share[:, None] * way, axis=1))
         away = np.linalg.norm(positions[:, None] - corners[None, 1:-1], axis=2).min(axis=1)
-        assert (nearest <= LARGEST_DEVIATION_M)[away > radius_m + LARGEST_DEVIATION_M].all()
-        assert nearest.max() <= max(radius_m, LARGEST_DEVIATION_M)
+        assert (nearest <= MAX_DEVIATION_M)[away > radius_m + MAX_DEVIATION_M].all()
+        assert nearest.max() <= max(radius_m, MAX_DEVIATION_M)
         assert positions[-1] == pytest.approx(corners[-1], abs=1e-6)
 
 

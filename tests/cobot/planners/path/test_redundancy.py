@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cobot.errors import CobotError, UnreachableError
 from cobot.planners import MotionRequest, plan
-from cobot.planners.path.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
+from cobot.planners.path.joint_path import MAX_DEVIATION_M, MAX_DEVIATION_RAD
 from cobot.planners.path.lin import straight_line
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
@@ -70,9 +70,9 @@ def test_lin_finds_what_an_exhaustive_search_over_the_arm_angle_finds(robot: Rob
         begin, way = line.pose_at(0.0).position, goal.position - line.pose_at(0.0).position
         shares = (places - begin) @ way / (way @ way)
         beside = places - begin - shares[:, None] * way
-        assert np.linalg.norm(beside, axis=1).max() <= LARGEST_DEVIATION_M, start
+        assert np.linalg.norm(beside, axis=1).max() <= MAX_DEVIATION_M, start
         wanted = Rotation.from_quat(line.poses(shares)[:, 3:], scalar_first=True)
-        assert (wanted.inv() * turns).magnitude().max() <= LARGEST_DEVIATION_RAD, start
+        assert (wanted.inv() * turns).magnitude().max() <= MAX_DEVIATION_RAD, start
         used = largest_rates(motion) / rate_limits(robot.limits)
         assert used.max() <= 1.0 + 1e-6
     assert missed == 0
