@@ -166,7 +166,7 @@ EVERY_CHANNEL = (
     read_byte,
     read_byte_list,
 )
-"""Sockets and serial ports alike have these services."""
+"""Services of both sockets and serial ports."""
 
 
 def register(
@@ -176,7 +176,7 @@ def register(
     channel: Callable[[Services, str], Channel],
     functions: tuple[Callable[..., Any], ...],
 ) -> None:
-    """Make these functions services of a class; each gets a last field that names the open device.
+    """Register these functions as services of a class, each with an additional last field: the open device.
 
     Args:
         prefix: of the methods and of that field: "socket".

@@ -13,8 +13,8 @@ from cobot.robot.tool import BARE, Tool, ToolFile
 from cobot.types import Numbers7, Pose
 
 CLEAR_M, MIN_EDGE_M = 0.025, 0.002
-"""The fingers of the planners end so far before the TCP, m, because streams keep 20 mm away from everything
-and the TCP has to reach what lies on a table. Shapes shorter than the second length are left out."""
+"""Distance before the TCP at which the fingers end for the planners, m: streams keep 20 mm away from
+everything, and the TCP must reach parts on a table. Shapes shorter than the second length are left out."""
 LIP_M = 0.004
 """Height of a cup's lip, which has no mass."""
 FINGER_SHARE = 0.1

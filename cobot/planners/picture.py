@@ -69,8 +69,8 @@ def _dense(points: Array) -> Array:
 
 
 def _draw(image: Array, away: Array, view: Array) -> None:
-    """Colour the pixels of points, given relative to the camera, even of those behind the arm, to show where
-    they are."""
+    """Colour the pixels of points, which are given relative to the camera. Points behind the arm are visible
+    too."""
     across, down, ahead = view @ away.T
     half = np.tan(VIEW_RAD / 2)
     columns = np.rint((across / ahead / half * HEIGHT / WIDTH + 1.0) / 2.0 * (WIDTH - 1)).astype(int)

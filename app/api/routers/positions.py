@@ -1,4 +1,4 @@
-"""Positions that have a name, and giving names to more of them."""
+"""Named positions: reading, teaching and removing them."""
 
 from __future__ import annotations
 

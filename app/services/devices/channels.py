@@ -180,7 +180,7 @@ class Channels:
             self._opened_by[name] = program
 
     def close(self, name: str) -> None:
-        """Let go of one."""
+        """Close a channel and forget it."""
         self.get(name).close()
         del self._open[name]
         self._opened_by.pop(name, None)

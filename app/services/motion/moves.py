@@ -196,14 +196,14 @@ class MoveService:
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
     ) -> Outcome:
-        """Run what was planned before, and return when the arm has arrived, or why it has not.
+        """Run a planned motion, and return when the arm has arrived, or why it has not.
 
         Args:
             trajectory: None if there is nothing to move.
-            require: raises if the commanded joints, shape (dof,), rad, are not where the motion begins, or
-                anything else is not as when it was planned. Called by the owner of the right to move.
-            fence: that the TCP may not leave.
-            signals: actions and conditions on its way.
+            require: raises if the commanded joints, shape (dof,), rad, are not at the start of the motion, or
+                if anything else has changed since planning. Called by the owner of the right to move.
+            fence: the fence that the TCP may not leave.
+            signals: actions and conditions of the motion.
 
         Raises:
             ConflictError, UnavailableError, InputError: nothing has moved.

@@ -128,7 +128,7 @@ class SignalFollower:
             self._contact = _contact(report.met, self._begin_s)
 
     def rest(self, tcp: Array) -> None:
-        """The motion has ended, and the TCP, shape (7,), rests."""
+        """Finish: the motion has ended, and the TCP is at rest at `tcp`, shape (7,)."""
         self.look()
         self.note_rest(tcp)
         self.end()

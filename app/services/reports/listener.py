@@ -127,7 +127,7 @@ class Listener:
             yield self._event("alive", {})
 
     def _tick(self) -> None:
-        """On the grid of the rate, unless the loop was late by more than a period."""
+        """Make states due; the next tick is on the grid of the rate, unless the loop is a period late."""
         self._due = True
         self._call()
         self._tick_s = max(self._tick_s + self._period_s, self._loop.time())

@@ -17,9 +17,9 @@ from cobot.errors import (
 from cobot.types import RESTING
 
 REST_TIMEOUT_S = 3.0
-"""A motion that is to pause has to rest within this time, s."""
+"""Time within which a motion must be at rest after a request to pause, s."""
 MAX_PAUSE_S = 3600.0
-"""The timeout of a motion does not go on during its pauses, up to this in all, s."""
+"""Total time of pauses that does not count towards the timeout of a motion, s."""
 FRACTIONS = (0.01, 1.0)
 """The smallest and the largest fraction of full speed that may be set, in addition to 0."""
 

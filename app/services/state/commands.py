@@ -96,17 +96,17 @@ class Commands:
         tool: int = 0,
         signals: Placed = NO_PLACED,
     ) -> None:
-        """Have the motion under way go on with another trajectory, as the same motion, within the same fence.
+        """Continue the present motion with another trajectory, as the same motion and within the same fence.
 
         Args:
-            trajectory: the same as the one under way up to where the arm is when rtloop has read it.
-            offset_s: the path time of the one under way at which it begins.
+            trajectory: equal to the present one up to the place of the arm when rtloop has read it.
+            offset_s: the path time of the present trajectory at which it begins.
             stops, tool: see `start`.
             signals: actions and conditions on its way, at its own path times; those that have fired do not
                 fire again.
 
         Raises:
-            ExecutionError: rtloop refuses it, with its reason; the motion goes on as it was.
+            ExecutionError: rtloop refuses it, with its reason; the motion continues unchanged.
             UnavailableError, InputError: see `start`.
         """
         async with self._turn:

@@ -14,9 +14,9 @@ from cobot.ipc.shm import RobotMemory
 
 HEARTBEAT_S = 0.05
 PAUSE_S = 1.0
-"""A service without a sign of life for so long stood still; rtloop has stopped the arm by then."""
+"""A pause of the service that is longer than this counts: rtloop has stopped the arm by then."""
 CATCH_UP_S = 0.25
-"""In so much time after that it has read what came meanwhile."""
+"""Time after a pause in which the service reads all requests that waited, s."""
 
 log = logging.getLogger("cobot.service")
 
@@ -75,7 +75,7 @@ class Heartbeat:
             log.warning("%sthe service stood still for %.1f s", self._label, self._paused_s)
 
     def require_awake(self) -> None:
-        """See that what has been asked for can be new: while this process stands still, requests wait.
+        """Reject requests that may be old, because they waited while this process stood still.
 
         Raises:
             UnavailableError: it stood still until just now.

@@ -147,8 +147,8 @@ class _Settling:
                     meshes[shape.meshname].inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
 
     def _weigh(self, file: Path) -> tuple[mujoco.MjModel, Array]:
-        """MuJoCo's model with the masses of the shapes, and a mask of those that have one; the file's own
-        inertias are not looked at.
+        """MuJoCo's model with the masses of the shapes, and a mask of those that have one. The inertias of
+        the file are ignored.
         """
         draft = self._spec.copy()
         draft.compiler.boundmass = draft.compiler.boundinertia = NOTHING_KG

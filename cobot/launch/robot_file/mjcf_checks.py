@@ -48,7 +48,7 @@ class _Counter:
         self._count = self._joints = 0
 
     def add(self, file: Path, root: Element, times: int) -> None:
-        """Count an element that is made `times` times, and all in it."""
+        """Count an element that is created `times` times, with everything in it."""
         models = {model.get("name"): model.get("file") for model in root.iter("model")}
         pending = [(root, times)]
         while pending:

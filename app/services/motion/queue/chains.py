@@ -1,4 +1,4 @@
-"""Which moves of the queue one motion goes through."""
+"""Chains: moves of the queue that are joined into one motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cobot.types import MAX_ACTIONS
 
 
 def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], list[float]]:
-    """What moves anything, of which move it is, and its radius; before one that does not, the arm stops."""
+    """The legs to run, with the move and the blend radius of each. A move without legs stops the arm."""
     moves: list[QueuedMove] = []
     legs: list[Leg] = []
     radii: list[float] = []

@@ -342,7 +342,7 @@ class QueueMotion:
         radii: Sequence[float],
         times_s: tuple[float, float],
     ) -> Stretch | None:
-        """The motion under way, prolonged; None if a move was dropped meanwhile."""
+        """The present motion with the new moves joined to it; None if a move was dropped meanwhile."""
         work = self._planner.prolong(claim, stretch, legs, radii, times_s)
         planning = self._planning = asyncio.create_task(work)
         try:

@@ -119,12 +119,12 @@ class QueuedMove:
 
     @property
     def _rests(self) -> bool:
-        """Whether it is an arm that is there already, which has actions or conditions."""
+        """Whether the arm is already at the goal, and the move has actions or conditions."""
         return bool(self.signals and self.legs) and self.duration_s <= REST_S
 
     @property
     def begins_motion(self) -> bool:
-        """Whether the arm has to settle before it, as no path leads on into it."""
+        """Whether the arm must settle before it, because it cannot be joined to the previous move."""
         return self._rests or self.signals.placed.start_when is not None
 
     @property
