@@ -32,8 +32,10 @@ class Works(BaseModel):
     """A changed request that was planned with all checks."""
 
     change: Kind = Field(description="What is changed.")
-    says: str = Field(description="The same in words.")
-    endpoint: str = Field(description="Where to send `body` to; /robot/move/... takes it without `samples`.")
+    says: str = Field(description="The change in words.")
+    endpoint: str = Field(
+        description="The endpoint for `body`; /robot/move/... accepts it without `samples`."
+    )
     body: dict[str, Any] = Field(description="The whole request that works.")
     duration_s: float = Field(description="Of the motion then, s.")
 
@@ -50,12 +52,14 @@ class Tried(BaseModel):
 class Explain(BaseModel):
     """Why there is no motion, and changes that make one possible."""
 
-    checks: list[FailedCheck] = Field(description="What has failed, the decisive one first.")
+    checks: list[FailedCheck] = Field(description="The failed checks, the decisive one first.")
     motion: int | None = Field(
         None, description="In a sequence: number of the motion to which `works` applies, from 1."
     )
-    works: list[Works] = Field([], description="At most one of each kind; for /robot/plan only.")
-    tried: list[Tried] = Field([], description="What was tried and does not work.")
+    works: list[Works] = Field(
+        [], description="Changes that work, at most one of each kind; only for /robot/plan."
+    )
+    tried: list[Tried] = Field([], description="Changes that were tried and do not work.")
     spent_s: float = Field(0.0, description="Time spent on the search, s.")
     budget_s: float = Field(0.0, description="Time limit of the search, s: `planning.explain_s`, or less.")
 

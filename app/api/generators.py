@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-BEARER = {"type": "http", "scheme": "bearer", "description": "of `cobot token create`"}
+BEARER = {"type": "http", "scheme": "bearer", "description": "A token of `cobot token create`."}
 MODELS = "#/components/schemas/"
 FORM = "Body_"
 """How the names begin that FastAPI gives to the forms of endpoints."""

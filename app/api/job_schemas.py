@@ -79,8 +79,8 @@ class JobAnswer(BaseModel):
     created_at: datetime = Field(description="When it was requested.")
     started_at: datetime | None = Field(description="When its first motion began.")
     ended_at: datetime | None = Field(
-        description="When it ended; of one that a crash interrupted, when the service was last "
-        "known to be alive."
+        description="When it ended; for a job that a crash interrupted, the last time at which the service "
+        "is known to have run."
     )
 
 
@@ -142,14 +142,17 @@ class SpeedOverrideBody(RequestModel):
     model_config = ConfigDict(json_schema_extra={"examples": [{"fraction": 1.0}]})
 
     fraction: float = Field(
-        ge=0.0, le=1.0, allow_inf_nan=False, description="Of the planned speed: 0 (the arm waits), 0.01 to 1."
+        ge=0.0,
+        le=1.0,
+        allow_inf_nan=False,
+        description="Share of the planned speed: 0 (the arm waits), or 0.01 to 1.",
     )
 
 
 class SpeedOverrideAnswer(BaseModel):
     """How fast motions go."""
 
-    fraction: float = Field(description="Of the planned speed.")
+    fraction: float = Field(description="Share of the planned speed.")
 
 
 Wait = Annotated[bool, Query(description=WAIT)]

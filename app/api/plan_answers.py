@@ -60,16 +60,16 @@ class PlanPoint(BaseModel):
 
 
 class MotionPoint(BaseModel):
-    """A point of the motion under way."""
+    """A point of the present motion."""
 
     time_s: float = Field(description="Of the path, s: at full speed since its beginning.")
     joints: list[float] = Field(description="rad")
 
 
 class MotionAnswer(BaseModel):
-    """The path of the motion under way, of any client."""
+    """The path of the present motion, of any client."""
 
-    motion_id: int | None = Field(description="Of the motion that runs; null while none does.")
+    motion_id: int | None = Field(description="Number of the present motion; null without one.")
     duration_s: float = Field(description="Of its path at full speed, s.")
     note: str = Field(description="How it differs from the request.")
     path: list[MotionPoint] = Field(description="Evenly over its time, both ends included.")
@@ -161,7 +161,7 @@ class RehearsalAnswer(BaseModel):
     )
 
     plan_id: str = Field(description="Of the plan.")
-    runs_through: bool = Field(description="It arrives and settles, and there is no `problem` on the way.")
+    runs_through: bool = Field(description="The arm arrives and settles, and there is no `problem`.")
     duration_s: float = Field(description="Duration at full speed until it settled, or ended otherwise.")
     planned_duration_s: float = Field(description="Duration of the plan, without settling.")
     effort: list[float] = Field(description="Largest effort of each joint, as a share of its limit.")

@@ -59,10 +59,10 @@ class KeptPlan(BaseModel):
         }
     )
 
-    plan_id: str = Field(description="The id that is sent to approve or run it.")
+    plan_id: str = Field(description="Id, for requests that approve or run the plan.")
     by: str = Field(description="The client that requested it: the name of its token.")
     planners: list[str] = Field(description="The planners that were requested.")
-    duration_s: float = Field(description="How long it moves, at full speed.")
+    duration_s: float = Field(description="Duration at full speed, s.")
     signals: list[str] = Field(
         description="Actions on its path, its conditions and commands to the gripper, as sentences."
     )

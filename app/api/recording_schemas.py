@@ -38,12 +38,14 @@ class RecordingAnswer(BaseModel):
 
     name: str = Field(description="Name for GET /recordings/{name}.")
     time: str = Field(description="Time of the fault, the e-stop or the request, ISO 8601 in UTC.")
-    reason: Literal["fault", "estop", "request", "continuous"] = Field(description="Why it was made.")
+    reason: Literal["fault", "estop", "request", "continuous"] = Field(
+        description="Reason for the recording."
+    )
     size: int = Field(description="Bytes.")
 
 
 class RecordedPoint(BaseModel):
-    """Where the arm was."""
+    """The arm at one cycle of a recording."""
 
     time_s: float = Field(description="From the first cycle on, s.")
     joints: list[float] = Field(description="Measured, rad.")
@@ -59,8 +61,8 @@ class RecordedEvent(BaseModel):
         description="What has changed. A fault, an e-stop and an intervention have kinds of their own.",
         json_schema_extra={"enum": [*sorted(EVENT_KINDS)]},
     )
-    mode: str = Field(description="Of rtloop, from then on.")
-    text: str = Field(description="Why; empty if there is no reason.")
+    mode: str = Field(description="Mode of rtloop from then on.")
+    text: str = Field(description="The reason; empty without one.")
 
 
 class RecordedPathAnswer(BaseModel):
@@ -86,7 +88,7 @@ class RecorderAnswer(BaseModel):
 
 
 class RecordingsAnswer(BaseModel):
-    """What is there."""
+    """The recordings, and the recorder."""
 
     recordings: list[RecordingAnswer] = Field(description="The newest first.")
     recorder: RecorderAnswer | None = Field(description="null: this robot is not recorded.")

@@ -40,7 +40,7 @@ def _example(body: Any) -> ConfigDict:
 
 
 class Place(RequestModel):
-    """Where something is."""
+    """A pose in a frame."""
 
     model_config = _example({"x": 0.5, "y": 0.2, "z": 0.1, "a": 0.5})
 
@@ -64,7 +64,7 @@ class PutObject(Place):
     model_config = _example({"shape": "box", "size": [0.3, 0.4, 0.02], "x": 0.5, "y": -0.6, "z": 0.2})
 
     shape: Literal["box", "sphere", "cylinder", "capsule", "mesh", "height_field", "point_cloud"] = Field(
-        description="Of the solid."
+        description="Kind of the solid."
     )
     size: list[Length] | None = Field(
         None, min_length=3, max_length=3, description="Of a box: its edges along its x, y and z, m."
@@ -206,7 +206,7 @@ class ChangeScene(RequestModel):
 class ObjectAnswer(BaseModel):
     """A solid."""
 
-    name: str = Field(description="Of the object.")
+    name: str = Field(description="Name of the object.")
     shape: str = Field(description="box, sphere, cylinder, capsule, mesh, height_field or point_cloud.")
     size: list[float] = Field(
         description="m: a box's edges; a radius; a radius and a length; for others the edges of the "

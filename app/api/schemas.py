@@ -67,7 +67,7 @@ class ResetAnswer(BaseModel):
     """Result of a reset."""
 
     success: Literal[True] = Field(description="Always true: the robot may move.")
-    message: str = Field(description="The same in words.")
+    message: str = Field(description="The result in words.")
 
 
 class TakeControl(RequestModel):
@@ -106,7 +106,7 @@ class ControlAnswer(BaseModel):
 class TakenAnswer(ControlAnswer):
     """The caller has control."""
 
-    token: str = Field(description="To be sent as the header X-Control-Token.")
+    token: str = Field(description="Send it as the header X-Control-Token.")
     stopped: list[str] = Field(description="What was stopped to take control over.")
 
 
@@ -236,7 +236,7 @@ class StartedAnswer(BaseModel):
 class SequenceStatusAnswer(BaseModel):
     """The newest sequence."""
 
-    status: Literal["idle", "running", "finished"] = Field(description="idle: there was none yet.")
+    status: Literal["idle", "running", "finished"] = Field(description="idle: there was no sequence yet.")
     sequence_id: int | None = Field(description="Its number, counted from 1.")
     pid: int | None = Field(description="The runner's process.")
     iteration: int | None = Field(description="From 1.")

@@ -40,7 +40,7 @@ class AuditEntry(BaseModel):
     from_: str = Field(alias="from", description="Address and port, or cli.")
     what: str = Field(description="Method and path; the vendor service; what a connection has done.")
     outcome: str = Field(description="HTTP's status, or ok, or what went wrong.")
-    request: str | None = Field(None, description="The X-Request-Id, which lines of the log have too.")
+    request: str | None = Field(None, description="The X-Request-Id, also in the lines of the log.")
     repeated: int | None = Field(None, description="How many more of this kind followed in the same second.")
     details: dict[str, Any] = Field({}, description="Further facts: the motion, the upload, the error.")
 
@@ -83,8 +83,8 @@ class HealthAnswer(RobotHealth):
     last_interventions_s: dict[str, float | None] = Field(
         description="Seconds since the last one of each kind; null: there was none."
     )
-    versions: dict[str, str] = Field(description="Of cobot and of the libraries that it uses.")
-    robots: dict[str, RobotHealth] = Field(description="Of each addressed robot, by its name.")
+    versions: dict[str, str] = Field(description="Versions of cobot and of the libraries that it uses.")
+    robots: dict[str, RobotHealth] = Field(description="Health of each addressed robot, by its name.")
 
 
 class LiveAnswer(BaseModel):
@@ -96,7 +96,9 @@ class LiveAnswer(BaseModel):
 class ReadyAnswer(BaseModel):
     """Every robot that the request addresses accepts motions."""
 
-    status: Literal["ready"] = Field(description="If one is not ready, the answer is a 503 with why.")
+    status: Literal["ready"] = Field(
+        description="Always `ready`; otherwise the answer is a 503 with the reasons."
+    )
     robots: list[str] = Field(description="Their names.")
 
 
@@ -111,7 +113,7 @@ class RestoreAnswer(BaseModel):
     """A backup that was checked. The next start of cobot restores it."""
 
     created: str = Field(description="When the backup was made, ISO 8601 in UTC.")
-    contents: list[str] = Field(description="What it has, as sentences.")
+    contents: list[str] = Field(description="Contents of the backup, as sentences.")
 
 
 class RobotAnswer(BaseModel):

@@ -13,7 +13,7 @@ from cobot.motions.fields import example
 class ActionAnswer(BaseModel):
     """An action on the path, and its result."""
 
-    action: str = Field(description="Its place in the request.")
+    action: str = Field(description="The field of the action in the request.")
     does: str = Field(description="What it does.")
     at: str = Field(description="The requested place on the path.")
     planned_s: float = Field(description="The path time of that place, s.")
@@ -23,7 +23,7 @@ class ActionAnswer(BaseModel):
     path_time_s: float | None = Field(description="Path time of the cycle in which it fired, s.")
     robot_time_s: float | None = Field(description="Time of that cycle on the robot's clock, s.")
     position: list[float] | None = Field(
-        description="Of the TCP in the base frame, as measured in that cycle, m."
+        description="Position of the TCP in the base frame, as measured in that cycle, m."
     )
     problem: str = Field(description="Why it had no effect; empty if it had one, or has not fired.")
 

@@ -123,7 +123,8 @@ class TouchedPoints(RequestModel):
     points: list[Joints] = Field(
         min_length=MIN_POSES,
         max_length=MAX_POSES,
-        description="Joint positions, each with the flange turned by 20° or more, about two axes in all.",
+        description="Joint positions, between which the flange turns by 20° or more, about two axes in "
+        "total.",
     )
 
 

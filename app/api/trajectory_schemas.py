@@ -96,7 +96,7 @@ class SentAnswer(BaseModel):
         description="Duration of the whole motion, s, including the motion to the start."
     )
     points: int = Field(description="Number of points that were sent.")
-    note: str = Field("", description="What was changed and why; empty if nothing was.")
+    note: str = Field("", description="Changes of the motion, with the reason; empty: none.")
     blended_rad: float = Field(
         0.0, description="Distance of the arm from the first point, which was removed smoothly."
     )

@@ -171,7 +171,7 @@ class InsertMotion(SearchMotion):
         }
     )
 
-    depth: Finite = Field(gt=0.0, le=0.5, description="Beyond the contact, m.")
+    depth: Finite = Field(gt=0.0, le=0.5, description="Depth beyond the contact, m.")
     compliance: Finite = Field(
         0.05,
         ge=0.01,

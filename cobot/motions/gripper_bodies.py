@@ -13,7 +13,7 @@ from cobot.loose_lists import RequestModel
 from cobot.motions.fields import Finite, example
 from cobot.strict import sentences, shown
 
-Width = Annotated[Finite, Field(ge=0.0, le=10.0, description="Between the fingers, m.")]
+Width = Annotated[Finite, Field(ge=0.0, le=10.0, description="Width between the fingers, m.")]
 Tolerance = Annotated[Finite, Field(ge=0.0, le=1.0)]
 FingerSpeed = Annotated[
     Finite | None, Field(gt=0.0, le=10.0, description="Of the fingers, m/s; null: the gripper's default.")

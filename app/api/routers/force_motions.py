@@ -44,7 +44,7 @@ class TcpPose(BaseModel):
 
 
 class PushContact(BaseModel):
-    """Where the TCP touched."""
+    """The first contact of the TCP."""
 
     pose: TcpPose = Field(description="Of the TCP when it touched.")
     distance_m: float = Field(description="Distance along the push, m.")

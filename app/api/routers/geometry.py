@@ -73,7 +73,7 @@ class BodyShown(PoseIn):
     name: str = Field(description="Its name in messages about collisions; may be empty.")
     parent: int = Field(description="Index of its parent; the first body is the world.")
     part: str = Field(description="robot, tool or scene.")
-    joints: list[JointShown] = Field(description="In the order in which they move it.")
+    joints: list[JointShown] = Field(description="Joints that move it, in their order.")
     shapes: list[ShapeShown] = Field(description="What it is made of.")
 
 
@@ -87,8 +87,8 @@ class MeshShown(BaseModel):
 class JointRange(BaseModel):
     """Limits of a joint."""
 
-    name: str = Field(description="Of the joint.")
-    slides: bool = Field(description="Then it is m, not rad.")
+    name: str = Field(description="Name of the joint.")
+    slides: bool = Field(description="The joint slides: positions are in m, not in rad.")
     min_position: float = Field(description="rad or m")
     max_position: float = Field(description="rad or m")
     max_velocity: float = Field(description="rad/s or m/s")
@@ -120,7 +120,7 @@ class VisualShown(PoseIn):
         description="m: a box's edges; a radius; radius and length; of a mesh its scale along x, y, z."
     )
     rgba: list[float] | None = Field(description="From 0 to 1; null: the colours of the mesh.")
-    mesh: int | None = Field(description="Which mesh: GET /robot/visuals/{mesh}, as GLB, in metres.")
+    mesh: int | None = Field(description="Number of the mesh: GET /robot/visuals/{mesh}, as GLB, in metres.")
 
 
 class VisualsAnswer(BaseModel):
@@ -182,7 +182,7 @@ async def clearance(request: Request) -> ClearanceAnswer:
     """The smallest distances of the arm where it is measured now, each with its two nearest points.
 
     With the tool and the scene, as the collision checks see them. Distances that no joint changes, such as
-    that of a turret over the floor, are left out.
+    that of a first link over the floor, are left out.
     """
     call = Call(request)
     state = await call.services.link.measured_state(call.timeout_s)

@@ -33,9 +33,9 @@ DONE = "The gripper has done it"
 class GripperValues(BaseModel):
     """What the gripper reports; null: it does not know."""
 
-    width: float | None = Field(description="Between the fingers, m.")
-    commanded_width: float | None = Field(description="Of the last command, m.")
-    force: float | None = Field(description="At the fingers, N.")
+    width: float | None = Field(description="Width between the fingers, m.")
+    commanded_width: float | None = Field(description="Width of the last command, m.")
+    force: float | None = Field(description="Force at the fingers, N.")
     moving: bool = Field(description="Whether a command is in progress.")
     object: HeldObject | None = Field(
         description="none; held_inside (between the fingers), held_outside (the fingers are inside it), "

@@ -70,7 +70,7 @@ class StartStudy(RequestModel):
         None, max_length=100, description="Whether the metric is to be large or small: max or min."
     )
     confidence: float | None = Field(None, description="For robustness: confidence level of the intervals.")
-    search: Part | None = Field(None, description="Search by Optuna.")
+    search: Part | None = Field(None, description="A search with Optuna.")
     study: Part | None = Field(None, description="For compare: what all variants have in common.")
     variants: dict[str, Part] | None = Field(None, description="For compare: the variants by name.")
     max_s: float = Field(
@@ -101,7 +101,7 @@ class StudyAnswer(BaseModel):
     left_s: float | None = Field(description="Estimated remaining time, s; null while it is unknown.")
     answer: dict[str, Any] = Field(description="The answer from the results so far, by names for people.")
     placement: BestPlacement | None = Field(
-        description="The best placement, of a study of the kind placement that has ended."
+        description="The best placement; only for a completed study of the kind placement."
     )
     maps: bool = Field(description="Whether it has a map: GET /studies/{study}/map.")
     job: str = Field(description="The job of its last run: POST /jobs/{job}/cancel ends it.")
