@@ -16,19 +16,20 @@ from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
 
 from app import routes
-from app.api import documentation, errors, openapi
-from app.api.access import Access
-from app.api.audit import RequestTrail
-from app.api.body_limit import BodyLimit
-from app.api.clients import Clients
+from app.api import errors
 from app.api.costly import Costly
+from app.api.documentation import openapi, swagger
 from app.api.endpoints import Endpoint, changed, slowest_move_s
-from app.api.origins import Origins
+from app.api.middleware.access import Access
+from app.api.middleware.audit import RequestTrail
+from app.api.middleware.body_limit import BodyLimit
+from app.api.middleware.clients import Clients
+from app.api.middleware.origins import Origins
+from app.api.middleware.timing import RequestTimes, Timing
+from app.api.middleware.versions import Versions
 from app.api.roles import guard, roles
 from app.api.routers.robots import twin_name
 from app.api.start_failure import StartFailure
-from app.api.timing import RequestTimes, Timing
-from app.api.versions import Versions
 from app.aubo import http as vendor
 from app.lifetime import Lifetime
 from app.mcp.endpoint import McpEndpoint
@@ -126,8 +127,8 @@ def _application(lifetime: Lifetime) -> FastAPI:
         description=DESCRIPTION,
         lifespan=lifetime.of,
         docs_url=None,
-        openapi_tags=documentation.TAGS,
-        servers=documentation.SERVERS,
+        openapi_tags=swagger.TAGS,
+        servers=swagger.SERVERS,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
     )
     return app
@@ -166,7 +167,7 @@ def _add_middleware(app: FastAPI, settings: Settings, tokens: Authenticator, *, 
 def _document(app: FastAPI, robots: dict[str, RobotDescription], table: dict[str, Role] | None) -> None:
     """Describe the REST API; `table`: which role each endpoint needs, where one is needed at all."""
     limits = {name: robot.limits for name, robot in robots.items()}
-    documentation.install(app, partial(openapi.version, limits))
+    swagger.install(app, partial(openapi.version, limits))
     app.openapi = openapi.with_limits(app.openapi, limits)  # type: ignore[method-assign]
     if table is not None:
         app.openapi = openapi.with_tokens(app.openapi, table)  # type: ignore[method-assign]
@@ -178,4 +179,4 @@ def _document_vendor(app: FastAPI, names: list[str], table: dict[str, Role] | No
     def schema() -> dict[str, Any]:
         return vendor.schema(app.openapi(), names)
 
-    documentation.install_vendor(app, schema if table is None else openapi.with_tokens(schema, table))
+    swagger.install_vendor(app, schema if table is None else openapi.with_tokens(schema, table))

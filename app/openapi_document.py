@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 
-from app.api.openapi import BY_NAME
+from app.api.documentation.openapi import BY_NAME
 from app.main import create_app
 from cobot.addresses import DEFAULT_URL
 from cobot.config import load_settings

@@ -16,8 +16,8 @@ from fastapi.params import Form
 from pydantic import BaseModel
 from starlette.requests import HTTPConnection
 
-from app.api.clients import MOTION_TOKEN
 from app.api.endpoints import Endpoint
+from app.api.middleware.clients import MOTION_TOKEN
 from app.robot_services import Services
 from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind

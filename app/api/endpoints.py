@@ -30,7 +30,7 @@ class Endpoint:
             wait before they act, check it again.
         costly: whether making the answer takes milliseconds, see `app.api.costly`. An endpoint that is costly
             only for some requests, or after a wait of its own, uses `costly_turn` itself.
-        keyed: whether it begins a job and heeds an `Idempotency-Key`, see `app.api.idempotency`.
+        keyed: whether it begins a job and heeds an `Idempotency-Key`, see `app.api.middleware.idempotency`.
         enabled: whether it is served.
 
     Raises:

@@ -21,8 +21,8 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from app.api.explain_schemas import Explain, explain_of
-from app.api.versions import BELOW
+from app.api.middleware.versions import BELOW
+from app.api.schemas.explain import Explain, explain_of
 from cobot import audit, errors
 from cobot.addresses import MANUAL, VERSION
 from cobot.errors import CobotError, exhausted

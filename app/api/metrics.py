@@ -22,7 +22,7 @@ from prometheus_client.registry import Collector
 from prometheus_client.utils import floatToGoString
 from starlette.datastructures import State
 
-from app.api.timing import BUCKETS_S
+from app.api.middleware.timing import BUCKETS_S
 from app.robot_services import Services
 from app.services.reports.health import VERSIONS
 from app.services.state.robot_state import RobotState

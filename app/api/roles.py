@@ -8,12 +8,12 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from app.api import documentation
-from app.api.access import IDENTITY
+from app.api.documentation import swagger
+from app.api.documentation.samples import SAMPLES_PATH
 from app.api.endpoints import WEBSOCKET, Endpoint
 from app.api.errors import answer_to
+from app.api.middleware.access import IDENTITY
 from app.api.routers.robots import twin_name
-from app.api.samples import SAMPLES_PATH
 from cobot import audit
 from cobot.access.authentication import is_loopback
 from cobot.access.roles import Identity, Role, require
@@ -34,14 +34,14 @@ PUBLIC_PATHS = (
     "/docs",
     "/docs/oauth2-redirect",
     f"{SAMPLES_PATH}/{{name}}",
-    documentation.ROBOTS_PAGE,
-    documentation.VENDOR_PAGE,
+    swagger.ROBOTS_PAGE,
+    swagger.VENDOR_PAGE,
     "/redoc",
     "/openapi.json",
-    documentation.SCHEMA,
-    documentation.ROBOTS_SCHEMA,
-    documentation.VENDOR_SCHEMA,
-    documentation.STATIC,
+    swagger.SCHEMA,
+    swagger.ROBOTS_SCHEMA,
+    swagger.VENDOR_SCHEMA,
+    swagger.STATIC,
 )
 """The panel, the manual and the documentation, in which a token can be entered, are open to all: they tell
 nothing about this robot but its joints' limits and its name."""

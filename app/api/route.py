@@ -28,8 +28,8 @@ from app.api.costly import costly_turn
 from app.api.dependencies import BEGUN_S, LARGE_BYTES, STOPS, Call, body_check, services_of
 from app.api.endpoints import WEBSOCKET, Endpoint, declare, declared
 from app.api.errors import responses, status_of
-from app.api.idempotency import PARAMETER, answer_once, key_of
 from app.api.json_text import decoded
+from app.api.middleware.idempotency import PARAMETER, answer_once, key_of
 from app.api.strict import is_strict, reports_success, with_strict_status
 from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError

@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from app.api.scene_schemas import PutObject
+from app.api.schemas.scene import PutObject
 from cobot.errors import InputError, LimitError
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.scene import Numbers3, Numbers6, SceneObject

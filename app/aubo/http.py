@@ -16,14 +16,14 @@ from fastapi.routing import APIRoute
 from starlette.routing import Match
 from starlette.types import Scope
 
-from app.api.access import identity_of
-from app.api.clients import MOTION_TOKEN
 from app.api.dependencies import BEGUN_S, LARGE_BYTES, json_body, services_of
+from app.api.documentation.openapi import CONTROL, error_components, error_references
 from app.api.errors import ErrorAnswer
 from app.api.json_text import decoded
-from app.api.openapi import CONTROL, error_components, error_references
+from app.api.middleware.access import identity_of
+from app.api.middleware.clients import MOTION_TOKEN
+from app.api.middleware.versions import plain_path
 from app.api.route import EndpointRouter
-from app.api.versions import plain_path
 from app.aubo.classes import CLASSES, REGISTRY
 from app.aubo.fields import REQUIRED, Field
 from app.aubo.registry import Origin, Service, bind, run, unknown_service

@@ -14,7 +14,7 @@ from typing import Any
 
 from starlette.types import Message, Receive, Scope
 
-from app.api.clients import client_of
+from app.api.middleware.clients import client_of
 
 GONE = "cobot.gone"
 """Key of a request's scope: an event that is set when the client is gone."""

@@ -13,7 +13,7 @@ from urllib.parse import urlencode
 
 from starlette.types import Message, Scope
 
-from app.api.access import FORWARDING
+from app.api.middleware.access import FORWARDING
 from app.robot_services import Services
 from cobot.addresses import address
 from cobot.errors import NotFoundError

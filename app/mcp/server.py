@@ -16,7 +16,7 @@ from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import INVALID_PARAMS, CallToolResult, InputRequiredResult, TextContent
 from mcp_types import Tool as MCPTool
 
-from app.api.access import IDENTITY
+from app.api.middleware.access import IDENTITY
 from app.mcp import tools
 from app.mcp.arguments import arguments_of, require_valid
 from app.mcp.endpoint import MAX_BODY_BYTES
@@ -162,7 +162,8 @@ def _audit(what: str, **details: object) -> Iterator[None]:
 def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
     """What answers requests for `MCP`, each by itself: there are no sessions to be lost or stolen.
 
-    `app.api.access` has checked hosts and clients before, so the library's own check of hosts is off.
+    `app.api.middleware.access` has checked hosts and clients before, so the library's own check of hosts is
+    off.
     """
     server = AgentServer()
     _offer_resources(server, app)

@@ -14,15 +14,15 @@ from pydantic import FailFast, Field
 from pydantic_core import to_jsonable_python
 from starlette.requests import Request
 
-from app.api.access import IDENTITY
-from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
 from app.api.endpoints import Endpoint
-from app.api.plan_schemas import PlanArc, PlanId, PlanPath, PlanPose
+from app.api.middleware.access import IDENTITY
+from app.api.middleware.clients import client_of
 from app.api.routers.gripper import GripperReportAnswer
 from app.api.routers.plans import rehearsal
-from app.api.schemas import LogLines
-from app.api.signal_schemas import action_answers
+from app.api.schemas.plans import PlanArc, PlanId, PlanPath, PlanPose
+from app.api.schemas.robot import LogLines
+from app.api.schemas.signals import action_answers
 from app.mcp.arguments import takes_fields_of
 from app.mcp.departures import GONE
 from app.mcp.endpoint import STOPPED

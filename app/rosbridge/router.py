@@ -9,10 +9,10 @@ from typing import Any, cast
 from fastapi import WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
-from app.api.access import identity_of
 from app.api.dependencies import LARGE_BYTES
 from app.api.errors import status_of
 from app.api.json_text import decoded
+from app.api.middleware.access import identity_of
 from app.api.route import EndpointRouter, without_collection
 from app.graph.graph import Graph
 from app.rosbridge.connection import Connection

@@ -12,7 +12,7 @@ from cobot_run import WAIT_S
 from fastapi import FastAPI
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from app.api.access import IDENTITY
+from app.api.middleware.access import IDENTITY
 from cobot.access.roles import SERVICE
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def ask(app: FastAPI, method: str, path: str, **content: Any) -> httpx.Response:
 
 
 class Anybody:
-    """For an application without `app.api.access.Access`: who asks may do everything."""
+    """For an application without `app.api.middleware.access.Access`: who asks may do everything."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -9,7 +9,7 @@ from fastapi import Query, Request, Response
 
 from app.api.errors import responses
 from app.api.route import EndpointRouter
-from app.api.service_schemas import AuditAnswer, AuditQuery
+from app.api.schemas.service import AuditAnswer, AuditQuery
 from cobot.access.roles import Role
 from cobot.audit import Audit
 

@@ -9,12 +9,12 @@ from typing import Annotated
 from fastapi import File, Request, Response, UploadFile
 
 from app.api.errors import responses
-from app.api.job_schemas import JobsAnswer, job_answer
 from app.api.metrics import Metrics
 from app.api.route import EndpointRouter
 from app.api.routers.common import health
 from app.api.routers.jobs import newest_jobs
-from app.api.service_schemas import RestoreAnswer
+from app.api.schemas.jobs import JobsAnswer, job_answer
+from app.api.schemas.service import RestoreAnswer
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.launch.backup.backup import make_backup, read_backup, stage

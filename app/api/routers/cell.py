@@ -8,9 +8,9 @@ from fastapi import Request
 from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call
-from app.api.device_schemas import IoAnswer
 from app.api.errors import responses
 from app.api.route import EndpointRouter
+from app.api.schemas.device import IoAnswer
 from app.services.state.cell import CellService
 from cobot.access.roles import Role
 

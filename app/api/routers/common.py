@@ -13,8 +13,8 @@ from starlette.datastructures import State
 from app.api.dependencies import Call, addressed
 from app.api.errors import responses
 from app.api.route import EndpointRouter
-from app.api.schemas import StopAnswer
-from app.api.service_schemas import HealthAnswer, ReadyAnswer
+from app.api.schemas.robot import StopAnswer
+from app.api.schemas.service import HealthAnswer, ReadyAnswer
 from app.services.rights.stopping import HELD, together
 from cobot import audit, logs
 from cobot.access.roles import Role

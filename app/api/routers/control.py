@@ -10,7 +10,7 @@ from fastapi import Request
 from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
-from app.api.schemas import ControlAnswer, TakeControl, TakenAnswer
+from app.api.schemas.robot import ControlAnswer, TakeControl, TakenAnswer
 from app.robot_services import Services
 from cobot import audit
 from cobot.access.roles import Role

@@ -14,9 +14,9 @@ from starlette.requests import HTTPConnection
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from app.api.access import STILL_VALID
 from app.api.dependencies import addressed
 from app.api.errors import responses, status_of
+from app.api.middleware.access import STILL_VALID
 from app.api.route import EndpointRouter
 from app.robot_services import Services
 from app.services.events.ring import TYPES, Event, Events

@@ -9,11 +9,11 @@ from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call, Gone
 from app.api.errors import ErrorCode, responses
-from app.api.explain_schemas import Explain, explain_of
-from app.api.goals import goal_of
-from app.api.job_schemas import ACCEPTED, Wait, answer_end
+from app.api.motions.goals import goal_of
+from app.api.motions.signals import input_condition
 from app.api.route import EndpointRouter
-from app.api.signals import input_condition
+from app.api.schemas.explain import Explain, explain_of
+from app.api.schemas.jobs import ACCEPTED, Wait, answer_end
 from app.services.rights.job import JobKind
 from app.services.streaming.force_run import ForceOutcome
 from cobot import audit

@@ -13,8 +13,8 @@ from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call
 from app.api.errors import responses
-from app.api.plan_answers import ClearanceAnswer, Distance
 from app.api.route import EndpointRouter
+from app.api.schemas.plan_answers import ClearanceAnswer, Distance
 from app.services.state.geometry import Body, Geometry, Joint, Shape, geometry_of, geometry_version
 from cobot.access.roles import Role
 from cobot.robot.visuals import visuals_of

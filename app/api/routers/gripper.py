@@ -10,8 +10,8 @@ from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call, Gone
 from app.api.errors import ErrorCode, responses
-from app.api.job_schemas import ACCEPTED, Wait, answer_end
 from app.api.route import EndpointRouter
+from app.api.schemas.jobs import ACCEPTED, Wait, answer_end
 from app.services.gripping.commands import GripperOutcome, GripperReport
 from app.services.rights.job import JobKind
 from cobot import audit

@@ -8,9 +8,9 @@ from fastapi import Path, Request
 from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call
-from app.api.device_schemas import IoAnswer
 from app.api.errors import responses
 from app.api.route import EndpointRouter
+from app.api.schemas.device import IoAnswer
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.loose_lists import RequestModel

@@ -10,7 +10,9 @@ from fastapi import Path, Query, Request, Response
 from app.api.costly import costly_turn
 from app.api.dependencies import Call, addressed
 from app.api.errors import responses
-from app.api.job_schemas import (
+from app.api.paging import deprecated_value, page_of
+from app.api.route import EndpointRouter
+from app.api.schemas.jobs import (
     JobAnswer,
     JobQuery,
     JobsAnswer,
@@ -19,8 +21,6 @@ from app.api.job_schemas import (
     SpeedOverrideBody,
     job_answer,
 )
-from app.api.paging import deprecated_value, page_of
-from app.api.route import EndpointRouter
 from app.services.rights.job import JobRecord, JobState
 from app.services.rights.job_book import KEPT
 from cobot import audit

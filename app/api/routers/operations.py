@@ -10,7 +10,7 @@ from prometheus_client import CONTENT_TYPE_PLAIN_0_0_4
 from app.api.errors import responses
 from app.api.metrics import Metrics
 from app.api.route import EndpointRouter
-from app.api.service_schemas import LiveAnswer, ReloadAnswer
+from app.api.schemas.service import LiveAnswer, ReloadAnswer
 from cobot.access.roles import Role
 
 router = EndpointRouter(tags=["operations"])

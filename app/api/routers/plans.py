@@ -8,14 +8,16 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import Path, Query, Request, Response
 
-from app.api.access import identity_of
 from app.api.dependencies import Call, Gone
 from app.api.errors import responses, tell
-from app.api.explanations import explained
-from app.api.goals import goal_of
-from app.api.job_schemas import ACCEPTED, answer_accepted, answer_end
+from app.api.middleware.access import identity_of
+from app.api.motions.explanations import explained
+from app.api.motions.goals import goal_of
 from app.api.paging import After, Limit, page_of
-from app.api.plan_answers import (
+from app.api.route import EndpointRouter
+from app.api.routers.robot import How, answer, check_queueing
+from app.api.schemas.jobs import ACCEPTED, answer_accepted, answer_end
+from app.api.schemas.plan_answers import (
     Distance,
     MotionAnswer,
     MotionPoint,
@@ -26,7 +28,7 @@ from app.api.plan_answers import (
     RehearsalAnswer,
     RehearsalFlaw,
 )
-from app.api.plan_schemas import (
+from app.api.schemas.plans import (
     Approve,
     Execute,
     KeptPlan,
@@ -40,9 +42,7 @@ from app.api.plan_schemas import (
     PlanPose,
     PlanSequence,
 )
-from app.api.route import EndpointRouter
-from app.api.routers.robot import How, answer, check_queueing
-from app.api.schemas import MoveAnswer
+from app.api.schemas.robot import MoveAnswer
 from app.robot_services import Services
 from app.services.motion.plan import Plan
 from app.services.motion.plan_attempt import PlanOptions

@@ -11,8 +11,8 @@ from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
-from app.api.scene_schemas import Name
-from app.api.schemas import NamedPositionAnswer
+from app.api.schemas.robot import NamedPositionAnswer
+from app.api.schemas.scene import Name
 from app.services.motion.positions import TAUGHT
 from cobot.access.roles import Role
 from cobot.loose_lists import RequestModel

@@ -10,11 +10,11 @@ from pydantic import AfterValidator, BaseModel, Field
 
 from app.api.dependencies import Call
 from app.api.errors import responses
-from app.api.job_schemas import ACCEPTED, Wait
 from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
 from app.api.routers.sequences import start_order
-from app.api.schemas import StartedAnswer
+from app.api.schemas.jobs import ACCEPTED, Wait
+from app.api.schemas.robot import StartedAnswer
 from app.services.programs.sequences import SequenceOrder
 from app.services.programs.stored import MAX_CHARACTERS, ProgramText, ProgramVersion
 from cobot import audit

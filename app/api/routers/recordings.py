@@ -14,7 +14,8 @@ from app.api.costly import costly_turn
 from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.paging import After, Limit, page_of
-from app.api.recording_schemas import (
+from app.api.route import EndpointRouter
+from app.api.schemas.recordings import (
     AskedRecordingAnswer,
     AskRecording,
     RecordedEvent,
@@ -22,7 +23,6 @@ from app.api.recording_schemas import (
     RecordedPoint,
     RecordingsAnswer,
 )
-from app.api.route import EndpointRouter
 from app.services.motion.planning_tasks import read_recorded_path
 from cobot import audit
 from cobot.access.roles import Role

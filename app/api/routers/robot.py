@@ -10,13 +10,13 @@ from fastapi import Query, Request, Response
 from fastapi.responses import JSONResponse
 
 from app.api.dependencies import Call, Gone
-from app.api.device_schemas import Acknowledge, AcknowledgeAnswer
 from app.api.errors import responses
-from app.api.explain_schemas import explain_of
-from app.api.goals import goal_of
-from app.api.job_schemas import ACCEPTED, MoveQuery, answer_accepted, answer_end
+from app.api.motions.goals import goal_of
 from app.api.route import EndpointRouter
-from app.api.schemas import (
+from app.api.schemas.device import Acknowledge, AcknowledgeAnswer
+from app.api.schemas.explain import explain_of
+from app.api.schemas.jobs import ACCEPTED, MoveQuery, answer_accepted, answer_end
+from app.api.schemas.robot import (
     Angles,
     JointStates,
     MoveAnswer,
@@ -26,7 +26,7 @@ from app.api.schemas import (
     Quaternion,
     ResetAnswer,
 )
-from app.api.signal_schemas import action_answers, contact_answer
+from app.api.schemas.signals import action_answers, contact_answer
 from app.api.state_json import StateAnswer, state_response
 from app.services.motion.moves import Outcome
 from app.services.motion.queue.moves import queue_request

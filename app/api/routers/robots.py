@@ -12,11 +12,11 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from starlette.routing import BaseRoute, compile_path
 
 from app.api.dependencies import robots_of
-from app.api.device_schemas import DeviceAnswer
 from app.api.errors import responses
 from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
-from app.api.service_schemas import RobotAnswer
+from app.api.schemas.device import DeviceAnswer
+from app.api.schemas.service import RobotAnswer
 from app.services.state.link import RobotLink
 from cobot.access.roles import Role
 from cobot.addresses import ROBOTS, address, path_below

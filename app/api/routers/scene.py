@@ -9,7 +9,7 @@ from fastapi import Request
 from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
-from app.api.scene_schemas import (
+from app.api.schemas.scene import (
     ChangedAnswer,
     ChangeScene,
     FrameAnswer,

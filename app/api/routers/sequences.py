@@ -9,11 +9,11 @@ from typing import Annotated, Any
 from fastapi import File, Form, Query, Request, Response, UploadFile
 
 from app.api.dependencies import Call
+from app.api.documentation.samples import link
 from app.api.errors import responses
-from app.api.job_schemas import ACCEPTED, Wait, answer_accepted
 from app.api.route import EndpointRouter
-from app.api.samples import link
-from app.api.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
+from app.api.schemas.jobs import ACCEPTED, Wait, answer_accepted
+from app.api.schemas.robot import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
 from app.services.programs.sequences import SequenceOrder
 from cobot import audit
 from cobot.access.roles import Role

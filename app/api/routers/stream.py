@@ -11,10 +11,10 @@ import numpy as np
 from fastapi import WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
-from app.api.access import identity_of
 from app.api.dependencies import robots_of, services_of
 from app.api.errors import status_of
 from app.api.json_text import decoded
+from app.api.middleware.access import identity_of
 from app.api.route import EndpointRouter
 from app.api.stream_frames import (
     Chunk,

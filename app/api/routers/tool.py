@@ -13,9 +13,9 @@ from fastapi import Request
 from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
-from app.api.scene_schemas import ObjectAnswer
+from app.api.schemas.scene import ObjectAnswer
+from app.api.schemas.tool import ChangeTool, TcpFitAnswer, ToolAnswer, ToolTip, TouchedPoints
 from app.api.solids import solid_of
-from app.api.tool_schemas import ChangeTool, TcpFitAnswer, ToolAnswer, ToolTip, TouchedPoints
 from app.services.motion.tool import Edit
 from cobot.access.roles import Role
 from cobot.robot.frames import pose_from_abc

@@ -11,12 +11,12 @@ from typing import Annotated, Any, cast
 from fastapi import File, Query, Request, Response, UploadFile
 
 from app.api.dependencies import Call, Gone
+from app.api.documentation.samples import link
 from app.api.errors import responses
-from app.api.job_schemas import ACCEPTED, Wait, answer_accepted
 from app.api.route import EndpointRouter
-from app.api.samples import link
-from app.api.schemas import LogAnswer, LogQuery
-from app.api.trajectory_schemas import CsvQuery, SendTrajectory, SentAnswer
+from app.api.schemas.jobs import ACCEPTED, Wait, answer_accepted
+from app.api.schemas.robot import LogAnswer, LogQuery
+from app.api.schemas.trajectories import CsvQuery, SendTrajectory, SentAnswer
 from app.services.motion.csv_points import read_points
 from app.services.motion.trajectories import Options, StartedTrajectory
 from app.services.rights.claims import Caller

@@ -17,11 +17,11 @@ from fastapi import APIRouter, FastAPI, File, UploadFile
 from mcp.server.mcpserver.utilities.func_metadata import func_metadata
 from pydantic import BaseModel, ValidationError
 
-from app.api.plan_schemas import PlanPath
 from app.api.route import PIECE_BYTES, CobotRoute, pieces
-from app.api.scene_schemas import ChangeScene
-from app.api.tool_schemas import ChangeTool
-from app.api.trajectory_schemas import SendTrajectory
+from app.api.schemas.plans import PlanPath
+from app.api.schemas.scene import ChangeScene
+from app.api.schemas.tool import ChangeTool
+from app.api.schemas.trajectories import SendTrajectory
 from app.mcp.tools import TOOLS, plan_to_joints
 from cobot.motions.bodies import MoveJoints, MoveSequence
 

@@ -16,7 +16,7 @@ from virtual_service import VirtualService
 
 from app.api.costly import MAX_REST_S
 from app.api.metrics import CYCLE_BUCKETS_US
-from app.api.timing import BUCKETS_S, RequestTimes, Timing
+from app.api.middleware.timing import BUCKETS_S, RequestTimes, Timing
 from cobot.ipc.layout import HISTOGRAM_BUCKETS, Intervention, Phase
 
 DOCS = Path(__file__).parents[3] / "docs"

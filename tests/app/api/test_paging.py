@@ -11,9 +11,9 @@ import pytest
 from pydantic import ValidationError
 from virtual_service import VirtualService
 
-from app.api.job_schemas import JobsQuery
 from app.api.paging import deprecated_value
-from app.api.schemas import MAX_LINE, LogQuery
+from app.api.schemas.jobs import JobsQuery
+from app.api.schemas.robot import MAX_LINE, LogQuery
 from cobot.errors import InputError
 
 JOINTS = [0.0, 0.3, 0.0, -1.3, 0.0, 1.3, 0.0]

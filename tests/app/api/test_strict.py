@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from virtual_service import URL, VirtualService
 
 from app.api.errors import status_of
-from app.api.schemas import MoveAnswer, ResetAnswer, StopAnswer
+from app.api.schemas.robot import MoveAnswer, ResetAnswer, StopAnswer
 from app.api.strict import preference, reports_success
 from cobot.errors import BY_CODE, CobotError, CollisionError, UnreachableError
 

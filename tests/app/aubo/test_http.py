@@ -18,7 +18,7 @@ from independent_models import second_robot
 from scipy.spatial.transform import Rotation
 from virtual_service import VirtualService
 
-from app.api.documentation import TAGS
+from app.api.documentation.swagger import TAGS
 from cobot.codes import Code
 from cobot.robot.tool import Tool
 

@@ -456,7 +456,7 @@ def test_the_host_of_a_target_counts_more_than_the_header(
 
 
 def test_two_hosts_stay_two_and_none_stays_none(service: Service) -> None:
-    """Both are refused by who looks at them, see tests/app/api/test_access.py."""
+    """Both are refused by who looks at them, see tests/app/api/middleware/test_access.py."""
     for hosts, seen in (("", ""), ("Host: a\r\nHost: b\r\n", "ours, ours")):
         assert service.ask(f"GET http://ours/ HTTP/1.1\r\n{hosts}\r\n".encode())[0] == 200
         assert service.application.asked == (seen, "/")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from app.api.scene_schemas import PutObject
+from app.api.schemas.scene import PutObject
 from app.api.solids import solid_of
 from cobot.config import load_settings
 from cobot.errors import InputError, LimitError

@@ -14,7 +14,7 @@ import pytest
 import trimesh
 from cobot_run import WAIT_S, until
 
-from app.api.tool_schemas import EXAMPLE_POINTS
+from app.api.schemas.tool import EXAMPLE_POINTS
 from panel.page import Panel, forget, set_to
 
 TIP_M = [0.0, 0.0, 0.15]

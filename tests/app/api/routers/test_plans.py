@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from virtual_service import VirtualService, virtual_service
 
-from app.api.plan_answers import PlanAnswer
+from app.api.schemas.plan_answers import PlanAnswer
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
 

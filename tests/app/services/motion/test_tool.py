@@ -18,7 +18,7 @@ from flange_tools import INERTIA, LOAD, TCP, loaded
 from independent_models import second_robot
 from virtual_service import VirtualService
 
-from app.api.tool_schemas import EXAMPLE_POINTS
+from app.api.schemas.tool import EXAMPLE_POINTS
 from cobot.robot.tool import BARE, Tool, ToolFile
 
 BODY = {

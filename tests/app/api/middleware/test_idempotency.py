@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from virtual_service import VirtualService
 
-from app.api.idempotency import MAX_KEY
+from app.api.middleware.idempotency import MAX_KEY
 from app.routes import ENDPOINTS
 
 KEY = "Idempotency-Key"

@@ -60,7 +60,7 @@ class Origins:
         """See that a request comes from where it may.
 
         Args:
-            headers: of it, those that `app.api.access` has picked.
+            headers: of it, those that `app.api.middleware.access` has picked.
 
         Raises:
             HeaderError: it has no header Host.

@@ -21,8 +21,8 @@ from asgi_client import ask
 from fastapi import FastAPI
 from virtual_service import VirtualService
 
-from app.api.links import link
-from app.api.samples import SAMPLES, SAMPLES_PATH
+from app.api.documentation.links import link
+from app.api.documentation.samples import SAMPLES, SAMPLES_PATH
 from app.aubo.classes import CLASSES, REGISTRY
 from app.main import create_app
 from app.routes import ENDPOINTS

@@ -1,6 +1,6 @@
 """Identifies the client and checks hosts and web pages: one ASGI middleware around all HTTP and WebSocket.
 
-It refuses requests for another host (421) or from a foreign web page (403, `app.api.origins`), and stores the
+It refuses requests for another host (421) or from a foreign web page (403, `origins`), and stores the
 client's identity in the scope. The route decides whether this client may use it, see `app.api.roles`.
 
 A token comes in the header `Authorization: Bearer TOKEN`. Browsers cannot set headers of a WebSocket, so
@@ -23,9 +23,9 @@ from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.errors import answer_to
-from app.api.origins import Origins
+from app.api.middleware.origins import Origins
+from app.api.middleware.versions import plain_path
 from app.api.strict import APPLIED
-from app.api.versions import plain_path
 from cobot.access.authentication import LOOK_AGAIN_S, Authenticator, Holder
 from cobot.access.roles import ANONYMOUS, Identity, Role, acting
 from cobot.addresses import CLIENT_NAME, IDEMPOTENCY_KEY, PREFER

@@ -12,9 +12,9 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.errors import ErrorCode
-from app.api.explain_schemas import Explain
 from app.api.paging import LIMIT, deprecated_value
-from app.api.signal_schemas import ActionAnswer, ContactAnswer
+from app.api.schemas.explain import Explain
+from app.api.schemas.signals import ActionAnswer, ContactAnswer
 from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.errors import InputError
 from cobot.loose_lists import RequestModel

@@ -16,7 +16,7 @@ from typing import cast
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.api.clients import client_of
+from app.api.middleware.clients import client_of
 from app.services.events.ring import Events
 from cobot.audit import MAX_TEXT, Audit, Trail, trail
 from cobot.logs.lines import log_context, printable

@@ -6,9 +6,9 @@ from collections.abc import Callable, Hashable, Mapping
 from itertools import zip_longest
 from typing import Any
 
+from app.api.documentation.generators import suit_generators
+from app.api.documentation.links import link
 from app.api.errors import responses
-from app.api.generators import suit_generators
-from app.api.links import link
 from app.api.strict import describe_strict
 from cobot.access.roles import Role
 from cobot.addresses import CONTROL_TOKEN, ROBOTS, path_below

@@ -18,8 +18,8 @@ from asgi_client import Closed, Refused
 from mcp.client.session import ClientSession
 from virtual_service import URL, VirtualService, virtual_service
 
-from app.api.documentation import SERVERS
-from app.api.versions import Versions, plain_path
+from app.api.documentation.swagger import SERVERS
+from app.api.middleware.versions import Versions, plain_path
 from app.listeners.http import HEALTH, STOP
 from app.main import create_app
 from app.routes import ENDPOINTS

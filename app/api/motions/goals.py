@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.api.constraints import constraints_of
-from app.api.signals import signals_of
+from app.api.motions.constraints import constraints_of
+from app.api.motions.signals import signals_of
 from app.robot_services import Services
 from app.services.motion.goals import NOWHERE
 from cobot.errors import InputError

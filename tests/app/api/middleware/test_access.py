@@ -1,7 +1,8 @@
 """Who may ask what, over HTTP and over both WebSockets, of the whole service on virtual time.
 
 Oracles: the attacks as browsers send them, header by header; the roles as docs/security.md tells them, said
-here once more; the standards named in `app.api.origins`. Long, as it walks through all that can be asked.
+here once more; the standards named in `app.api.middleware.origins`. Long, as it walks through all that can
+be asked.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from streaming_client import Frames
 from virtual_service import VirtualService, virtual_service
 
-from app.api.access import Access
 from app.api.errors import status_of
-from app.api.origins import Origins
+from app.api.middleware.access import Access
+from app.api.middleware.origins import Origins
 from app.api.roles import PUBLIC_PATHS, endpoint_of, guard
 from app.aubo.classes import REGISTRY
 from app.rosbridge import roles as rosbridge_roles
@@ -262,7 +263,7 @@ def test_the_address_on_which_a_request_came_in_is_its_own_and_no_other(server: 
 
 
 def test_the_computer_s_name_is_good_beyond_this_computer_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.api.origins.socket.gethostname", lambda: "Cell7")
+    monkeypatch.setattr("app.api.middleware.origins.socket.gethostname", lambda: "Cell7")
     for host in ("cell7", "cell7.local:8007", "CELL7"):
         origins_at("0.0.0.0").check(scope("10.0.0.5"), {b"host": host.encode()})
         with pytest.raises(MisdirectedError):

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, FailFast, Field
 
-from app.api.schemas import WAIT
+from app.api.schemas.robot import WAIT
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import HOME, Finite, example
 from cobot.strict import StrictModel

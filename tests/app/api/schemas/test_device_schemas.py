@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from app.api.device_schemas import DeviceStatusAnswer
+from app.api.schemas.device import DeviceStatusAnswer
 from cobot.robot.device import DeviceStatus
 
 

@@ -13,10 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.dependencies import MAX_BODY, Call
 from app.api.errors import RefusedAnswer
-from app.api.explain_schemas import explain_of
 from app.api.paging import AFTER, LIMIT
-from app.api.schemas import WAIT
-from app.api.signal_schemas import ActionAnswer, ContactAnswer
+from app.api.schemas.explain import explain_of
+from app.api.schemas.robot import WAIT
+from app.api.schemas.signals import ActionAnswer, ContactAnswer
 from app.services.rights.claims import Caller
 from app.services.rights.job import JobKind, JobRecord, JobState
 from app.services.rights.job_book import KEPT

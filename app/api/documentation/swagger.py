@@ -17,8 +17,8 @@ from fastapi import FastAPI
 from fastapi.openapi.docs import get_swagger_ui_html
 from fastapi.responses import HTMLResponse, Response
 
-from app.api.openapi import of_any_robot, of_the_default_robot
-from app.api.samples import SAMPLES, SAMPLES_PATH
+from app.api.documentation.openapi import of_any_robot, of_the_default_robot
+from app.api.documentation.samples import SAMPLES, SAMPLES_PATH
 from cobot.addresses import VERSION
 from cobot.errors import NotFoundError
 from cobot.strict import unknown_key
@@ -112,7 +112,7 @@ def install(app: FastAPI, version: Callable[[], Hashable]) -> None:
     """Serve the pages of the REST API, its OpenAPI documents, and the sample files.
 
     Args:
-        version: of the documents, see `app.api.openapi.version`.
+        version: of the documents, see `app.api.documentation.openapi.version`.
     """
     # FastAPI's own route would serialize it again for each request.
     app.router.routes[:] = [

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from app.api.explain_schemas import Explain, Works, explain_of, tried_of
+from app.api.schemas.explain import Explain, Works, explain_of, tried_of
 from cobot.errors import CobotError
 from cobot.findings import Explanation, Remedy
 from cobot.motions.bodies import AnyMotion, MoveArc, MoveJoints, MoveNamed, MovePose

@@ -17,9 +17,9 @@ from urllib.parse import parse_qsl
 
 from fastapi import Request, Response
 
-from app.api.access import identity_of
 from app.api.dependencies import JOB, JOB_ID, LARGE_BYTES
-from app.api.versions import plain_path
+from app.api.middleware.access import identity_of
+from app.api.middleware.versions import plain_path
 from app.services.keys import Answer, Keys, Noted
 from app.services.rights.job import Job, new_job_id
 from cobot import audit

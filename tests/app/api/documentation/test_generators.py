@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from app.api.generators import suit_generators
+from app.api.documentation.generators import suit_generators
 from app.main import create_app
 from cobot.config import Settings
 from cobot.motions.bodies import MoveArc, MoveJoints, MoveNamed, MovePose

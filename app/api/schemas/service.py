@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.device_schemas import DeviceAnswer
+from app.api.schemas.device import DeviceAnswer
 from cobot.strict import StrictModel
 
 

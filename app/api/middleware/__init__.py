@@ -1,0 +1,1 @@
+"""What every request passes: layers of ASGI around all routes."""

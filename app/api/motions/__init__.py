@@ -1,0 +1,1 @@
+"""Requests to move, from what a client has written to what the services take."""
