@@ -185,7 +185,7 @@ async def clearance(request: Request) -> ClearanceAnswer:
     that of a first link over the floor, are left out.
     """
     call = Call(request)
-    state = await call.services.link.measured_state(call.timeout_s)
+    state = await call.services.link.await_measured_state(call.timeout_s)
     own, around = call.services.robot.collision.nearest.at(state.position)
     return ClearanceAnswer(
         closest_self=None if own is None else Distance.of(own),
