@@ -6,12 +6,14 @@ All lengths are in metres, all positions in the robot's base frame.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, PrivateAttr, field_validator, model_validator
 
+from cobot.cell.meshes import MeshShape, mesh_shape
 from cobot.config.section import parse
 from cobot.errors import ConfigError
 from cobot.robot.io_points import IoKind
@@ -122,31 +124,66 @@ class CellSolid(Entry):
     """A fixture: a solid that does not move.
 
     Attributes:
-        size_m: box: edges along x, y and z; cylinder (along z): radius and length; sphere: radius.
-        position_m: of its middle.
+        size_m: box: edges along x, y and z; cylinder (along z): radius and length; sphere: radius. A mesh has
+            a file instead.
+        file: of a mesh: STL or OBJ, in the folder of the cell file.
+        scale: of a mesh: metres for each unit of its file.
+        tolerance_m: of a mesh: how far its solids may reach beyond parts of it that are not convex.
+        hull: of a mesh: whether it is its convex hull.
+        position_m: of its middle; of a mesh, of the middle of its bounding box.
         rotation_deg: about the fixed x, y and z axes of the base frame, in this order.
         friction: coefficient of friction. Where two solids touch, the larger one counts, or that of the part.
     """
 
     MAX_LENGTH_M: ClassVar[float] = 10.0
 
-    shape: Literal["box", "cylinder", "sphere"]
-    size_m: Annotated[tuple[float, ...], Field(strict=False)]
+    shape: Literal["box", "cylinder", "sphere", "mesh"]
+    size_m: Annotated[tuple[float, ...], Field(strict=False)] = ()
+    file: Annotated[str, Field(max_length=1000)] | None = None
+    scale: Annotated[float, Field(ge=1e-6, le=1e3)] = 1.0
+    tolerance_m: Annotated[float, Field(ge=0.0005, le=0.1)] = 0.003
+    hull: bool = False
     position_m: Point
     rotation_deg: Angles = (0.0, 0.0, 0.0)
     friction: Friction = 0.8
+    _mesh: MeshShape | None = PrivateAttr(default=None)
 
-    @field_validator("shape", mode="before")
-    @classmethod
-    def _is_no_mesh(cls, shape: Any) -> Any:
-        if shape == "mesh":
-            raise ValueError(
-                "meshes are not supported here; approximate the body by a box, a cylinder or a sphere"
+    @property
+    def mesh(self) -> MeshShape:
+        """Its mesh, once the file has been read."""
+        assert self._mesh is not None
+        return self._mesh
+
+    @property
+    def bounds_m(self) -> tuple[float, ...]:
+        """`size_m`; of a mesh, the edges of its bounding box."""
+        return self.mesh.size if self.shape == "mesh" else self.size_m
+
+    def read_mesh(self, folder: Path) -> None:
+        """Read the file of a mesh, which is in the folder of the cell file.
+
+        Raises:
+            ConfigError: see `mesh_shape`.
+        """
+        if self.file is not None:
+            self._mesh = mesh_shape(
+                folder, self.file, self.scale, self.tolerance_m, self.hull, self.MAX_LENGTH_M
             )
-        return shape
+
+    @model_validator(mode="after")
+    def _is_a_mesh_or_has_lengths(self) -> CellSolid:
+        if self.shape == "mesh" and self.file is None:
+            raise ValueError("file is missing: a mesh needs an STL or OBJ file")
+        if self.shape == "mesh" and self.size_m:
+            raise ValueError("size_m: a mesh has the size of its file: use scale")
+        if self.shape != "mesh" and self.file is not None:
+            raise ValueError(f"file: a {self.shape} has none; did you mean shape: mesh?")
+        return self
 
     @model_validator(mode="after")
     def _has_its_lengths(self) -> CellSolid:
+        if self.shape == "mesh":
+            return self
         wanted = SHAPES[self.shape]
         if len(self.size_m) != wanted:
             raise ValueError(
@@ -281,6 +318,12 @@ class Cell(Entry):
                 )
         return self
 
+    @property
+    def files(self) -> list[Path]:
+        """The files of its meshes, relative to the folder of the cell file."""
+        solids = (*self.parts.values(), *self.fixtures.values())
+        return sorted({Path(os.path.normpath(each.file)) for each in solids if each.file is not None})
+
     def solids(self) -> Iterator[tuple[str, CellSolid | Belt]]:
         """All fixtures and belts, with their names."""
         yield from self.fixtures.items()
@@ -295,7 +338,14 @@ def load_cell(path: Path) -> Cell:
             valid.
     """
     file = cell_file(path)
-    return parse(Cell, file, read_mapping(file))
+    cell = parse(Cell, file, read_mapping(file))
+    for section, solids in (("parts", cell.parts), ("fixtures", cell.fixtures)):
+        for name, solid in solids.items():
+            try:
+                solid.read_mesh(file.parent)
+            except ConfigError as exc:
+                raise ConfigError(f"{file}: {section}.{name}.{exc}") from exc
+    return cell
 
 
 def cell_file(path: Path) -> Path:

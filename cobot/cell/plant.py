@@ -10,17 +10,20 @@ While the arm turns a part, `rtloop.backends.cell_devices` makes up for what MuJ
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from cobot.cell.cell import CUP, HAND, Belt, Cell, CellPart, CellSolid, Cup, Hand, cell_file
 from cobot.cell.own_hand import AnyHand, AnyOwnHand, TurningHand, cell_of, hand_of
-from cobot.cell.surroundings import FINGER_SHARE, LIP_M, pose_of
+from cobot.cell.surroundings import FINGER_SHARE, LIP_M, part_in_scene, pose_of
 from cobot.config import Settings
 from cobot.errors import CollisionError, ConfigError, exhausted
 from cobot.robot.description import RobotDescription
+from cobot.robot.load import homogeneous
 from cobot.robot.model import RobotModel
 from cobot.types import Array, Pose
 
@@ -47,6 +50,8 @@ FOLLOWER_SHARE, DAMPING_PER_S = 0.1, 2.0
 """Inertia of a joint that follows, as a share of the drive's; and damping per inertia of joints that turn."""
 TORSION_M = 0.005
 ROLLING_M = 0.0002
+ROUND = ("cylinder", "sphere")
+"""Shapes that roll, so rolling is damped."""
 _GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -124,12 +129,13 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnH
     if cell.cup is not None:
         fingers = _add_cup(spec, robot, cell.cup, tcp)
     for name, solid in cell.solids():
-        _add_solid(spec.body(base), name, solid, pose_of(solid))
+        _add_solid(spec, spec.body(base), name, solid, pose_of(solid))
     for name, part in cell.parts.items():
-        body = _add_solid(spec.worldbody, name, part, base_pose @ pose_of(part))
+        body = _add_solid(spec, spec.worldbody, name, part, base_pose @ pose_of(part))
         body.add_freejoint()
         for finger in fingers:
-            _add_grasp(spec, finger, name, part)
+            for shape in body.geoms:
+                _add_grasp(spec, finger, shape, part)
     mj = _compiled(spec)
     arm = robot.limits.names
     if tuple(mj.joint(index).name for index in range(len(arm))) != arm:
@@ -183,7 +189,7 @@ def check_start(plant: Plant, joints: Array) -> None:
         FLOOR,
     }
     for contact in data.contact:
-        names = [_name_of_geom(mj, geom) for geom in (contact.geom1, contact.geom2)]
+        names = [_name_of_geom(mj, geom, new) for geom in (contact.geom1, contact.geom2)]
         if contact.dist < -OVERLAP_M and not new.isdisjoint(names):
             raise CollisionError(
                 f"{names[0]} and {names[1]} overlap by {-1e3 * contact.dist:.1f} mm at the start, allowed is "
@@ -219,8 +225,10 @@ def check_cell(robot: RobotDescription, settings: Settings) -> str:
     return f"{file}: {hand}, " + ", ".join(f"{len(entries)} {what}" for entries, what in counts)
 
 
-def _name_of_geom(mj: mujoco.MjModel, geom: int) -> str:
-    return str(mj.geom(geom).name or mj.body(mj.geom_bodyid[geom]).name)
+def _name_of_geom(mj: mujoco.MjModel, geom: int, bodies: Container[str]) -> str:
+    """The name of a shape; of one of these bodies, the body's."""
+    body = str(mj.body(mj.geom_bodyid[geom]).name)
+    return body if body in bodies else str(mj.geom(geom).name or body)
 
 
 def _base_pose(mj: mujoco.MjModel, base: str) -> Pose:
@@ -452,37 +460,62 @@ def _links(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
     return [body, *(link for child in body.bodies for link in _links(child))]
 
 
-def _add_solid(parent: mujoco.MjsBody, name: str, solid: CellSolid | Belt, pose: Pose) -> mujoco.MjsBody:
+def _add_solid(
+    spec: mujoco.MjSpec, parent: mujoco.MjsBody, name: str, solid: CellSolid | Belt, pose: Pose
+) -> mujoco.MjsBody:
     body = parent.add_body(name=name, pos=pose.position, quat=pose.quaternion)
-    shape, size = ("box" if isinstance(solid, Belt) else solid.shape), solid.size_m
+    is_part = isinstance(solid, CellPart)
+    shape = "box" if isinstance(solid, Belt) else solid.shape
+    rule = {
+        "mass": solid.mass_kg if isinstance(solid, CellPart) and shape != "mesh" else 0.0,
+        "friction": [solid.friction, TORSION_M, ROLLING_M],
+        "condim": 6 if is_part and shape in ROUND else 4,
+        "priority": int(is_part),
+        # Any speed but zero has MuJoCo compile belts in; the simulation sets the speed in each cycle.
+        "surfacevel": [1.0 if isinstance(solid, Belt) else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        **CONTACT,
+    }
+    if not isinstance(solid, Belt) and shape == "mesh":
+        _add_mesh(spec, body, name, solid, rule)
+        return body
+    size = solid.size_m
     half = {
         "box": [0.5 * edge for edge in size],
         "cylinder": [size[0], 0.5 * size[-1], 0.0],
         "sphere": [size[0], 0.0, 0.0],
     }[shape]
-    is_part = isinstance(solid, CellPart)
-    body.add_geom(
-        name=name,
-        type=_GEOMS[shape],
-        size=half,
-        mass=solid.mass_kg if isinstance(solid, CellPart) else 0.0,
-        friction=[solid.friction, TORSION_M, ROLLING_M],
-        condim=6 if is_part and shape != "box" else 4,
-        priority=int(is_part),
-        # Any speed but zero has MuJoCo compile belts in; the simulation sets the speed in each cycle.
-        surfacevel=[1.0 if isinstance(solid, Belt) else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        **CONTACT,
-    )
+    body.add_geom(name=name, type=_GEOMS[shape], size=half, **rule)
     return body
 
 
-def _add_grasp(spec: mujoco.MjSpec, finger: mujoco.MjsGeom, name: str, part: CellPart) -> None:
-    """Add the contact between a shape of a finger or a cup and a part."""
+def _add_mesh(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, solid: CellSolid, rule: dict[str, Any]
+) -> None:
+    """Add the convex solids of a mesh, and the mass of one with uniform density."""
+    mesh, number = solid.mesh, 0
+    for box in mesh.boxes:
+        geom = body.add_geom(type=_GEOMS["box"], pos=box[:3], size=[0.5 * edge for edge in box[3:]], **rule)
+        number += 1
+        geom.name = f"{name} {number}"
+    for corners in mesh.hulls:
+        number += 1
+        made = spec.add_mesh(name=f"{name} {number}", uservert=np.ravel(corners).tolist())
+        made.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+        body.add_geom(name=made.name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=made.name, **rule)
+    if isinstance(solid, CellPart):
+        centre, inertia = homogeneous(part_in_scene(solid, pose_of(solid).numbers))
+        body.mass, body.ipos = solid.mass_kg, centre
+        body.fullinertia = [*np.diag(inertia), *inertia[np.triu_indices(3, 1)]]
+        body.explicitinertial = True
+
+
+def _add_grasp(spec: mujoco.MjSpec, finger: mujoco.MjsGeom, shape: mujoco.MjsGeom, part: CellPart) -> None:
+    """Add the contact between a shape of a finger or a cup and one of a part."""
     pair = spec.add_pair(
         geomname1=finger.name,
-        geomname2=name,
+        geomname2=shape.name,
         gap=finger.gap,
-        condim=4 if part.shape == "box" else 6,
+        condim=6 if part.shape in ROUND else 4,
         friction=[part.friction, part.friction, TORSION_M, ROLLING_M, ROLLING_M],
     )
     pair.solref[:2], pair.solimp[:5] = GRASP["solref"], GRASP["solimp"]

@@ -45,19 +45,28 @@ def tool_file(settings: Settings) -> ToolFile:
 
 def part_in_scene(part: CellPart, pose: Numbers7) -> SceneObject:
     """A part as an object of the scene; `pose` is in the base frame."""
-    return SceneObject(shape=part.shape, size=tuple(part.size_m), pose=pose, mass=part.mass_kg)
+    return _in_scene(part, pose, part.mass_kg)
 
 
 def fixtures_in_scene(cell: Cell) -> dict[str, SceneObject]:
     """The fixtures and belts as objects of the scene."""
-    return {
-        name: SceneObject(
-            shape="box" if isinstance(solid, Belt) else solid.shape,
-            size=tuple(solid.size_m),
-            pose=pose_of(solid).numbers,
-        )
-        for name, solid in cell.solids()
-    }
+    return {name: _in_scene(solid, pose_of(solid).numbers) for name, solid in cell.solids()}
+
+
+def _in_scene(solid: CellSolid | Belt, pose: Numbers7, mass_kg: float = 0.0) -> SceneObject:
+    if isinstance(solid, Belt):
+        return SceneObject(shape="box", size=tuple(solid.size_m), pose=pose)
+    if solid.shape != "mesh":
+        return SceneObject(shape=solid.shape, size=tuple(solid.size_m), pose=pose, mass=mass_kg)
+    return SceneObject(
+        shape="mesh",
+        size=solid.mesh.size,
+        pose=pose,
+        mass=mass_kg,
+        boxes=solid.mesh.boxes,
+        hulls=solid.mesh.hulls,
+        tolerance=solid.tolerance_m if solid.mesh.boxes else 0.0,
+    )
 
 
 def hand_as_tool(hand: Hand) -> Tool:

@@ -25,9 +25,9 @@ from typing import Any
 
 import yaml
 
-from cobot.cell import cell_file
+from cobot.cell import cell_file, load_cell
 from cobot.config import SECTIONS_OF_A_ROBOT, Settings
-from cobot.errors import SharedMemoryError
+from cobot.errors import ConfigError, SharedMemoryError
 from cobot.ipc.shm import FOLDER
 
 SETTINGS = "settings.yaml"
@@ -142,7 +142,7 @@ class RunningConfig:
             robot["srdf"] = self._copy(each.robot.srdf, f"{edition}-{each.robot.name}-positions")
             limits = self._copy(each.web.joint_limits, f"{edition}-{each.robot.name}-limits")
             if each.robot.cell is not None:
-                robot["cell"] = self._copy(cell_file(each.robot.cell), f"{edition}-{each.robot.name}-cell")
+                robot["cell"] = self._copy_cell(each.robot.cell, f"{edition}-{each.robot.name}-cell")
             entries.append({**robot, **dumped, "joint_limits": limits})
         if settings.robots:
             return {**content, "robots": entries}
@@ -158,9 +158,27 @@ class RunningConfig:
         shutil.copyfile(source, target)
         return str(target)
 
+    def _copy_cell(self, source: Path, name: str) -> str:
+        """Copy a cell file with its meshes. One that is wrong is left to its reader to report."""
+        source = cell_file(source)
+        try:
+            meshes = load_cell(source).files
+        except ConfigError:
+            return str(source)
+        target = self.folder / name / source.name
+        for file in (Path(source.name), *meshes):
+            copy = target.parent / file
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source.parent / file, copy)
+        return str(target)
+
     def _remove_unused(self) -> None:
         """Remove the editions before the present one, and those that never took effect."""
         present = self.file.read_text(encoding="utf-8") if self.file.exists() else ""
         for file in self.folder.glob("[0-9]*-*"):
-            if file.name not in present:
+            if file.name in present:
+                continue
+            if file.is_dir():
+                shutil.rmtree(file)
+            else:
                 file.unlink()

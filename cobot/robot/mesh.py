@@ -30,20 +30,23 @@ FLAT = 1e-6
 """How far, relative to its size, a corner may be outside a face of a part that counts as convex."""
 
 
-def parts(vertices: Array, triangles: Indices, tolerance_m: float) -> tuple[Array, list[Array]]:
+def parts(
+    vertices: Array, triangles: Indices, tolerance_m: float, most: int = MAX_SOLIDS
+) -> tuple[Array, list[Array]]:
     """The convex solids of a mesh.
 
     Args:
         vertices: shape (n, 3), m.
         triangles: shape (m, 3), indices of vertices.
+        most: maximum number of solids.
 
     Returns:
         Middle and edges of each box, shape (k, 6), m, and the corners of each convex part, shape (., 3), m.
 
     Raises:
         InputError: the mesh is invalid.
-        LimitError: too many triangles or corners, or more solids than `MAX_SOLIDS`; then with a tolerance
-            that fits.
+        LimitError: too many triangles or corners, or more solids than `most`; then with a tolerance that
+            fits.
     """
     vertices, triangles = _weld(vertices, triangles)
     hulls, others = [], []
@@ -58,11 +61,11 @@ def parts(vertices: Array, triangles: Indices, tolerance_m: float) -> tuple[Arra
             f"mesh: its convex parts have {corners_count} corners, at most {MAX_CORNERS} are allowed: "
             "simplify it"
         )
-    if len(hulls) > MAX_SOLIDS:
-        raise LimitError(f"mesh: it has {len(hulls)} convex parts, at most {MAX_SOLIDS} are allowed")
+    if len(hulls) > most:
+        raise LimitError(f"mesh: it has {len(hulls)} convex parts, at most {most} are allowed")
     if not others:
         return np.zeros((0, 6)), hulls
-    return _fitting(vertices[np.concatenate(others)], tolerance_m, MAX_SOLIDS - len(hulls)), hulls
+    return _fitting(vertices[np.concatenate(others)], tolerance_m, most - len(hulls)), hulls
 
 
 def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:

@@ -10,6 +10,8 @@ from typing import Any
 
 import httpx
 import pytest
+import trimesh
+import yaml
 from cell_run import EXAMPLE, IN_TRAY, RunOfCell
 from chromium import CHROMIUM, Page, browsing
 from cobot_run import ROOT, WAIT_S, Run, answering, until
@@ -24,9 +26,21 @@ BETWEEN = """(() => {
 CELL = ROOT / "examples" / "pick_and_place" / "cell.yaml"
 
 
+def with_mesh(folder: Path) -> Path:
+    """The example's cell with a cube more, which is a mesh."""
+    content = yaml.safe_load(CELL.read_text(encoding="utf-8"))
+    (folder / "block.stl").write_bytes(trimesh.creation.box([30.0] * 3).export(file_type="stl"))
+    content["parts"]["block"] = {
+        "shape": "mesh", "file": "block.stl", "scale": 0.001, "mass_kg": 0.05,
+        "position_m": [0.42, -0.42, 0.216],
+    }  # fmt: skip
+    (folder / "cell.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+    return folder / "cell.yaml"
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> None:
-    backend = f"mujoco, cell: {CELL}, gripper: {{type: simulated}}"
+    backend = f"mujoco, cell: {with_mesh(tmp_path)}, gripper: {{type: simulated}}"
     with (
         answering(Run(tmp_path, backend=backend, clock="realtime")) as run,
         browsing(tmp_path, "--enable-unsafe-swiftshader") as tools,
@@ -44,6 +58,8 @@ def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> Non
         page.visit(f"{run.url}/")
         until(lambda: page.run("!document.querySelector('#gripper').hidden"))
         until(lambda: page.run("cobotPanel.view?.parts.size") == len(parts()))
+        corners = "[...cobotPanel.view.parts.values()].map((each) => each.geometry.attributes.position.count)"
+        assert 3 * 12 in page.run(corners), "the mesh has its own triangles"
         page.click("#gripper-grasp")
         until(lambda: (now := width()) is not None and now < 0.01)
         until(lambda: page.run("document.querySelector('#gripper-why').innerText") != "")

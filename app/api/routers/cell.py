@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Annotated, Self
 
-from fastapi import Request
+from fastapi import Query, Request
 from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call
@@ -13,18 +13,28 @@ from app.api.route import EndpointRouter
 from app.api.schemas.device import IoAnswer
 from app.services.state.cell import CellService
 from cobot.access.roles import Role
+from cobot.cell import CellPart
 
 router = EndpointRouter(tags=["cell"])
+
+
+class MeshAnswer(BaseModel):
+    """The mesh of a part, around the middle of its bounding box."""
+
+    vertices: list[float] = Field(description="x, y and z of each, one after the other, m.")
+    triangles: list[int] = Field(description="Three vertices each, from 0, one after the other.")
 
 
 class PartAnswer(BaseModel):
     """A loose part of the cell."""
 
     name: str = Field(description="As in the cell file.")
-    shape: str = Field(description="box, cylinder or sphere.")
+    shape: str = Field(description="box, cylinder, sphere or mesh.")
     size_m: list[float] = Field(
-        description="Box: edges along x, y and z. Cylinder: radius and length. Sphere: radius."
+        description="Box: edges along x, y and z. Cylinder: radius and length. Sphere: radius. Mesh: edges "
+        "of its bounding box."
     )
+    mesh: MeshAnswer | None = Field(description="Of a mesh, with `meshes=true`; otherwise null.")
     mass_kg: float = Field(description="kg")
     position: list[float] = Field(description="Position of its centre in the base frame: x, y, z, m.")
     quaternion: list[float] = Field(description="Orientation in the base frame: x, y, z, w.")
@@ -37,14 +47,15 @@ class CellAnswer(BaseModel):
     switches: list[IoAnswer] = Field(description="Inputs of the switches, and NAME.count of their counters.")
 
     @classmethod
-    def of(cls, service: CellService) -> Self:
+    def of(cls, service: CellService, meshes: bool = False) -> Self:
         parts, poses = service.require().parts, service.parts()
         return cls(
             parts=[
                 PartAnswer(
                     name=name,
                     shape=parts[name].shape,
-                    size_m=list(parts[name].size_m),
+                    size_m=list(parts[name].bounds_m),
+                    mesh=_mesh_of(parts[name]) if meshes else None,
                     mass_kg=parts[name].mass_kg,
                     position=list(pose[:3]),
                     quaternion=[*pose[4:], pose[3]],
@@ -56,13 +67,22 @@ class CellAnswer(BaseModel):
         )
 
 
+def _mesh_of(part: CellPart) -> MeshAnswer | None:
+    if part.shape != "mesh":
+        return None
+    return MeshAnswer(vertices=list(part.mesh.vertices), triangles=list(part.mesh.triangles))
+
+
 @router.endpoint("GET /cell", Role.OBSERVER, timeout_s=1.5, responses=responses(404, 503))
-async def cell(request: Request) -> CellAnswer:
+async def cell(
+    request: Request,
+    meshes: Annotated[bool, Query(description="Whether parts that are meshes have their triangles.")] = False,
+) -> CellAnswer:
     """Where the parts of the simulated cell are, and what its switches report.
 
     A robot without a cell answers 404.
     """
-    return CellAnswer.of(Call(request).services.cell)
+    return CellAnswer.of(Call(request).services.cell, meshes)
 
 
 @router.endpoint(

@@ -7,6 +7,7 @@ export class Cell {
   constructor(api, view) {
     this.api = api;
     this.view = view;
+    this.meshes = new Map(); // of parts, by robot and name
     this.ask();
   }
 
@@ -15,10 +16,20 @@ export class Cell {
     const view = this.view();
     let next = EVERY_MS;
     if (robot && view && !document.hidden) {
-      const parts = await this.api.get("/cell").then((cell) => cell.parts, () => []);
+      let parts = await this.parts("/cell");
+      const key = ({ name, size_m: size }) => `${robot} ${name} ${size}`;
+      if (parts.some((part) => part.shape === "mesh" && !this.meshes.has(key(part)))) {
+        parts = await this.parts("/cell?meshes=true");
+        for (const part of parts) this.meshes.set(key(part), part.mesh);
+      }
+      parts = parts.map((part) => ({ ...part, mesh: this.meshes.get(key(part)) ?? null }));
       if (robot === this.api.robot) view.showParts(parts);
       if (!parts.length) next = AGAIN_MS;
     }
     setTimeout(() => this.ask(), next);
+  }
+
+  parts(path) {
+    return this.api.get(path).then((cell) => cell.parts, () => []);
   }
 }

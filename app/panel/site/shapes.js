@@ -54,8 +54,8 @@ export async function loadLooks(api) {
 }
 
 // A part of the cell: GET /cell has the sizes of its shapes as the cell file has them.
-export function drawnPart({ shape, size_m: size }) {
-  return new THREE.Mesh(solid({ shape, size }, []), material([0.85, 0.51, 0.17, 1]));
+export function drawnPart({ shape, size_m: size, mesh }) {
+  return new THREE.Mesh(solid({ shape, size, mesh: 0 }, [mesh]), material([0.85, 0.51, 0.17, 1]));
 }
 
 const COLOURS = { tool: [0.1, 0.55, 0.6, 1], scene: [0.45, 0.5, 0.62, 1] };

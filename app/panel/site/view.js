@@ -166,7 +166,7 @@ export class View {
 
   // The loose parts of the cell where they are.
   showParts(parts) {
-    const shown = JSON.stringify(parts);
+    const shown = JSON.stringify(parts, (field, value) => (field === "mesh" ? Boolean(value) : value));
     if (shown === this.shownParts) return;
     this.shownParts = shown;
     const keys = parts.map(({ name, shape, size_m: size }) => `${name} ${shape} ${size}`);
@@ -178,6 +178,7 @@ export class View {
     }
     parts.forEach((part, index) => {
       if (!this.parts.has(keys[index])) {
+        if (part.shape === "mesh" && !part.mesh) return; // it comes with the next answer
         this.parts.set(keys[index], drawnPart(part));
         this.scene.add(this.parts.get(keys[index]));
       }

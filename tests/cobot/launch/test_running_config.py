@@ -6,8 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+import trimesh
+import yaml
 from independent_models import LIMITS, SRDF
 
+from cobot.cell import load_cell
 from cobot.config import load_settings
 from cobot.errors import SharedMemoryError
 from cobot.launch.running_config import ProcessState, RunningConfig
@@ -55,6 +58,32 @@ def test_the_copy_says_what_the_files_say(tmp_path: Path, running: RunningConfig
             each.robot.srdf, limits.names, place.group
         )
         assert place.srdf.parent == running.folder
+
+
+def test_a_cell_is_copied_with_its_meshes(tmp_path: Path, running: RunningConfig) -> None:
+    (tmp_path / "meshes").mkdir()
+    mesh = tmp_path / "meshes" / "block.stl"
+    mesh.write_bytes(trimesh.creation.box([0.05] * 3).export(file_type="stl"))
+    block = {"shape": "mesh", "file": "meshes/block.stl", "mass_kg": 0.1, "position_m": [0.5, 0.0, 0.1]}
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump({"parts": {"block": block}}), encoding="utf-8")
+    file = settings_file(tmp_path, "robot: {cell: cell.yaml}")
+    settings = load_settings(file)
+    assert settings.robot.cell is not None
+    before = load_cell(settings.robot.cell)
+    running.create(settings)
+    mesh.write_bytes(b"edited")
+    first = load_settings(running.file).robot.cell
+    assert first is not None
+    assert load_cell(first) == before
+    assert running.folder in first.parents
+    mesh.write_bytes(trimesh.creation.box([0.06] * 3).export(file_type="stl"))
+    for _ in range(2):
+        running.prepare(load_settings(file))
+        running.commit()
+    second = load_settings(running.file).robot.cell
+    assert second is not None
+    assert load_cell(second).parts["block"].mesh.size == pytest.approx((0.06,) * 3)
+    assert not first.exists(), "editions that are not used any more are removed"
 
 
 def test_nothing_counts_before_it_is_committed(tmp_path: Path, running: RunningConfig) -> None:

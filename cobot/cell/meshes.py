@@ -1,0 +1,132 @@
+"""Parts and fixtures of a cell whose shape is a mesh file, as the convex solids that collide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from cobot.errors import CobotError, ConfigError, InputError, LimitError
+from cobot.robot import mesh
+from cobot.robot.scene import Numbers3, Numbers6
+from cobot.types import Array
+
+MAX_FILE_BYTES = 20_000_000
+MAX_SOLIDS = 64
+"""Maximum number of convex solids of one body, because every cycle looks for their contacts."""
+MIN_EDGE_M = 0.002
+
+
+@dataclass(frozen=True, slots=True)
+class MeshShape:
+    """A mesh around the middle of its bounding box, m.
+
+    Attributes:
+        size: edges of the bounding box.
+        boxes: middle and edges of each box.
+        hulls: corners of each other convex solid.
+        vertices, triangles: the mesh of the file, one number after the other.
+    """
+
+    size: Numbers3
+    boxes: tuple[Numbers6, ...]
+    hulls: tuple[tuple[Numbers3, ...], ...]
+    vertices: tuple[float, ...]
+    triangles: tuple[int, ...]
+
+
+def mesh_shape(
+    folder: Path, name: str, scale: float, tolerance_m: float, hull: bool, max_m: float
+) -> MeshShape:
+    """Read a mesh file.
+
+    Args:
+        folder: the folder of the cell file, which the mesh must be in.
+        scale: metres for each unit of the file.
+        tolerance_m: how far boxes may reach beyond parts of the mesh that are not convex.
+        hull: whether the body is the convex hull of the mesh.
+        max_m: longest edge of the bounding box.
+
+    Raises:
+        ConfigError: there is no such file, or it cannot be a body of a cell, with the reason.
+    """
+    try:
+        file = (folder / name).resolve()
+        if Path(name).is_absolute() or not file.is_relative_to(folder.resolve()):
+            raise ConfigError(
+                f"file: {name} is outside the folder of the cell file; copy it there, and name it "
+                "by its path from there"
+            )
+        if not file.is_file():
+            raise ConfigError(f"file: {folder / name}: no such file")
+        status = file.stat()
+        if status.st_size > MAX_FILE_BYTES:
+            raise ConfigError(
+                f"file: {name} has {status.st_size / 1e6:.1f} MB, allowed are "
+                f"{MAX_FILE_BYTES / 1e6:g} MB: simplify the mesh"
+            )
+        return _read(file, status.st_mtime_ns, status.st_size, scale, tolerance_m, hull, max_m)
+    except (OSError, ValueError) as exc:
+        raise ConfigError(f"file: {name}: {getattr(exc, 'strerror', None) or exc}") from exc
+
+
+@lru_cache(maxsize=128)
+def _read(
+    file: Path, _changed: int, _size: int, scale: float, tolerance_m: float, hull: bool, max_m: float
+) -> MeshShape:
+    """Read a file; again if it has changed."""
+    try:
+        vertices, triangles = mesh.read(file.read_bytes())
+        if not len(triangles) or not 0 <= triangles.min() <= triangles.max() < len(vertices):
+            raise InputError("triangles: there are none, or one names a vertex that does not exist")
+        if not np.isfinite(vertices).all():
+            raise InputError("vertices: one is not finite")
+        vertices = vertices[triangles.ravel()]  # others are not part of the shape
+        triangles = np.arange(len(vertices)).reshape(-1, 3)
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        size = scale * (high - low)
+        if not (size.min() >= MIN_EDGE_M and size.max() <= max_m):
+            edges = " x ".join(f"{edge:.4g}" for edge in size)
+            raise InputError(
+                f"its bounding box is {edges} m, allowed are edges of {MIN_EDGE_M:g} to {max_m:g} m: set "
+                "scale, 0.001 for a file in mm"
+            )
+        vertices = scale * (vertices - 0.5 * (low + high))
+        boxes, hulls = _solids(vertices, triangles, tolerance_m, hull)
+    except LimitError as exc:
+        raise ConfigError(f"file: {file.name}: {exc}; set tolerance_m, or hull: true") from exc
+    except CobotError as exc:
+        raise ConfigError(f"file: {file.name}: {str(exc).removeprefix('file: ')}") from exc
+    return MeshShape(
+        _three(size),
+        tuple(_six(box) for box in boxes),
+        tuple(tuple(_three(corner) for corner in each) for each in hulls),
+        tuple(vertices.ravel().tolist()),
+        tuple(triangles.ravel().tolist()),
+    )
+
+
+def _solids(
+    vertices: Array, triangles: mesh.Indices, tolerance_m: float, hull: bool
+) -> tuple[Array, list[Array]]:
+    """Boxes, and the corners of other convex solids; see `mesh.parts`."""
+    if not hull:
+        return mesh.parts(vertices, triangles, tolerance_m, MAX_SOLIDS)
+    corners = np.unique(vertices, axis=0)
+    if len(corners) > mesh.MAX_CORNERS:
+        raise InputError(
+            f"it has {len(corners)} corners, at most {mesh.MAX_CORNERS} are allowed: simplify it"
+        )
+    return np.zeros((0, 6)), [corners]
+
+
+def _three(values: Array) -> Numbers3:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _six(values: Array) -> Numbers6:
+    x, y, z, length, width, height = values.tolist()
+    return x, y, z, length, width, height
