@@ -19,12 +19,13 @@ import numpy as np
 
 from cobot.cell.cell import CUP, HAND, Belt, Cell, CellPart, CellSolid, Cup, Hand, cell_file
 from cobot.cell.own_hand import AnyHand, AnyOwnHand, TurningHand, cell_of, hand_of
-from cobot.cell.surroundings import FINGER_SHARE, LIP_M, part_in_scene, pose_of
+from cobot.cell.surroundings import FINGER_SHARE, LIP_M, first_tool, part_in_scene, pose_of
 from cobot.config import Settings
 from cobot.errors import CollisionError, ConfigError, exhausted
 from cobot.robot.description import RobotDescription
 from cobot.robot.load import homogeneous
 from cobot.robot.model import RobotModel
+from cobot.robot.tool import Tool
 from cobot.types import Array, Pose
 
 FLOOR = "floor of the cell"
@@ -84,9 +85,9 @@ class Plant:
     base: Pose
 
     @property
-    def has_tool(self) -> bool:
-        """Whether the first tool of the arm is a body of the plant: the hand or the cup of the cell file."""
-        return isinstance(self.hand, Hand) or self.cell.cup is not None
+    def tool(self) -> Tool:
+        """The tool that is a body of the plant: the hand or the cup of the cell file; BARE without one."""
+        return first_tool(self.hand, self.cell)
 
 
 def plant_of(robot: RobotModel, settings: Settings) -> Plant:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from cobot.cell.cell import CUP, HAND, Belt, Cell, CellPart, CellSolid, Cup, Hand, load_cell
-from cobot.cell.own_hand import cell_of, hand_of
+from cobot.cell.own_hand import AnyHand, cell_of, hand_of
 from cobot.config import Settings
 from cobot.robot.scene import SceneFile, SceneObject
 from cobot.robot.tool import BARE, Tool, ToolFile
@@ -37,10 +37,14 @@ def tool_file(settings: Settings) -> ToolFile:
     Raises:
         ConfigError: the cell file is invalid.
     """
-    hand, cell = hand_of(settings), cell_of(settings)
+    return ToolFile(settings.tool_file, first_tool(hand_of(settings), cell_of(settings)))
+
+
+def first_tool(hand: AnyHand | None, cell: Cell | None) -> Tool:
+    """The hand or the cup of the cell file as a tool; BARE without one, or with a hand of the arm's model."""
     if cell is not None and cell.cup is not None:
-        return ToolFile(settings.tool_file, cup_as_tool(cell.cup))
-    return ToolFile(settings.tool_file, hand_as_tool(hand) if isinstance(hand, Hand) else BARE)
+        return cup_as_tool(cell.cup)
+    return hand_as_tool(hand) if isinstance(hand, Hand) else BARE
 
 
 def part_in_scene(part: CellPart, pose: Numbers7) -> SceneObject:

@@ -12,11 +12,14 @@ import numpy as np
 from cobot.errors import InputError, LimitError
 from cobot.robot.rotations import matrix_of
 from cobot.robot.scene import COMPOUND, Scene, SceneObject, symmetric
-from cobot.robot.tool import Tool, check_tool
+from cobot.robot.tool import BARE, Tool, check_tool
 from cobot.types import Array, JointLimits, Numbers7, Pose
 
 if TYPE_CHECKING:
     from cobot.robot.model import RobotModel
+
+FARTHEST_M = 1.0
+"""Greatest distance of the flange from a mass that is added to a tool."""
 
 
 def carrying(tool: Tool, scene: Scene, tcp_in_flange: Numbers7) -> Tool:
@@ -38,6 +41,27 @@ def carrying(tool: Tool, scene: Scene, tcp_in_flange: Numbers7) -> Tool:
     x, y, z = centre.tolist()
     whole = (xx, xy, xz, yy, yz, zz) if np.linalg.eigvalsh(inertia)[0] > 0.0 else None
     return replace(tool, version=version, mass=mass, centre=(x, y, z), inertia=whole)
+
+
+def beyond(tool: Tool, mounted: Tool) -> Tool:
+    """What a tool has in addition to one that is mounted already; BARE if it is not heavier.
+
+    The TCP stays where it is. A mass that would be farther than `FARTHEST_M` from the flange is left out: the
+    two tools are different ones then.
+    """
+    mass = tool.mass - mounted.mass
+    if not mass > 0.0:
+        return BARE
+    centre = (tool.mass * np.array(tool.centre) - mounted.mass * np.array(mounted.centre)) / mass
+    if float(np.linalg.norm(centre)) > FARTHEST_M:
+        return BARE
+    inertia = tool.inertia_matrix + moved(tool.mass, np.array(tool.centre))
+    inertia -= mounted.inertia_matrix + moved(mounted.mass, np.array(mounted.centre))
+    moments, axes = np.linalg.eigh(inertia - moved(mass, centre))
+    inertia = axes @ np.diag(np.maximum(moments, 0.0)) @ axes.T
+    xx, xy, xz, yy, yz, zz = inertia[np.triu_indices(3)].tolist()
+    x, y, z = centre.tolist()
+    return Tool(version=tool.version, mass=mass, centre=(x, y, z), inertia=(xx, xy, xz, yy, yz, zz))
 
 
 def check_load(

@@ -22,6 +22,7 @@ from cobot.robot.mujoco cimport (
 from dataclasses import replace
 
 from cobot.cell.plant import plant_of
+from cobot.robot.load import beyond
 from cobot.robot.payload import Carrier
 from rtloop.backends.cell_devices import CellDevices
 from rtloop.backends.mujoco import MujocoBackend
@@ -47,7 +48,7 @@ cdef class CellBackend(MujocoBackend):
         # Contacts, limits and dry friction act in the plant.
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         base = model.body(names.base_frame).id
-        self._carrier = None if plant.has_tool else Carrier(model, base, plant.flange)
+        self._carrier = Carrier(model, base, plant.flange)
         self.part_names = tuple(plant.cell.parts)
         self._part_places = [model.jnt_qposadr[model.body_jntadr[body]] for body in plant.parts]
         inverse = plant.base.inverse().quaternion
@@ -74,8 +75,7 @@ cdef class CellBackend(MujocoBackend):
         self.plant.mj.opt.gravity[:] = self._model.opt.gravity
 
     def mount(self, tool: object) -> None:
-        if self._carrier is not None:
-            self._carrier.load(tool, self._model.opt.gravity)
+        self._carrier.load(beyond(tool, self.plant.tool), self._model.opt.gravity)
 
     def io(self) -> object:
         return self._devices.io()

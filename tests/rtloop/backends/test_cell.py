@@ -6,13 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio
 import pytest
+from independent_models import Pinocchio
 from physical_cell import CellArm, with_cell, write_cell
 
+from cobot.cell.surroundings import hand_as_tool, part_in_scene
 from cobot.config import Settings
 from cobot.errors import ConfigError
 from cobot.robot.description import load_robot
-from cobot.robot.tool import BARE
+from cobot.robot.load import carrying
+from cobot.robot.scene import Scene
+from cobot.robot.tool import BARE, Tool
 from cobot.types import PlannerName
 from rtloop.backends import BackendError, HasCell, HasIo, make_backend
 from rtloop.backends.cell import CellBackend
@@ -217,6 +222,57 @@ def test_without_a_hand_the_plant_carries_the_tool(settings: Settings, tmp_path:
     arm.carry(tool)
     arm.hold(1000)
     assert np.abs(arm.measured.external_effort).max() < 0.01
+
+
+POSTURES = ([0.3, 0.5, -0.2, -1.4, 0.3, 1.2, 0.1], [-0.6, 0.9, 0.4, -0.9, -0.7, 1.0, 0.8])
+
+
+def test_a_heavier_tool_of_its_own_counts_once_next_to_the_hand_and_a_held_part(arm: CellArm) -> None:
+    """Oracle: pinocchio, with the three masses at the flange. The drives hold what MuJoCo's bodies weigh."""
+    assert arm.cell.hand is not None
+    hand, cube = hand_as_tool(arm.cell.hand), arm.cell.parts["cube"]
+    adapter = Tool(mass=1.5, centre=(0.02, -0.03, 0.04))
+    centre = (hand.mass * np.array(hand.centre) + 1.5 * np.array(adapter.centre)) / (hand.mass + 1.5)
+    x, y, z = centre.tolist()
+    tool = replace(hand, version=2, mass=hand.mass + 1.5, centre=(x, y, z))
+    before_kg = arm.backend.plant.mj.body_mass.sum()
+    arm.carry(tool)
+    assert arm.backend.plant.mj.body_mass.sum() == pytest.approx(before_kg + 1.5)
+    arm.pick("cube")
+    pose = arm.part_in_tcp("cube")
+    scene = Scene(objects={"cube": replace(part_in_scene(cube, pose.numbers), attached=True)})
+    held = carrying(tool, scene, arm.robot.model.tcp_in_flange(tool))
+    arm.robot.model.carry(held)
+    arm.backend.set_tool(held)
+    other = Pinocchio()
+    for joints in POSTURES:
+        arm.go(np.array(joints))
+        arm.hold(800)
+        pinocchio.forwardKinematics(other.model, other.data, arm.measured.position)
+        wrist, wanted = other.data.oMi[-1], other.gravity(arm.measured.position)
+        flange = arm.robot.model.forward(arm.measured.position) @ arm.robot.model.flange_in_tcp()
+        for mass, place in (
+            (hand.mass, flange.apply(np.array(hand.centre))),
+            (1.5, flange.apply(np.array(adapter.centre))),
+            (cube.mass_kg, arm.part("cube").position),
+        ):
+            jacobian = pinocchio.computeJointJacobian(
+                other.model, other.data, arm.measured.position, other.model.njoints - 1
+            )
+            linear, angular = wrist.rotation @ jacobian[:3], wrist.rotation @ jacobian[3:]
+            of_point = linear + np.cross(angular.T, place - wrist.translation).T
+            wanted += of_point.T @ np.array([0.0, 0.0, mass * GRAVITY])
+        np.testing.assert_allclose(arm.measured.effort, wanted, atol=0.03)
+        assert np.abs(arm.measured.external_effort).max() < 0.03
+
+
+def test_a_lighter_tool_leaves_the_hand_as_heavy_as_it_is(arm: CellArm) -> None:
+    before_kg = arm.backend.plant.mj.body_mass.sum()
+    arm.carry(BARE)
+    assert arm.backend.plant.mj.body_mass.sum() == pytest.approx(before_kg)
+    arm.hold(800)
+    assert arm.cell.hand is not None
+    assert np.abs(arm.measured.external_effort).max() > 0.1, "it feels the hand"
 
 
 @pytest.mark.parametrize(
