@@ -12,6 +12,8 @@ from cobot.errors import InputError
 from cobot.orientations import inverse, matrix, product, rotated
 from cobot.vectors import Array, vector
 
+Numbers3 = tuple[float, float, float]
+Numbers6 = tuple[float, float, float, float, float, float]
 Numbers7 = tuple[float, float, float, float, float, float, float]
 """Numbers of a pose: x, y, z (m) and w, x, y, z."""
 

@@ -12,9 +12,9 @@ import numpy as np
 from app.api.schemas.scene import PutObject
 from cobot.errors import InputError, LimitError
 from cobot.robot.frames import pose_from_abc
-from cobot.robot.scene import Numbers3, Numbers6, SceneObject
+from cobot.robot.scene import SceneObject
 from cobot.robot.solids import cloud, columns
-from cobot.types import Array
+from cobot.types import Array, Numbers3, Numbers6
 
 FARTHEST_M = 100.0
 

@@ -14,9 +14,8 @@ import numpy as np
 from app.aubo.poses import as_list, numbers_of, place_of
 from app.aubo.registry import Json, service
 from cobot.errors import InputError, LimitError, NotSupportedError
-from cobot.robot.scene import Numbers6
 from cobot.robot.tool import Tool, check_gravity
-from cobot.types import Array, CartesianLimits, JointLimits, Pose
+from cobot.types import Array, CartesianLimits, JointLimits, Numbers6, Pose
 from cobot.units import MAX_TIP_M
 
 if TYPE_CHECKING:

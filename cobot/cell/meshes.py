@@ -10,8 +10,7 @@ import numpy as np
 
 from cobot.errors import CobotError, ConfigError, InputError, LimitError
 from cobot.robot import mesh
-from cobot.robot.scene import Numbers3, Numbers6
-from cobot.types import Array
+from cobot.types import Array, Numbers3, Numbers6
 
 MAX_FILE_BYTES = 20_000_000
 MAX_SOLIDS = 64

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cobot.robot.scene import Numbers3
 from cobot.trajectory import Trajectory
-from cobot.types import Array
+from cobot.types import Array, Numbers3
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from cobot.robot.scene import Numbers3
-from cobot.types import Array
+from cobot.types import Array, Numbers3
 
 if TYPE_CHECKING:
     from cobot.robot.collision import CollisionChecker

@@ -18,11 +18,9 @@ from pydantic.dataclasses import dataclass as checked
 from cobot.errors import ConfigError, InputError, exhausted
 from cobot.robot.kept import keep, read_kept
 from cobot.strict import sentences
-from cobot.types import Array, Numbers7
+from cobot.types import Array, Numbers3, Numbers6, Numbers7
 
 Shape = Literal["box", "sphere", "cylinder", "capsule", "mesh", "height_field", "point_cloud"]
-Numbers3 = tuple[float, float, float]
-Numbers6 = tuple[float, float, float, float, float, float]
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 COMPOUND = ("mesh", "height_field", "point_cloud")

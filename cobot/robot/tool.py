@@ -17,9 +17,9 @@ from pydantic.dataclasses import dataclass as checked
 
 from cobot.errors import ConfigError, InputError, LimitError
 from cobot.robot.kept import keep, read_kept
-from cobot.robot.scene import Numbers3, Numbers6, Scene, SceneObject, symmetric
+from cobot.robot.scene import Scene, SceneObject, symmetric
 from cobot.strict import sentences
-from cobot.types import Array, Numbers7
+from cobot.types import Array, Numbers3, Numbers6, Numbers7
 
 MAX_REACH_M = 2.0
 """Maximum distance of the centre of mass, the TCP and each shape from the flange."""

@@ -17,10 +17,10 @@ from cobot.errors import ConfigError, InputError
 from cobot.foreign import plain_error
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.kept import read_kept
-from cobot.robot.scene import Numbers3, Scene, SceneFile, SceneObject
+from cobot.robot.scene import Scene, SceneFile, SceneObject
 from cobot.robot.tool import BARE, Tool, ToolFile, check_tool
 from cobot.strict import StrictModel, unknown_key
-from cobot.types import Array, NamedPosition, Numbers7
+from cobot.types import Array, NamedPosition, Numbers3, Numbers7
 
 SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
 LENGTH_TOLERANCE = 1e-3
