@@ -86,7 +86,7 @@ def test_some_cycles_are_where_the_arm_was(
     ]
     assert [each.time_s for each in found.events] == pytest.approx([each.time_s for each in every.events])
     assert len(reader.read_path(recorded[0], 1000).times_s) == 900
-    monkeypatch.setattr(reader, "MAX_SHOWN", 1000)
+    monkeypatch.setattr(reader, "MAX_SHOWN_BYTES", 1000)
     with pytest.raises(InputError, match="cobot plot draws it"):
         reader.read_path(recorded[0], 10)
 
