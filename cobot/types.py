@@ -193,12 +193,17 @@ class CartesianLimits:
 
 @dataclass(frozen=True, slots=True)
 class NamedPosition:
-    """A `group_state` of the SRDF, with joint angles in rad in the order of the joint limits."""
+    """A `group_state` of the SRDF, with joint angles in rad in the order of the joint limits.
+
+    Attributes:
+        label: name for people, in any language; "" if `name` is that too.
+    """
 
     name: str
     group: str
     joints: tuple[float, ...]
     description: str = ""
+    label: str = ""
 
 
 PLANNED_JERK = 0.8

@@ -76,9 +76,18 @@ class Client(ForceMoves, Steps, EventConnection):
         """
         return list(self._page("/robot/positions", limit, after))
 
-    def teach_position(self, name: str, joints: Sequence[float] | None = None, description: str = "") -> Json:
-        """Save a named position: the joint angles, rad, or the present ones if none are given."""
+    def teach_position(
+        self, name: str, joints: Sequence[float] | None = None, description: str = "", label: str = ""
+    ) -> Json:
+        """Save a named position: the joint angles, rad, or the present ones if none are given.
+
+        Args:
+            name: for programs: letters, digits and _ . -
+            label: for people, in any language; "" to show them `name`.
+        """
         body: Json = {"name": name, "description": description}
+        if label:
+            body["label"] = label
         if joints is not None:
             body["joints"] = list(joints)
         return self._json("POST", "/robot/positions", json=body)

@@ -11,8 +11,8 @@ from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
+from app.api.schemas.names import Label, Name
 from app.api.schemas.robot import NamedPositionAnswer
-from app.api.schemas.scene import Name
 from app.services.motion.positions import TAUGHT
 from cobot.access.roles import Role
 from cobot.loose_lists import RequestModel
@@ -34,6 +34,9 @@ class TeachPosition(RequestModel):
         max_length=64,
         description="Joint positions, rad; without them the present ones.",
     )
+    label: Label | None = Field(
+        None, description="Name for people, in any language; without one they see `name`."
+    )
     description: str = Field("", max_length=200, description="For people.")
 
 
@@ -50,7 +53,7 @@ async def positions(request: Request, limit: Limit = None, after: After = None) 
 async def teach_position(body: TeachPosition, request: Request) -> NamedPositionAnswer:
     """Store a position under a name, for all motions to named positions; kept over restarts."""
     services = Call(request).services
-    return _answer(await services.positions.teach(body.name, body.joints, body.description))
+    return _answer(await services.positions.teach(body.name, body.joints, body.description, body.label or ""))
 
 
 @router.endpoint(
@@ -73,6 +76,7 @@ async def forget_position(
 def _answer(position: NamedPosition) -> NamedPositionAnswer:
     return NamedPositionAnswer(
         name=position.name,
+        label=position.label or position.name,
         group=position.group,
         description=position.description,
         joints=list(position.joints),

@@ -6,7 +6,7 @@ import re
 from typing import Annotated, Literal
 
 from fastapi import Header, Path, Query, Request, Response
-from pydantic import AfterValidator, BaseModel, Field
+from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call
 from app.api.errors import responses
@@ -14,6 +14,7 @@ from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
 from app.api.routers.sequences import start_order
 from app.api.schemas.jobs import ACCEPTED, Wait
+from app.api.schemas.names import Label
 from app.api.schemas.robot import StartedAnswer
 from app.services.programs.sequences import SequenceOrder
 from app.services.programs.stored import MAX_CHARACTERS, ProgramText, ProgramVersion
@@ -28,18 +29,7 @@ router = EndpointRouter(tags=["sequences"])
 SEQUENCE = '{"waypoints": [{"named": "home"}]}'
 
 
-def _require_printable(text: str) -> str:
-    if not text.isprintable() or not text.strip():
-        raise ValueError(f"{shown(text)} has characters that cannot be seen, or none that can")
-    return text.strip()
-
-
 Kind = Annotated[Literal["sequence", "lua"], Field(description="A sequence file (JSON) or a Lua program.")]
-Label = Annotated[
-    str,
-    Field(min_length=1, max_length=100, description="Name for people."),
-    AfterValidator(_require_printable),
-]
 Id = Annotated[str, Path(max_length=200, description="Id of a stored program: a-z, 0-9, _ and -.")]
 IfMatch = Annotated[
     str | None,

@@ -169,6 +169,7 @@ class NamedPositionAnswer(BaseModel):
     """A `group_state` of the SRDF, or a taught position."""
 
     name: str = Field(description="For POST /robot/move/named.")
+    label: str = Field(description="Name for people; `name` if there is no other.")
     group: str = Field(description="The group of joints in the SRDF; `taught` without one.")
     description: str = Field(description="The description from the SRDF, or from the client that taught it.")
     joints: list[float] = Field(description="rad")

@@ -6,15 +6,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from app.api.schemas.names import Name
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import Angle, Finite, Within, limit_entries
 from cobot.robot.scene import SceneObject
 from cobot.units import require_way
 
-Name = Annotated[
-    str,
-    Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$", description="Letters, digits, and _ . -; at most 64."),
-]
 Coordinate = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False, description="m")]
 PlaceCoordinate = Annotated[float, Field(allow_inf_nan=False), Within(require_way, 100.0)]
 Length = Annotated[float, Field(ge=1e-4, le=100.0, allow_inf_nan=False)]

@@ -54,7 +54,7 @@ class Panel {
     this.view = this.state = this.geometry = this.tag = this.looks = null;
     this.readouts = new Readouts(element("joints"), element("tcp"));
     this.device = new Device(api);
-    this.status = new Status(api, this.device, () => this.ownStream);
+    this.status = new Status(api, this.device, () => this.ownStream, () => this.job.job?.state === "paused");
     this.banner = new Banner(api);
     this.planned = new Planned(() => this.readouts.ranges);
     this.motions = new Motions(api, (plan) => this.preview(plan), () => this.state);

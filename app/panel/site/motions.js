@@ -1,6 +1,7 @@
 // Go to a named position: plan, look at it, execute.
 import { allow } from "./able.js";
 import { moved } from "./follow.js";
+import { ID, idOf } from "./ids.js";
 import { oneAtATime } from "./once.js";
 import { followed } from "./sequence.js";
 import { keep, keptList } from "./store.js";
@@ -16,8 +17,7 @@ export class Motions {
   constructor(api, preview, state) {
     this.api = api;
     this.state = state;
-    this.names = [];
-    this.taught = [];
+    this.positions = [];
     this.offered = "";
     this.preview = preview;
     this.plan = null;
@@ -36,6 +36,7 @@ export class Motions {
     element("position-teach").addEventListener("click", () => this.teach());
     element("position-forget").addEventListener("click", () => this.forget());
     element("position-name").addEventListener("input", () => this.mark());
+    element("position-name").addEventListener("keydown", ({ key, repeat }) => key === "Enter" && !repeat && this.teach());
     inEachLanguage(() => {
       this.say(this.words);
       this.mark();
@@ -45,6 +46,15 @@ export class Motions {
 
   writeSpeed() {
     element("motion-speed-shown").textContent = `${element("motion-speed").value} %`;
+  }
+
+  // What the field says, and the position that is shown under this name, if there is one.
+  get label() {
+    return element("position-name").value.trim();
+  }
+
+  get labelled() {
+    return this.positions.find(({ label }) => label === this.label);
   }
 
   own(id) {
@@ -70,17 +80,16 @@ export class Motions {
     const offered = JSON.stringify(positions);
     if (offered === this.offered) return;
     this.offered = offered;
-    this.names = positions.map((position) => position.name);
-    this.taught = positions.filter((position) => position.taught).map((position) => position.name);
+    this.positions = positions;
     element("positions").replaceChildren(
-      ...positions.map(({ name, description }) => {
+      ...positions.map(({ name, label, description }) => {
         const button = document.createElement("button");
         button.type = "button";
-        button.textContent = name;
+        button.textContent = label;
         button.title = description;
         button.dataset.position = name;
         button.setAttribute("aria-pressed", "false");
-        button.addEventListener("click", () => this.choose(name));
+        button.addEventListener("click", () => this.choose(name, label));
         return button;
       }),
     );
@@ -89,27 +98,28 @@ export class Motions {
 
   // Where the arm is gets a name, which is kept by the service; one that was taught before may be moved.
   async teach() {
-    const name = element("position-name").value.trim();
+    const label = this.label;
+    const name = this.labelled?.name ?? (ID.test(label) ? label : idOf(label, "position"));
     const joints = this.state()?.commanded_position;
     if (!joints) {
       this.say(() => word("silence"));
       return;
     }
     try {
-      await this.api.post("/positions", { name, joints });
+      await this.api.post("/positions", { name, joints, ...(name === label ? {} : { label }) });
       await this.load();
-      this.say(() => word("position_taught", { name }));
+      this.say(() => word("position_taught", { name: label }));
     } catch (error) {
       this.say(() => error.message);
     }
   }
 
   async forget() {
-    const name = element("position-name").value.trim();
+    const { name, label } = this.labelled;
     try {
       const left = await this.api.ask("DELETE", this.api.address(`/positions/${encodeURIComponent(name)}`));
       this.offer(await left.json());
-      this.say(() => word("position_forgotten", { name }));
+      this.say(() => word("position_forgotten", { name: label }));
     } catch (error) {
       this.say(() => error.message);
     }
@@ -128,8 +138,8 @@ export class Motions {
     return element("motion-speed").value / 100;
   }
 
-  choose(name) {
-    return this.ask(name, () => this.planned("/plan/named", { name, speed: this.speed, samples: SAMPLES }));
+  choose(name, label = name) {
+    return this.ask(label, () => this.planned("/plan/named", { name, speed: this.speed, samples: SAMPLES }));
   }
 
   toJoints(name, joints) {
@@ -247,9 +257,9 @@ export class Motions {
     allow(element("execute"), planned || (this.plan.plan_id ? "" : "why_shown_only"));
     allow(element("rehearse"), this.rehearsing ? "rehearsing" : planned);
     allow(element("discard"), this.plan || this.looked ? "" : "why_no_plan");
-    allow(element("position-forget"), this.taught.includes(element("position-name").value.trim()) ? "" : "why_not_taught");
+    allow(element("position-forget"), this.labelled?.taught ? "" : "why_not_taught");
     for (const button of element("positions").children) {
-      button.setAttribute("aria-pressed", String(button.dataset.position === this.name));
+      button.setAttribute("aria-pressed", String(button.textContent === this.name));
     }
   }
 

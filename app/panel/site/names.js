@@ -21,7 +21,7 @@ export class Names {
     if (robot !== this.api.robot) return;
     const named = (direction) => points.filter((each) => each.direction === direction);
     for (const [id, list] of Object.entries({ "io-inputs": named("input"), "io-outputs": named("output"), "position-names": positions })) {
-      document.getElementById(id).replaceChildren(...list.map(({ name }) => new Option(name, name)));
+      document.getElementById(id).replaceChildren(...list.map(({ name, label = name }) => new Option(label, name)));
     }
   }
 }

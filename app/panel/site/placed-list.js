@@ -1,10 +1,10 @@
 // A list of named things with a form for the chosen one. Its subclasses say what the things are.
 import { allow } from "./able.js";
+import { ID } from "./ids.js";
 import { abcOf } from "./kinematics.js";
 import { changed, poseFields } from "./numbers.js";
 import { inEachLanguage, word } from "./words.js";
 
-const NAME = /^[A-Za-z0-9_.-]{1,64}$/;
 const ORIGIN = [0, 0, 0, 0, 0, 0];
 const element = (id) => document.getElementById(id);
 const poseOf = ({ position, quaternion }) => [...position, ...abcOf(quaternion)];
@@ -69,7 +69,7 @@ export class PlacedList {
   read() {
     const name = this.part("name").value.trim();
     const [x, y, z, a, b, c] = this.place.values();
-    if (!NAME.test(name)) this.say(() => word("name_letters"), "warn");
+    if (!ID.test(name)) this.say(() => word("name_letters"), "warn");
     else if (![x, y, z, a, b, c].every(Number.isFinite)) this.say(() => word("number_missing"), "warn");
     else return { name, place: { x, y, z, a, b, c } };
     return null;

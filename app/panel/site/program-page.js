@@ -129,7 +129,7 @@ export class ProgramPage {
     element("add").open = false;
     const here = PLACED.includes(kind) ? this.places.here() : {};
     if (!here) return;
-    const step = newStep(kind, { ...here, speed: this.motions.speed, position: this.motions.names[0] ?? "" });
+    const step = newStep(kind, { ...here, speed: this.motions.speed, position: this.motions.positions[0]?.name ?? "" });
     if (kind === "home") this.program.edit((content) => (content.home = step));
     else this.put(step);
   }

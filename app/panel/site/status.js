@@ -17,11 +17,12 @@ function say(id, text, level = "") {
 }
 
 export class Status {
-  // ownStream: what this page streams, "jog", "freedrive", or null.
-  constructor(api, device, ownStream) {
+  // ownStream: what this page streams, "jog", "freedrive", or null. isPaused: whether the motion is.
+  constructor(api, device, ownStream, isPaused) {
     this.api = api;
     this.device = device;
     this.ownStream = ownStream;
+    this.isPaused = isPaused;
     this.mode = this.line = null;
     this.look = oneAtATime(() => this.ask());
     inEachLanguage(() => {
@@ -47,7 +48,8 @@ export class Status {
   write() {
     const own = STREAMING.includes(this.mode) ? OWN[this.ownStream()] : null;
     element("mode").dataset.mode = this.mode;
-    say("mode", word(own ?? `mode_${this.mode}`), LEVELS[this.mode] ?? "busy");
+    const paused = this.mode === "TRAJECTORY" && this.isPaused();
+    say("mode", word(paused ? "job_paused" : (own ?? `mode_${this.mode}`)), paused ? "warn" : (LEVELS[this.mode] ?? "busy"));
   }
 
   connected(connected) {

@@ -1,17 +1,12 @@
 // Stored programs: opened and saved here. The service rejects a save over a version that another client has made:
 // the user loads that version or saves under another name. Unsaved changes stay in this browser.
+import { idOf } from "./ids.js";
 import { oneAtATime } from "./once.js";
 import { inEachLanguage, named, word } from "./words.js";
 
 const CHANGED = 412;
 const MAX_LABEL = 100;
 const element = (id) => document.getElementById(id);
-
-// For addresses: what the label has of a to z and 0 to 9, and an end that makes it unique.
-function idOf(label) {
-  const plain = label.normalize("NFKD").toLowerCase().replace(/[^a-z0-9]+/g, "-").replace(/^-+|-+$/g, "");
-  return `${plain.slice(0, 48) || "program"}-${crypto.getRandomValues(new Uint32Array(1))[0].toString(36)}`;
-}
 
 export class Stored {
   constructor(api, page) {
@@ -112,7 +107,7 @@ export class Stored {
       if (!label.trim()) element("program-name").focus();
       return void this.page.say(() => word(label.trim() ? "run_none" : "stored_nameless"));
     }
-    const made = id ?? idOf(label);
+    const made = id ?? idOf(label, "program");
     const headers = id ? { "If-Match": `"${version}"` } : {};
     const { state, text } = this.program;
     this.saving = true;

@@ -40,6 +40,7 @@ export class Typed {
       return;
     }
     if (!state || !geometry || !Number.isFinite(typed)) {
+      this.motions.discard(); // Enter and Execute must not run what was typed before
       this.motions.say(() => word(state && geometry ? "typed_no_number" : "silence", { text: field.value }));
       return;
     }
@@ -48,6 +49,7 @@ export class Typed {
     if (kind === "joint") await this.motions.toJoints(name, this.joints(state, geometry, Number(index), typed));
     else await this.motions.toPose(name, this.pose(state, geometry, Number(index), typed));
     this.plan = this.planned === asked ? this.motions.plan : null;
+    if (kind === "tcp" && this.plan?.path.length) this.now().readouts.aim(tcpOf(geometry, this.plan.path.at(-1).joints)); // for the next value
   }
 
   unit(kind, index, geometry) {

@@ -58,7 +58,9 @@ class PositionService:
         taught = [each for name, each in self._goals.taught.items() if name not in own]
         return [*own.values(), *taught]
 
-    async def teach(self, name: str, joints: list[float] | None, description: str) -> NamedPosition:
+    async def teach(
+        self, name: str, joints: list[float] | None, description: str, label: str = ""
+    ) -> NamedPosition:
         """Give a place a name, or a name another place; it is on the disk when this returns.
 
         Args:
@@ -79,7 +81,7 @@ class PositionService:
             taught = dict(self._goals.taught)
             if name not in taught and len(taught) >= MAX_TAUGHT:
                 raise ConflictError(f"{MAX_TAUGHT} positions are taught already; remove one")
-            made = taught[name] = NamedPosition(name, TAUGHT, tuple(joints), description)
+            made = taught[name] = NamedPosition(name, TAUGHT, tuple(joints), description, label)
             await self._keep(taught)
         self._link.events.publish("positions", what="taught", name=name)
         return made

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -226,11 +227,29 @@ def test_a_place_is_taught_gone_to_and_forgotten(panel: Panel) -> None:
         panel.page.click("#position-forget")
         panel.until("!document.querySelector('[data-position=bench]')")
         assert "bench" not in [each["name"] for each in http.get("/robot/positions").json()]
+        taught_in_any_language(panel, http)
         http.post("/robot/positions", json={"name": "elsewhere", "joints": place}).raise_for_status()
         panel.until("document.querySelector('[data-position=elsewhere]')")
         http.delete("/robot/positions/elsewhere").raise_for_status()
         panel.until("!document.querySelector('[data-position=elsewhere]')")
         forget(panel, "409")
+
+
+def taught_in_any_language(panel: Panel, http: httpx.Client) -> None:
+    """Enter saves; people see the label, programs the id."""
+    panel.page.write("#position-name", "Über Kiste 1")
+    panel.page.run("document.querySelector('#position-name').focus()")
+    panel.page.key("Enter", "Enter")
+    shown = "[...document.querySelectorAll('#positions button')].map((each) => each.textContent)"
+    panel.until(f"{shown}.includes('Über Kiste 1')")
+    found = {each["label"]: each["name"] for each in http.get("/robot/positions").json()}
+    assert re.fullmatch(r"uber-kiste-1-\w+", found["Über Kiste 1"])
+    panel.run.go_home()
+    planned(panel, found["Über Kiste 1"])
+    assert "Über Kiste 1" in panel.text("#plan")
+    panel.page.click("#position-forget")
+    panel.until(f"!{shown}.includes('Über Kiste 1')")
+    panel.page.click("#discard")
 
 
 def test_who_has_taken_the_control_moves_the_arm_alone(panel: Panel) -> None:

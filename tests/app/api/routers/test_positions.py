@@ -57,6 +57,7 @@ def test_a_place_gets_a_name_that_motions_and_plans_know(run: VirtualService, fo
     assert taught.status_code == 200, taught.text
     assert taught.json() == {
         "name": "beside",
+        "label": "beside",
         "group": "taught",
         "description": "left of it",
         "joints": BESIDE,
@@ -75,6 +76,19 @@ def test_without_joints_it_is_where_the_arm_is_and_may_be_moved(run: VirtualServ
     here = run.post("/robot/positions", {"name": "place"}).raise_for_status().json()
     np.testing.assert_allclose(here["joints"], HOME, atol=1e-6)
     assert names(run, taught=True) == ["place"]
+
+
+def test_its_label_is_in_any_language(run: VirtualService, folder: Path) -> None:
+    client = run.client(run.url)
+    taught = client.teach_position("box-1", BESIDE, label=" Über Kiste 1 取料点 ")
+    assert (taught["name"], taught["label"]) == ("box-1", "Über Kiste 1 取料点")
+    assert run.get("/robot/positions").json()[-1]["label"] == taught["label"]
+    assert json.loads(file(run, folder).read_text())["box-1"]["label"] == taught["label"]
+    assert run.post("/robot/move/named", {"name": "box-1", "speed": 1.0}).json()["success"]
+    for label in ("", "  ", "a\nb", "x" * 101):
+        refused = run.post("/robot/positions", {"name": "box-2", "label": label})
+        assert (refused.status_code, refused.json()["code"]) == (422, "input"), label
+    assert names(run, taught=True) == ["box-1"]
 
 
 def test_one_is_removed_and_unknown_then(run: VirtualService) -> None:
