@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.api.schemas.scene import Name, ObjectAnswer, PutObject
+from app.api.schemas.names import Name
+from app.api.schemas.scene import ObjectAnswer, PutObject
 from cobot.loose_lists import RequestModel
 from cobot.motions.bodies import Joints
 from cobot.motions.fields import Angle, Finite, Within, limit_entries
