@@ -10,6 +10,7 @@ cdef struct GeomPair:
     double first_half_m  # from the middle of the bounding capsule's axis to its end
     double second_half_m
     double radii_m       # of both
+    double farthest_m
 
 
 cdef class GeomDistances:
@@ -22,4 +23,6 @@ cdef class GeomDistances:
     cdef mjData* _data
 
     cdef bint c_find(self, const double* joints, double* out) noexcept nogil
-    cdef double _between(self, const GeomPair* pair) noexcept nogil
+    cdef bint c_find_far(self, const double* joints, double* out) noexcept nogil
+    cdef bint _place(self, const double* joints) noexcept nogil
+    cdef double _between(self, const GeomPair* pair, double farthest_m) noexcept nogil

@@ -1,11 +1,11 @@
 """Signed distances between geoms of the arm and its surroundings, for the real-time cycle.
 
 Between spheres, capsules and planes they are short formulas; so is that from a plane to a cylinder. For other
-shapes a capsule or a sphere around each gives a lower bound first, and MuJoCo's iteration is only asked where
-that is not enough: it takes fifty times as long, more when its code is not in the cache.
+shapes a capsule or a sphere around each gives a lower bound first, then a box around each, and MuJoCo's
+iteration is only asked where that is not enough: it takes fifty times as long, more when its code is not in the cache.
 """
 
-from libc.math cimport fabs, fmax, fmin, isfinite, sqrt
+from libc.math cimport INFINITY, fabs, fmax, fmin, isfinite, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memcpy
 
@@ -60,8 +60,12 @@ cdef class GeomDistances:
         if self._data != NULL:
             mj_deleteData(self._data)
 
-    def watch(self, pairs):
-        """The distances of these pairs of geoms, given by their indices, are wanted from now on."""
+    def watch(self, pairs, farthest_m=None):
+        """The distances of these pairs of geoms, given by their indices, are wanted from now on.
+
+        Args:
+            farthest_m: how far apart those of a pair count at most, for each pair; else as for all.
+        """
         cdef int index
         if len(pairs) > self._capacity:
             raise ValueError(f"{len(pairs)} pairs of geoms, allowed are up to {self._capacity}")
@@ -71,22 +75,38 @@ cdef class GeomDistances:
                 raise ValueError(f"no geoms {first} and {second}")
             if self._mj.geom_type[second] == mjGEOM_PLANE:
                 first, second = second, first
-            self._pairs[index] = _pair(self._model, first, second)
+            own_m = self._farthest_m if farthest_m is None else farthest_m[index]
+            self._pairs[index] = _pair(self._model, first, second, own_m)
         self.count = len(pairs)
 
     cdef bint c_find(self, const double* joints, double* out) noexcept nogil:
         """The distances, m, in the pairs' order. False, with nothing changed, if a joint is not finite."""
+        cdef int index
+        if not self._place(joints):
+            return False
+        for index in range(self.count):
+            out[index] = self._between(&self._pairs[index], self._pairs[index].farthest_m)
+        return True
+
+    cdef bint c_find_far(self, const double* joints, double* out) noexcept nogil:
+        """`c_find`, with the same farthest distance for all pairs."""
+        cdef int index
+        if not self._place(joints):
+            return False
+        for index in range(self.count):
+            out[index] = self._between(&self._pairs[index], self._farthest_m)
+        return True
+
+    cdef bint _place(self, const double* joints) noexcept nogil:
         cdef int index
         for index in range(self._dof):
             if not isfinite(joints[index]):
                 return False
         memcpy(self._data.qpos, joints, self._dof * sizeof(double))
         mj_kinematics(self._model, self._data)
-        for index in range(self.count):
-            out[index] = self._between(&self._pairs[index])
         return True
 
-    cdef double _between(self, const GeomPair* pair) noexcept nogil:
+    cdef double _between(self, const GeomPair* pair, double farthest_m) noexcept nogil:
         cdef const double* middle = &self._data.geom_xpos[3 * pair.first]
         cdef const double* turn = &self._data.geom_xmat[9 * pair.first]
         cdef const double* other = &self._data.geom_xpos[3 * pair.second]
@@ -94,14 +114,16 @@ cdef class GeomDistances:
         cdef double distance
         if pair.rule == PLANE_AND_CAPSULE or pair.rule == PLANE_AND_CYLINDER:
             distance = _from_plane(middle, turn, other, other_turn, pair)
-            return fmin(distance, self._farthest_m)
+            return fmin(distance, farthest_m)
         if pair.rule != ITERATED:
             distance = between_axes(
                 middle, turn, pair.first_half_m, other, other_turn, pair.second_half_m, NULL, NULL
             ) - pair.radii_m
-            if pair.rule == CAPSULES or distance >= self._farthest_m:
-                return fmin(distance, self._farthest_m)
-        return mj_geomDistance(self._model, self._data, pair.first, pair.second, self._farthest_m, NULL)
+            if pair.rule == CAPSULES or distance >= farthest_m:
+                return fmin(distance, farthest_m)
+            if _between_boxes(self._model, self._data, pair) >= farthest_m:
+                return farthest_m
+        return mj_geomDistance(self._model, self._data, pair.first, pair.second, farthest_m, NULL)
 
     def find(self, joints):
         """Shape (count,), m, at joints of shape (dof,), which must be finite."""
@@ -112,10 +134,10 @@ cdef class GeomDistances:
         return out[: self.count]
 
 
-cdef GeomPair _pair(const mjModel* model, int first, int second):
+cdef GeomPair _pair(const mjModel* model, int first, int second, double farthest_m):
     cdef GeomPair pair
     cdef double half_m, radius_m
-    pair.first, pair.second = first, second
+    pair.first, pair.second, pair.farthest_m = first, second, farthest_m
     pair.rule = _rule(model.geom_type[first], model.geom_type[second])
     _find_capsule(model, first, &pair.first_half_m, &pair.radii_m)
     _find_capsule(model, second, &half_m, &radius_m)
@@ -150,6 +172,41 @@ cdef void _find_capsule(const mjModel* model, int geom, double* half_m, double* 
     half_m[0], radius_m[0] = 0.0, model.geom_rbound[geom]
     if model.geom_type[geom] in (mjGEOM_CAPSULE, mjGEOM_CYLINDER):
         half_m[0], radius_m[0] = size[1], size[0]
+
+
+cdef double _between_boxes(const mjModel* model, const mjData* data, const GeomPair* pair) noexcept nogil:
+    """The widest gap between the boxes around two geoms along one of their axes: a lower bound of the
+    distance.
+    """
+    cdef const double* first_turn = &data.geom_xmat[9 * pair.first]
+    cdef const double* second_turn = &data.geom_xmat[9 * pair.second]
+    cdef const double* first = &model.geom_aabb[6 * pair.first]
+    cdef const double* second = &model.geom_aabb[6 * pair.second]
+    cdef double way[3]
+    cdef double cosine[3][3]  # between the axes of the first and those of the second
+    cdef double along, other, widest = -INFINITY
+    cdef int i, j
+    for i in range(3):
+        way[i] = data.geom_xpos[3 * pair.second + i] - data.geom_xpos[3 * pair.first + i]
+        for j in range(3):
+            way[i] += second_turn[3 * i + j] * second[j] - first_turn[3 * i + j] * first[j]
+    for i in range(3):
+        for j in range(3):
+            cosine[i][j] = (
+                first_turn[i] * second_turn[j]
+                + first_turn[3 + i] * second_turn[3 + j]
+                + first_turn[6 + i] * second_turn[6 + j]
+            )
+    for i in range(3):
+        along = first_turn[i] * way[0] + first_turn[3 + i] * way[1] + first_turn[6 + i] * way[2]
+        other = second_turn[i] * way[0] + second_turn[3 + i] * way[1] + second_turn[6 + i] * way[2]
+        along = fabs(along) - first[3 + i]
+        other = fabs(other) - second[3 + i]
+        for j in range(3):
+            along -= fabs(cosine[i][j]) * second[3 + j]
+            other -= fabs(cosine[j][i]) * first[3 + j]
+        widest = fmax(widest, fmax(along, other))
+    return widest
 
 
 cdef double _from_plane(

@@ -85,6 +85,7 @@ cdef extern from "mujoco/mujoco.h" nogil:
         int* geom_bodyid
         double* geom_size
         double* geom_rbound
+        double* geom_aabb
         double* geom_surfacevel
         int* site_bodyid
         double* site_pos

@@ -40,6 +40,7 @@ cdef double MIN_PROBE_RAD = 0.002
 cdef double NEAR_M = 0.01
 # Links of the arm often pass close to each other. They slow the stream down only if stopping needs more than
 # this share of the space between them.
+# So no more than NEAR_M / LINK_ROOM beyond the margin they have an effect: looks measure no further.
 cdef double LINK_ROOM = 0.5
 
 
@@ -90,14 +91,17 @@ cdef class CollisionMonitor:
             touching: force control is on, so the tool may touch the surroundings: that is what it is for.
         """
         watched = [pair for pair in self._pairs if not (touching and self._is_tool_work(pair))]
-        self._distances.watch(watched)
+        links = [not self._has_world(pair) for pair in watched]
+        everywhere_m = self._margin_m + self._zone_m
+        links_m = min(everywhere_m, self._margin_m + NEAR_M / LINK_ROOM)
+        self._distances.watch(watched, [links_m if link else everywhere_m for link in links])
         self._watched = watched
         self._rows[...] = 0.0
         self._rows[7] = OUTSIDE
         self._blocking[...] = False
-        for index, pair in enumerate(watched):
+        for index in range(len(watched)):
             # The arm's own links are always near each other: they only slow down where it is tight.
-            self._links[index] = not self._has_world(pair)
+            self._links[index] = links[index]
             self._rows[0, index] = NEAR_M if self._links[index] else self._zone_m
         self._cycle = 0
         self.share = 1.0
@@ -287,7 +291,7 @@ cdef class CollisionMonitor:
             scale = max(MIN_PROBE_RAD, min(longest, PROBE_RAD)) / longest
         for index in range(self._dof):
             there[index] = position[index] + heading[index] * scale
-        return self._distances.c_find(position, self._c_before) and self._distances.c_find(
+        return self._distances.c_find_far(position, self._c_before) and self._distances.c_find_far(
             there, self._c_after
         )
 
