@@ -27,11 +27,15 @@ SOFT = ("flexcomp", "flex")
 JOINTS = ("joint", "freejoint")
 ALLOCATING = re.compile("nkey|nuser")
 """Attributes of <size> that allocate memory for each element."""
+TEXTS = re.compile(
+    r"name|.*(class|joint|body|geom|site|file|mesh)\d?|material|texture|target|prefix|model|tendon"
+)
+"""Attributes that are names, which may be `inf`."""
 
 
 def check_mjcf(file: Path, root: Element) -> None:
     """Reject files that would make more elements than any arm has, a height field of monstrous size, or
-    soft bodies, or names that are none.
+    soft bodies, numbers that are not finite, or names that are none.
 
     Raises:
         ConfigError: names the line, the element, the number and the limit.
@@ -55,6 +59,7 @@ class _Counter:
             element, times = pending.pop()
             for attribute in ("name", "prefix"):
                 _check_name(file, element, element.get(attribute))
+            _check_finite(file, element)
             if element.tag == "hfield":
                 cells = _product(file, element, "nrow") * _product(file, element, "ncol")
                 _require(file, element, "cells", cells, MAX_CELLS)
@@ -93,6 +98,19 @@ def _check_name(file: Path, element: Element, name: str | None) -> None:
             f"{where(file, element)}: <{element.tag}> has the name {shown(name)}; give it a printable name "
             "of 1 to 200 characters without spaces at its ends"
         )
+
+
+def _check_finite(file: Path, element: Element) -> None:
+    """MuJoCo only warns of NaN, and saves it as 0."""
+    for attribute, text in element.items():
+        if TEXTS.fullmatch(attribute):
+            continue
+        for word in text.split():
+            if word.lstrip("+-").lower() in ("nan", "inf", "infinity"):
+                raise ConfigError(
+                    f"{where(file, element)}: {attribute} of <{element.tag}> contains {word!r}; it must be a "
+                    "finite number"
+                )
 
 
 def _product(file: Path, element: Element, attribute: str) -> int:

@@ -243,6 +243,8 @@ def test_a_joint_in_a_transmission_is_none_of_the_arms(tmp_path: Path) -> None:
             "<flexcomp> makes a soft body; cobot checks collisions of rigid bodies only: remove it",
         ),
         ('<deformable><flex name="f"/></deformable>', "<flex> makes a soft body"),
+        ('<body pos="0 0 nan"/>', "pos of <body> contains 'nan'; it must be a finite number"),
+        ('<body name="inf"><joint range="-INF 1"/></body>', "range of <joint> contains '-INF'"),
         (
             f'<body name="{"n" * 100_000}"/>',
             "<body> has the name 'n{10,60}'\\.\\.\\.; give it a printable name",
