@@ -47,6 +47,7 @@ from app.services.state.cell import CellService
 from app.services.state.commands import loading_s
 from app.services.state.io import IoService
 from app.services.state.link import RobotLink
+from app.services.state.simulation import SimulationService
 from app.services.streaming.force import ForceService
 from app.services.streaming.force_motions import ForceMotionService
 from app.services.streaming.freedrive import FreedriveService
@@ -122,6 +123,7 @@ class Services:
     gripper: GripperService
     path_gripper: PathCommands
     cell: CellService
+    simulation: SimulationService
     programs: ProgramService
     sync: SyncService
     planning: PlanningService
@@ -206,6 +208,7 @@ def _services(
     studies = StudyService(settings, shared.config, ownership, shared.study_turn)
     plans = PlanService(robot, link.clock, goals, motion, moves, planning, settings)
     plans.command_gripper = gripper.run_plan
+    cell_service = CellService(link, cell)
     return Services(
         robot=robot,
         link=link,
@@ -236,7 +239,8 @@ def _services(
         io=IoService(link),
         gripper=gripper,
         path_gripper=path_gripper,
-        cell=CellService(link, cell),
+        cell=cell_service,
+        simulation=SimulationService(link, cell_service),
         programs=ProgramService(settings.sequences.programs, ownership, sequences, stopping),
         sync=shared.sync,
         planning=planning,

@@ -8,7 +8,8 @@ cdef class Controller(ModeMachine):
     cdef readonly ToolAndScene tool_and_scene
     cdef readonly int slot
     cdef public bint stale
-    cdef object _device, _output
+    cdef object _device, _output, _pull_block, _backend_of_arm
+    cdef public object start_position
     cdef double _service_timeout_s
 
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *

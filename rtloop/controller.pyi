@@ -1,6 +1,7 @@
 from cobot.config import Settings
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.model import RobotModel
+from cobot.types import Array
 from rtloop.backends import Backend, Measured
 from rtloop.device import DeviceWatch
 from rtloop.mode_machine import ModeMachine
@@ -8,6 +9,7 @@ from rtloop.tool_and_scene import ToolAndScene
 
 class Controller(ModeMachine):
     stale: bool
+    start_position: Array | None
 
     def __init__(
         self,

@@ -34,12 +34,14 @@ cdef class Controller(ModeMachine):
         tool_and_scene: the arm's load and its surroundings.
         slot: the slot of the present motion.
         stale: whether the measured values no longer change although the arm moves; the loop sets it.
+        start_position: where a simulated arm starts, shape (dof,), rad; the loop sets it.
     """
 
     def __init__(self, settings, model, memory, backend, device):
         """device: receives reports, a `rtloop.device.DeviceWatch`."""
         ModeMachine.__init__(self, settings, model, memory, backend, device)
-        self._device, self._output = device, memory.output
+        self._device, self._output, self._pull_block = device, memory.output, memory.pull
+        self._backend_of_arm = backend
         self.tool_and_scene = ToolAndScene(settings, model, memory, backend, self.streaming)
         self._service_timeout_s = settings.rt.service_timeout_s
 
@@ -169,6 +171,25 @@ cdef class Controller(ModeMachine):
         if self.mode in (LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT):
             return self._device.cell.reset()
         return Rejected(f"the arm is in mode {self.mode.name}")
+
+    def _restart(self, command, Measured measured, bint fresh):
+        """Put the simulated arm back to the start, while it is ready and nothing moves."""
+        if self.mode is not LoopMode.HOLD or self.c_moving() or self.streaming.session:
+            return Rejected(f"the arm is in mode {self.mode.name}")
+        result = self._device.restart(self.start_position)
+        if result == ACCEPTED:
+            self._backend_of_arm.read(measured)
+            self.start_at(measured.position)
+        return result
+
+    def _pull(self, command, Measured measured, bint fresh):
+        """Pull the simulated arm, while it is guided by hand."""
+        if not self._pull_block.try_read():
+            return Rejected("the pull could not be read")
+        record = self._pull_block.data
+        if text(record["link"]) and self.mode is not LoopMode.JOINT_IMPEDANCE:
+            return Rejected(f"the arm is not guided by hand, it is in mode {self.mode.name}")
+        return self._device.pull(record)
 
     def _start(self, command, Measured measured, bint fresh):
         """Begin to load a motion. The result follows when the motion is verified."""
@@ -305,7 +326,9 @@ HANDLERS = {
     Command.SCENE: Controller._read_scene,
     Command.OUTPUT: Controller._set_output,
     Command.RESET_CELL: Controller._reset_cell,
+    Command.RESTART: Controller._restart,
+    Command.PULL: Controller._pull,
 }
 """Method for each kind of command. It gets the command, the measured values, and whether they are new."""
-OVERTAKEN_BY_STOPS = frozenset({Command.START, Command.REPLACE, Command.RESET})
+OVERTAKEN_BY_STOPS = frozenset({Command.START, Command.REPLACE, Command.RESET, Command.RESTART, Command.PULL})
 """Commands that are rejected if a stop was requested after they were sent."""

@@ -11,11 +11,12 @@ from cobot.errors import CobotError
 from cobot.foreign import plain_error
 from cobot.ipc.device_record import fill_capabilities, fill_status
 from cobot.ipc.io_record import fill_points
-from cobot.ipc.layout import IO_NAME_BYTES, IO_POINTS
+from cobot.ipc.layout import IO_NAME_BYTES, IO_POINTS, text
 from cobot.ipc.shm import RobotMemory, encoded
 from cobot.robot.io_points import IoPoint, io_points, output_of, require_number
 from cobot.strict import shown
-from rtloop.backends import Backend, BackendError, HasIo, Reporting, capabilities_of
+from cobot.types import Array
+from rtloop.backends import Backend, BackendError, HasIo, Reporting, Simulated, capabilities_of
 from rtloop.backends.guarded import ForeignError
 from rtloop.cell_watch import CellWatch
 from rtloop.results import ACCEPTED, Accepted, Rejected
@@ -23,6 +24,7 @@ from rtloop.results import ACCEPTED, Accepted, Rejected
 POLL_S = 0.2
 """Interval at which a device is polled, s, unless it has a `report_period_s`."""
 MIN_POLL_S = 0.001
+NO_SIMULATION = "the backend is not the simulation of cobot, which alone can do this"
 FIRST_SHARE = 0.1
 """Speed of planned motions on real hardware until its first contact is acknowledged, as a share."""
 
@@ -48,6 +50,7 @@ class DeviceWatch:
         self._device = backend if isinstance(backend, Reporting) else None
         self.capabilities = capabilities_of(backend)
         self._io = backend if isinstance(backend, HasIo) and self.capabilities.io else None
+        self._simulation = backend if isinstance(backend, Simulated) else None
         self._read_input = getattr(backend, "read_input", None) if self._io is not None else None
         self._points: tuple[IoPoint, ...] | None = None
         self._left_out: list[str] = []
@@ -138,6 +141,33 @@ class DeviceWatch:
             require_number(output_of(self._points or (), name), value)
             self._io.set_output(name, value)
         except (CobotError, BackendError) as exc:
+            return Rejected(str(exc))
+        return ACCEPTED
+
+    def restart(self, position: Array) -> Accepted | Rejected:
+        """Put the simulated arm, and its cell, back to the start."""
+        if self._simulation is None:
+            return Rejected(NO_SIMULATION)
+        try:
+            self._simulation.restart(position)
+        except BackendError as exc:
+            return Rejected(str(exc))
+        return ACCEPTED
+
+    def pull(self, record: np.ndarray) -> Accepted | Rejected:
+        """Pull the simulated arm, or let it go.
+
+        Args:
+            record: of `cobot.ipc.layout.PULL`.
+        """
+        if self._simulation is None:
+            return Rejected(NO_SIMULATION)
+        try:
+            if link := text(record["link"]):
+                self._simulation.pull(link, record["point"], record["target"])
+            else:
+                self._simulation.let_go()
+        except BackendError as exc:
             return Rejected(str(exc))
         return ACCEPTED
 

@@ -91,6 +91,7 @@ cdef class ControlLoop:
             BackendError: the robot does not answer.
         """
         last = self._last
+        self.controller.start_position = start_position
         if last is not None:
             self._cycle = int(last["cycle"])
             self.controller.restore(last)

@@ -199,6 +199,21 @@ class JogFrame(RequestModel):
         return JogCommand(joints, None if self.twist is None else np.array(self.twist), self.frame == "tool")
 
 
+class Pull(RequestModel):
+    """Pulls the simulated arm at a point of a link. A frame without a link lets go."""
+
+    type: Literal["pull"]
+    link: Annotated[str, Field(min_length=1, max_length=64)] | None = None
+    point: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None = None
+    target: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _all_or_none(self) -> Pull:
+        if len({value is None for value in (self.link, self.point, self.target)}) > 1:
+            raise ValueError("link, point and target go together; without all three, the arm is let go")
+        return self
+
+
 TextFrame = (
     Subscribe
     | OpenSession
@@ -214,6 +229,7 @@ TextFrame = (
     | Control
     | Release
     | JogFrame
+    | Pull
 )
 MODELS: dict[str, type[TextFrame]] = {
     "subscribe": Subscribe,
@@ -227,6 +243,7 @@ MODELS: dict[str, type[TextFrame]] = {
     "control": Control,
     "release": Release,
     "jog": JogFrame,
+    "pull": Pull,
 }
 
 

@@ -34,6 +34,8 @@ class Command(IntEnum):
     ACKNOWLEDGE = 7  # a user has seen the findings of the first contact: full speed
     OUTPUT = 8  # set the output in the output block
     RESET_CELL = 9  # put the simulated cell back to its state at the start
+    RESTART = 10  # put the simulated arm, and its cell, back to the start
+    PULL = 11  # pull the simulated arm as the pull block says
 
 
 class Ack(IntEnum):
@@ -319,6 +321,9 @@ IO = np.dtype(
 )
 """A `cobot.ipc.io_record.IoReport`."""
 OUTPUT = np.dtype([("name", f"S{IO_NAME_BYTES}"), ("value", "f8")])
+PULL = np.dtype([("link", "S64"), ("point", "f8", (3,)), ("target", "f8", (3,))])
+"""point: of the link, in its frame, m; target: where it is pulled to, in the base frame, m. No link: let go.
+"""
 CELL_PARTS = 32
 CELL = np.dtype(
     [

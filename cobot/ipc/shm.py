@@ -11,7 +11,7 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     outside_stops, outside_estops   any process may increment them: stops that do not need the service
     head        the service writes: the newest command's number
     commands    the service writes: a ring
-    tool, output   the service writes: data of a TOOL or an OUTPUT command
+    tool, output, pull   the service writes: data of a TOOL, an OUTPUT or a PULL command
     gripper     the service writes: each reading of the gripper, which rtloop publishes in its state
     slots       the service writes: two trajectories
     info        rtloop writes, at its start and with a new tool: properties of the robot
@@ -58,6 +58,7 @@ from cobot.ipc.layout import (
     OUTPUT,
     POINT_HEAD,
     POINTS,
+    PULL,
     REQUESTS,
     RING,
     SESSION_ACK,
@@ -192,6 +193,7 @@ class RobotMemory:
         self.commands = [self._block(COMMAND, "command", _SERVICE) for _ in range(RING)]
         self.tool = self._block(TOOL, "tool", _SERVICE)
         self.output = self._block(OUTPUT, "output", _SERVICE)
+        self.pull = self._block(PULL, "pull", _SERVICE)
         self.gripper = self._block(GRIPPER_RECORD, "gripper", _SERVICE)
         self._next_page()
         self.slots = [self._slot(capacity) for _ in range(SLOTS)]
@@ -458,6 +460,7 @@ def _file_size(dof: int, capacity: int) -> int:
         + Block.size(IO)
         + Block.size(CELL)
         + Block.size(OUTPUT)
+        + Block.size(PULL)
         + Block.size(SIGNAL_REPORT)
         + RING * (Block.size(ACK) + Block.size(COMMAND) + 128)
         + POINTS * (Block.size(point_dtype(dof)) + 64)

@@ -1,5 +1,5 @@
 # Written by `python -m cobot.ipc.generate`; `cobot.ipc.state_fields` describes the fields.
-# Layout version 20, records 1d5690b2a64b770c.
+# Layout version 21, records df9ff0b522d0d068.
 from libc.stdint cimport int64_t, uint64_t
 
 cdef struct StateScalars:

@@ -86,6 +86,10 @@ cdef class CellBackend(MujocoBackend):
     def read_input(self, name: str) -> float:
         return self._devices.read_input(name)
 
+    @property
+    def _stepped(self):
+        return self.plant.mj
+
     def reset_cell(self) -> None:
         data, dof = self._plant_data, self._dof
         data.qpos[dof:] = self.plant.start[dof:]
@@ -113,6 +117,7 @@ cdef class CellBackend(MujocoBackend):
         self._devices.c_drive()
         self._devices.c_keep_grasp()
         self._push_on(self._c_plant, self._plant_tcp_body)
+        self._pull_on(self._c_plant_model, self._c_plant)
         mj_step2(self._c_plant_model, self._c_plant)
         self._take_over()
         self._observer.c_update()

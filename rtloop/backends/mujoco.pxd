@@ -10,7 +10,7 @@ cdef class MujocoBackend(CompiledBackend):
     cdef const mjModel* _c_model
     cdef mjData* _c_data
     cdef mjData* _sensed  # whose sensors are read
-    cdef object _robot
+    cdef object _robot, _base
     cdef readonly object _model, _data, _position
     cdef readonly object nominal_stiffness, nominal_cartesian_stiffness
     cdef double _base_rotation[9]
@@ -37,6 +37,13 @@ cdef class MujocoBackend(CompiledBackend):
     cdef double* _c_push
     cdef double* _c_jump
     cdef bint _pushing
+    cdef int _pull_body, _pull_left, _pull_cycles  # of the model that is stepped; cycles
+    cdef double _pull_point[3]
+    cdef double _pull_target[3]
+    cdef double _pull_last[3]
+    cdef bint _pull_begins
+    cdef object _max_effort
+    cdef double* _c_max_effort
     cdef public bint stale, not_finite
     cdef void _take(self, double* values) noexcept nogil
     cdef void _step(self, const double* command) noexcept nogil
@@ -47,7 +54,9 @@ cdef class MujocoBackend(CompiledBackend):
     cdef void _begin_transition(self) noexcept nogil
     cdef void _fade_transition(self) noexcept nogil
     cdef void _push_on(self, mjData* data, int body) noexcept nogil
+    cdef void _pull_on(self, const mjModel* model, mjData* data) noexcept nogil
     cdef void _report(self) noexcept nogil
     cdef void _read_sensors(self, double* wrench) noexcept nogil
     cdef _make_up_for_losses(self)
     cdef _find_sensors(self)
+    cdef int _body_of(self, str link) except -1

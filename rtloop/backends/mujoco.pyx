@@ -18,8 +18,8 @@ Each `write` advances drives, dynamics and sensors by one period (`_step`); `rea
 it leaves.
 """
 
-from libc.math cimport NAN
-from libc.string cimport memcpy
+from libc.math cimport NAN, fabs, fmin, sqrt
+from libc.string cimport memcpy, memset
 
 import mujoco
 import numpy as np
@@ -34,7 +34,17 @@ from cobot.ipc.state_block cimport (
     VELOCITY_ROW,
     count_measured,
 )
-from cobot.robot.mujoco cimport data_of, mj_jacSite, mj_mulM, mj_step1, mj_step2, mjData, model_of
+from cobot.robot.mujoco cimport (
+    data_of,
+    mj_applyFT,
+    mj_jacSite,
+    mj_mulM,
+    mj_step1,
+    mj_step2,
+    mjData,
+    mjModel,
+    model_of,
+)
 from rtloop.backends.compiled cimport CompiledBackend, Measured
 from rtloop.backends.observer cimport Observer
 from rtloop.backends.springs cimport Springs
@@ -52,6 +62,13 @@ cdef double DAMPING_RATIO = 0.7
 cdef double FRICTION_SHARE = 0.9
 # Time in which the arm goes over to another impedance.
 cdef double TRANSITION_S = 0.1
+# A pull at a link: a spring with a damper, like a hand's. It loads no joint with more than this share of its
+# effort, and ends after this time without another one.
+cdef double PULL_N_M = 300.0
+cdef double PULL_NS_M = 40.0
+cdef double MAX_PULL_N = 50.0
+cdef double MAX_PULL_SHARE = 0.15
+cdef double PULL_S = 0.2
 
 
 cdef class MujocoBackend(CompiledBackend):
@@ -74,6 +91,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._tcp = self._model.site(names.tcp).id
         self._tcp_body = self._model.site_bodyid[self._tcp]
         mujoco.mj_kinematics(self._model, self._data)
+        self._base = names.base_frame
         base_rotation = self._data.body(names.base_frame).xmat.copy()
         for i in range(9):
             self._base_rotation[i] = base_rotation[i]
@@ -93,6 +111,9 @@ cdef class MujocoBackend(CompiledBackend):
         self._force_address = self._torque_address = -1
         self._fail_read = self._fail_write = self._drive_fault = ""
         self.push, self.jump = np.zeros(6), np.zeros(dof)
+        self._pull_cycles = round(PULL_S / settings.rt.period_s)
+        self._max_effort = np.array(limits.max_effort, dtype=np.float64)
+        self._c_max_effort = doubles(self._max_effort, dof)
 
     def open(self, initial_position: object) -> None:
         cdef int i
@@ -151,6 +172,34 @@ cdef class MujocoBackend(CompiledBackend):
 
     def close(self) -> None:
         """Nothing to let go of."""
+
+    def restart(self, initial_position: object) -> None:
+        self.let_go()
+        self.open(initial_position)
+
+    def pull(self, link: str, point: object, target: object) -> None:
+        cdef int i, body = self._body_of(link)
+        place = self._data.body(self._base).xpos + self._data.body(self._base).xmat.reshape(3, 3) @ target
+        self._pull_begins = self._pull_left == 0 or body != self._pull_body
+        for i in range(3):
+            self._pull_begins |= self._pull_point[i] != point[i]
+            self._pull_point[i], self._pull_target[i] = point[i], place[i]
+        self._pull_body, self._pull_left = body, self._pull_cycles
+
+    def let_go(self) -> None:
+        self._pull_left = min(self._pull_left, 1)  # the next cycle clears the force
+
+    cdef int _body_of(self, str link) except -1:
+        """The body of a link that the joints move, in the model that is stepped."""
+        names = [self._model.body(body).name for body in range(self._model.nbody) if self._model.body_weldid[body]]
+        if link not in names:
+            raise BackendError(f"there is no link {link!r} that moves; valid are: {', '.join(names)}")
+        return self._stepped.body(link).id
+
+    @property
+    def _stepped(self):
+        """The model that is stepped."""
+        return self._model
 
     @property
     def fail_read(self) -> str:
@@ -219,6 +268,7 @@ cdef class MujocoBackend(CompiledBackend):
         mj_step1(self._c_model, self._c_data)
         self._find_torques(command)
         self._push_on(self._c_data, self._tcp_body)
+        self._pull_on(self._c_model, self._c_data)
         mj_step2(self._c_model, self._c_data)
         self._observer.c_update()
 
@@ -324,6 +374,47 @@ cdef class MujocoBackend(CompiledBackend):
         force[3] += lever[1] * force[2] - lever[2] * force[1]
         force[4] += lever[2] * force[0] - lever[0] * force[2]
         force[5] += lever[0] * force[1] - lever[1] * force[0]
+
+    cdef void _pull_on(self, const mjModel* model, mjData* data) noexcept nogil:
+        """The force of a hand that pulls at a link, as joint efforts; none when it ends."""
+        cdef double* effort = data.qfrc_applied
+        cdef double point[3]
+        cdef double force[3]
+        cdef double none[3]
+        cdef const double* turn = data.xmat + 9 * self._pull_body
+        cdef double size = 0.0, share = 1.0
+        cdef int i, dof = self._dof
+        if self._pull_left == 0:
+            return
+        self._pull_left -= 1
+        if not self._yielding:
+            self._pull_left = 0
+        memset(effort, 0, dof * sizeof(double))
+        if self._pull_left == 0:
+            return
+        for i in range(3):
+            none[i] = 0.0
+            point[i] = data.xpos[3 * self._pull_body + i] + (
+                turn[3 * i] * self._pull_point[0]
+                + turn[3 * i + 1] * self._pull_point[1]
+                + turn[3 * i + 2] * self._pull_point[2]
+            )
+            force[i] = PULL_N_M * (self._pull_target[i] - point[i])
+            if not self._pull_begins:
+                force[i] -= PULL_NS_M * (point[i] - self._pull_last[i]) / model.opt.timestep
+            self._pull_last[i] = point[i]
+            size += force[i] * force[i]
+        self._pull_begins = False
+        size = sqrt(size)
+        if size > MAX_PULL_N:
+            for i in range(3):
+                force[i] *= MAX_PULL_N / size
+        mj_applyFT(model, data, force, none, point, self._pull_body, effort)
+        for i in range(dof):
+            if fabs(effort[i]) > MAX_PULL_SHARE * self._c_max_effort[i]:
+                share = fmin(share, MAX_PULL_SHARE * self._c_max_effort[i] / fabs(effort[i]))
+        for i in range(dof):
+            effort[i] *= share
 
     cdef void _report(self) noexcept nogil:
         cdef const mjData* data = self._c_data

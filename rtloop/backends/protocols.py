@@ -11,6 +11,7 @@
     HasIo                the device has named inputs and outputs
     ReadsInputs          its inputs can be read one by one, in each cycle
     HasCell              a simulation with loose parts
+    Simulated            a simulation that can be pulled and begun again
 
 A device that takes no command per cycle, because it is slower or plans by itself, has another protocol.
 `rtloop.backends.trajectory_driver` drives it as a `Backend`:
@@ -275,6 +276,34 @@ class HasCell(Protocol):
     def reset_cell(self) -> None:
         """Put parts, hand, outputs and counters back to their state at the start. The arm stays where it is.
         Called between two cycles."""
+        ...
+
+
+@runtime_checkable
+class Simulated(Protocol):
+    """A simulated arm, for people who try something. No backend of a real robot may have these methods."""
+
+    def restart(self, initial_position: Array) -> None:
+        """Put the arm at rest at this position, and its cell back to its state at the start. Called between
+        two cycles while nothing moves."""
+        ...
+
+    def pull(self, link: str, point: Array, target: Array) -> None:
+        """Pull at a point of a link with a spring, as a hand does, for 0.2 s or until the next call, and
+        only while the arm has an impedance. The force is bounded.
+
+        Args:
+            link: name of a body that the joints move.
+            point: in the link's frame, m.
+            target: where it is pulled to, in the base frame, m.
+
+        Raises:
+            BackendError: there is no such link.
+        """
+        ...
+
+    def let_go(self) -> None:
+        """End the pull now."""
         ...
 
 

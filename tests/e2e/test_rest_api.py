@@ -104,7 +104,7 @@ def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> No
         ("get", "/robot/io"),
         ("get", "/robot/state"),
     }
-    more |= {("post", "/robot/reset"), ("post", "/robot/acknowledge")}
+    more |= {("post", "/robot/reset"), ("post", "/robot/acknowledge")} | {("post", "/robot/simulation/reset")}
     assert (
         served
         == MANUAL

@@ -1,4 +1,4 @@
-"""The simulated cell: its parts and switches."""
+"""The simulation: its cell with parts and switches, and how it begins again."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.schemas.device import IoAnswer
+from app.api.schemas.robot import ResetAnswer
 from app.services.state.cell import CellService
 from cobot.access.roles import Role
 from cobot.cell import CellPart
@@ -96,3 +97,19 @@ async def reset_cell(request: Request) -> CellAnswer:
     service = Call(request).services.cell
     await service.reset()
     return CellAnswer.of(service)
+
+
+@router.endpoint(
+    "POST /robot/simulation/reset",
+    Role.OPERATOR,
+    timeout_s=5.0,
+    control=True,
+    responses=responses(409, 501, 503),
+)
+async def reset_simulation(request: Request) -> ResetAnswer:
+    """Begin the simulation again: an e-stop or a fault is cleared, arm and cell are at the start.
+
+    Scene, tool and positions stay. Rejected with 409 while the arm moves, and with 501 on a real robot.
+    """
+    await Call(request).services.simulation.reset()
+    return ResetAnswer(success=True, message="the simulation begins again")

@@ -24,6 +24,7 @@ from app.api.stream_frames import (
     Frame,
     JogFrame,
     OpenSession,
+    Pull,
     Release,
     Stop,
     Subscribe,
@@ -37,6 +38,7 @@ from app.robot_services import Services
 from app.services.clients import CLIENT
 from app.services.rights.stopping import Stopped
 from app.services.streaming.jog import Jog
+from app.services.streaming.pulling import Pulling
 from app.services.streaming.sessions import Session
 from cobot import audit
 from cobot.access.roles import Role
@@ -85,6 +87,7 @@ class Connection:
         self._timeout_s = timeout_s
         self._session: Session | None = None
         self._jog = Jog(services.robot, services.link, services.streams, self._report_jog_end)
+        self._pulling = Pulling(services.link, services.freedrive)
         self._answers: deque[str] = deque(maxlen=MAX_ANSWERS)
         self._wake = asyncio.Event()
         self._ticker: Ticks | None = None
@@ -116,6 +119,7 @@ class Connection:
             if self._ticker is not None:
                 self._ticker.close()
             self._jog.close()
+            self._pulling.close()
             if self._session is not None:
                 streams.lose(self._session)
 
@@ -222,6 +226,8 @@ class Connection:
                 self._answer("control_released")
             case JogFrame():
                 await self._take_jog(frame)
+            case Pull():
+                await self._take_pull(frame)
             case Chunk():
                 record = frame.record(len(self._streams.info["joint_names"]))
                 self._required.take_chunk(frame.sequence, record)
@@ -278,6 +284,14 @@ class Connection:
         self._require_operator("jog")
         answer = await self._jog.take(command, self._name, self._timeout_s)
         self._answer("jog", share=answer.share, limited_by=answer.limited_by)
+
+    async def _take_pull(self, frame: Pull) -> None:
+        if frame.link is None or frame.point is None or frame.target is None:
+            await self._pulling.let_go()
+            return
+        self._require_operator("pull")
+        await self._pulling.pull(frame.link, frame.point, frame.target)
+        self._answer("pull", link=frame.link)
 
     def _report_jog_end(self, reason: str) -> None:
         self._answer("jog_ended", reason=reason)

@@ -58,7 +58,7 @@ export class Clearance {
     if (!this.nearest) return;
     const { distance_m: distance, between } = this.nearest;
     const text = word("clearance", { mm: Math.round(1000 * distance), between: between.join(" – ") });
-    if (place.textContent !== text) place.textContent = text;
+    if (place.textContent !== text) place.textContent = place.title = text;
     place.style.setProperty("--hue", hueAt(distance).toFixed(0));
   }
 }

@@ -6,7 +6,7 @@ import { inEachLanguage, word } from "./words.js";
 const element = (id) => document.getElementById(id);
 
 export class Drag {
-  // now: {state, geometry, view, readouts}; each may be missing.
+  // now: {state, geometry, view, readouts, freedrive}; each of the first three may be missing.
   constructor(motions, now) {
     this.motions = motions;
     this.now = now;
@@ -35,10 +35,10 @@ export class Drag {
 
   // The handles are at the target, or else at the commanded TCP.
   place() {
-    const { state, geometry, view, readouts } = this.now();
+    const { state, geometry, view, readouts, freedrive } = this.now();
     if (!view) return;
     if (this.pointer === null && !this.planning && !this.motions.plan) readouts.aim(null); // the arm is on its way
-    const shown = state && geometry && document.body.dataset.page === "move" && element("view-drag").getAttribute("aria-pressed") === "true";
+    const shown = state && geometry && document.body.dataset.page === "move" && !freedrive.on && element("view-drag").getAttribute("aria-pressed") === "true";
     if (!shown || this.pointer !== null) return void view.showHandles(shown ? undefined : null);
     const { position, quaternion } = this.target ?? tcpOf(geometry, state.commanded_position);
     view.showHandles({ position, quaternion: element("jog-frame").value === "tool" ? quaternion : [0, 0, 0, 1] });

@@ -42,7 +42,7 @@ export class Freedrive {
         return;
       }
       this.session = answer.session;
-      this.say(answer.limited_by || word("freedrive_hint"));
+      this.say(answer.limited_by || word(element("simulation").hidden ? "freedrive_hint" : "pull_hint"));
       this.timer = setTimeout(() => this.ask({ session: this.session, timeout_s: TIMEOUT_S }), EVERY_MS);
     } catch (error) {
       if (this.session !== renewed) return; // it has been ended here meanwhile

@@ -26,12 +26,14 @@ import { Person } from "./person.js";
 import { Planned } from "./plots.js";
 import { ProgramFiles } from "./program-files.js";
 import { ProgramPage } from "./program-page.js";
+import { Pull } from "./pull.js";
 import { Queue } from "./queue.js";
 import { Readouts } from "./readouts.js";
 import { Recordings } from "./recordings.js";
 import { Run } from "./run.js";
 import { RunNow } from "./run-now.js";
 import { Setup } from "./setup.js";
+import { Simulation } from "./simulation.js";
 import { Status } from "./status.js";
 import { Stored } from "./stored.js";
 import { Stream } from "./stream.js";
@@ -82,6 +84,7 @@ class Panel {
     this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
     this.live = new Live();
     this.setup = new Setup(api, () => this);
+    this.simulation = new Simulation(api);
     this.typed = new Typed(this.motions, () => this);
     this.drag = new Drag(this.motions, () => this);
     this.viewTools = new ViewTools(() => this.view);
@@ -89,6 +92,7 @@ class Panel {
     this.log = new Log();
     this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts, () => this);
+    this.pull = new Pull(this.stream, () => this);
     this.lease = new Lease(api, this.stream);
     this.guide = new Guide();
     this.person = new Person(api, (name) => {
@@ -160,6 +164,7 @@ class Panel {
     if (!connected) {
       this.jog.release();
       this.drag.cancel("drag_lost");
+      this.pull.release();
     }
     if (connected && !this.tag) this.lookAgain();
   }
@@ -178,6 +183,7 @@ class Panel {
   answered(frame) {
     if (frame.type === "stopped") document.dispatchEvent(new CustomEvent("cobot-stopped", { detail: frame }));
     this.jog.hear(frame);
+    this.pull.hear(frame);
     this.lease.hear(frame);
   }
 

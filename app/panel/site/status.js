@@ -73,7 +73,7 @@ export class Status {
       if (robot !== this.api.robot) return;
       const device = robots.find(({ name }) => name === robot.name)?.device;
       this.device.tell(device);
-      element("simulation").hidden = !device || device.hardware;
+      element("simulation").hidden = element("simulation-card").hidden = !device || device.hardware;
       say("control", this.holder(control));
       element("control").title = control.holder ? `${named(control.holder)} (${control.address})` : "";
       const { total } = health.cycle_us ?? {};

@@ -7,6 +7,7 @@ import { Drawn, drawnPart } from "./shapes.js";
 
 const [PLANNED, RUNNING] = [0x12a150, 0xc2410c];
 const TRACED = 0x7c3aed;
+const PULLED = 0xf5b400;
 const MAX_TRACED = 2000; // points, 80 s of motion
 const UP = new THREE.Vector3(0, 0, 1);
 // Where the camera is, from the middle of an arm whose box has this diagonal, m.
@@ -286,6 +287,44 @@ export class View {
     this.marked = handle;
     this.handles.mark(handle);
     this.place.style.cursor = handle ? "grab" : "";
+    this.draw();
+  }
+
+  // The link under a pointer that the joints move: {link, body, point, target}; point is in its frame, target where
+  // it is, in the base frame. null for none.
+  pickLink(event) {
+    if (!this.arm) return null;
+    const { origin, direction } = this.ray(event);
+    const [met] = new THREE.Raycaster(origin, direction).intersectObject(this.arm.root).filter(({ object }) => object.isMesh && object.visible);
+    if (!met) return null;
+    const { bodies } = this.geometry;
+    let group = met.object;
+    while (group && !this.arm.groups.includes(group)) group = group.parent;
+    let body = this.arm.groups.indexOf(group);
+    while (body > 0 && bodies[body].part !== "robot") body = bodies[body].parent; // what it carries
+    let moves = body;
+    while (moves > 0 && !bodies[moves].joints.length) moves = bodies[moves].parent;
+    if (moves <= 0) return null;
+    const point = this.arm.groups[body].worldToLocal(met.point.clone()).toArray();
+    return { link: bodies[body].name, body, point, target: met.point.toArray() };
+  }
+
+  // Where a pointer pulls to: as far away from the camera as the link was.
+  besideLink(event, { target }) {
+    const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(this.camera.getWorldDirection(new THREE.Vector3()), new THREE.Vector3(...target));
+    return this.ray(event).intersectPlane(plane, new THREE.Vector3())?.toArray() ?? target;
+  }
+
+  // A line from the point of the link to where it is pulled; null for none.
+  showPull(held) {
+    this.pulled?.removeFromParent();
+    this.pulled?.geometry.dispose();
+    this.pulled = null;
+    if (held && this.arm) {
+      const from = this.arm.groups[held.body].localToWorld(new THREE.Vector3(...held.point)).toArray();
+      this.pulled = this.line([from, held.target], PULLED);
+      this.pulled.material.depthTest = false;
+    }
     this.draw();
   }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from cobot.errors import CobotError, ConflictError, ExecutionError, NotReadyError, UnavailableError
@@ -185,6 +186,31 @@ class Commands:
         """
         async with self._turn:
             await self._send(Command.RESET_CELL, stops=self._link.stops)
+
+    async def restart(self) -> None:
+        """Put the simulated arm, and its cell, back to the start.
+
+        Raises:
+            ExecutionError: rtloop rejects it, with its reason: the arm moves, or it is no simulation.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._turn:
+            await self._send(Command.RESTART, stops=self._link.stops)
+
+    async def pull(self, link: str, point: Sequence[float] = (), target: Sequence[float] = ()) -> None:
+        """Pull at a point of a link of the simulated arm towards a target; no link: let go.
+
+        Raises:
+            ExecutionError: rtloop rejects it, with its reason.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._turn:
+            record = self._memory.pull.data
+            record["link"] = link.encode()[:64]
+            if link:
+                record["point"], record["target"] = point, target
+            self._memory.pull.publish()
+            await self._send(Command.PULL, stops=self._link.stops)
 
     async def read_scene(self, version: int) -> None:
         """Have rtloop read the scene's file, before the next stream begins.

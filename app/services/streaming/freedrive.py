@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.services.clients import CLIENT, SERVICE_CLIENT
+from app.services.clients import CLIENT, SERVICE_CLIENT, Client
 from app.services.state.link import RobotLink
 from app.services.streaming.jog import MAX_STEP_S, PERIOD_S
 from app.services.streaming.jog_limits import JOINT_ROOM, RATE_PER_S, JogLimits
@@ -187,6 +187,17 @@ class FreedriveService:
             raise ConflictError(f"freedrive was begun by {self._client}; no other client may renew it")
         self._streams.require_control()
         self._hold(timeout_s)
+
+    def require(self, client: Client) -> None:
+        """Require that this client guides the arm now.
+
+        Raises:
+            ConflictError: freedrive is off, or another client's.
+        """
+        if self.state.session is None:
+            raise ConflictError("hand guiding is off: begin it first (POST /robot/freedrive)")
+        if not client.same(self._client):
+            raise ConflictError(f"the arm is guided by {self._client}")
 
     async def end(self, reason: str = OFF) -> None:
         """Switch it off; returns when the arm rests. Nothing happens if it is off."""

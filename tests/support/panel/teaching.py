@@ -40,7 +40,7 @@ def test_the_arm_is_guided_by_hand_while_the_page_is_there(panel: Panel) -> None
         return int(found)
 
     session = switched_on()
-    assert panel.text("#freedrive-why").startswith("Push the arm")
+    assert panel.text("#freedrive-why").startswith("Pull a link")
     panel.page.click("#teach")
     panel.until("document.querySelectorAll('#steps [data-step]').length === 1")
     taught = panel.page.run("cobotPanel.programPage.program.content.steps[0].joints")
@@ -67,6 +67,37 @@ def test_the_arm_is_guided_by_hand_while_the_page_is_there(panel: Panel) -> None
     panel.load()
     until(lambda: freedriven(panel)["session"] is None)
     assert freedriven(panel)["ended"] in ("freedrive was switched off", "freedrive was not renewed for 2 s")
+    panel.stays()
+
+
+def test_a_link_is_pulled_with_the_mouse_and_the_simulation_begins_again(panel: Panel) -> None:
+    """Oracle: the TCP by REST. The bounds of the force: tests/app/services/streaming/test_pulling.py."""
+    panel.page.click("#freedrive")
+    panel.until("document.querySelector('#freedrive').ariaPressed === 'true'")
+    panel.page.click("[data-view=iso]")
+    place = (
+        "(() => { const { view } = cobotPanel; const at = view.arm.tcp.getWorldPosition("
+        "view.camera.position.clone()); at.z += 0.06; at.project(view.camera);"
+        "const box = view.renderer.domElement.getBoundingClientRect();"
+        "return [box.left + 0.5 * box.width * (1 + at.x), box.top + 0.5 * box.height * (1 - at.y)] })()"
+    )
+    x, y = panel.page.run(place)
+    panel.page.mouse("mousePressed", (x, y))
+    panel.until("/^link[67]$/.test(cobotPanel.pull.held?.link)")
+    before = panel.run.joints()
+    panel.page.ask(
+        "Input.dispatchMouseEvent", type="mouseMoved", x=x + 150, y=y - 40, button="left", buttons=1
+    )
+    until(lambda: np.abs(np.subtract(panel.run.joints(), before)).max() > 0.1, lambda: panel.text("body"))
+    panel.until("cobotPanel.view.pulled")
+    panel.page.mouse("mouseReleased", (x + 150, y - 40))
+    panel.until("!cobotPanel.pull.held && !cobotPanel.view.pulled")
+    panel.page.click("#freedrive")
+    until(lambda: freedriven(panel)["session"] is None)
+    panel.stays()
+    panel.page.click("#simulation-reset")
+    panel.until("document.querySelector('#simulation-why').innerText === 'The simulation has begun again.'")
+    until(lambda: np.abs(np.subtract(panel.run.joints(), HOME)).max() < 5e-3)
     panel.stays()
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from plant_service import THE_CELL, ServiceOfPlant
+from streaming_client import Frames
 from virtual_service import VirtualService
 
 
@@ -43,6 +45,32 @@ def test_the_cell_is_not_reset_while_the_arm_moves(run: ServiceOfPlant) -> None:
     assert answer.status_code == 409
     assert "the cell cannot be reset now: the arm is in mode TRAJECTORY" in answer.text
     assert run.end(motion).status_code == 200
+
+
+def test_the_arm_with_its_cell_is_pulled_and_begins_again(run: ServiceOfPlant) -> None:
+    run.go_home()
+    home, data = run.joints(), run.plant._plant_data
+    dof = len(home)
+    session = run.post("/robot/freedrive", {"timeout_s": 60.0}).json()["session"]
+    with Frames(run.connect("/robot/stream")) as client:
+        for _ in range(20):
+            client.send("pull", link="link7", point=[0.0, 0.0, 0.0], target=[0.4, 1.0, 0.7])
+            assert client.answer()["type"] == "pull"
+            run.sleep(0.05)
+        assert session == run.get("/robot/freedrive").json()["session"]
+        assert np.abs(data.qfrc_applied[:dof]).max() > 1.0
+        client.send("pull")
+        run.sleep(0.05)
+    np.testing.assert_array_equal(data.qfrc_applied[:dof], 0.0)
+    assert np.abs(np.subtract(run.joints(), home)).max() > 0.02
+    run.ask("DELETE", "/robot/freedrive").raise_for_status()
+    run.sleep(0.5)
+    data.joint(run.plant.plant.mj.body_jntadr[run.plant.plant.parts[0]]).qpos[:3] = [0.6, 0.12, 0.34]
+    answer = run.ask("POST", "/robot/simulation/reset")
+    assert answer.status_code == 200, answer.text
+    run.sleep(0.1)
+    np.testing.assert_allclose(run.joints(), home, atol=2e-3)
+    assert run.positions() == {name: pytest.approx(place, abs=1e-3) for name, place in START.items()}
 
 
 def test_the_outputs_of_the_hand_are_set_over_rest(run: ServiceOfPlant) -> None:

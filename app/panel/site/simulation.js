@@ -1,0 +1,22 @@
+// Begins the simulation again: the arm and its cell are at the start, an e-stop or a fault is cleared.
+import { word } from "./words.js";
+
+const element = (id) => document.getElementById(id);
+
+export class Simulation {
+  constructor(api) {
+    this.api = api;
+    element("simulation-reset").addEventListener("click", () => this.reset());
+  }
+
+  async reset() {
+    const say = (text) => (element("simulation-why").textContent = text);
+    say("…");
+    try {
+      await this.api.post("/simulation/reset");
+      say(word("simulation_begun"));
+    } catch (error) {
+      say(error.message);
+    }
+  }
+}

@@ -1,0 +1,44 @@
+"""The simulation as a whole: it can be begun again."""
+
+from __future__ import annotations
+
+from app.services.state.cell import CellService
+from app.services.state.link import RobotLink
+from cobot.errors import ConflictError, ExecutionError, NotSupportedError
+from cobot.types import LoopMode
+
+TIMEOUT_S = 1.5
+
+
+class SimulationService:
+    """Begins the simulation of one robot again."""
+
+    def __init__(self, link: RobotLink, cell: CellService) -> None:
+        self._link = link
+        self._cell = cell
+
+    async def reset(self) -> None:
+        """Clear an e-stop or a fault, and put the arm and its cell back to the start.
+
+        Raises:
+            NotSupportedError: the backend moves a real arm. The error names it.
+            ConflictError: the arm moves, or the backend is another simulation.
+            NotReadyError: the cause of a fault persists, with rtloop's reason.
+            UnavailableError: rtloop does not answer.
+        """
+        link = self._link
+        state = await link.fresh_state(TIMEOUT_S)
+        named = link.device()
+        if named is not None and named[1].capabilities.hardware:
+            raise NotSupportedError(
+                f"only a simulation can be reset, and the backend {named[0]} moves a real arm; POST "
+                "/robot/reset leaves an e-stop or a fault"
+            )
+        if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
+            await link.commands.reset(TIMEOUT_S)
+        try:
+            await link.commands.restart()
+        except ExecutionError as exc:
+            raise ConflictError(f"the simulation cannot be reset now: {exc}") from exc
+        if self._cell.cell is not None:
+            link.events.publish("cell_reset")

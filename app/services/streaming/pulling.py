@@ -1,0 +1,77 @@
+"""Pulling a link of the simulated arm, as a hand does, while it is guided by hand.
+
+A facility of the simulation alone: a real arm is pulled by a real hand. The simulation bounds the force and
+ends each pull by itself `SILENCE_S` after the last frame, whatever has become of client and service.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+
+from app.services.clients import CLIENT
+from app.services.state.link import RobotLink
+from app.services.streaming.freedrive import FreedriveService
+from cobot.errors import CobotError, ConflictError, ExecutionError, NotSupportedError
+
+SILENCE_S = 0.2
+"""After which the simulation ends a pull that no frame renews: `PULL_S` in rtloop/backends/mujoco.pyx."""
+
+
+class Pulling:
+    """The pulls of one client."""
+
+    def __init__(self, link: RobotLink, freedrive: FreedriveService) -> None:
+        self._link = link
+        self._freedrive = freedrive
+        self._pulls = False
+        self._task: asyncio.Task[None] | None = None
+
+    async def pull(self, link: str, point: Sequence[float], target: Sequence[float]) -> None:
+        """Pull for `SILENCE_S`, or until the next call.
+
+        Args:
+            link: name of a body that the joints move.
+            point: of the link, in its frame, m.
+            target: where it is pulled to, in the base frame, m.
+
+        Raises:
+            NotSupportedError: the backend moves a real arm, or is another simulation. The error names it.
+            ConflictError: this client does not guide the arm, or the link cannot be pulled.
+            UnavailableError: rtloop does not answer.
+        """
+        self._require_simulation()
+        self._freedrive.require(CLIENT.get())
+        self._pulls = True
+        try:
+            await self._link.commands.pull(link, point, target)
+        except ExecutionError as exc:
+            raise ConflictError(f"the arm cannot be pulled: {exc}") from exc
+
+    async def let_go(self) -> None:
+        """End the pull. Nothing happens if there is none."""
+        if self._pulls:
+            self._pulls = False
+            await self._link.commands.pull("")
+
+    def close(self) -> None:
+        """The client has gone."""
+        if self._pulls:
+            self._task = asyncio.create_task(self._end(), name="end of a pull")
+
+    async def _end(self) -> None:
+        try:
+            await self.let_go()
+        except CobotError:
+            return  # the simulation ends it by itself
+
+    def _require_simulation(self) -> None:
+        named = self._link.device()
+        if named is None:
+            raise ConflictError("what the robot's backend can do cannot be read: try again in a second")
+        backend, device = named
+        if device.capabilities.hardware:
+            raise NotSupportedError(
+                f"only a simulated arm is pulled with the mouse, and the backend {backend} moves a real one: "
+                "push it with your hand"
+            )
