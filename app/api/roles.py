@@ -24,11 +24,12 @@ STOP = "POST /stop"
 STOPS = (STOP, twin_name(STOP))
 CHANGING = ("POST", "PUT", "DELETE")
 PANEL, THREE = "/panel", "/three/{name}"
-PANEL_PLANNERS = f"{PANEL}/planners.js"
+PANEL_PLANNERS, PANEL_LUA = f"{PANEL}/planners.js", f"{PANEL}/lua-functions.js"
 PUBLIC_PATHS = (
     "/",
     PANEL,
     PANEL_PLANNERS,
+    PANEL_LUA,
     THREE,
     MANUAL,
     "/docs",

@@ -17,8 +17,9 @@ from fastapi.responses import FileResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Message, Receive, Scope, Send
 
-from app.api.roles import PANEL, PANEL_PLANNERS, THREE
+from app.api.roles import PANEL, PANEL_LUA, PANEL_PLANNERS, THREE
 from cobot.errors import NotFoundError
+from cobot.lua_functions import FUNCTIONS
 from cobot.motions.bodies import JointMotion
 from cobot.motions.planners import GOAL_ALONE, PLANNERS
 
@@ -127,5 +128,10 @@ def install(app: FastAPI) -> None:
     @app.get(PANEL_PLANNERS, include_in_schema=False)
     async def planners() -> Response:
         return Response(planners_module(), media_type="text/javascript", headers=HEADERS)
+
+    @app.get(PANEL_LUA, include_in_schema=False)
+    async def lua_functions() -> Response:
+        text = f"export const FUNCTIONS = {json.dumps(FUNCTIONS)};\n"
+        return Response(text, media_type="text/javascript", headers=HEADERS)
 
     app.mount(PANEL, Site(HEADERS, directory=SITE))

@@ -47,7 +47,7 @@ export class Drag {
   press(event) {
     const { state, geometry, view } = this.now();
     if (event.button !== 0 || !event.isPrimary || this.pointer !== null || !view || !state || !geometry) return;
-    if (!view.holdHandle(event)) return;
+    if (!view.pointing.holdHandle(event)) return;
     event.stopPropagation(); // the camera stays
     const from = this.target ?? tcpOf(geometry, state.commanded_position);
     this.motions.discard(); // which forgets the target
@@ -60,9 +60,9 @@ export class Drag {
   move(event) {
     const { view, readouts } = this.now();
     if (!view) return;
-    if (event.pointerId !== this.pointer) return void (this.pointer === null && view.hoverHandle(event));
+    if (event.pointerId !== this.pointer) return void (this.pointer === null && view.pointing.hoverHandle(event));
     event.stopPropagation();
-    const moved = view.dragHandle(event);
+    const moved = view.pointing.dragHandle(event);
     if (!moved) return;
     const [x, y, z] = moved.axis.toArray();
     const { position, quaternion } = this.from;
@@ -115,7 +115,7 @@ export class Drag {
     const { pointer } = this;
     this.pointer = null;
     if (canvas.hasPointerCapture(pointer)) canvas.releasePointerCapture(pointer);
-    this.now().view?.releaseHandle();
+    this.now().view?.pointing.releaseHandle();
   }
 
   forget() {

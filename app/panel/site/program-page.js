@@ -1,4 +1,5 @@
 // The page Program: the steps of the open program, the actions for a step, and the program as text.
+import { Complete } from "./complete.js";
 import { Editor } from "./editor.js";
 import { newStep, PLACED } from "./new-steps.js";
 import { Program } from "./program.js";
@@ -27,6 +28,7 @@ export class ProgramPage {
     this.tree = new StepTree(this);
     this.form = new StepForm(this, element("step-fields"));
     this.editor = new Editor(element("program-text"), element("program-lines"));
+    this.complete = new Complete(element("program-text"), element("offers"), () => this.program.document.kind === "lua");
     this.listen();
     inEachLanguage(() => this.write());
   }

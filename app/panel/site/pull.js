@@ -31,7 +31,7 @@ export class Pull {
 
   press(event) {
     if (event.button !== 0 || !event.isPrimary || this.held || !this.possible) return;
-    const found = this.now().view?.pickLink(event);
+    const found = this.now().view?.pointing.pickLink(event);
     if (!found) return;
     event.stopPropagation(); // the camera stays
     this.held = { ...found, pointer: event.pointerId };
@@ -43,13 +43,13 @@ export class Pull {
   move(event) {
     if (event.pointerId !== this.held?.pointer) return;
     event.stopPropagation();
-    this.held.target = this.now().view.besideLink(event, this.held);
+    this.held.target = this.now().view.pointing.besideLink(event, this.held);
   }
 
   send() {
     const { link, point, target } = this.held;
     if (!this.possible || !this.stream.send({ type: "pull", link, point, target })) return void this.release();
-    this.now().view.showPull(this.held);
+    this.now().view.pointing.showPull(this.held);
   }
 
   release() {
@@ -57,7 +57,7 @@ export class Pull {
     clearInterval(this.timer);
     this.held = null;
     this.stream.send({ type: "pull" });
-    this.now().view?.showPull(null);
+    this.now().view?.pointing.showPull(null);
   }
 
   hear(frame) {

@@ -1,22 +1,19 @@
 // The arm in 3D. It is drawn when something has changed, not otherwise.
 import { OrbitControls } from "/three/OrbitControls.js";
 import * as THREE from "/three/three.module.min.js";
-import { hueAt } from "./clearance.js";
+import { clearanceLine, points, shadow } from "./drawings.js";
 import { Gizmo } from "./gizmo.js";
+import { Pointing } from "./pointing.js";
 import { Drawn, drawnPart } from "./shapes.js";
 
 const [PLANNED, RUNNING] = [0x12a150, 0xc2410c];
 const TRACED = 0x7c3aed;
-const PULLED = 0xf5b400;
 const MAX_TRACED = 2000; // points, 80 s of motion
 const UP = new THREE.Vector3(0, 0, 1);
 // Where the camera is, from the middle of an arm whose box has this diagonal, m.
 const VIEWS = { iso: [1.55, -1.5, 0.65], front: [2.25, 0, 0.1], top: [0.001, 0, 2.3] };
 const SIZE = 1.3;
 const GIZMO_PX = 84;
-const MAP_SHARE = 0.6; // size of a point of a map, as a share of the distance of neighbours
-const CLEARANCE_M = 0.004; // radius of the line of a clearance
-const SHADOW_M = 0.45; // radius of the soft shadow under the arm
 
 export class View {
   constructor(place) {
@@ -48,6 +45,7 @@ export class View {
     this.collision = false; // the shapes of the collision checks are shown in place of the looks
     this.handles = new Gizmo();
     this.scene.add(this.handles.root);
+    this.pointing = new Pointing(this);
     this.trace = null; // the points that the TCP has passed, while they are shown
     this.traceLine = null;
     this.clearances = new Map(); // lines between the nearest points: of the arm, and of a plan
@@ -252,82 +250,6 @@ export class View {
     this.draw();
   }
 
-  // The ray from the camera through a pointer.
-  ray({ clientX, clientY }) {
-    const { left, top, width, height } = this.renderer.domElement.getBoundingClientRect();
-    const caster = new THREE.Raycaster();
-    caster.setFromCamera(new THREE.Vector2((2 * (clientX - left)) / width - 1, 1 - (2 * (clientY - top)) / height), this.camera);
-    return caster.ray;
-  }
-
-  // Whether a handle is under the pointer and can be dragged; then it is held.
-  holdHandle(event) {
-    const ray = this.ray(event);
-    const handle = this.handles.at(ray);
-    if (!handle || !this.handles.hold(handle, ray)) return false;
-    this.mark(handle);
-    return true;
-  }
-
-  dragHandle(event) {
-    return this.handles.drag(this.ray(event));
-  }
-
-  releaseHandle() {
-    this.handles.held = null;
-    this.mark(null);
-  }
-
-  hoverHandle(event) {
-    if (event.pointerType === "mouse") this.mark(this.handles.at(this.ray(event)));
-  }
-
-  mark(handle) {
-    if (handle === this.marked) return;
-    this.marked = handle;
-    this.handles.mark(handle);
-    this.place.style.cursor = handle ? "grab" : "";
-    this.draw();
-  }
-
-  // The link under a pointer that the joints move: {link, body, point, target}; point is in its frame, target where
-  // it is, in the base frame. null for none.
-  pickLink(event) {
-    if (!this.arm) return null;
-    const { origin, direction } = this.ray(event);
-    const [met] = new THREE.Raycaster(origin, direction).intersectObject(this.arm.root).filter(({ object }) => object.isMesh && object.visible);
-    if (!met) return null;
-    const { bodies } = this.geometry;
-    let group = met.object;
-    while (group && !this.arm.groups.includes(group)) group = group.parent;
-    let body = this.arm.groups.indexOf(group);
-    while (body > 0 && bodies[body].part !== "robot") body = bodies[body].parent; // what it carries
-    let moves = body;
-    while (moves > 0 && !bodies[moves].joints.length) moves = bodies[moves].parent;
-    if (moves <= 0) return null;
-    const point = this.arm.groups[body].worldToLocal(met.point.clone()).toArray();
-    return { link: bodies[body].name, body, point, target: met.point.toArray() };
-  }
-
-  // Where a pointer pulls to: as far away from the camera as the link was.
-  besideLink(event, { target }) {
-    const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(this.camera.getWorldDirection(new THREE.Vector3()), new THREE.Vector3(...target));
-    return this.ray(event).intersectPlane(plane, new THREE.Vector3())?.toArray() ?? target;
-  }
-
-  // A line from the point of the link to where it is pulled; null for none.
-  showPull(held) {
-    this.pulled?.removeFromParent();
-    this.pulled?.geometry.dispose();
-    this.pulled = null;
-    if (held && this.arm) {
-      const from = this.arm.groups[held.body].localToWorld(new THREE.Vector3(...held.point)).toArray();
-      this.pulled = this.line([from, held.target], PULLED);
-      this.pulled.material.depthTest = false;
-    }
-    this.draw();
-  }
-
   // The ghost stays where it is at this time, s.
   hold(time) {
     this.still = time;
@@ -370,48 +292,4 @@ export class View {
     renderer.setViewport(0, 0, width, height);
     renderer.autoClear = true;
   }
-}
-
-// A soft shadow on the ground: cheap, unlike one that follows the shape.
-function shadow() {
-  const canvas = document.createElement("canvas");
-  canvas.width = canvas.height = 64;
-  const pen = canvas.getContext("2d");
-  const fade = pen.createRadialGradient(32, 32, 4, 32, 32, 32);
-  fade.addColorStop(0, "rgba(20, 25, 35, 0.45)");
-  fade.addColorStop(1, "rgba(20, 25, 35, 0)");
-  pen.fillStyle = fade;
-  pen.fillRect(0, 0, 64, 64);
-  const map = new THREE.CanvasTexture(canvas);
-  const made = new THREE.Mesh(new THREE.CircleGeometry(SHADOW_M, 32), new THREE.MeshBasicMaterial({ map, transparent: true, depthWrite: false }));
-  made.position.z = 0.001;
-  return made;
-}
-
-function clearanceLine({ points: ends, distance_m: distance }) {
-  const color = new THREE.Color().setHSL(hueAt(distance) / 360, 0.85, 0.4);
-  const look = new THREE.MeshBasicMaterial({ color, depthTest: false, transparent: true });
-  const made = new THREE.Group();
-  const [from, to] = ends.map((end) => new THREE.Vector3(...end));
-  const rod = new THREE.Mesh(new THREE.CylinderGeometry(CLEARANCE_M, CLEARANCE_M, from.distanceTo(to), 8), look);
-  rod.position.lerpVectors(from, to, 0.5);
-  rod.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), to.clone().sub(from).normalize());
-  made.add(rod);
-  for (const end of [from, to]) {
-    const ball = new THREE.Mesh(new THREE.SphereGeometry(2.5 * CLEARANCE_M, 12, 8), look);
-    ball.position.copy(end);
-    made.add(ball);
-  }
-  for (const each of made.children) each.renderOrder = 1;
-  return made;
-}
-
-function points({ positions, colours, spacing }) {
-  const shape = new THREE.BufferGeometry();
-  const color = new THREE.Color();
-  const linear = colours.flatMap(([red, green, blue, opacity]) => [...color.setRGB(red, green, blue, THREE.SRGBColorSpace), opacity]);
-  shape.setAttribute("position", new THREE.Float32BufferAttribute(positions.flat(), 3));
-  shape.setAttribute("color", new THREE.Float32BufferAttribute(linear, 4));
-  const look = new THREE.PointsMaterial({ size: MAP_SHARE * spacing, vertexColors: true, transparent: true, depthWrite: false });
-  return new THREE.Points(shape, look);
 }

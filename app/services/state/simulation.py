@@ -27,7 +27,7 @@ class SimulationService:
             UnavailableError: rtloop does not answer.
         """
         link = self._link
-        state = await link.fresh_state(TIMEOUT_S)
+        state = await link.await_fresh_state(TIMEOUT_S)
         named = link.device()
         if named is not None and named[1].capabilities.hardware:
             raise NotSupportedError(

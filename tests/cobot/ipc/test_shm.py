@@ -143,7 +143,7 @@ def test_no_two_blocks_share_a_cache_line(robot: str) -> None:
     blocks += [*memory.acks, *memory.commands, *memory.points]
     whole = np.frombuffer(memory._map, np.uint8).ctypes.data
     offsets = [np.frombuffer(block._head, np.uint8).ctypes.data - whole for block in blocks]
-    assert len(blocks) == 2 * RING + 19 + POINTS
+    assert len(blocks) == 2 * RING + 20 + POINTS
     assert all(offset % 64 == 0 for offset in offsets)
     assert len(set(offsets)) == len(offsets)
 

@@ -26,6 +26,7 @@ from websockets.sync.server import ServerConnection, serve
 
 from cobot.client import Client
 from cobot.errors import CobotError, InputError, MotionStopped, UnavailableError
+from cobot.lua_functions import FUNCTIONS
 from cobot.runner.lua_program import Program
 from cobot.runner.lua_sandbox import Limits, Stopping, run_apart
 from cobot.runner.runner import say
@@ -121,6 +122,27 @@ def run(
 
 def test_lua_is_lua_5_3() -> None:
     assert run("textmsg(_VERSION, 7 // 2, 3 | 4, math.type(3), utf8.len('µm'))") == ["Lua 5.3 3 7 integer 2"]
+
+
+def test_editors_are_offered_the_functions_that_there_are() -> None:
+    """Oracle: the environment of a program, without what Lua 5.3 has itself."""
+    names = (
+        "assert error getmetatable ipairs next pairs pcall rawequal rawget rawlen rawset select setmetatable "
+        "tonumber tostring type xpcall"
+    )
+    own = {*names.split(" ")}
+    tables = {"_G", "coroutine", "math", "robot", "string", "table", "utf8"}
+    source = """for name, value in pairs(_G) do
+      if type(value) == "function" then print(name) end
+      if type(value) == "table" then
+        print("table " .. name)
+        if name == "gripper" then for each in pairs(value) do print("gripper." .. each) end end
+      end
+    end
+    print(type(robot.call) == "function" and "robot.call")"""
+    said = set(run(source))
+    assert {name.removeprefix("table ") for name in said if name.startswith("table ")} == tables | {"gripper"}
+    assert {name for name in said if not name.startswith("table ")} - own == FUNCTIONS.keys()
 
 
 def test_textmsg_takes_anything_and_print_is_the_same() -> None:

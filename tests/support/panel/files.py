@@ -10,6 +10,7 @@ import pytest
 from cobot_run import until
 from scipy.interpolate import BPoly, CubicSpline
 
+from cobot.lua_functions import FUNCTIONS
 from panel.page import (
     HOME,
     Panel,
@@ -17,6 +18,40 @@ from panel.page import (
     rows_of,
     set_to,
 )
+
+
+def test_functions_are_offered_in_a_lua_program(panel: Panel) -> None:
+    """Oracle: `cobot.lua_functions.FUNCTIONS`."""
+    offers = "[...document.querySelectorAll('#offers li')].map((each) => each.firstChild.data)"
+    hidden = "document.querySelector('#offers').hidden"
+    text = "document.querySelector('#program-text').value"
+    panel.page.click("#program-lua")
+    try:
+        panel.page.click("#program-text")
+        for letter in "mo":
+            panel.page.key(letter, f"Key{letter.upper()}", letter)
+        panel.until(f"!{hidden}")
+        assert panel.page.run(offers) == [name for name in FUNCTIONS if name.startswith("mo")]
+        assert FUNCTIONS["move"] in panel.text("#offers")
+        wanted = panel.page.run(offers).index("moveJoint")
+        for _ in range(wanted):
+            panel.page.key("ArrowDown", "ArrowDown")
+        panel.page.key("Enter", "Enter", "\r")
+        assert panel.page.run(text) == "moveJoint("
+        assert panel.page.run(hidden)
+        for letter in ")\rgripper.g":
+            key = {"\r": "Enter", ")": "Digit0", ".": "Period"}.get(letter, f"Key{letter.upper()}")
+            panel.page.key("Enter" if letter == "\r" else letter, key, letter)
+        assert panel.page.run(offers) == ["gripper.grasp"]
+        panel.page.key("Tab", "Tab")
+        assert panel.page.run(text) == "moveJoint()\ngripper.grasp "
+        panel.until("cobotPanel.programPage.program.document.text.endsWith('gripper.grasp ')")
+        panel.page.key("z", "KeyZ", "z")
+        panel.page.key("z", "KeyZ", "z")
+        assert panel.page.run(hidden), "no function begins so"
+    finally:
+        panel.page.run("localStorage.clear()")
+        panel.load()
 
 
 def test_a_lua_program_is_run_and_its_mistakes_are_marked(panel: Panel) -> None:

@@ -89,9 +89,9 @@ def test_a_link_is_pulled_with_the_mouse_and_the_simulation_begins_again(panel: 
         "Input.dispatchMouseEvent", type="mouseMoved", x=x + 150, y=y - 40, button="left", buttons=1
     )
     until(lambda: np.abs(np.subtract(panel.run.joints(), before)).max() > 0.1, lambda: panel.text("body"))
-    panel.until("cobotPanel.view.pulled")
+    panel.until("cobotPanel.view.pointing.pulled")
     panel.page.mouse("mouseReleased", (x + 150, y - 40))
-    panel.until("!cobotPanel.pull.held && !cobotPanel.view.pulled")
+    panel.until("!cobotPanel.pull.held && !cobotPanel.view.pointing.pulled")
     panel.page.click("#freedrive")
     until(lambda: freedriven(panel)["session"] is None)
     panel.stays()
