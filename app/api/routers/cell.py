@@ -74,7 +74,7 @@ def _mesh_of(part: CellPart) -> MeshAnswer | None:
     return MeshAnswer(vertices=list(part.mesh.vertices), triangles=list(part.mesh.triangles))
 
 
-@router.endpoint("GET /cell", Role.OBSERVER, timeout_s=1.5, responses=responses(404, 503))
+@router.endpoint("GET /cell", Role.OBSERVER, timeout_s=1.5, responses=responses(404, 422, 503))
 async def cell(
     request: Request,
     meshes: Annotated[bool, Query(description="Whether parts that are meshes have their triangles.")] = False,
