@@ -119,7 +119,7 @@ COMPILE_LOCK = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 -
 lock: setup-test ## resolve versions and hashes anew; UPGRADE=--upgrade for the newest within the ranges
 	$(COMPILE_LOCK) pyproject.toml -o requirements/run.lock
 	$(BIN)/python setup.py requirements | $(COMPILE_LOCK) -c requirements/run.lock - -o requirements/build.lock
-	$(COMPILE_LOCK) --extra dev --extra learning --extra study --extra franka -c requirements/run.lock -c requirements/build.lock pyproject.toml -o requirements/dev.lock
+	$(COMPILE_LOCK) --extra dev --extra learning --extra study --extra franka --extra fleet -c requirements/run.lock -c requirements/build.lock pyproject.toml -o requirements/dev.lock
 	$(COMPILE_LOCK) --extra bench -c requirements/dev.lock pyproject.toml -o requirements/bench.lock
 	$(COMPILE_LOCK) --extra docs -c requirements/dev.lock pyproject.toml -o requirements/docs.lock
 	$(COMPILE_LOCK) --group ros -o requirements/ros.lock

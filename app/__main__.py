@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 
-from cobot.access.authentication import ROS_TOKEN_VARIABLE
+from cobot.access.authentication import FLEET_TOKEN_VARIABLE, ROS_TOKEN_VARIABLE
 from cobot.launch.process import Niceness, be, die_with_parent, in_words
 
 
@@ -22,10 +22,11 @@ def start() -> int:
 
     arguments = read_arguments()
     ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # what is started here gets none of it
+    fleet_token = os.environ.pop(FLEET_TOKEN_VARIABLE, None)
     blanks = planning_blanks(arguments.config)
     from app.server import main
 
-    return main(arguments, ros_token, blanks)
+    return main(arguments, ros_token, fleet_token, blanks)
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ from app.services.events.ring import Events
 from app.services.motion.planning import PlanningService
 from app.services.motion.synchronous import SyncService
 from cobot.access.authentication import Authenticator, authentication_required, rights_of_ros
-from cobot.access.roles import ROS, Role
+from cobot.access.roles import FLEET, ROS, Role
 from cobot.access.tokens import TokenFile
 from cobot.clock import SYSTEM, Clock
 from cobot.config import Settings, load_endpoints
@@ -63,6 +63,7 @@ def create_app(
     source: Path | None = None,
     host: str = "127.0.0.1",
     ros_token: str | None = None,
+    fleet_token: str | None = None,
 ) -> FastAPI:
     """The application.
 
@@ -73,6 +74,7 @@ def create_app(
         planner: makes what a robot plans with, from the settings' file, the number of workers and its name.
         host: address that the service listens on.
         ros_token: by which the DDS process is known.
+        fleet_token: by which the process of the fleet is known.
         source: what a reload reads, see `Reloading`.
 
     Raises:
@@ -89,7 +91,7 @@ def create_app(
         planner=planner,
         sync=SyncService(),
         several=len(robots) > 1,
-        tokens=_authenticator(settings, clock, ros_token),
+        tokens=_authenticator(settings, clock, ros_token, fleet_token),
         events=Events(clock),
         study_turn=asyncio.Lock(),
     )
@@ -111,10 +113,14 @@ def create_app(
     return app
 
 
-def _authenticator(settings: Settings, clock: Clock, ros_token: str | None) -> Authenticator:
+def _authenticator(
+    settings: Settings, clock: Clock, ros_token: str | None, fleet_token: str | None
+) -> Authenticator:
     tokens = Authenticator(TokenFile(settings.web.tokens), clock)
     if ros_token:
         tokens.grant(ROS, rights_of_ros(settings.ros, settings.web), ros_token)
+    if fleet_token:
+        tokens.grant(FLEET, Role.OBSERVER, fleet_token)
     return tokens
 
 

@@ -78,12 +78,15 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def main(arguments: argparse.Namespace, ros_token: str | None, blanks: list[Forked]) -> int:
+def main(
+    arguments: argparse.Namespace, ros_token: str | None, fleet_token: str | None, blanks: list[Forked]
+) -> int:
     """Serve until SIGTERM; the exit status: 0, or 2 when it could not start.
 
     Args:
         arguments: see `app.arguments`.
         ros_token: by which the DDS process is known.
+        fleet_token: by which the process of the fleet is known.
         blanks: processes that are there already, to become the first planning processes.
     """
     start_logging("service")
@@ -98,6 +101,7 @@ def main(arguments: argparse.Namespace, ros_token: str | None, blanks: list[Fork
             planner=partial(PlanningService, blanks=blanks),
             host=arguments.host,
             ros_token=ros_token,
+            fleet_token=fleet_token,
             source=arguments.source,
         )
     except CobotError as exc:

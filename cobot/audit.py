@@ -246,7 +246,14 @@ def record_from_cli(settings: Settings, what: str, outcome: str = "ok", **detail
     user = str(os.getuid())
     with contextlib.suppress(KeyError):
         user = pwd.getpwuid(os.getuid()).pw_name
-    entry = _entry(time.time(), user, "cli", what, outcome, details, "")
+    record_beside(settings, user, "cli", what, outcome, **details)
+
+
+def record_beside(
+    settings: Settings, who: str, from_: str, what: str, outcome: str = "ok", **details: object
+) -> None:
+    """Add an entry from a process other than the service. A write error is printed on stderr."""
+    entry = _entry(time.time(), who, from_, what, outcome, details, "")
     file = RotatingFile(settings.audit_file, sys.maxsize, 0, strict=True)  # only the service rotates files
     try:
         file.append(_line(entry))

@@ -20,6 +20,8 @@ LOOK_AGAIN_S = 0.5
 """Longest delay until a revoked token takes effect, in seconds. A created one is valid at once."""
 ROS_TOKEN_VARIABLE = "COBOT_ROS_TOKEN"
 """Environment variable with the token of the DDS process. The service and the DDS process both have it."""
+FLEET_TOKEN_VARIABLE = "COBOT_FLEET_TOKEN"
+"""Environment variable with the token of the fleet's process, in the same way."""
 RIGHTS_OF_ROS = {"observe": Role.OBSERVER, "move": Role.OPERATOR, "all": Role.ADMIN}
 
 log = logging.getLogger("cobot.service")

@@ -40,6 +40,8 @@ class Identity:
 ANONYMOUS = "anonymous"
 ROS = "ros2"
 """Name of all clients that use DDS, because DDS cannot distinguish them."""
+FLEET = "fleet"
+"""Name of the process that connects this cell to a fleet."""
 SERVICE = Identity("cobot", Role.ADMIN)
 """The service itself, when it acts without a request."""
 acting: ContextVar[Identity] = ContextVar("acting", default=SERVICE)

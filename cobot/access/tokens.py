@@ -20,13 +20,13 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field, TypeAdapter, ValidationError
 
-from cobot.access.roles import ANONYMOUS, ROS, SERVICE, Role
+from cobot.access.roles import ANONYMOUS, FLEET, ROS, SERVICE, Role
 from cobot.errors import ConfigError, ConflictError, InputError, NotFoundError
 from cobot.strict import StrictModel, sentences, shown
 
 PREFIX = "cobot_"
 """Prefix of each token, by which people and scanners for leaked secrets recognise it."""
-RESERVED = (ANONYMOUS, ROS, SERVICE.name)
+RESERVED = (ANONYMOUS, ROS, FLEET, SERVICE.name)
 RoleName = Literal["observer", "agent", "operator", "programmer", "admin"]
 
 

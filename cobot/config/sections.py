@@ -10,7 +10,18 @@ from cobot.config import values
 from cobot.config.backend import Backend, Gripper
 from cobot.config.locations import Location
 from cobot.config.section import Section
-from cobot.config.values import Corner, Host, IPv4, Origin, Positive, Rate, RobotName
+from cobot.config.values import (
+    Corner,
+    FleetName,
+    Host,
+    IPv4,
+    Origin,
+    PanelUrl,
+    Positive,
+    Rate,
+    RobotName,
+    ZenohEndpoint,
+)
 from cobot.types import PlannerName
 
 
@@ -159,6 +170,15 @@ class McpSection(Section):
     enabled: bool
     execution: Literal["off", "approved", "fenced"]
     fence: FenceSection
+
+
+class FleetSection(Section):
+    name: FleetName
+    cell: FleetName | None
+    connect: list[ZenohEndpoint]
+    on_loss: Literal["continue", "stop"]
+    loss_s: Annotated[float, Field(ge=1.0, le=3600.0)]
+    panel: PanelUrl | None
 
 
 class LoggingSection(Section):

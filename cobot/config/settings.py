@@ -8,6 +8,7 @@ from cobot.config.backend import options_of
 from cobot.config.locations import Location
 from cobot.config.section import Model, Section
 from cobot.config.sections import (
+    FleetSection,
     LoggingSection,
     McpSection,
     PlanningSection,
@@ -39,6 +40,7 @@ class Settings(Section):
     recording: RecordingSection
     ros: RosSection
     mcp: McpSection
+    fleet: FleetSection
     logs: Location
     kept: Location | None
     logging: LoggingSection

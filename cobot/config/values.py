@@ -53,7 +53,22 @@ def _an_origin(value: str) -> str:
     return value
 
 
+def _a_zenoh_endpoint(value: str) -> str:
+    if not re.fullmatch(r"tcp/([A-Za-z0-9._-]+|\[[0-9a-f:.]+\]):[0-9]{1,5}", value):
+        raise ValueError(f"{shown(value)} is no address of a hub, such as tcp/127.0.0.1:7447")
+    return value
+
+
+def _a_panel(value: str) -> str:
+    if not re.fullmatch(r"https?://[^\s<>\"']+", value):
+        raise ValueError(f"{shown(value)} is no address of a panel, such as http://cell-3.example:8007")
+    return value
+
+
 RobotName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$"), AfterValidator(_a_robot_name)]
+FleetName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$")]
+ZenohEndpoint = Annotated[str, AfterValidator(_a_zenoh_endpoint)]
+PanelUrl = Annotated[str, AfterValidator(_a_panel)]
 IPv4 = Annotated[str, AfterValidator(_an_ipv4_address)]
 Host = Annotated[str, AfterValidator(_a_host)]
 Origin = Annotated[str, AfterValidator(_an_origin)]

@@ -42,6 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.execv(RUN_MODULE[0], [*RUN_MODULE, "cobot.grippers.contract", *chosen.options])
     if chosen.command == "study":
         os.execv(RUN_MODULE[0], [*RUN_MODULE, "cobot.studies", *chosen.options])
+    if chosen.command == "fleet":
+        os.execv(RUN_MODULE[0], [*RUN_MODULE, "cobot.fleet", *chosen.options])
     if options.for_service(chosen, parser):
         from cobot.commands import actions
 
@@ -105,7 +107,7 @@ def _run(chosen: argparse.Namespace) -> int:
 
         settings = _with_cell(restore_staged(settings, chosen.config), chosen.cell)
         given = _overridden(settings, chosen)
-        processes = len(given.each) + 1 + given.web.enabled + given.ros.enabled
+        processes = len(given.each) + 1 + given.web.enabled + given.ros.enabled + bool(given.fleet.connect)
         if chosen.is_program:
             os.umask(0o077)  # only the user may read what this process and its children write
         blanks = fork_processes(processes) if chosen.is_program else []

@@ -26,6 +26,7 @@ A robot arm behind a REST service.
   cobot gripper  list, make and test what drives a gripper, see docs/your-gripper.md
   cobot new-robot   make the configuration of another arm from its URDF or MJCF, see docs/your-robot.md
   cobot study    answer a question that needs thousands of computations, see docs/studies.md
+  cobot fleet    all cells of a plant on one page, with one stop for all, see docs/fleet.md
   cobot stop     bring every arm of this computer to rest, whatever has become of the service
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
@@ -139,6 +140,13 @@ def _add_simulate_and_backend(commands: Any) -> None:
         nargs=argparse.REMAINDER,
         metavar="...",
         help="FILE.yaml or show FOLDER; each says more with --help",
+    )
+    fleet = commands.add_parser("fleet", help="show and stop the cells of a fleet, or run its hub")
+    fleet.add_argument(
+        "options",
+        nargs=argparse.REMAINDER,
+        metavar="...",
+        help="serve, list, show, watch or stop; each says more with --help",
     )
     for name, text in (
         ("backend", "list, make and test what drives a robot"),

@@ -7,7 +7,7 @@ import secrets
 import socket
 from pathlib import Path
 
-from cobot.access.authentication import ROS_TOKEN_VARIABLE
+from cobot.access.authentication import FLEET_TOKEN_VARIABLE, ROS_TOKEN_VARIABLE
 from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.config import Settings
 from cobot.launch.process import RUN_MODULE
@@ -31,6 +31,7 @@ class Children:
         self._source = source
         self._log = log
         self._ros_token = secrets.token_urlsafe(32)
+        self._fleet_token = secrets.token_urlsafe(32)
 
     def rtloop(self, robot: str) -> Child:
         """The real-time process of a robot."""
@@ -49,8 +50,16 @@ class Children:
         losses = self._log.losses
         files = [*self._config, "--source", str(self._source), "--losses-fd", str(losses)]
         command = [*RUN_MODULE, "app", *files, *listening]
-        token = {ROS_TOKEN_VARIABLE: self._ros_token}
-        return Child(SERVICE, command, self._log, (listener.fileno(), losses), token)
+        tokens = {ROS_TOKEN_VARIABLE: self._ros_token}
+        if self._settings.fleet.connect:
+            tokens[FLEET_TOKEN_VARIABLE] = self._fleet_token
+        return Child(SERVICE, command, self._log, (listener.fileno(), losses), tokens)
+
+    def fleet(self, url: str) -> Child:
+        """The process that connects this cell to a fleet, a client of the service, if there is one."""
+        command = [*RUN_MODULE, "cobot.fleet.cell", *self._config, *(("--url", url) if url else ())]
+        environment = {FLEET_TOKEN_VARIABLE: self._fleet_token} | self._certificate()
+        return Child("fleet", command, self._log, environment=environment)
 
     def ros2(self, url: str) -> Child:
         """The DDS process, a client of the service, if there is one at this URL."""
@@ -58,7 +67,10 @@ class Children:
         last_words = os.memfd_create("cobot-ros2")
         arguments = ["--last-words", str(last_words), *(("--url", url) if url else ())]
         command = [*RUN_MODULE, "cobot.dds", *self._config, *arguments]
-        environment = {ROS_TOKEN_VARIABLE: self._ros_token}
-        if self._settings.web.tls_certificate:
-            environment[CERTIFICATE_VARIABLE] = str(self._settings.web.tls_certificate)
+        environment = {ROS_TOKEN_VARIABLE: self._ros_token} | self._certificate()
         return Child("ros2", command, self._log, (last_words,), environment)
+
+    def _certificate(self) -> dict[str, str]:
+        """The certificate that clients of the service trust."""
+        file = self._settings.web.tls_certificate
+        return {CERTIFICATE_VARIABLE: str(file)} if file else {}

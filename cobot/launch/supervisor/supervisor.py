@@ -20,6 +20,7 @@ from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory
 from cobot.launch.endpoints import check_endpoints
+from cobot.launch.fleet_extra import require_zenoh
 from cobot.launch.forked import Forked
 from cobot.launch.process import has_terminal
 from cobot.launch.running_config import ProcessState, RunningConfig
@@ -83,6 +84,8 @@ class Supervisor:
 
     def _run(self) -> None:
         secure = check_certificate(self._settings.web)
+        if self._settings.fleet.connect:
+            require_zenoh("fleet.connect")
         if self._settings.web.enabled:
             check_endpoints(self._settings.web.endpoints)  # errors are reported here, not by a child
         listener = listen(self._settings.web) if self._settings.web.enabled else None
@@ -107,6 +110,8 @@ class Supervisor:
                     service.append(self._start(made.service(listener)))
                 if self._settings.ros.enabled:
                     service.append(self._start(made.ros2(url)))
+                if self._settings.fleet.connect:
+                    service.append(self._start(made.fleet(url)))
                 self._await_first(rtloops, list(memories.values()))  # the others take longer
                 announce(self._settings, url, access, memories)
                 self._watch([*rtloops, *service], memories, url)

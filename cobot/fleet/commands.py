@@ -1,0 +1,188 @@
+"""Which commands a cell executes: each once, none after its deadline.
+
+The clock of a computer may be wrong by minutes, so deadlines are on the hub's clock. A cell asks the hub for
+its time. The time of the answer is uncertain by the round trip, and the cell always takes the later time: a
+command is refused when it may be late.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeout
+from dataclasses import dataclass
+
+from cobot.clock import SYSTEM, Clock
+from cobot.errors import BusyError, CobotError, ConflictError, InputError, UnavailableError
+from cobot.fleet.messages import MAX_LIFETIME_S, Answer, Command, HubTime
+
+FRESH_S = 30.0
+"""Age beyond which a known time of the hub is asked for again."""
+MAX_COMMANDS = 1000
+"""Maximum number of commands that are remembered until their deadline."""
+ANSWER_S = 20.0
+"""Longest wait of a retry for the answer to the first try."""
+AHEAD_S = 1.0
+"""How far a command's issue may be ahead of the hub's clock as this cell knows it."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownTime:
+    """The hub's time at two moments of this computer's clock, before and after the question."""
+
+    hub: HubTime
+    asked_s: float
+    answered_s: float
+
+    def latest(self, now_s: float) -> float:
+        """The latest time that the hub's clock can have."""
+        return self.hub.time_s + (now_s - self.asked_s)
+
+    def earliest(self, now_s: float) -> float:
+        """The earliest time that the hub's clock can have."""
+        return self.hub.time_s + (now_s - self.answered_s)
+
+
+class CommandBook:
+    """The commands of one robot, from any thread.
+
+    Args:
+        ask_time: asks the hub for its time; None if it does not answer.
+    """
+
+    def __init__(
+        self, cell: str, robot: str, ask_time: Callable[[], HubTime | None], clock: Clock = SYSTEM
+    ) -> None:
+        self._cell, self._robot = cell, robot
+        self._ask_time = ask_time
+        self._clock = clock
+        self._known: KnownTime | None = None
+        self._started: KnownTime | None = None
+        self._answers: dict[str, tuple[Future[Answer], str, float]] = {}
+        self._lock = threading.Lock()
+
+    def run(self, command: Command, execute: Callable[[], str]) -> Answer:
+        """Execute a command once, or give the answer of its first try.
+
+        Args:
+            execute: does it, and returns a sentence about the result.
+        """
+        try:
+            first = self._begin(command)
+        except CobotError as exc:
+            return self._answer(command, exc.code, str(exc))
+        if first is not None:
+            try:
+                return first.result(ANSWER_S).model_copy(update={"repeated": True})
+            except FutureTimeout:
+                return self._answer(command, BusyError.code, "the first try of this command still runs")
+        try:
+            answer = self._answer(command, "ok", execute())
+        except CobotError as exc:
+            answer = self._answer(command, exc.code, str(exc))
+        except BaseException as exc:
+            self._answers[command.id][0].set_exception(exc)
+            raise
+        self._answers[command.id][0].set_result(answer)
+        return answer
+
+    def synchronize(self) -> None:
+        """Ask the hub for its time. Call it at the start: commands from before the first time are refused."""
+        asked_s = self._clock.now_s()
+        found = self._ask_time()
+        with self._lock:
+            if found is not None:
+                self._known = KnownTime(found, asked_s, self._clock.now_s())
+                self._started = self._started or self._known
+
+    def _begin(self, command: Command) -> Future[Answer] | None:
+        """None if the command has to be executed now, or else the future of its first try.
+
+        Raises:
+            InputError: its times are not valid.
+            ConflictError: it is late, or was issued before this process knew of it.
+            UnavailableError: the hub's time is not known.
+        """
+        known = self._time_for(command)
+        with self._lock:
+            now_s = self._clock.now_s()
+            entry = self._answers.get(command.id)
+            if entry is not None and entry[1] == command.model_dump_json():
+                return entry[0]
+            if entry is not None:
+                raise ConflictError(f"id {command.id}: another command had this id already; use a new id")
+            self._check(command, known, now_s)
+            self._forget(known, now_s)
+            if len(self._answers) >= MAX_COMMANDS:
+                raise BusyError(
+                    f"{len(self._answers)} commands wait for their deadlines, allowed are {MAX_COMMANDS}; "
+                    "try again in a minute"
+                )
+            self._answers[command.id] = Future(), command.model_dump_json(), command.expires_s
+            return None
+
+    def _time_for(self, command: Command) -> KnownTime:
+        """The hub's time, asked for again if it is old or of another epoch."""
+        known = self._known
+        if (
+            known is None
+            or known.hub.epoch != command.epoch
+            or self._clock.now_s() - known.answered_s > FRESH_S
+        ):
+            self.synchronize()
+            known = self._known
+        if known is None:
+            raise UnavailableError(
+                "the hub does not tell its time, so the deadline cannot be checked; send the command again"
+            )
+        return known
+
+    def _check(self, command: Command, known: KnownTime, now_s: float) -> None:
+        lifetime_s = command.expires_s - command.issued_s
+        if not 0.0 < lifetime_s <= MAX_LIFETIME_S:
+            raise InputError(
+                f"expires_s: is {lifetime_s:g} s after issued_s, allowed is more than 0 and up to "
+                f"{MAX_LIFETIME_S:g} s"
+            )
+        if command.epoch != known.hub.epoch:
+            raise ConflictError(
+                f"epoch: {command.epoch} is not that of the present hub; ask it for its time and send a new "
+                "command"
+            )
+        latest_s = known.latest(now_s)
+        if latest_s > command.expires_s:
+            raise ConflictError(
+                f"the command is {latest_s - command.expires_s:.1f} s late and was not executed; send a new "
+                "one"
+            )
+        if command.issued_s > latest_s + AHEAD_S:
+            raise ConflictError(
+                f"issued_s: is {command.issued_s - latest_s:.1f} s ahead of the hub's time, allowed is "
+                f"{AHEAD_S:g} s; ask the hub for its time"
+            )
+        started = self._started
+        if (
+            started is not None
+            and started.hub.epoch == command.epoch
+            and command.issued_s < started.hub.time_s
+        ):
+            raise ConflictError(
+                "the command was issued before this cell joined the fleet, which may have executed it "
+                "already; send a new one"
+            )
+
+    def _forget(self, known: KnownTime, now_s: float) -> None:
+        """Drop the commands whose deadline has passed: a retry of them is refused as late."""
+        earliest_s = known.earliest(now_s)
+        for name in [
+            name for name, entry in self._answers.items() if self._is_over(entry, earliest_s, known)
+        ]:
+            del self._answers[name]
+
+    def _is_over(self, entry: tuple[Future[Answer], str, float], earliest_s: float, known: KnownTime) -> bool:
+        other_epoch = f'"epoch":"{known.hub.epoch}"' not in entry[1]
+        return entry[0].done() and (other_epoch or entry[2] + 1.0 < earliest_s)
+
+    def _answer(self, command: Command, code: str, text: str) -> Answer:
+        return Answer(id=command.id, cell=self._cell, robot=self._robot, code=code, text=text[:2000])

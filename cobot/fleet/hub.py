@@ -1,0 +1,300 @@
+"""The hub: what it knows of all cells, and commands to them."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import secrets
+import threading
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from cobot.errors import ConflictError, InputError, NotFoundError
+from cobot.fleet.link import open_hub, payloads
+from cobot.fleet.messages import MAX_BYTES, Answer, Command, HubTime, RobotEvent, RobotState, read, written
+from cobot.fleet.names import Keys, parts
+
+if TYPE_CHECKING:
+    import zenoh
+
+MAX_ROBOTS = 10_000
+"""Maximum number of robots that are kept."""
+KEPT_EVENTS = 50
+REST_S = 6.0
+"""Time that a cell has, after the deadline of a stop, to bring the arm to rest and answer, in seconds."""
+RETRY_S = 0.1
+ASK_S = 2.0
+DEADLINE_S = 2.0
+"""Time in which a cell must receive a stop, in seconds."""
+NOT_STOPPED = "the arm is NOT known to be stopped: use its emergency stop"
+_EVENTS = TypeAdapter(list[RobotEvent])
+
+log = logging.getLogger("cobot.fleet")
+
+
+@dataclass(slots=True)
+class Tile:
+    """A robot as the hub knows it.
+
+    Attributes:
+        heard_s: when the newest state arrived, on this computer's clock.
+        gone_s: when its cell was lost; None while it is there.
+    """
+
+    state: RobotState
+    heard_s: float
+    gone_s: float | None = None
+    events: dict[str, RobotEvent] = field(default_factory=dict)
+
+
+class Hub:
+    """One hub of a fleet. Its methods may be called from any thread.
+
+    Args:
+        listen: addresses for the cells, such as tcp/127.0.0.1:7447.
+        connect: routers that the hub joins.
+
+    Raises:
+        UnavailableError: it cannot listen there, or reach a router.
+        ConflictError: the fleet has another hub.
+    """
+
+    def __init__(self, fleet: str, listen: list[str], connect: Iterable[str] = ()) -> None:
+        self.fleet = fleet
+        self.instance = secrets.token_hex(8)
+        self._keys = Keys(fleet)
+        self._tiles: dict[tuple[str, str], Tile] = {}
+        self._instances: dict[str, set[str]] = {}
+        self._lock = threading.Lock()
+        self._session: zenoh.Session = open_hub(listen, list(connect))
+        try:
+            self._declare()
+        except BaseException:
+            self._session.close()
+            raise
+
+    def close(self) -> None:
+        self._session.close()
+
+    def time(self) -> HubTime:
+        return HubTime(epoch=self.instance, time_s=time.monotonic())
+
+    def cells(self) -> list[dict[str, Any]]:
+        """All robots of all cells, by their names."""
+        with self._lock:
+            return [self._shown(tile) for _, tile in sorted(self._tiles.items())]
+
+    def robots_of(self, cell: str, robot: str | None = None) -> list[dict[str, Any]]:
+        """The robots of one cell, or one of them.
+
+        Raises:
+            NotFoundError: the fleet has no such cell or robot. The error lists the names.
+        """
+        robots = [each for each in self.cells() if each["cell"] == cell]
+        if not robots:
+            names = ", ".join(sorted({each["cell"] for each in self.cells()})) or "none"
+            raise NotFoundError(f"there is no cell {cell!r} in the fleet {self.fleet}; there are: {names}")
+        found = [each for each in robots if robot in (None, each["robot"])]
+        if not found:
+            names = ", ".join(each["robot"] for each in robots)
+            raise NotFoundError(f"the cell {cell} has no robot {robot!r}; it has: {names}")
+        return found
+
+    def events(self, cell: str, robot: str | None = None) -> list[dict[str, Any]]:
+        """The last events of a cell, the oldest first.
+
+        Raises:
+            NotFoundError: the fleet has no such cell or robot.
+        """
+        self.robots_of(cell, robot)
+        with self._lock:
+            found = [
+                event.model_dump()
+                for (name, each), tile in self._tiles.items()
+                if name == cell and robot in (None, each)
+                for event in tile.events.values()
+            ]
+        return sorted(found, key=lambda event: str(event["time"]))
+
+    def stop(
+        self,
+        who: str,
+        cell: str = "*",
+        robot: str = "*",
+        *,
+        deadline_s: float = DEADLINE_S,
+        command_id: str | None = None,
+    ) -> list[dict[str, Any]]:
+        """Stop robots, all at the same time, and wait until they are at rest.
+
+        A cell that does not answer is asked again until the deadline. It recognises the retry by the id.
+
+        Args:
+            cell, robot: names; "*" for all.
+            command_id: of an earlier call, which is repeated.
+
+        Returns:
+            For each robot: cell, robot, code ("ok": at rest) and text.
+
+        Raises:
+            NotFoundError: the fleet has no such cell or robot.
+        """
+        wanted = self.cells() if cell == "*" else self.robots_of(cell, None if robot == "*" else robot)
+        now_s = time.monotonic()
+        command = Command(
+            id=command_id or secrets.token_hex(12),
+            action="stop",
+            who=who,
+            epoch=self.instance,
+            issued_s=now_s,
+            expires_s=now_s + deadline_s,
+        )
+        answers: dict[tuple[str, str], Answer] = {}
+        missing = {(each["cell"], each["robot"]) for each in wanted if each["alive"]}
+        while True:
+            for answer in self._ask(
+                self._keys.of(cell, robot, "stop"), written(command), deadline_s + REST_S
+            ):
+                answers.setdefault((answer.cell, answer.robot), answer)
+            missing -= answers.keys()
+            if not missing or time.monotonic() > command.expires_s:
+                break
+            time.sleep(RETRY_S)
+        for name in sorted({(each["cell"], each["robot"]) for each in wanted} - answers.keys()):
+            answers[name] = Answer(
+                id=command.id, cell=name[0], robot=name[1], code="unavailable", text=self._why_no_answer(name)
+            )
+        log.warning("%s has stopped %s/%s: %s", who, cell, robot, _counts(answers.values()))
+        return [answer.model_dump() for _, answer in sorted(answers.items())]
+
+    def _why_no_answer(self, name: tuple[str, str]) -> str:
+        tile = self._tiles[name]
+        if tile.gone_s is not None:
+            return f"the cell has been gone for {time.monotonic() - tile.gone_s:.1f} s; {NOT_STOPPED}"
+        return f"the cell has not answered; {NOT_STOPPED}"
+
+    def _ask(self, key: str, command: bytes, timeout_s: float) -> list[Answer]:
+        import zenoh
+
+        replies = self._session.get(
+            key,
+            payload=command,
+            timeout=timeout_s,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
+        answers = []
+        for reply in replies:
+            if reply.ok is None:
+                continue
+            with contextlib.suppress(InputError):
+                answer = read(Answer, bytes(reply.ok.payload))
+                if (answer.cell, answer.robot) == parts(str(reply.ok.key_expr)):
+                    answers.append(answer)
+        return answers
+
+    def _declare(self) -> None:
+        session, keys = self._session, self._keys
+        others = [
+            str(reply.ok.key_expr)
+            for reply in session.liveliness().get(keys.hub("*"), timeout=ASK_S)
+            if reply.ok is not None
+        ]
+        if others:
+            raise ConflictError(
+                f"the fleet {self.fleet} has a hub already, and one may run; stop the other one, or give "
+                "this one another --name"
+            )
+        self._declared = [
+            session.liveliness().declare_token(keys.hub(self.instance)),
+            session.declare_queryable(keys.time, lambda query: query.reply(keys.time, written(self.time()))),
+            session.declare_subscriber(keys.of("*", "*", "state"), self._take_state),
+            session.declare_subscriber(keys.of("*", "*", "event"), self._take_event),
+            session.liveliness().declare_subscriber(keys.alive("*", "*"), self._take_presence, history=True),
+        ]
+
+    def _take_presence(self, sample: zenoh.Sample) -> None:
+        import zenoh
+
+        cell, instance = parts(str(sample.key_expr))
+        here = sample.kind == zenoh.SampleKind.PUT
+        with self._lock:
+            instances = self._instances.setdefault(cell, set())
+            (instances.add if here else instances.discard)(instance)
+            for (name, _), tile in self._tiles.items():
+                if name == cell:
+                    tile.gone_s = None if instances else tile.gone_s or time.monotonic()
+        log.info("the cell %s %s", cell, "is here" if here else "is gone")
+        if here:
+            # Another thread: a callback that waits blocks the session.
+            threading.Thread(target=self._catch_up, args=(cell,), daemon=True).start()
+
+    def _catch_up(self, cell: str) -> None:
+        """Ask a cell for what it told before this hub heard it."""
+        import zenoh
+
+        with contextlib.suppress(zenoh.ZError):
+            for content in payloads(self._session.get(self._keys.of(cell, "*", "state"), timeout=ASK_S)):
+                with contextlib.suppress(InputError):
+                    self._keep(read(RobotState, content))
+            for content in payloads(self._session.get(self._keys.of(cell, "*", "events"), timeout=ASK_S)):
+                if len(content) <= KEPT_EVENTS * MAX_BYTES:
+                    with contextlib.suppress(ValidationError):
+                        for event in _EVENTS.validate_json(content):
+                            self._keep_event(event)
+
+    def _take_state(self, sample: zenoh.Sample) -> None:
+        try:
+            state = read(RobotState, bytes(sample.payload))
+            if (state.cell, state.robot) != parts(str(sample.key_expr)):
+                raise InputError(f"the state of {state.cell}/{state.robot} came as {sample.key_expr}")
+            self._keep(state)
+        except InputError as exc:
+            log.warning("a state is ignored: %s", exc)
+
+    def _keep(self, state: RobotState) -> None:
+        name = state.cell, state.robot
+        with self._lock:
+            if state.instance not in self._instances.get(state.cell, ()):
+                return  # a late message of a cell that is gone, or of a client that is not a cell
+            tile = self._tiles.get(name)
+            if tile is not None:
+                tile.state, tile.heard_s, tile.gone_s = state, time.monotonic(), None
+            elif len(self._tiles) < MAX_ROBOTS:
+                self._tiles[name] = Tile(state, time.monotonic())
+
+    def _take_event(self, sample: zenoh.Sample) -> None:
+        try:
+            self._keep_event(read(RobotEvent, bytes(sample.payload)))
+        except InputError as exc:
+            log.warning("an event is ignored: %s", exc)
+
+    def _keep_event(self, event: RobotEvent) -> None:
+        with self._lock:
+            tile = self._tiles.get((event.cell, event.robot))
+            if tile is not None:
+                tile.events[event.id] = event
+                while len(tile.events) > KEPT_EVENTS:
+                    del tile.events[next(iter(tile.events))]
+
+    def _shown(self, tile: Tile) -> dict[str, Any]:
+        alive = tile.gone_s is None
+        shown = tile.state.model_dump()
+        if not alive:
+            shown["state"] = "gone"
+        return shown | {
+            "alive": alive,
+            "age_s": round(time.monotonic() - tile.heard_s, 2),
+            "used_twice": len(self._instances.get(tile.state.cell, ())) > 1,
+        }
+
+
+def _counts(answers: Iterable[Answer]) -> str:
+    codes = [answer.code for answer in answers]
+    return ", ".join(f"{codes.count(code)} {code}" for code in sorted(set(codes))) or "no robots"

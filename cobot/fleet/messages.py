@@ -1,0 +1,124 @@
+"""The messages of a fleet, as JSON. Each is checked when it arrives: the network may bring anything."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import Field, ValidationError
+
+from cobot.errors import InputError
+from cobot.strict import StrictModel, sentences
+
+MAX_BYTES = 64 * 1024
+"""Maximum size of a message."""
+MAX_LIFETIME_S = 60.0
+"""Maximum time between the issue of a command and its deadline."""
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$")]
+Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{8,64}$")]
+Person = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,64}$")]
+Text = Annotated[str, Field(max_length=2000)]
+Seconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
+StateWord = Literal["ready", "moving", "paused", "stopping", "estop", "fault", "silent"]
+
+
+class RobotState(StrictModel):
+    """The state of one robot of a cell.
+
+    Attributes:
+        instance: a number for each start of the cell's process.
+        state: the state in a word; `silent`: rtloop publishes nothing.
+        configuration: hash of the settings, to find cells that differ.
+        problems: what the service reports as wrong, and why the service does not answer.
+        panel: address of the cell's own panel; "" if it has none.
+    """
+
+    cell: Name
+    robot: Name
+    instance: Id
+    version: Text
+    configuration: Text
+    state: StateWord
+    mode: Text = ""
+    reason: Text = ""
+    backend: Text = ""
+    job: Text = ""
+    program: Text = ""
+    control: Text = ""
+    speed_override: Annotated[float, Field(ge=0.0, le=10.0)] | None = None
+    problems: list[Text] = Field(default_factory=list)
+    panel: Text = ""
+
+
+class RobotEvent(StrictModel):
+    """An event of the cell's service, see docs/events.md."""
+
+    cell: Name
+    robot: Name
+    id: Text
+    time: Text
+    type: Text
+    data: dict[str, Any]
+
+
+class HubTime(StrictModel):
+    """The time of the fleet: a clock that counts from the start of one hub, whatever the time of day.
+
+    Attributes:
+        epoch: the hub's instance. A time of another epoch has no meaning.
+    """
+
+    epoch: Id
+    time_s: Seconds
+
+
+class Command(StrictModel):
+    """A command to a robot, as the payload of a query.
+
+    Attributes:
+        id: the same in each retry, by which the cell recognises it.
+        who: the person or program that the cell's audit names.
+        epoch: of `issued_s` and `expires_s`, see `HubTime`.
+    """
+
+    id: Id
+    action: Literal["stop"]
+    who: Person
+    epoch: Id
+    issued_s: Seconds
+    expires_s: Seconds
+
+
+class Answer(StrictModel):
+    """What became of a command.
+
+    Attributes:
+        code: "ok", or the code of the error, see docs/services.md.
+        repeated: whether it is the answer to an earlier try; nothing was executed again.
+    """
+
+    id: Text
+    cell: Name
+    robot: Name
+    code: Text
+    text: Text
+    repeated: bool = False
+
+
+Model = TypeVar("Model", bound=StrictModel)
+
+
+def read(kind: type[Model], content: bytes) -> Model:
+    """
+    Raises:
+        InputError: the content is not such a message.
+    """
+    if len(content) > MAX_BYTES:
+        raise InputError(f"{kind.__name__}: has {len(content)} bytes, allowed are {MAX_BYTES}")
+    try:
+        return kind.model_validate_json(content)
+    except ValidationError as exc:
+        raise InputError(f"{kind.__name__}: {sentences(exc.errors())}") from exc
+
+
+def written(message: StrictModel) -> bytes:
+    return message.model_dump_json().encode()

@@ -1,0 +1,55 @@
+"""The keys of a fleet on Zenoh.
+
+    cobot/FLEET/CELL/ROBOT/state      the newest state of a robot: published, and the answer to a query
+    cobot/FLEET/CELL/ROBOT/event      an event, when it happens
+    cobot/FLEET/CELL/ROBOT/events     the last events: the answer to a query
+    cobot/FLEET/CELL/ROBOT/stop       a query that stops the robot
+    cobot/FLEET/CELL/INSTANCE         the liveliness token of a cell's process
+    cobot/FLEET/@hub/time             the time of the fleet: the answer to a query
+    cobot/FLEET/@hub/INSTANCE         the liveliness token of a hub
+
+A chunk that begins with @ matches no wildcard, so the hub is never taken for a cell.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+from dataclasses import dataclass
+
+PREFIX = "cobot"
+HUB = "@hub"
+NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_-]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """The keys of one fleet. `*` as the name of a cell or robot means all of them."""
+
+    fleet: str
+
+    def of(self, cell: str, robot: str, last: str) -> str:
+        return f"{PREFIX}/{self.fleet}/{cell}/{robot}/{last}"
+
+    def alive(self, cell: str, instance: str) -> str:
+        """The liveliness token of a cell's process."""
+        return f"{PREFIX}/{self.fleet}/{cell}/{instance}"
+
+    @property
+    def time(self) -> str:
+        return f"{PREFIX}/{self.fleet}/{HUB}/time"
+
+    def hub(self, instance: str) -> str:
+        """The liveliness token of a hub."""
+        return f"{PREFIX}/{self.fleet}/{HUB}/{instance}"
+
+
+def parts(key: str) -> tuple[str, str]:
+    """The cell, and the robot or the instance, in a key."""
+    chunks = key.split("/")
+    return chunks[2], chunks[3]
+
+
+def own_cell_name(given: str | None) -> str:
+    """The name of this cell: the one in the settings, or else the name of this computer."""
+    return given or NOT_IN_NAMES.sub("-", socket.gethostname())[:48].strip("-") or "cell"

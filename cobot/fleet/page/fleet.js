@@ -1,0 +1,173 @@
+// The page of a fleet: a tile per robot, filters, and stops with a confirmation.
+const POLL_MS = 500;
+const TIMEOUT_MS = 4000;
+const STATES = ["ready", "moving", "paused", "stopping", "estop", "fault", "silent", "gone"];
+const FIELDS = ["robot", "mode", "job", "program", "control", "speed_override", "backend", "version", "age"];
+const byId = (id) => document.getElementById(id);
+const words = await (await fetch("page/words.json")).json();
+const tiles = new Map();
+let chosen = new Set();
+let robots = [];
+let language = localStorage.getItem("cobot.language") ?? navigator.language.slice(0, 2);
+if (!(language in words)) language = "en";
+const word = (name) => words[language][name] ?? words.en[name] ?? name;
+
+function translate() {
+  document.documentElement.lang = language;
+  for (const each of document.querySelectorAll("[data-word]")) each.textContent = word(each.dataset.word);
+  byId("language").value = language;
+  tiles.clear();
+  byId("tiles").replaceChildren();
+  byId("filters").replaceChildren(...STATES.map(filterOf));
+  draw();
+}
+
+function filterOf(state) {
+  const button = document.createElement("button");
+  button.type = "button";
+  button.dataset.filter = state;
+  button.setAttribute("aria-pressed", chosen.has(state));
+  button.onclick = () => {
+    chosen.has(state) ? chosen.delete(state) : chosen.add(state);
+    button.setAttribute("aria-pressed", chosen.has(state));
+    draw();
+  };
+  return button;
+}
+
+function element(name, attributes = {}, text = "") {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.textContent = text;
+  return made;
+}
+
+function tileOf(robot) {
+  const tile = element("article");
+  const head = element("div", { class: "head" });
+  head.append(element("h2", {}, robot.cell), element("span", { class: "state" }));
+  const list = element("dl");
+  for (const field of FIELDS) list.append(element("dt", {}, word(field)), element("dd", { "data-field": field }));
+  const foot = element("div", { class: "foot" });
+  const link = element("a", { target: "_blank", rel: "noopener noreferrer" }, word("panel"));
+  const stop = element("button", { type: "button", class: "stop" }, word("stop"));
+  stop.setAttribute("aria-label", `${word("stop")} ${robot.cell} ${robot.robot}`);
+  stop.onclick = () => ask(word("stop_one").replace("{name}", `${robot.cell} / ${robot.robot}`),
+    `cells/${encodeURIComponent(robot.cell)}/robots/${encodeURIComponent(robot.robot)}/stop`);
+  foot.append(link, stop);
+  tile.append(head, list, element("p", { class: "faults" }), foot);
+  return tile;
+}
+
+function valueOf(robot, field) {
+  if (field === "age") return `${robot.age_s.toFixed(robot.age_s < 10 ? 1 : 0)} s`;
+  if (field === "speed_override") return robot.speed_override === null ? "" : `${Math.round(robot.speed_override * 100)} %`;
+  return robot[field];
+}
+
+function faultsOf(robot) {
+  const found = robot.used_twice ? [word("used_twice")] : [];
+  if (robot.reason && ["estop", "fault", "silent"].includes(robot.state)) found.push(robot.reason);
+  return [...found, ...robot.problems].join("\n");
+}
+
+function fill(tile, robot) {
+  tile.dataset.state = robot.state;
+  tile.querySelector(".state").textContent = word(robot.state);
+  for (const each of tile.querySelectorAll("dd")) {
+    const value = valueOf(robot, each.dataset.field) || "–";
+    if (each.textContent !== value) each.textContent = value;
+  }
+  const faults = tile.querySelector(".faults");
+  faults.textContent = faultsOf(robot);
+  faults.hidden = !faults.textContent;
+  const link = tile.querySelector("a");
+  link.hidden = !/^https?:\/\//.test(robot.panel);
+  if (!link.hidden) link.href = robot.panel;
+}
+
+function draw() {
+  const wanted = byId("find").value.trim().toLowerCase();
+  const shown = robots.filter((robot) => (!chosen.size || chosen.has(robot.state))
+    && (!wanted || `${robot.cell} ${robot.robot} ${robot.program} ${robot.job}`.toLowerCase().includes(wanted)));
+  const names = new Set(shown.map((robot) => `${robot.cell}/${robot.robot}`));
+  for (const [name, tile] of tiles) if (!names.has(name)) { tile.remove(); tiles.delete(name); }
+  shown.forEach((robot, place) => {
+    const name = `${robot.cell}/${robot.robot}`;
+    const tile = tiles.get(name) ?? tileOf(robot);
+    tiles.set(name, tile);
+    fill(tile, robot);
+    const main = byId("tiles");
+    if (main.children[place] !== tile) main.insertBefore(tile, main.children[place] ?? null);
+  });
+  for (const button of byId("filters").children) {
+    const count = robots.filter((robot) => robot.state === button.dataset.filter).length;
+    button.textContent = `${word(button.dataset.filter)} ${count}`;
+    button.hidden = !count && !chosen.has(button.dataset.filter);
+  }
+  byId("empty").hidden = robots.length > 0;
+}
+
+function tellConnection(text, bad) {
+  byId("connection").textContent = text;
+  byId("connection").toggleAttribute("data-bad", bad);
+}
+
+async function poll() {
+  try {
+    const response = await fetch("cells", { signal: AbortSignal.timeout(TIMEOUT_MS) });
+    if (!response.ok) throw new Error(response.statusText);
+    const answer = await response.json();
+    robots = answer.robots;
+    byId("fleet").textContent = answer.fleet;
+    document.title = `${answer.fleet} – cobot`;
+    tellConnection(`${robots.filter((robot) => robot.alive).length} / ${robots.length} ${word("connected")}`, false);
+  } catch {
+    tellConnection(word("no_hub"), true);
+  }
+  draw();
+  setTimeout(poll, POLL_MS);
+}
+
+function ask(question, path) {
+  byId("question").textContent = question;
+  byId("sure").onclick = () => { byId("confirm").close(); stop(path); };
+  byId("confirm").showModal();
+  byId("sure").focus();
+}
+
+async function stop(path) {
+  const id = crypto.randomUUID?.() ?? `${Date.now()}-${Math.random().toString(16).slice(2)}`;
+  tell(word("stopping_now"), false);
+  try {
+    const response = await fetch(path, {
+      method: "POST", headers: { "Content-Type": "application/json", "X-Client-Name": "panel" }, body: JSON.stringify({ id }),
+    });
+    const answer = await response.json();
+    if (!response.ok) throw new Error(answer.detail);
+    const bad = answer.robots.filter((robot) => robot.code !== "ok");
+    const lines = bad.map((robot) => `${robot.cell} / ${robot.robot}: ${robot.text}`);
+    tell([word(bad.length || !answer.robots.length ? "not_all_stopped" : "all_stopped"), ...lines].join("\n"),
+      bad.length > 0 || !answer.robots.length);
+  } catch (error) {
+    tell(`${word("not_all_stopped")}\n${error.message}`, true);
+  }
+}
+
+function tell(text, bad) {
+  const result = byId("result");
+  result.textContent = text;
+  result.toggleAttribute("data-bad", bad);
+  result.hidden = false;
+}
+
+byId("stop-all").onclick = () => ask(word("stop_all_question").replace("{count}", robots.length), "stop");
+byId("cancel").onclick = () => byId("confirm").close();
+byId("find").oninput = draw;
+byId("language").onchange = (event) => {
+  language = event.target.value;
+  localStorage.setItem("cobot.language", language);
+  translate();
+};
+translate();
+poll();
