@@ -24,7 +24,7 @@ from typing import Any
 import httpx
 import pytest
 from chromium import Page, browsing
-from cobot_run import Run, answering, until
+from cobot_run import Run, again, answering, until
 from tcp_proxy import TcpProxy
 
 from cobot.fleet.__main__ import main
@@ -172,14 +172,26 @@ def stops_in_audit(run: Run, who: str) -> list[dict[str, Any]]:
 
 def begin_motion(run: Run) -> str:
     """A slow motion of many seconds: its job."""
-    joints = run.joints()
-    joints[0] += 1.2 if joints[0] < 0.0 else -1.2
-    body = {"joints": joints, "speed": 0.02}
-    answer = httpx.post(f"{run.url}/robot/move/joints", params={"wait": False}, json=body, timeout=60.0)
-    assert answer.status_code in (200, 202), answer.text
-    job = answer.json()["id"]
-    run.until(lambda: job_state(run, job) == "running")
-    return str(job)
+    jobs: list[str] = []
+
+    def attempt() -> tuple[bool, str]:
+        joints = run.joints()
+        joints[0] += 1.2 if joints[0] < 0.0 else -1.2
+        body = {"joints": joints, "speed": 0.02}
+        answer = httpx.post(f"{run.url}/robot/move/joints", params={"wait": False}, json=body, timeout=60.0)
+        assert answer.status_code in (200, 202), answer.text
+        jobs.append(str(answer.json()["id"]))
+        run.until(lambda: job_state(run, jobs[-1]) not in ("queued", "planning"))
+        told = httpx.get(f"{run.url}/jobs/{jobs[-1]}")
+        return told.json()["state"] == "running", told.text
+
+    again(attempt)
+    return jobs[-1]
+
+
+def require_stopped(run: Run, job: str) -> None:
+    run.until(lambda: job_state(run, job) != "running")
+    assert job_state(run, job) == "cancelled", httpx.get(f"{run.url}/jobs/{job}").text
 
 
 def job_state(run: Run, job: str) -> str:
@@ -224,7 +236,7 @@ def test_a_moving_arm_is_published_and_stopped_and_the_audit_says_by_whom(hub: H
     answer = hub.stop("/cells/one/stop")
     assert answer["at_rest"]
     assert [each["code"] for each in answer["robots"]] == ["ok"]
-    cell.until(lambda: job_state(cell, job) == "cancelled")
+    require_stopped(cell, job)
     (entry,) = until(lambda: stops_in_audit(cell, '"ada"'))
     assert (entry["what"], entry["outcome"]) == (AUDITED.format(cell.name), "ok")
     assert entry["details"]["command"] == answer["robots"][0]["id"]
@@ -291,7 +303,7 @@ def test_a_cut_connection_stops_nothing_and_the_hub_says_what_it_does_not_know(
     # Both cells have the same arm: one command, an answer of each.
     answer = hub.stop("/stop")
     assert [(each["cell"], each["code"]) for each in answer["robots"]] == [("one", "ok"), ("two", "ok")]
-    cell.until(lambda: job_state(cell, job) == "cancelled")
+    require_stopped(cell, job)
 
 
 def test_a_cell_that_is_to_stop_without_the_hub_stops_once(
@@ -301,7 +313,7 @@ def test_a_cell_that_is_to_stop_without_the_hub_stops_once(
     hub.until_state("three", "ready")
     job = begin_motion(cell)
     three.proxy.cut()
-    cell.until(lambda: job_state(cell, job) == "cancelled")
+    require_stopped(cell, job)
     audit = three.folder / "logs" / f"{cell.name}.audit.jsonl"
     (line,) = until(lambda: audit.exists() and audit.read_text(encoding="utf-8").splitlines())
     assert json.loads(line)["who"] == "cobot"
@@ -360,7 +372,7 @@ def test_a_killed_hub_stops_nothing_and_its_successor_knows_all(hub: Hub, cell: 
     known = until(lambda: httpx.get(f"{hub.url}/cells/one/events").json()["events"])
     assert {event["id"] for event in events[-20:]} <= {event["id"] for event in known}
     assert hub.stop("/stop")["at_rest"]
-    cell.until(lambda: job_state(cell, job) == "cancelled")
+    require_stopped(cell, job)
 
 
 def test_two_hubs_are_an_error_of_the_second(hub: Hub, fleet: Any) -> None:
@@ -464,7 +476,7 @@ def test_the_page_shows_a_tile_and_stops_after_a_confirmation(hub: Hub, cell: Ru
         assert job_state(cell, job) == "running"
         page.click("article .stop")
         page.click("#sure")
-        cell.until(lambda: job_state(cell, job) == "cancelled")
+        require_stopped(cell, job)
         wait_on(page, "document.querySelector('#result').textContent.includes('at rest')")
         for language in ("de", "zh"):
             page.set_to("#language", language)
