@@ -94,7 +94,7 @@ class Trajectory:
         self._require_continuity()
 
     def _require_continuity(self) -> None:
-        gaps, amounts = jumps(self.coefficients, self._durations())
+        gaps, amounts = jumps(self.coefficients, np.diff(self.breakpoints_s))
         too_far = gaps > ALLOWED_JUMPS[:, None, None] * (1.0 + amounts)
         if too_far.any():
             order, segment, joint = np.argwhere(too_far)[0]
@@ -160,7 +160,7 @@ class Trajectory:
     def excesses(self, derivative: int, low: Array, high: Array) -> tuple[Integers, Integers, Array]:
         """All segments, joints and values, shape (m,) each, whose extremum leaves [low, high]."""
         rows = self.coefficients[:, :, derivative:] * FACTORS[derivative, derivative:]
-        hull = control_points(rows, self._durations())
+        hull = control_points(rows, np.diff(self.breakpoints_s))
         segments, joints = np.nonzero((hull.min(axis=1) < low) | (hull.max(axis=1) > high))
         if len(segments) == 0:
             return segments, joints, np.empty(0)
@@ -186,13 +186,11 @@ class Trajectory:
             self.changes if other.changes == UNCHANGED else other.changes,
         )
 
-    def _durations(self) -> Array:
-        return np.diff(self.breakpoints_s)
-
     def _unit_polynomials(self, derivative: int) -> Array:
         """Coefficients (n, dof, 6 − derivative) of a derivative, in time scaled to [0, 1] per segment."""
         rows = self.coefficients[:, :, derivative:] * FACTORS[derivative, derivative:]
-        return np.asarray(rows * self._durations()[:, None, None] ** np.arange(ORDER - derivative))
+        durations = np.diff(self.breakpoints_s)
+        return np.asarray(rows * durations[:, None, None] ** np.arange(ORDER - derivative))
 
 
 def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerations: Array) -> Trajectory:

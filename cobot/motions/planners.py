@@ -69,11 +69,6 @@ class PlannerTraits:
         """Whether the request gives the path of the TCP. Its goal is then a pose, never joint angles."""
         return self.way is Way.PATH
 
-    @property
-    def searches(self) -> bool:
-        """Whether it finds a way around obstacles."""
-        return self.way is Way.SEARCH
-
 
 TCP_PATH = frozenset({"tcp_speed", "cyclic", "end_joints"})
 """The fields that each planner of a path of the TCP uses."""

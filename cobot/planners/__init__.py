@@ -44,7 +44,7 @@ def function_of(planner: PlannerName) -> Callable[..., Any]:
 
 
 for _name, _traits in PLANNERS.items():
-    if not _traits.searches:  # planners that search import OMPL or scipy, when they are used
+    if _traits.way is not Way.SEARCH:  # planners that search import OMPL or scipy, when they are used
         function_of(_name)
 
 
@@ -65,18 +65,14 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     if request.end_joints is not None:
         check_positions(robot.limits, request.end_joints, "end_joints: the angle", 1.0)
     with advising_units(robot.model, request):
-        return _plan(robot, request)
-
-
-def _plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    if not request.traits.searches:
-        robot.collision.check_position(request.start, "the start", 0.0)
-        return _direct(robot, request)
-    first = leave(robot, request)
-    if first is None:
-        return _search(robot, request)
-    rest = _search(robot, replace(_after(robot, request, first), start=first.end))
-    return first if rest is None else first.followed_by(rest)
+        if request.traits.way is not Way.SEARCH:
+            robot.collision.check_position(request.start, "the start", 0.0)
+            return _direct(robot, request)
+        first = leave(robot, request)
+        if first is None:
+            return _search(robot, request)
+        rest = _search(robot, replace(_after(robot, request, first), start=first.end))
+        return first if rest is None else first.followed_by(rest)
 
 
 def _after(robot: RobotDescription, request: MotionRequest, first: Trajectory) -> MotionRequest:

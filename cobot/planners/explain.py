@@ -213,7 +213,7 @@ def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Id
     for goal, says in _near_goals(robot, request):
         if not request.traits.follows_path:
             yield Idea("goal", {"goal": goal}, f"to the nearest goal that is possible, {says}")
-        if not request.traits.searches:
+        if request.traits.way is not Way.SEARCH:
             change = {"goal": goal, **_searching(request, PlannerName.AUTO)}
             yield Idea("goal", change, f"to the nearest goal that is possible, {says}, with planner auto")
 

@@ -53,28 +53,25 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Mot
         LimitError: joint angles beyond the limits.
         NotSupportedError, UnavailableError: see `signals_of`.
     """
-    found = _goal_of(body, services, checked)
-    signals = signals_of(body, found.scaling, services)
-    return replace(found, signals=signals) if signals else found
-
-
-def _goal_of(body: AnyMotion, services: Services, checked: bool) -> MotionRequest:
     goals, constraints = services.goals, constraints_of(body.constraints, services.robot.limits)
     if isinstance(body, MoveArc):
-        return goals.pose(_arc_by_angle(body, constraints), body.frame_id)
-    if isinstance(body, MovePose):
-        return goals.pose(_to_pose(body, constraints), body.frame_id)
-    joints = goals.named(body.name) if isinstance(body, MoveNamed) else np.array(body.joints)
-    goals.require_joints(joints, checked=checked)
-    return MotionRequest(
-        NO_START,
-        joints,
-        PlannerName(body.planner),
-        Scaling(body.speed, body.accel_scale),
-        algorithm=body.algorithm,
-        synchronization=Synchronization(body.synchronization),
-        constraints=constraints,
-    )
+        found = goals.pose(_arc_by_angle(body, constraints), body.frame_id)
+    elif isinstance(body, MovePose):
+        found = goals.pose(_to_pose(body, constraints), body.frame_id)
+    else:
+        joints = goals.named(body.name) if isinstance(body, MoveNamed) else np.array(body.joints)
+        goals.require_joints(joints, checked=checked)
+        found = MotionRequest(
+            NO_START,
+            joints,
+            PlannerName(body.planner),
+            Scaling(body.speed, body.accel_scale),
+            algorithm=body.algorithm,
+            synchronization=Synchronization(body.synchronization),
+            constraints=constraints,
+        )
+    signals = signals_of(body, found.scaling, services)
+    return replace(found, signals=signals) if signals else found
 
 
 def _arc_by_angle(body: MoveArc, constraints: Constraints | None) -> MotionRequest:

@@ -141,7 +141,11 @@ class Events:
         """
         if kind not in TYPES:
             raise KeyError(kind)
-        held_back = self._throttle(kind, robot).passes()
+        throttle = self._throttles.get((kind, robot))
+        if throttle is None:
+            bounds = (LOG_BURST, LOG_PER_S) if kind in SAID_OF_CLIENTS else (BURST, PER_S)
+            throttle = self._throttles[kind, robot] = Throttle(*bounds, self._clock.now_s)
+        held_back = throttle.passes()
         if held_back is None:
             return
         if held_back:
@@ -204,13 +208,6 @@ class Events:
     def of(self, robot: str) -> RobotEvents:
         """Those of one robot."""
         return RobotEvents(self, robot)
-
-    def _throttle(self, kind: str, robot: str) -> Throttle:
-        found = self._throttles.get((kind, robot))
-        if found is None:
-            bounds = (LOG_BURST, LOG_PER_S) if kind in SAID_OF_CLIENTS else (BURST, PER_S)
-            found = self._throttles[kind, robot] = Throttle(*bounds, self._clock.now_s)
-        return found
 
 
 @dataclass(frozen=True, slots=True)

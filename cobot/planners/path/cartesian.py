@@ -54,15 +54,17 @@ def follow(
     if path.length_m < STANDING_M and path.angle_rad < STANDING_RAD:
         return None
     path = replace(path, free=request.free_axes)
-    tcp = tcp_limits(robot, request)
+    joint_limits, tcp = request.scaled_limits(robot), tcp_limits(robot, request)
     _require_reach(robot, path, request.start)
     simple, reason = continued(robot, request.start, path, end)
-    if simple is not None and _stands(simple):
-        return None
+    if simple is not None:
+        places = simple.at(np.linspace(0.0, simple.length, PLACES))
+        if is_there(places[0], places):  # the TCP only turns about free axes or by a negligible angle
+            return None
     motion = None
     if simple is not None and _is_free(robot, simple):
         try:
-            motion = _time_path(robot, request, simple, tcp)
+            motion = time_optimal(robot, simple, joint_limits, tcp).trajectory
         except (PlanningError, InputError) as exc:
             reason = exc
     if motion is not None and motion.duration_s <= SLOW * _shortest_s(path, tcp):
@@ -70,20 +72,14 @@ def follow(
     meshes = len(MESHES) if motion is None else 1
     other, reached = _plan_redundancy(robot, request.start, path, meshes, end)
     if other is not None:
-        motions = [_time_path(robot, request, other, tcp), *([] if motion is None else [motion])]
-        return min(motions, key=lambda one: one.duration_s)
-    if motion is None and simple is not None:
-        return _time_path(robot, request, simple, tcp)  # the final check reports what it touches
+        motions = [time_optimal(robot, other, joint_limits, tcp).trajectory]
+        return min([*motions, *([] if motion is None else [motion])], key=lambda one: one.duration_s)
+    if motion is None and simple is not None:  # the final check reports what it touches
+        return time_optimal(robot, simple, joint_limits, tcp).trajectory
     if motion is None:
         assert reason is not None
         raise _unreachable(robot.model.kinematics(path.free), reason, reached, end)
     return motion
-
-
-def _stands(joint_path: Path) -> bool:
-    """Whether no joint needs to move, because the TCP only turns about free axes or by a negligible angle."""
-    places = joint_path.at(np.linspace(0.0, joint_path.length, PLACES))
-    return is_there(places[0], places)
 
 
 def _unreachable(arm: Arm, reason: CobotError, reached: float, end: Array | None) -> UnreachableError:
@@ -102,12 +98,6 @@ def _unreachable(arm: Arm, reason: CobotError, reached: float, end: Array | None
         more += ", with the required joint angles at its end"
     findings = [*reason.findings, Finding("redundancy", "share of the path", reached, 1.0, "", reached)]
     return UnreachableError(f"{reason}; {more}", findings=findings)
-
-
-def _time_path(
-    robot: RobotDescription, request: MotionRequest, joint_path: Path, tcp: CartesianLimits
-) -> Trajectory:
-    return time_optimal(robot, joint_path, request.scaled_limits(robot), tcp).trajectory
 
 
 def tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimits:

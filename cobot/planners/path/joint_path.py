@@ -27,6 +27,8 @@ AT_ENDS = np.array([0.03, 0.08, 0.15])
 spline overshoots first."""
 EVEN_STEP_RAD = 0.25
 """If the joints turn further than this between even places, the parameter is the joints' distance instead."""
+EVEN_SHARE = 1e-9
+"""Maximum difference between the steps of places that count as even, as a share of the path."""
 MAX_STEP_RAD = 0.12
 THIN = 0.4
 """Minimum distance between places, as a share of their mean distance or of `MAX_STEP_RAD`."""
@@ -56,7 +58,11 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
     Raises:
         UnreachableError: the joints jump, a place has no joint angles, or `MAX_PLACES` are not enough.
     """
-    if len(rows) > 1 and np.abs(np.diff(rows, axis=0)).max() <= EVEN_STEP_RAD and _is_even(shares):
+    if (
+        len(rows) > 1
+        and np.abs(np.diff(rows, axis=0)).max() <= EVEN_STEP_RAD
+        and np.ptp(np.diff(shares)) < EVEN_SHARE
+    ):
         joint_path = Path.through_even(rows)
         if not _find_spoiled(robot, path, joint_path, shares, shares, rows[0]).any():
             return joint_path
@@ -106,11 +112,6 @@ def _inaccurate(path: TcpPath) -> UnreachableError:
         f"{path.name}: the joints cannot follow the path accurately",
         findings=[Finding("path", "places needed, more than", most, most, "")],
     )
-
-
-def _is_even(shares: Array) -> bool:
-    steps = shares[1:] - shares[:-1]
-    return bool(steps.max() - steps.min() < 1e-9)
 
 
 def _refine_jumps(

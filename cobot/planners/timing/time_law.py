@@ -249,7 +249,10 @@ class _Problem:
         first, second, _ = chained(self._at_knots[1:], self._knots)
         first[[0, -1]] = second[[0, -1]] = 0.0  # exactly at rest, despite rounding
         coefficients = hermite(times, *states(self._at_knots[0], first, second, squares, slopes))
-        used = self._used(times, coefficients)
+        limits = (self._limits.max_velocity, self._limits.max_acceleration, self._limits.max_jerk)
+        bounds = np.array(limits)[:, None] * self._shares[:, :, : self._path.dof]
+        # Used share of each limit in each cell: exact above 1, otherwise an upper bound.
+        used = np.asarray(greatest_rates(coefficients, np.diff(times), bounds) / bounds)
         stretched = max(float((used.max(axis=(1, 2)) ** (1.0 / np.arange(1, 4))).max()), 1.0)
         if stretched > TIGHT:  # tighten the limits of cells whose true extrema exceed them
             self._tightened[:, :, : self._path.dof] /= np.maximum(used[1:], 1.0)
@@ -259,13 +262,6 @@ class _Problem:
         squares, slopes = squares / stretched**2, slopes / stretched**2
         progress = partial(motion, times * stretched, place, rates[0], rates[1], squares, slopes)
         return Timed(kept, progress, stretched)
-
-    def _used(self, times: Array, coefficients: Array) -> Array:
-        """Used share of the velocity, acceleration and jerk limits in each cell, shape (3, cells, dof): exact
-        above 1, otherwise an upper bound."""
-        limits = (self._limits.max_velocity, self._limits.max_acceleration, self._limits.max_jerk)
-        bounds = np.array(limits)[:, None] * self._shares[:, :, : self._path.dof]
-        return np.asarray(greatest_rates(coefficients, np.diff(times), bounds) / bounds)
 
 
 @lru_cache(maxsize=32)

@@ -84,7 +84,9 @@ def test_fields_that_exclude_each_other_are_rejected_together() -> None:
     ):
         with pytest.raises(InputError, match=message):
             request(PlannerName.CIRC, **change)
-    with pytest.raises(InputError, match=r"^constraints: of ompl's planners RRTConnect alone"):
+    with pytest.raises(
+        InputError, match=r"^constraints: RRTstar does not support them; use algorithm RRTConnect"
+    ):
         request(PlannerName.OMPL, algorithm="RRTstar", constraints=Constraints())
 
 
