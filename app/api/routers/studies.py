@@ -13,7 +13,7 @@ from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.paging import After, Limit, page_of
 from app.api.route import EndpointRouter
-from app.services.programs.studies import MAP, TABLES, StudyStatus
+from app.services.programs.study_files import MAP, TABLES, StudyStatus
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.errors import InputError

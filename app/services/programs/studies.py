@@ -11,15 +11,12 @@ import contextlib
 import json
 import logging
 import os
-import re
-import shutil
-import signal
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
+from app.services.programs.study_files import MAP, StudyFiles, StudyStatus
+from app.services.programs.study_run import StudyRun
 from app.services.rights.job import Job, JobKind
 from app.services.rights.ownership import Ownership
 from cobot.cell.surroundings import tool_file
@@ -28,17 +25,13 @@ from cobot.errors import (
     CobotError,
     ConflictError,
     ExecutionError,
-    InputError,
-    LimitError,
     MotionStopped,
     NotFoundError,
-    NotSupportedError,
     UnavailableError,
 )
-from cobot.launch.process import RUN_MODULE, Niceness
+from cobot.launch.process import Niceness
 from cobot.logs.lines import printable
-from cobot.robot.kept import keep, read_kept, size_of
-from cobot.strict import shown
+from cobot.robot.kept import read_kept
 
 MAX_STUDIES = 30
 MAX_TASKS = 300_000
@@ -48,82 +41,10 @@ MIN_BYTES = 10_000_000
 """Free part of this size that a study needs at its start, in bytes."""
 MAX_STARTS = 3
 """Number of times that the process of a study is started, if it is killed."""
-LINE_BYTES = 4_000_000
 END_S = 5.0
 """Timeout for a cancelled study to write its partial answer, in seconds."""
 ENDED = "the service ended meanwhile"
-STATUS, MAP = "status.json", "map.json"
-TABLES = ("results.parquet", "results.sqlite")
-PROCESS = "cobot.studies.served"
-ID_PATTERN = r"^[0-9a-f]{12}$"
-_ID = re.compile(ID_PATTERN)
-_ERRORS: dict[str, type[CobotError]] = {
-    kind.code: kind
-    for kind in (
-        ConflictError,
-        InputError,
-        LimitError,
-        NotSupportedError,
-        UnavailableError,
-    )
-}
-"""Errors of the process by their codes. Any other one means that the study does not fit the robot."""
 log = logging.getLogger("cobot.studies")
-
-
-@dataclass(frozen=True, slots=True)
-class StudyStatus:
-    """How a study stands.
-
-    Attributes:
-        state: running, finished, partial (it can be continued), or failed.
-        reason: why it is not finished; "" while it runs or once it is.
-        answer: from the results so far, by names for people.
-        left_s: estimated remaining time; None while it is unknown.
-        placement: of a study of placements, the best base and TCP: poses x, y, z, w, x, y, z.
-        maps: whether it has a map.
-        job: of its last run.
-    """
-
-    id: str
-    question: str
-    kind: str
-    document: dict[str, Any]
-    owner: str
-    started_at: str
-    state: str = "running"
-    reason: str = ""
-    tasks: int = 0
-    done: int = 0
-    rate_hz: float = 0.0
-    left_s: float | None = None
-    answer: dict[str, Any] = field(default_factory=dict)
-    placement: dict[str, list[float]] | None = None
-    maps: bool = False
-    job: str = ""
-
-
-_STATUS = TypeAdapter(StudyStatus)
-
-
-@dataclass(eq=False, slots=True)
-class _Run:
-    """A study that runs.
-
-    Attributes:
-        known: set once its folder is known, or it has failed before and the next study may start.
-        error: why it has failed.
-        cancelled: why it is cancelled.
-    """
-
-    request: dict[str, Any]
-    status: StudyStatus
-    job: Job
-    known: asyncio.Event = field(default_factory=asyncio.Event)
-    error: CobotError | None = None
-    ended: bool = False
-    cancelled: MotionStopped | None = None
-    process: asyncio.subprocess.Process | None = None
 
 
 class StudyService:
@@ -144,9 +65,9 @@ class StudyService:
         self._config = config
         self._ownership = ownership
         self._turn = turn
-        self._run: _Run | None = None
+        self._run: StudyRun | None = None
         self._task: asyncio.Task[None] | None = None
-        self.folder = settings.studies_folder
+        self.files = StudyFiles(settings.studies_folder)
         self.niceness = Niceness.STUDY
 
     async def start(
@@ -176,7 +97,7 @@ class StudyService:
         job = self._ownership.new_job(JobKind.STUDY, question)
         began = job.record().created_at.isoformat()
         status = StudyStatus("", question, str(document["kind"]), document, job.owner, began, job=job.id)
-        run = self._run = _Run(request, status, job)
+        run = self._run = StudyRun(request, status, job)
         job.begin(self._ownership.speed_override)
         job.start()
         self._task = asyncio.create_task(self._follow(run), name="study")
@@ -184,7 +105,7 @@ class StudyService:
             await asyncio.wait_for(run.known.wait(), timeout_s)
         except TimeoutError:
             run.error = UnavailableError(f"the study did not begin within {timeout_s:g} s; try again later")
-            _kill(run)
+            run.kill()
             raise run.error from None
         if run.error is not None and not run.status.id:
             raise run.error
@@ -192,7 +113,7 @@ class StudyService:
 
     async def all(self) -> list[StudyStatus]:
         """All studies, the newest first."""
-        found = await asyncio.to_thread(self._all)
+        found = await asyncio.to_thread(self.files.all)
         return [self._with_run(each) for each in found]
 
     async def read(self, study: str) -> StudyStatus:
@@ -201,7 +122,7 @@ class StudyService:
         Raises:
             NotFoundError: there is none of this id.
         """
-        return self._with_run(await asyncio.to_thread(self._read, study))
+        return self._with_run(await asyncio.to_thread(self.files.read, study))
 
     async def file(self, study: str, *names: str) -> Path:
         """The first of these files that the study has.
@@ -211,7 +132,7 @@ class StudyService:
         """
         status = await self.read(study)
         for name in names:
-            if (path := self.folder / status.id / name).is_file():
+            if (path := self.files.folder / status.id / name).is_file():
                 return path
         raise NotFoundError(
             f"study {study} has no such results yet: {status.done} of {status.tasks} tasks are done"
@@ -227,10 +148,7 @@ class StudyService:
         """
         if (await self.read(study)).state == "running":
             raise ConflictError(f"study {study} is running: cancel its job first")
-        try:
-            await asyncio.to_thread(shutil.rmtree, self.folder / study)
-        except OSError as exc:
-            raise UnavailableError(f"study {study} cannot be deleted: {exc.strerror}") from exc
+        await asyncio.to_thread(self.files.delete, study)
 
     def cancel(self, job: Job, cause: MotionStopped) -> bool:
         """End the study of this job with a partial answer; whether it is the job of one."""
@@ -241,13 +159,13 @@ class StudyService:
         if run.process is not None:
             with contextlib.suppress(ProcessLookupError):
                 run.process.terminate()
-            asyncio.get_running_loop().call_later(END_S, _kill, run)
+            asyncio.get_running_loop().call_later(END_S, run.kill)
         return True
 
     async def close(self) -> None:
         """End the running study at once; it can be continued later."""
         if self._run is not None:
-            _kill(self._run)
+            self._run.kill()
         if self._task is not None:
             self._task.cancel()
             await asyncio.wait({self._task})
@@ -255,7 +173,7 @@ class StudyService:
     def _request(
         self, document: dict[str, Any], stored: tuple[str, str] | None, max_s: float
     ) -> dict[str, Any]:
-        used = size_of(self.folder)
+        used = self.files.total_bytes
         if used > MAX_TOTAL_BYTES - MIN_BYTES:
             raise ConflictError(
                 f"studies take {used} bytes, {MAX_TOTAL_BYTES} are allowed; delete some: DELETE /studies/ID"
@@ -268,25 +186,25 @@ class StudyService:
             "parent": os.getpid(),
             "document": document,
             "stored": stored,
-            "base": str(self.folder),
+            "base": str(self.files.folder),
             "copies": copies,
             "settings": None if self._config is None else str(self._config),
             "robot": self._settings.robot.name,
             "map": MAP,
             "niceness": self.niceness,
             "workers": max(1, len(os.sched_getaffinity(0)) - 1),
-            "may_create": len(self._ids()) < MAX_STUDIES,
+            "may_create": len(self.files.ids()) < MAX_STUDIES,
             "max_tasks": MAX_TASKS,
             "max_bytes": MAX_TOTAL_BYTES - used,
             "max_s": max_s,
         }
 
-    async def _follow(self, run: _Run) -> None:
+    async def _follow(self, run: StudyRun) -> None:
         """Compute a study to its end, also if its process is killed."""
         error: BaseException | None = None
         try:
             for _ in range(MAX_STARTS):
-                await self._compute(run)
+                await run.compute(self._keep)
                 if run.ended or run.error is not None or run.cancelled is not None:
                     break
             else:
@@ -303,7 +221,7 @@ class StudyService:
             )
         except BaseException as exc:
             error = exc
-            _kill(run)
+            run.kill()
             raise
         finally:
             try:
@@ -314,7 +232,7 @@ class StudyService:
             self._ownership.end(run.job, error, stopped=error is not None and error is run.cancelled)
             run.known.set()
 
-    async def _settle(self, run: _Run, error: BaseException | None) -> None:
+    async def _settle(self, run: StudyRun, error: BaseException | None) -> None:
         """Keep how the study has ended."""
         status = run.status
         if not status.id:
@@ -330,69 +248,10 @@ class StudyService:
         await self._keep(run.status)
 
     async def _keep(self, status: StudyStatus) -> None:
-        content = _STATUS.dump_json(status)
         try:
-            await asyncio.to_thread(keep, self.folder / status.id / STATUS, content, "the study")
+            await asyncio.to_thread(self.files.keep, status)
         except UnavailableError as exc:
             log.error("%s", exc)
-
-    async def _compute(self, run: _Run) -> None:
-        """Start the process of a study, and follow it to its end."""
-        run.process = await asyncio.create_subprocess_exec(
-            *RUN_MODULE,
-            PROCESS,
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            start_new_session=True,
-            limit=LINE_BYTES,
-        )
-        assert run.process.stdin is not None
-        assert run.process.stdout is not None
-        try:
-            if run.cancelled is not None or run.error is not None:  # while the process was being started
-                return
-            with contextlib.suppress(ConnectionError):
-                run.process.stdin.write(json.dumps(run.request).encode())
-                await run.process.stdin.drain()
-                run.process.stdin.close()
-            while (line := await run.process.stdout.readline()) and await self._take(run, json.loads(line)):
-                pass
-        except ValueError:  # an answer beyond LINE_BYTES, or the last line of a killed process
-            run.error = run.error or ExecutionError("the answer of the study is too large, or was cut")
-        finally:
-            _kill(run)
-            await run.process.wait()
-
-    async def _take(self, run: _Run, line: dict[str, Any]) -> bool:
-        """A line of the process, see `cobot.studies.served`; whether more may follow."""
-        status = run.status
-        if (error := line.get("error")) is not None:
-            kind = _ERRORS.get(error["code"], ExecutionError if status.id else InputError)
-            run.error = kind(error["detail"])
-        elif (end := line.get("end")) is not None:
-            whole = end["done"] == end["tasks"]
-            reason = "" if whole else end["reason"] or "cancelled"
-            run.ended = True
-            run.status = replace(
-                status,
-                state="finished" if whole else "partial",
-                reason=reason,
-                answer=end["answer"],
-                done=end["done"],
-                placement=end["placement"],
-            )
-        else:
-            known = {
-                name: line[name]
-                for name in ("id", "tasks", "done", "rate_hz", "left_s", "answer", "maps")
-                if name in line
-            }
-            run.status = replace(status, **known)
-            if "id" in line:
-                await self._keep(run.status)
-                run.known.set()
-        run.job.at_waypoint(run.status.done, run.status.tasks)
-        return error is None
 
     def _with_run(self, status: StudyStatus) -> StudyStatus:
         """A study as it is now: what the file says of a running one is old.
@@ -405,32 +264,3 @@ class StudyService:
         if status.state == "running":
             return replace(status, state="partial", reason=ENDED, rate_hz=0.0, left_s=None)
         return status
-
-    def _ids(self) -> list[str]:
-        with contextlib.suppress(FileNotFoundError):
-            return [path.name for path in self.folder.iterdir() if _ID.fullmatch(path.name)]
-        return []
-
-    def _all(self) -> list[StudyStatus]:
-        found = []
-        for study in self._ids():
-            try:
-                found.append(self._read(study))
-            except NotFoundError as exc:  # deleted meanwhile, or damaged
-                log.warning("%s", exc)
-        return sorted(found, key=lambda each: each.started_at, reverse=True)
-
-    def _read(self, study: str) -> StudyStatus:
-        if not _ID.fullmatch(study):
-            raise NotFoundError(f"there is no study {shown(study)}; GET /studies lists them")
-        try:
-            return _STATUS.validate_json(read_kept(self.folder / study / STATUS))
-        except (OSError, ValidationError) as exc:
-            raise NotFoundError(f"there is no study {shown(study)}; GET /studies lists them") from exc
-
-
-def _kill(run: _Run) -> None:
-    """End the process with its workers, which are in its session."""
-    if run.process is not None and run.process.returncode is None:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(run.process.pid, signal.SIGKILL)

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from virtual_service import VirtualService
 
-from app.services.programs.studies import MAP, STATUS, StudyStatus
+from app.services.programs.study_files import MAP, STATUS, StudyStatus
 from cobot.client.rest import Client
 from cobot.errors import ConflictError, NotFoundError
 
@@ -47,7 +47,7 @@ def status(**more: Any) -> dict[str, Any]:
 
 def stored(run: VirtualService, **more: Any) -> Path:
     """A study as its process leaves it."""
-    folder = Path(run.app.state.services.studies.folder) / ID
+    folder = Path(run.app.state.services.studies.files.folder) / ID
     folder.mkdir(parents=True)
     (folder / STATUS).write_text(json.dumps(status(**more)))
     return folder

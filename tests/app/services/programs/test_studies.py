@@ -23,7 +23,8 @@ from typing import Any
 import pytest
 
 from app.services.programs import studies
-from app.services.programs.studies import STATUS, TABLES, StudyService, StudyStatus
+from app.services.programs.studies import StudyService
+from app.services.programs.study_files import MAP, STATUS, TABLES, StudyStatus
 from app.services.rights.job import JobState
 from app.services.rights.job_book import JobBook
 from app.services.rights.ownership import Ownership
@@ -123,11 +124,11 @@ def test_a_study_answers_as_the_library_does_and_is_private_to_the_user(tmp_path
             assert (await made.service.all()) == [found]
             table = await made.service.file(status.id, *TABLES)
             assert table.stat().st_size > 0
-            shown = json.loads((await made.service.file(status.id, studies.MAP)).read_text())
+            shown = json.loads((await made.service.file(status.id, MAP)).read_text())
             columns = ResultsFolder(tmp_path / "library").columns()
             assert shown["x"] == pytest.approx(columns["x"].tolist())
             assert shown["values"]["share"] == [each or None for each in columns["share"].tolist()]
-            for path in made.service.folder.rglob("*"):
+            for path in made.service.files.folder.rglob("*"):
                 assert stat.S_IMODE(path.stat().st_mode) & 0o077 == 0, path
             again = await made.start(REACH)
             assert again.id == status.id
@@ -217,7 +218,7 @@ def test_one_study_runs_at_a_time_and_the_end_of_the_service_keeps_its_results(t
             found = await made.service.read(status.id)
             assert found.state == "partial"
             assert found.reason == "the service ended meanwhile"
-            assert ResultsFolder(made.service.folder / status.id).chunks()
+            assert ResultsFolder(made.service.files.folder / status.id).chunks()
 
     asyncio.run(scenario())
 
@@ -276,7 +277,7 @@ def test_what_a_study_may_not_ask_for_is_rejected_and_leaves_nothing(tmp_path: P
                 await made.start(REACH | {"metrik": "share"})
             assert str(tmp_path) not in str(caught.value)
             await made.until(lambda: asyncio.sleep(0, not made.turn.locked()))
-            assert list(made.service.folder.iterdir()) == []
+            assert list(made.service.files.folder.iterdir()) == []
 
     asyncio.run(scenario())
 
@@ -316,7 +317,7 @@ def test_a_damaged_status_hides_no_other_study(tmp_path: Path) -> None:
     async def scenario() -> None:
         async with bench(tmp_path) as made:
             status = await made.wait(await made.start(REACH))
-            damaged = made.service.folder / "0123456789ab"
+            damaged = made.service.files.folder / "0123456789ab"
             damaged.mkdir()
             (damaged / STATUS).write_text("{")
             assert [each.id for each in await made.service.all()] == [status.id]
