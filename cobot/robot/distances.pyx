@@ -2,7 +2,8 @@
 
 Between spheres, capsules and planes they are short formulas; so is that from a plane to a cylinder. For other
 shapes a capsule or a sphere around each gives a lower bound first, then a box around each, and MuJoCo's
-iteration is only asked where that is not enough: it takes fifty times as long, more when its code is not in the cache.
+iteration is only asked where that is not enough: it takes fifty times as long, more when its code is not in
+the cache.
 """
 
 from libc.math cimport INFINITY, fabs, fmax, fmin, isfinite, sqrt

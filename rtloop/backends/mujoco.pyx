@@ -191,7 +191,8 @@ cdef class MujocoBackend(CompiledBackend):
 
     cdef int _body_of(self, str link) except -1:
         """The body of a link that the joints move, in the model that is stepped."""
-        names = [self._model.body(body).name for body in range(self._model.nbody) if self._model.body_weldid[body]]
+        bodies = [body for body in range(self._model.nbody) if self._model.body_weldid[body]]
+        names = [self._model.body(body).name for body in bodies]
         if link not in names:
             raise BackendError(f"there is no link {link!r} that moves; valid are: {', '.join(names)}")
         return self._stepped.body(link).id
