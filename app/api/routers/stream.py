@@ -81,7 +81,7 @@ class Connection:
         self._stop = StreamStop(
             {name: each.stopping for name, each in robots_of(socket).items()},
             float(socket.app.state.endpoints["POST /stop"].timeout_s),
-            f"stopped by {self._name}",
+            f"stopped over the WebSocket by {CLIENT.get()}",
             self._answer_stop,
         )
         self._timeout_s = timeout_s

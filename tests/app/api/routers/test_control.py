@@ -270,7 +270,7 @@ def test_who_only_looks_stops_the_arm_over_the_stream(run: VirtualService) -> No
     assert "the arm is at rest" in stopped[0]["message"]
     ended = run.end(moving).json()
     assert ended["code"] == "stopped"
-    assert f"stopped by WS /robots/{run.name}/stream from 127.0.0.1" in ended["message"]
+    assert "stopped over the WebSocket by anonymous from 127.0.0.1" in ended["message"]
     entries = [each for each in run.get("/audit").json()["entries"] if each["what"] == "stop"]
     assert len(entries) == 2
     assert entries[0]["who"] == "anonymous"
