@@ -54,7 +54,7 @@ MEANINGS: dict[Code, str] = {
     Code.OK: "done, or for a motion: accepted and planned",
     Code.ERROR: "an error in cobot itself; its log has the details",
     Code.CONFIG: "a file of the configuration, or a program's, is missing, unreadable or contradicts itself",
-    Code.INPUT: "an argument cannot be honoured as it is written; nothing has happened",
+    Code.INPUT: "an argument is invalid; nothing has happened",
     Code.LIMIT: "an argument lies beyond a limit",
     Code.NOT_FOUND: "what the arguments name does not exist: a signal, a frame, a handle, a file",
     Code.PLANNING: "no motion could be planned; nothing has moved",

@@ -50,7 +50,8 @@ class DeviceWatch:
         self._device = backend if isinstance(backend, Reporting) else None
         self.capabilities = capabilities_of(backend)
         self._io = backend if isinstance(backend, HasIo) and self.capabilities.io else None
-        self._simulation = backend if isinstance(backend, Simulated) else None
+        is_real = self.capabilities.hardware
+        self._simulation = backend if isinstance(backend, Simulated) and not is_real else None
         self._read_input = getattr(backend, "read_input", None) if self._io is not None else None
         self._points: tuple[IoPoint, ...] | None = None
         self._left_out: list[str] = []

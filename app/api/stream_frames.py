@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from app.api.schemas.scene import Point
 from app.api.state_json import state_content
 from app.services.rights.lease import TIMEOUT_S, TIMEOUTS_S
 from app.services.streaming.jog import JogCommand
@@ -204,8 +205,8 @@ class Pull(RequestModel):
 
     type: Literal["pull"]
     link: Annotated[str, Field(min_length=1, max_length=64)] | None = None
-    point: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None = None
-    target: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None = None
+    point: Point | None = None
+    target: Point | None = None
 
     @model_validator(mode="after")
     def _all_or_none(self) -> Pull:

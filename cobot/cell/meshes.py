@@ -53,7 +53,8 @@ def mesh_shape(
     """
     try:
         file = (folder / name).resolve()
-        if Path(name).is_absolute() or not file.is_relative_to(folder.resolve()):
+        beyond = Path(name).is_absolute() or ".." in Path(name).parts
+        if beyond or not file.is_relative_to(folder.resolve()):
             raise ConfigError(
                 f"file: {name} is outside the folder of the cell file; copy it there, and name it "
                 "by its path from there"

@@ -13,6 +13,7 @@ import socket
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 from urllib.parse import quote
 
@@ -252,10 +253,13 @@ def _stop(chosen: argparse.Namespace) -> int:
     )
     body = {"deadline_s": chosen.deadline}
     good, answers = True, []
-    for path in paths:
+    with ThreadPoolExecutor(max(1, len(paths))) as pool:  # no cell waits until another one has answered
+        timeout_s = chosen.deadline + REST_S + TIMEOUT_S
+        asked = [pool.submit(_ask, chosen, "POST", path, body, timeout_s) for path in paths]
+    for each in asked:
         try:
-            answers.append(_ask(chosen, "POST", path, body, chosen.deadline + REST_S + TIMEOUT_S))
-        except CobotError as exc:  # the other cells must be stopped nevertheless
+            answers.append(each.result())
+        except CobotError as exc:  # the other cells have been stopped nevertheless
             print(f"cobot: NOT stopped: {plain_lines(exc)}", file=sys.stderr)
             good = False
     if chosen.json:

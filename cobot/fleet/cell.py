@@ -24,14 +24,15 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from cobot.access.authentication import FLEET_TOKEN_VARIABLE
+from cobot.access.roles import ANONYMOUS
 from cobot.audit import record_beside
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.fleet.commands import CommandBook
 from cobot.fleet.link import has_router, open_cell, payloads
-from cobot.fleet.messages import Answer, Command, HubTime, RobotEvent, RobotState, read, written
-from cobot.fleet.names import Keys, own_cell_name, parts
-from cobot.fleet.watching import Arm, EventWatch, ServiceWatch
+from cobot.fleet.messages import Answer, FleetCommand, FleetState, HubTime, RobotEvent, read, written
+from cobot.fleet.names import FleetKeys, own_cell_name, parts
+from cobot.fleet.watching import ArmWatch, EventWatch, ServiceWatch
 from cobot.launch.process import Niceness, be, die_with_parent, in_words
 from cobot.launch.stop import stop
 from cobot.logs import start_logging
@@ -48,6 +49,7 @@ SYNCHRONIZE_S = 10.0
 KEPT_EVENTS = 50
 """Number of events per robot that a late client receives."""
 WORKERS = 8
+"""Number of commands that a robot works on at the same time: the first one, and retries that wait for it."""
 MAX_WAITING = 100
 """Maximum number of commands in progress in a cell."""
 FROM = "fleet"
@@ -55,28 +57,29 @@ FROM = "fleet"
 log = logging.getLogger("cobot.fleet")
 
 
-class Robot:
+class FleetRobot:
     """One robot of the cell, as the fleet sees it."""
 
-    def __init__(self, cell: Cell, settings: Settings, url: str, token: str) -> None:
+    def __init__(self, cell: FleetCell, settings: Settings, url: str, token: str) -> None:
         self.name = settings.robot.name
         self.settings = settings
         self.events: deque[RobotEvent] = deque(maxlen=KEPT_EVENTS)
         self.book = CommandBook(cell.name, self.name, cell.ask_time)
         self._cell = cell
-        self._arm = Arm(self.name, settings.web.stale_after_s)
+        self._arm = ArmWatch(self.name, settings.web.stale_after_s)
         self._service = ServiceWatch(url, self.name, token) if url else None
         self._published_s = 0.0
+        self.workers = ThreadPoolExecutor(WORKERS)  # its own: an arm that does not rest delays no other
         self.state = self._look()
 
-    def _look(self) -> RobotState:
+    def _look(self) -> FleetState:
         found: dict[str, Any] = self._arm.read()
         service = {} if self._service is None else self._service.found
         if found["state"] == "ready" and self._service is not None and self._service.paused:
             found["state"] = "paused"
-        return RobotState(robot=self.name, **self._cell.facts, **service, **found)
+        return FleetState(robot=self.name, **self._cell.facts, **service, **found)
 
-    def update(self) -> RobotState | None:
+    def update(self) -> FleetState | None:
         """The new state, if it is time to publish it."""
         state, now_s = self._look(), time.monotonic()
         if state == self.state and now_s - self._published_s < UNCHANGED_S:
@@ -102,10 +105,11 @@ class Robot:
     def close(self) -> None:
         if self._service is not None:
             self._service.end()
+        self.workers.shutdown(wait=False, cancel_futures=True)
         self._arm.close()
 
 
-class Cell:
+class FleetCell:
     """The cell: its robots, its session, and its loop.
 
     Args:
@@ -116,7 +120,7 @@ class Cell:
         section = settings.fleet
         self._settings = settings
         self._fleet = section
-        self._keys = Keys(section.name)
+        self._keys = FleetKeys(section.name)
         self.name = own_cell_name(section.cell)
         self.instance = secrets.token_hex(8)
         self.facts: dict[str, Any] = {
@@ -129,8 +133,8 @@ class Cell:
         self._session: zenoh.Session | None = None
         self._declared: list[Any] = []
         self._waiting = threading.Semaphore(MAX_WAITING)
-        self._workers = ThreadPoolExecutor(WORKERS, thread_name_prefix="command")
-        self.robots = {each.robot.name: Robot(self, each, url, token) for each in settings.each.values()}
+        self._workers = ThreadPoolExecutor(1, thread_name_prefix="time")
+        self.robots = {each.robot.name: FleetRobot(self, each, url, token) for each in settings.each.values()}
         self._default = settings.robot.name
         self._token: Any = None
         self._problem = ""
@@ -185,11 +189,11 @@ class Cell:
                 return False
         return has_router(self._session)
 
-    def _publish(self, robot: Robot, last: str, message: RobotState | RobotEvent) -> None:
+    def _publish(self, robot: FleetRobot, last: str, message: FleetState | RobotEvent) -> None:
         if self._token is not None and self._session is not None:
             self._session.put(self._key(robot, last), written(message))
 
-    def _key(self, robot: Robot, last: str) -> str:
+    def _key(self, robot: FleetRobot, last: str) -> str:
         return self._keys.of(self.name, robot.name, last)
 
     def _watch_hub(self, connected: bool) -> None:
@@ -209,9 +213,9 @@ class Cell:
             self._stopped_for_loss = True
             why = f"fleet.on_loss: no hub for {self._fleet.loss_s:g} s"
             for robot in self.robots.values():
-                self._workers.submit(self._stop_for_loss, robot, why)
+                robot.workers.submit(self._stop_for_loss, robot, why)
 
-    def _stop_for_loss(self, robot: Robot, why: str) -> None:
+    def _stop_for_loss(self, robot: FleetRobot, why: str) -> None:
         with contextlib.suppress(CobotError):  # it is in the log and in the audit
             robot.stop("cobot", why)
 
@@ -250,7 +254,7 @@ class Cell:
         self._token = token
         log.info("joined the fleet %s as %s", self._fleet.name, self.name)
 
-    def _declare(self, robot: Robot) -> None:
+    def _declare(self, robot: FleetRobot) -> None:
         """The queries that a robot answers. An answer never sleeps: that would block the session."""
         state, events, stop_ = (self._key(robot, last) for last in ("state", "events", "stop"))
         assert self._session is not None
@@ -261,7 +265,7 @@ class Cell:
             declare(stop_, lambda query: self._receive(query, robot, stop_)),
         ]
 
-    def _receive(self, query: zenoh.Query, robot: Robot, key: str) -> None:
+    def _receive(self, query: zenoh.Query, robot: FleetRobot, key: str) -> None:
         """Give a command to a thread: it takes as long as the arm needs."""
         if not self._waiting.acquire(blocking=False):
             busy = Answer(
@@ -270,9 +274,9 @@ class Cell:
             )  # fmt: skip
             query.reply(key, written(busy))
             return
-        self._workers.submit(self._execute, query, robot, key)
+        robot.workers.submit(self._execute, query, robot, key)
 
-    def _execute(self, query: zenoh.Query, robot: Robot, key: str) -> None:
+    def _execute(self, query: zenoh.Query, robot: FleetRobot, key: str) -> None:
         try:
             with query:
                 query.reply(key, written(self._answer(bytes(query.payload or b""), robot)))
@@ -281,19 +285,18 @@ class Cell:
         finally:
             self._waiting.release()
 
-    def _answer(self, content: bytes, robot: Robot) -> Answer:
+    def _answer(self, content: bytes, robot: FleetRobot) -> Answer:
         try:
-            command = read(Command, content)
+            command = read(FleetCommand, content)
         except InputError as exc:
             log.warning("a command to %s is invalid: %s", robot.name, exc)
             return Answer(id="", cell=self.name, robot=robot.name, code=exc.code, text=str(exc)[:2000])
-        answer = robot.book.run(command, lambda: robot.stop(command.who, command.id))
+        answer = robot.book.run(command, lambda: robot.stop(_claimed(command.who), command.id))
         if answer.code != "ok" and not answer.repeated:
             log.warning("stop of %s by %s: %s", robot.name, command.who, answer.text)
             if answer.code in ("conflict", "input"):
-                record_beside(
-                    robot.settings, command.who, FROM, f"stop {robot.name}", answer.code, command=command.id
-                )
+                what, who = f"stop {robot.name}", _claimed(command.who)
+                record_beside(robot.settings, who, FROM, what, answer.code, command=command.id)
         return answer
 
     def _synchronize(self) -> None:
@@ -307,8 +310,8 @@ class Cell:
                 log.error("%s", problem)
 
     def _tell_event(self, event: dict[str, Any]) -> None:
-        robot = self.robots[event.get("robot") or self._default]
         try:
+            robot = self.robots[event.get("robot") or self._default]
             made = RobotEvent(
                 cell=self.name,
                 robot=robot.name,
@@ -322,6 +325,11 @@ class Cell:
             return
         robot.events.append(made)
         self._publish(robot, "event", made)
+
+
+def _claimed(who: str) -> str:
+    """A name that proves nothing, in quotes, which names of tokens cannot have."""
+    return who if who == ANONYMOUS else '"' + who.replace('"', "") + '"'
 
 
 def _list_of(events: Iterable[RobotEvent]) -> bytes:
@@ -344,7 +352,7 @@ def main() -> int:
     try:
         settings = load_settings(arguments.config)
         start_logging("fleet", settings.logging)
-        cell = Cell(settings, arguments.url, os.environ.pop(FLEET_TOKEN_VARIABLE, ""))
+        cell = FleetCell(settings, arguments.url, os.environ.pop(FLEET_TOKEN_VARIABLE, ""))
     except CobotError as exc:
         log.error("%s", exc)
         return 2

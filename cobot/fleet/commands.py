@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import BusyError, CobotError, ConflictError, InputError, UnavailableError
-from cobot.fleet.messages import MAX_LIFETIME_S, Answer, Command, HubTime
+from cobot.fleet.messages import MAX_LIFETIME_S, Answer, FleetCommand, HubTime
 
 FRESH_S = 30.0
 """Age beyond which a known time of the hub is asked for again."""
@@ -59,10 +59,10 @@ class CommandBook:
         self._clock = clock
         self._known: KnownTime | None = None
         self._started: KnownTime | None = None
-        self._answers: dict[str, tuple[Future[Answer], str, float]] = {}
+        self._answers: dict[str, tuple[Future[Answer], FleetCommand]] = {}
         self._lock = threading.Lock()
 
-    def run(self, command: Command, execute: Callable[[], str]) -> Answer:
+    def run(self, command: FleetCommand, execute: Callable[[], str]) -> Answer:
         """Execute a command once, or give the answer of its first try.
 
         Args:
@@ -96,7 +96,7 @@ class CommandBook:
                 self._known = KnownTime(found, asked_s, self._clock.now_s())
                 self._started = self._started or self._known
 
-    def _begin(self, command: Command) -> Future[Answer] | None:
+    def _begin(self, command: FleetCommand) -> Future[Answer] | None:
         """None if the command has to be executed now, or else the future of its first try.
 
         Raises:
@@ -108,7 +108,7 @@ class CommandBook:
         with self._lock:
             now_s = self._clock.now_s()
             entry = self._answers.get(command.id)
-            if entry is not None and entry[1] == command.model_dump_json():
+            if entry is not None and (entry[1].action, entry[1].epoch) == (command.action, command.epoch):
                 return entry[0]
             if entry is not None:
                 raise ConflictError(f"id {command.id}: another command had this id already; use a new id")
@@ -119,10 +119,10 @@ class CommandBook:
                     f"{len(self._answers)} commands wait for their deadlines, allowed are {MAX_COMMANDS}; "
                     "try again in a minute"
                 )
-            self._answers[command.id] = Future(), command.model_dump_json(), command.expires_s
+            self._answers[command.id] = Future(), command
             return None
 
-    def _time_for(self, command: Command) -> KnownTime:
+    def _time_for(self, command: FleetCommand) -> KnownTime:
         """The hub's time, asked for again if it is old or of another epoch."""
         known = self._known
         if (
@@ -138,7 +138,7 @@ class CommandBook:
             )
         return known
 
-    def _check(self, command: Command, known: KnownTime, now_s: float) -> None:
+    def _check(self, command: FleetCommand, known: KnownTime, now_s: float) -> None:
         lifetime_s = command.expires_s - command.issued_s
         if not 0.0 < lifetime_s <= MAX_LIFETIME_S:
             raise InputError(
@@ -180,9 +180,11 @@ class CommandBook:
         ]:
             del self._answers[name]
 
-    def _is_over(self, entry: tuple[Future[Answer], str, float], earliest_s: float, known: KnownTime) -> bool:
-        other_epoch = f'"epoch":"{known.hub.epoch}"' not in entry[1]
-        return entry[0].done() and (other_epoch or entry[2] + 1.0 < earliest_s)
+    def _is_over(
+        self, entry: tuple[Future[Answer], FleetCommand], earliest_s: float, known: KnownTime
+    ) -> bool:
+        future, command = entry
+        return future.done() and (command.epoch != known.hub.epoch or command.expires_s + 1.0 < earliest_s)
 
-    def _answer(self, command: Command, code: str, text: str) -> Answer:
+    def _answer(self, command: FleetCommand, code: str, text: str) -> Answer:
         return Answer(id=command.id, cell=self._cell, robot=self._robot, code=code, text=text[:2000])

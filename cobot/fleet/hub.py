@@ -13,10 +13,19 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from cobot.errors import ConflictError, InputError, NotFoundError
+from cobot.errors import BusyError, ConflictError, InputError, NotFoundError, UnavailableError
 from cobot.fleet.link import open_hub, payloads
-from cobot.fleet.messages import MAX_BYTES, Answer, Command, HubTime, RobotEvent, RobotState, read, written
-from cobot.fleet.names import Keys, parts
+from cobot.fleet.messages import (
+    MAX_BYTES,
+    Answer,
+    FleetCommand,
+    FleetState,
+    HubTime,
+    RobotEvent,
+    read,
+    written,
+)
+from cobot.fleet.names import FleetKeys, parts
 
 if TYPE_CHECKING:
     import zenoh
@@ -45,10 +54,25 @@ class Tile:
         gone_s: when its cell was lost; None while it is there.
     """
 
-    state: RobotState
+    state: FleetState
     heard_s: float
     gone_s: float | None = None
     events: dict[str, RobotEvent] = field(default_factory=dict)
+
+
+def _worst(answers: list[Answer]) -> dict[tuple[str, str], Answer]:
+    """One answer for each name: that two cells have one name must not hide the one that goes on."""
+    found: dict[tuple[str, str], Answer] = {}
+    for answer in answers:
+        name = answer.cell, answer.robot
+        if name not in found or found[name].code == "ok":
+            found[name] = answer
+    return found
+
+
+def _is_open(answer: Answer | None) -> bool:
+    """Whether the command is worth another try."""
+    return answer is None or answer.code in (BusyError.code, UnavailableError.code)
 
 
 class Hub:
@@ -66,7 +90,7 @@ class Hub:
     def __init__(self, fleet: str, listen: list[str], connect: Iterable[str] = ()) -> None:
         self.fleet = fleet
         self.instance = secrets.token_hex(8)
-        self._keys = Keys(fleet)
+        self._keys = FleetKeys(fleet)
         self._tiles: dict[tuple[str, str], Tile] = {}
         self._instances: dict[str, set[str]] = {}
         self._lock = threading.Lock()
@@ -145,7 +169,7 @@ class Hub:
         """
         wanted = self.cells() if cell == "*" else self.robots_of(cell, None if robot == "*" else robot)
         now_s = time.monotonic()
-        command = Command(
+        command = FleetCommand(
             id=command_id or secrets.token_hex(12),
             action="stop",
             who=who,
@@ -156,11 +180,10 @@ class Hub:
         answers: dict[tuple[str, str], Answer] = {}
         missing = {(each["cell"], each["robot"]) for each in wanted if each["alive"]}
         while True:
-            for answer in self._ask(
-                self._keys.of(cell, robot, "stop"), written(command), deadline_s + REST_S
-            ):
-                answers.setdefault((answer.cell, answer.robot), answer)
-            missing -= answers.keys()
+            key = self._keys.of(cell, robot, "stop")
+            found = _worst(self._ask(key, written(command), deadline_s + REST_S))
+            answers |= {name: answer for name, answer in found.items() if _is_open(answers.get(name))}
+            missing = {name for name in missing if _is_open(answers.get(name))}
             if not missing or time.monotonic() > command.expires_s:
                 break
             time.sleep(RETRY_S)
@@ -242,7 +265,7 @@ class Hub:
         with contextlib.suppress(zenoh.ZError):
             for content in payloads(self._session.get(self._keys.of(cell, "*", "state"), timeout=ASK_S)):
                 with contextlib.suppress(InputError):
-                    self._keep(read(RobotState, content))
+                    self._keep(read(FleetState, content))
             for content in payloads(self._session.get(self._keys.of(cell, "*", "events"), timeout=ASK_S)):
                 if len(content) <= KEPT_EVENTS * MAX_BYTES:
                     with contextlib.suppress(ValidationError):
@@ -251,14 +274,14 @@ class Hub:
 
     def _take_state(self, sample: zenoh.Sample) -> None:
         try:
-            state = read(RobotState, bytes(sample.payload))
+            state = read(FleetState, bytes(sample.payload))
             if (state.cell, state.robot) != parts(str(sample.key_expr)):
                 raise InputError(f"the state of {state.cell}/{state.robot} came as {sample.key_expr}")
             self._keep(state)
         except InputError as exc:
             log.warning("a state is ignored: %s", exc)
 
-    def _keep(self, state: RobotState) -> None:
+    def _keep(self, state: FleetState) -> None:
         name = state.cell, state.robot
         with self._lock:
             if state.instance not in self._instances.get(state.cell, ()):

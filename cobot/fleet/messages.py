@@ -21,7 +21,7 @@ Seconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
 StateWord = Literal["ready", "moving", "paused", "stopping", "estop", "fault", "silent"]
 
 
-class RobotState(StrictModel):
+class FleetState(StrictModel):
     """The state of one robot of a cell.
 
     Attributes:
@@ -71,7 +71,7 @@ class HubTime(StrictModel):
     time_s: Seconds
 
 
-class Command(StrictModel):
+class FleetCommand(StrictModel):
     """A command to a robot, as the payload of a query.
 
     Attributes:

@@ -23,7 +23,7 @@ NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_-]+")
 
 
 @dataclass(frozen=True, slots=True)
-class Keys:
+class FleetKeys:
     """The keys of one fleet. `*` as the name of a cell or robot means all of them."""
 
     fleet: str

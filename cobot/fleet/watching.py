@@ -46,7 +46,7 @@ WORDS = {
 NOT_ENDED = ("queued", "planning", "running", "paused")
 
 
-class Arm:
+class ArmWatch:
     """The mode of a robot, read from shared memory. It works whatever the state of the service."""
 
     def __init__(self, robot: str, stale_s: float) -> None:
@@ -86,7 +86,7 @@ class ServiceWatch:
     """Asks the service about one robot, once a second, in its own thread.
 
     Attributes:
-        found: fields of `RobotState`: job, program, control, speed override, problems, backend.
+        found: fields of `FleetState`: job, program, control, speed override, problems, backend.
         paused: whether the present job is paused.
     """
 

@@ -27,7 +27,7 @@ GONE = "gone"
 ClientName = Annotated[str, Header(alias=CLIENT_NAME)]
 
 
-class StopRequest(StrictModel):
+class FleetStop(StrictModel):
     """The body of a stop. All fields may be left out.
 
     Attributes:
@@ -106,22 +106,22 @@ def _add_reading(app: FastAPI, hub: Hub) -> None:
 
 
 def _add_stops(app: FastAPI, hub: Hub) -> None:
-    def stop(request: StopRequest | None, who: str, cell: str = "*", robot: str = "*") -> dict[str, Any]:
-        wish = request or StopRequest()
+    def stop(request: FleetStop | None, who: str, cell: str = "*", robot: str = "*") -> dict[str, Any]:
+        wish = request or FleetStop()
         robots = hub.stop(who, cell, robot, deadline_s=wish.deadline_s, command_id=wish.id)
-        return {"at_rest": all(each["code"] == "ok" for each in robots), "robots": robots}
+        return {"at_rest": bool(robots) and all(each["code"] == "ok" for each in robots), "robots": robots}
 
     @app.post("/stop")
-    def stop_all(request: StopRequest | None = None, name: ClientName = "") -> dict[str, Any]:
+    def stop_all(request: FleetStop | None = None, name: ClientName = "") -> dict[str, Any]:
         return stop(request, _person(name))
 
     @app.post("/cells/{cell}/stop")
-    def stop_cell(cell: str, request: StopRequest | None = None, name: ClientName = "") -> dict[str, Any]:
+    def stop_cell(cell: str, request: FleetStop | None = None, name: ClientName = "") -> dict[str, Any]:
         return stop(request, _person(name), cell)
 
     @app.post("/cells/{cell}/robots/{robot}/stop")
     def stop_robot(
-        cell: str, robot: str, request: StopRequest | None = None, name: ClientName = ""
+        cell: str, robot: str, request: FleetStop | None = None, name: ClientName = ""
     ) -> dict[str, Any]:
         return stop(request, _person(name), cell, robot)
 

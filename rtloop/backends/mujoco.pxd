@@ -42,6 +42,8 @@ cdef class MujocoBackend(CompiledBackend):
     cdef double _pull_target[3]
     cdef double _pull_last[3]
     cdef bint _pull_begins
+    cdef object _pull_effort
+    cdef double* _c_pull_effort           # of all joints of the model that is stepped
     cdef object _max_effort
     cdef double* _c_max_effort
     cdef public bint stale, not_finite

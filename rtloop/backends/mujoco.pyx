@@ -184,6 +184,9 @@ cdef class MujocoBackend(CompiledBackend):
         for i in range(3):
             self._pull_begins |= self._pull_point[i] != point[i]
             self._pull_point[i], self._pull_target[i] = point[i], place[i]
+        if self._pull_effort is None:
+            self._pull_effort = np.zeros(self._stepped.nv)
+            self._c_pull_effort = doubles(self._pull_effort, len(self._pull_effort))
         self._pull_body, self._pull_left = body, self._pull_cycles
 
     def let_go(self) -> None:
@@ -378,7 +381,7 @@ cdef class MujocoBackend(CompiledBackend):
 
     cdef void _pull_on(self, const mjModel* model, mjData* data) noexcept nogil:
         """The force of a hand that pulls at a link, as joint efforts; none when it ends."""
-        cdef double* effort = data.qfrc_applied
+        cdef double* effort = self._c_pull_effort
         cdef double point[3]
         cdef double force[3]
         cdef double none[3]
@@ -390,9 +393,10 @@ cdef class MujocoBackend(CompiledBackend):
         self._pull_left -= 1
         if not self._yielding:
             self._pull_left = 0
-        memset(effort, 0, dof * sizeof(double))
+        memset(data.qfrc_applied, 0, dof * sizeof(double))
         if self._pull_left == 0:
             return
+        memset(effort, 0, model.nv * sizeof(double))
         for i in range(3):
             none[i] = 0.0
             point[i] = data.xpos[3 * self._pull_body + i] + (
@@ -414,8 +418,8 @@ cdef class MujocoBackend(CompiledBackend):
         for i in range(dof):
             if fabs(effort[i]) > MAX_PULL_SHARE * self._c_max_effort[i]:
                 share = fmin(share, MAX_PULL_SHARE * self._c_max_effort[i] / fabs(effort[i]))
-        for i in range(dof):
-            effort[i] *= share
+        for i in range(dof):  # The drives of a hand's own joints apply theirs.
+            data.qfrc_applied[i] = effort[i] * share
 
     cdef void _report(self) noexcept nogil:
         cdef const mjData* data = self._c_data

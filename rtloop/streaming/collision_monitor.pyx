@@ -34,6 +34,8 @@ cdef double APPROACH_M = 1e-5
 cdef double OUTSIDE = -1e9
 # No joint goes further in the step with which a way out is tried.
 cdef double PROBE_RAD = 0.02
+# Of an arm that is to stand still, only the rounding is left of a step: it has no direction.
+cdef double MIN_HEADING_RAD = 1e-6
 # A shorter step than this is made longer: of a step of some µm, a distance says nothing.
 cdef double MIN_PROBE_RAD = 0.002
 # So near beyond the margin links slow down for each other, and count when a way out is looked for.
@@ -268,7 +270,12 @@ cdef class CollisionMonitor:
         Then these are `blocking`.
         """
         cdef bint deeper = False
+        cdef double longest = 0.0
         cdef int index
+        for index in range(self._dof):
+            longest = max(longest, fabs(heading[index]))
+        if longest < MIN_HEADING_RAD:
+            return False
         if not self._probe(position, heading):
             return True
         for index in range(self._distances.count):

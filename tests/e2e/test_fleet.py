@@ -424,6 +424,7 @@ def test_watching_prints_changes(hub: Hub, cell: Run) -> None:
         [sys.executable, "-P", "-m", "cobot", "fleet", "watch", "--url", hub.url],
         stdout=subprocess.PIPE,
         text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background ignores it
     )
     try:
         assert watch.stdout is not None

@@ -158,7 +158,8 @@ def test_the_named_positions_are_those_of_the_srdf(http: httpx.Client) -> None:
     positions = http.get("/robot/positions").json()
     assert [position["name"] for position in positions] == ["home", "work", "transport"]
     assert all(
-        set(position) == {"name", "group", "description", "joints", "taught"} for position in positions
+        set(position) == {"name", "label", "group", "description", "joints", "taught"}
+        for position in positions
     )
     assert positions[0]["joints"] == HOME
 

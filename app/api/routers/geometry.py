@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
-from app.api.schemas.plan_answers import ClearanceAnswer, Distance
+from app.api.schemas.plan_answers import ClearanceAnswer, DistanceAnswer
 from app.services.state.geometry import Body, Geometry, Joint, Shape, geometry_of, geometry_version
 from cobot.access.roles import Role
 from cobot.robot.visuals import visuals_of
@@ -188,8 +188,8 @@ async def clearance(request: Request) -> ClearanceAnswer:
     state = await call.services.link.await_measured_state(call.timeout_s)
     own, around = call.services.robot.collision.nearest.at(state.position)
     return ClearanceAnswer(
-        closest_self=None if own is None else Distance.of(own),
-        closest_environment=None if around is None else Distance.of(around),
+        closest_self=None if own is None else DistanceAnswer.of(own),
+        closest_environment=None if around is None else DistanceAnswer.of(around),
     )
 
 

@@ -18,7 +18,7 @@ from app.api.route import EndpointRouter
 from app.api.routers.robot import How, answer, check_queueing
 from app.api.schemas.jobs import ACCEPTED, answer_accepted, answer_end
 from app.api.schemas.plan_answers import (
-    Distance,
+    DistanceAnswer,
     MotionAnswer,
     MotionPoint,
     PlanAnswer,
@@ -320,4 +320,4 @@ def _path(found: Forecast) -> list[PlanPoint]:
 def _distance(closest: Closest | None) -> PlanDistance | None:
     if closest is None:
         return None
-    return PlanDistance(**Distance.of(closest).model_dump(), share=closest.share)
+    return PlanDistance(**DistanceAnswer.of(closest).model_dump(), share=closest.share)

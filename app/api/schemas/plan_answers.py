@@ -82,7 +82,7 @@ class PlanUse(BaseModel):
     share: list[float] = Field(description="The same as a share of the robot's limit: 1 is all of it.")
 
 
-class Distance(BaseModel):
+class DistanceAnswer(BaseModel):
     """The distance between two bodies."""
 
     between: list[str] = Field(description="Their names.")
@@ -92,15 +92,15 @@ class Distance(BaseModel):
     )
 
     @classmethod
-    def of(cls, nearest: Nearest | Closest) -> Distance:
-        return Distance(
+    def of(cls, nearest: Nearest | Closest) -> DistanceAnswer:
+        return DistanceAnswer(
             between=[nearest.first, nearest.second],
             distance_m=nearest.distance_m,
             points=[list(point) for point in nearest.points],
         )
 
 
-class PlanDistance(Distance):
+class PlanDistance(DistanceAnswer):
     """The smallest distance between two bodies, at 200 points of a motion."""
 
     share: float = Field(description="Place, as a share of the motion's duration.")
@@ -111,8 +111,10 @@ class ClearanceAnswer(BaseModel):
 
     model_config = example({"closest_self": CLOSEST_SELF, "closest_environment": CLOSEST_ENVIRONMENT})
 
-    closest_self: Distance | None = Field(description="Between two parts of the robot; null beyond 1 m.")
-    closest_environment: Distance | None = Field(
+    closest_self: DistanceAnswer | None = Field(
+        description="Between two parts of the robot; null beyond 1 m."
+    )
+    closest_environment: DistanceAnswer | None = Field(
         description="Between the robot and its surroundings; null beyond 1 m."
     )
 

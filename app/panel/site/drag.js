@@ -22,7 +22,10 @@ export class Drag {
     listen("lostpointercapture", (event) => event.pointerId === this.pointer && this.cancel(""));
     element("jog-frame").addEventListener("change", () => this.place());
     element("view-drag").addEventListener("click", () => this.toggle());
-    document.addEventListener("cobot-stop", () => this.cancel("drag_stopped"));
+    document.addEventListener("cobot-stop", () => {
+      if (this.planning) this.motions.discard(); // or the plan would come after the stop, and Enter would run it
+      this.cancel("drag_stopped");
+    });
     inEachLanguage(() => (this.name = word("drag_name")));
   }
 
@@ -36,8 +39,8 @@ export class Drag {
   // The handles are at the target, or else at the commanded TCP.
   place() {
     const { state, geometry, view, readouts, freedrive } = this.now();
-    if (!view) return;
     if (this.pointer === null && !this.planning && !this.motions.plan) readouts.aim(null); // the arm is on its way
+    if (!view) return;
     const shown = state && geometry && document.body.dataset.page === "move" && !freedrive.on && element("view-drag").getAttribute("aria-pressed") === "true";
     if (!shown || this.pointer !== null) return void view.showHandles(shown ? undefined : null);
     const { position, quaternion } = this.target ?? tcpOf(geometry, state.commanded_position);
@@ -90,9 +93,9 @@ export class Drag {
     const { target } = this;
     const [[x, y, z], [a, b, c]] = [target.position, abcOf(target.quaternion)];
     this.planning = true;
-    await this.motions.toPose(this.name, { x, y, z, a, b, c });
+    const plan = await this.motions.toPose(this.name, { x, y, z, a, b, c });
     this.planning = false;
-    if (!this.motions.plan || target !== this.target) return void (target === this.target && this.forget());
+    if (!plan || target !== this.target) return void (target === this.target && this.forget());
     this.motions.again = () => this.plan(); // with another speed
     if (document.activeElement === document.body) element("execute").focus({ preventScroll: true }); // so that Enter runs it
   }

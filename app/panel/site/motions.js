@@ -171,6 +171,7 @@ export class Motions {
     return { ...plan, ids: [plan.plan_id] };
   }
 
+  // Returns the plan; null if there is none, or another one is wanted by now.
   async ask(name, planned) {
     this.discard();
     this.name = name;
@@ -179,9 +180,10 @@ export class Motions {
     this.mark();
     const asked = this.asked;
     this.say(() => word("planning", { name }));
+    let plan = null;
     try {
-      const plan = await planned();
-      if (asked !== this.asked) return;
+      plan = await planned();
+      if (asked !== this.asked) return null;
       this.plan = plan;
       this.preview(plan);
       this.say(() => this.described(plan));
@@ -189,6 +191,7 @@ export class Motions {
       if (asked === this.asked) this.say(() => error.message);
     }
     this.mark();
+    return plan;
   }
 
   described(plan) {

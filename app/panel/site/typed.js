@@ -46,9 +46,10 @@ export class Typed {
     }
     this.planned = asked;
     const name = `${field.closest(".row").firstElementChild.title} ${field.value}`;
-    if (kind === "joint") await this.motions.toJoints(name, this.joints(state, geometry, Number(index), typed));
-    else await this.motions.toPose(name, this.pose(state, geometry, Number(index), typed));
-    this.plan = this.planned === asked ? this.motions.plan : null;
+    const wanted = kind === "joint"
+      ? this.motions.toJoints(name, this.joints(state, geometry, Number(index), typed))
+      : this.motions.toPose(name, this.pose(state, geometry, Number(index), typed));
+    this.plan = await wanted;
     if (kind === "tcp" && this.plan?.path.length) this.now().readouts.aim(tcpOf(geometry, this.plan.path.at(-1).joints)); // for the next value
   }
 

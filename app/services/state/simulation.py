@@ -29,7 +29,9 @@ class SimulationService:
         link = self._link
         state = await link.await_fresh_state(TIMEOUT_S)
         named = link.device()
-        if named is not None and named[1].capabilities.hardware:
+        if named is None:  # It may be a real arm, whose e-stop must stay.
+            raise ConflictError("what the robot's backend can do cannot be read: try again in a second")
+        if named[1].capabilities.hardware:
             raise NotSupportedError(
                 f"only a simulation can be reset, and the backend {named[0]} moves a real arm; POST "
                 "/robot/reset leaves an e-stop or a fault"

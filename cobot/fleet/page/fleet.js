@@ -1,6 +1,7 @@
 // The page of a fleet: a tile per robot, filters, and stops with a confirmation.
 const POLL_MS = 500;
 const TIMEOUT_MS = 4000;
+const STOP_TIMEOUT_MS = 15000; // the hub waits for cells for up to 8 s
 const STATES = ["ready", "moving", "paused", "stopping", "estop", "fault", "silent", "gone"];
 const FIELDS = ["robot", "mode", "job", "program", "control", "speed_override", "backend", "version", "age"];
 const byId = (id) => document.getElementById(id);
@@ -8,6 +9,7 @@ const words = await (await fetch("page/words.json")).json();
 const tiles = new Map();
 let chosen = new Set();
 let robots = [];
+let polled = Date.now();
 let language = localStorage.getItem("cobot.language") ?? navigator.language.slice(0, 2);
 if (!(language in words)) language = "en";
 const word = (name) => words[language][name] ?? words.en[name] ?? name;
@@ -111,6 +113,7 @@ function draw() {
 function tellConnection(text, bad) {
   byId("connection").textContent = text;
   byId("connection").toggleAttribute("data-bad", bad);
+  byId("tiles").toggleAttribute("data-old", bad);
 }
 
 async function poll() {
@@ -124,7 +127,9 @@ async function poll() {
     tellConnection(`${robots.filter((robot) => robot.alive).length} / ${robots.length} ${word("connected")}`, false);
   } catch {
     tellConnection(word("no_hub"), true);
+    for (const robot of robots) robot.age_s += (Date.now() - polled) / 1000;
   }
+  polled = Date.now();
   draw();
   setTimeout(poll, POLL_MS);
 }
@@ -142,6 +147,7 @@ async function stop(path) {
   try {
     const response = await fetch(path, {
       method: "POST", headers: { "Content-Type": "application/json", "X-Client-Name": "panel" }, body: JSON.stringify({ id }),
+      signal: AbortSignal.timeout(STOP_TIMEOUT_MS),
     });
     const answer = await response.json();
     if (!response.ok) throw new Error(answer.detail);

@@ -52,7 +52,7 @@ class Hinge:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredFingers:
     """The width of a gripper.
 
     Attributes:
@@ -113,7 +113,7 @@ class Linkage:
         mujoco.mju_mulQuat(quaternion, inverse, data.xquat[child])
         return place, quaternion
 
-    def measure(self, span: tuple[float, float]) -> Measured | str:
+    def measure(self, span: tuple[float, float]) -> MeasuredFingers | str:
         """Measure the width in a range of the first joint, rad; or say why there is none."""
         sides = self._sides(span[0])
         if isinstance(sides, str):
@@ -137,7 +137,7 @@ class Linkage:
         if widths[0] < TOUCH_M:
             widths[0] = 0.0
         further, tcp = self._tcp((closed, opened), sides, groups, carrier)
-        return Measured(closed, opened, widths, further, tcp, carrier)
+        return MeasuredFingers(closed, opened, widths, further, tcp, carrier)
 
     def _steady(
         self, span: tuple[float, float], sides: Sequence[str], bodies: Sequence[Sequence[int]]
@@ -243,7 +243,7 @@ class Linkage:
     def _tcp(
         self, ends: tuple[float, float], sides: Sequence[str], groups: Sequence[Sequence[int]], carrier: str
     ) -> tuple[float, tuple[Array, Array]]:
-        """How much further closed fingers reach than open ones, and the TCP: see `Measured`."""
+        """How much further closed fingers reach than open ones, and the TCP: see `MeasuredFingers`."""
         shapes = [geom for side in sides for geom in self._shapes(self._carried(side))]
         closed, opened = ends
         self.turn(closed)

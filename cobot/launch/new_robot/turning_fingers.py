@@ -11,13 +11,15 @@ from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
+from pydantic import ValidationError
 
 from cobot.cell import TurningHand, TurningJoint
-from cobot.launch.new_robot.finger_widths import Hinge, Linkage, Measured
+from cobot.launch.new_robot.finger_widths import Hinge, Linkage, MeasuredFingers
 from cobot.launch.new_robot.masses import set_ball
 from cobot.launch.robot_file.mjcf import has_bounds
 from cobot.launch.robot_file.tree import Node
 from cobot.robot.quaternion import from_matrix
+from cobot.strict import sentences
 
 FORCES_N, SPEEDS_M_S = (1.0, 2000.0), (0.01, 1.0)
 TURNS_RAD = (0.05, 6.3)
@@ -41,7 +43,7 @@ class TurningFingers:
     joints: tuple[Hinge, ...]
     range: tuple[float, float]
     rate: tuple[float, float]
-    _found: Measured | None = field(default=None, init=False)
+    _found: MeasuredFingers | None = field(default=None, init=False)
 
     @property
     def names(self) -> list[str]:
@@ -55,6 +57,10 @@ class TurningFingers:
         found = linkage.measure(self.range)
         if isinstance(found, str):
             return found
+        try:
+            hand = self._hand(found)
+        except ValidationError as exc:
+            return f"no gripper of cobot: {sentences(exc.errors())}"
         self._found = found
         linkage.turn(found.open)
         light = []
@@ -65,7 +71,6 @@ class TurningFingers:
             if mj.body(each.body).mass[0] <= 0.0:
                 set_ball(body, LIGHT_KG, LIGHT_M)
                 light.append(each.body)
-        hand = self._hand(found)
         leader, further = self.joints[0].name, found.further_m
         return hand, (
             f"gripper found; robot.gripper is simulated, {1e3 * hand.closed_m:.3g} to "
@@ -76,7 +81,7 @@ class TurningFingers:
             + (f"; mass {LIGHT_KG:g} kg assumed of {', '.join(light)}" if light else "")
         )
 
-    def _hand(self, found: Measured) -> TurningHand:
+    def _hand(self, found: MeasuredFingers) -> TurningHand:
         way, (velocity, effort) = found.open - found.closed, self.rate
         slopes = np.diff(found.widths) * (len(found.widths) - 1) / abs(way)
         known: dict[str, float] = {}

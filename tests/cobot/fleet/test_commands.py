@@ -12,7 +12,7 @@ import pytest
 
 from cobot.errors import InputError, UnavailableError
 from cobot.fleet.commands import MAX_COMMANDS, CommandBook
-from cobot.fleet.messages import MAX_BYTES, Command, HubTime, read
+from cobot.fleet.messages import MAX_BYTES, FleetCommand, HubTime, read
 
 EPOCH = "aaaaaaaaaaaaaaaa"
 
@@ -52,7 +52,7 @@ def book(clock: Clock) -> CommandBook:
     return made
 
 
-def command(clock: Clock, **changes: Any) -> Command:
+def command(clock: Clock, **changes: Any) -> FleetCommand:
     values = {
         "id": "12345678",
         "action": "stop",
@@ -61,7 +61,7 @@ def command(clock: Clock, **changes: Any) -> Command:
         "issued_s": clock.hub_s,
         "expires_s": clock.hub_s + 2.0,
     }
-    return Command(**(values | changes))
+    return FleetCommand(**(values | changes))
 
 
 def test_a_command_is_executed_once_and_a_retry_has_its_answer(clock: Clock, book: CommandBook) -> None:
@@ -167,17 +167,17 @@ def test_the_number_of_remembered_commands_is_bounded(clock: Clock, book: Comman
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"", "Command: "),
-        (b"\xff\xfe", "Command: "),
+        (b"", "FleetCommand: "),
+        (b"\xff\xfe", "FleetCommand: "),
         (b'{"id": "12345678"}', "action"),
-        (b"[" * 10_000, "Command: "),
+        (b"[" * 10_000, "FleetCommand: "),
         (b" " * (MAX_BYTES + 1), "65537 bytes, allowed are 65536"),
         (command(Clock()).model_dump_json().replace("stop", "start").encode(), "action: must be 'stop'"),
-        (command(Clock()).model_dump_json().replace("1500.0", "NaN").encode(), "Command: "),
+        (command(Clock()).model_dump_json().replace("1500.0", "NaN").encode(), "FleetCommand: "),
         (command(Clock()).model_dump_json().replace('"ada"', '"a\\nb"').encode(), "who: "),
     ],
 )
 def test_what_is_no_command_is_an_error_with_a_reason(content: bytes, words: str) -> None:
-    with pytest.raises(InputError, match="Command") as caught:
-        read(Command, content)
+    with pytest.raises(InputError, match="FleetCommand") as caught:
+        read(FleetCommand, content)
     assert words in str(caught.value)

@@ -19,6 +19,7 @@ ON_THE_WAY = (0.18, 0.42)
 MIN_SHARE = 0.1
 APPROACH_M = 1e-5
 PROBE_RAD, MIN_PROBE_RAD = 0.02, 0.002
+MIN_HEADING_RAD = 1e-6
 NEAR_M = 0.01
 LINK_ROOM = 0.5
 
@@ -138,6 +139,8 @@ class CollisionMonitor:
         """Whether a joint step in this direction, shape (dof,), brings parts nearer that are inside the
         margin already: these are blocking.
         """
+        if np.abs(heading).max() < MIN_HEADING_RAD:
+            return False
         before, after = self._probe(position, heading)
         self._blocking[:] = (before < self._margin_m) & (after < before - APPROACH_M)
         return bool(self._blocking.any())
