@@ -44,6 +44,11 @@ class KnownTime:
         return self.hub.time_s + (now_s - self.answered_s)
 
 
+def _same(one: FleetCommand, other: FleetCommand) -> bool:
+    """Whether one is a retry of the other: it may have another deadline."""
+    return (one.action, one.who, one.epoch) == (other.action, other.who, other.epoch)
+
+
 class CommandBook:
     """The commands of one robot, from any thread.
 
@@ -108,7 +113,7 @@ class CommandBook:
         with self._lock:
             now_s = self._clock.now_s()
             entry = self._answers.get(command.id)
-            if entry is not None and (entry[1].action, entry[1].epoch) == (command.action, command.epoch):
+            if entry is not None and _same(entry[1], command):
                 return entry[0]
             if entry is not None:
                 raise ConflictError(f"id {command.id}: another command had this id already; use a new id")

@@ -128,6 +128,14 @@ def test_a_replayed_command_is_late_after_its_deadline(clock: Clock, book: Comma
     assert "late" in book.run(stop, lambda: pytest.fail("executed twice")).text
 
 
+def test_a_retry_with_a_later_deadline_is_answered_as_the_first_try(clock: Clock, book: CommandBook) -> None:
+    first = command(clock)
+    assert book.run(first, lambda: "at rest").code == "ok"
+    later = first.model_copy(update={"expires_s": first.expires_s + 1.0})
+    answer = book.run(later, lambda: pytest.fail("executed"))
+    assert (answer.code, answer.text, answer.repeated) == ("ok", "at rest", True)
+
+
 def test_another_command_with_a_used_id_is_not_executed(clock: Clock, book: CommandBook) -> None:
     assert book.run(command(clock), lambda: "at rest").code == "ok"
     answer = book.run(command(clock, who="eve"), lambda: pytest.fail("executed"))
