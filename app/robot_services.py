@@ -11,6 +11,7 @@ from pathlib import Path
 
 from app.actions.fjt import FollowJointTrajectory
 from app.services.devices.equipment import Equipment
+from app.services.devices.simulation import SimulationService
 from app.services.events.ring import Events
 from app.services.gripping.held import HeldService
 from app.services.gripping.on_path import PathCommands
@@ -47,7 +48,6 @@ from app.services.state.cell import CellService
 from app.services.state.commands import loading_s
 from app.services.state.io import IoService
 from app.services.state.link import RobotLink
-from app.services.state.simulation import SimulationService
 from app.services.streaming.force import ForceService
 from app.services.streaming.force_motions import ForceMotionService
 from app.services.streaming.freedrive import FreedriveService
@@ -240,7 +240,7 @@ def _services(
         gripper=gripper,
         path_gripper=path_gripper,
         cell=cell_service,
-        simulation=SimulationService(link, cell_service),
+        simulation=SimulationService(link, ownership, cell_service),
         programs=ProgramService(settings.sequences.programs, ownership, sequences, stopping),
         sync=shared.sync,
         planning=planning,

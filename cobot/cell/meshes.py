@@ -83,8 +83,9 @@ def _read(
             raise InputError("triangles: there are none, or one names a vertex that does not exist")
         if not np.isfinite(vertices).all():
             raise InputError("vertices: one is not finite")
-        vertices = vertices[triangles.ravel()]  # others are not part of the shape
-        triangles = np.arange(len(vertices)).reshape(-1, 3)
+        # Each vertex once, and none that is not part of the shape.
+        vertices, numbers = np.unique(vertices[triangles.ravel()], axis=0, return_inverse=True)
+        triangles = numbers.reshape(-1, 3)
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         size = scale * (high - low)
         if not (size.min() >= MIN_EDGE_M and size.max() <= max_m):

@@ -17,9 +17,20 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cobot.cell.cell import CUP, HAND, Belt, Cell, CellPart, CellSolid, Cup, Hand, cell_file
-from cobot.cell.own_hand import AnyHand, AnyOwnHand, TurningHand, cell_of, hand_of
-from cobot.cell.surroundings import FINGER_SHARE, LIP_M, first_tool, part_in_scene, pose_of
+from cobot.cell.cell import CUP, HAND, Belt, Cell, CellPart, CellSolid, Hand, cell_file
+from cobot.cell.own_hand import AnyHand, AnyOwnHand, cell_of, hand_of
+from cobot.cell.plant_hands import (
+    CONTACT,
+    FINGERS,
+    LIPS,
+    ROLLING_M,
+    TORSION_M,
+    add_cup,
+    add_hand,
+    add_own_hand,
+    flange_of,
+)
+from cobot.cell.surroundings import first_tool, part_in_scene, pose_of
 from cobot.config import Settings
 from cobot.errors import CollisionError, ConfigError, exhausted
 from cobot.robot.description import RobotDescription
@@ -29,28 +40,12 @@ from cobot.robot.tool import Tool
 from cobot.types import Array, Pose
 
 FLOOR = "floor of the cell"
-FINGERS = ("hand finger 1", "hand finger 2")
-"""Names of the joints that the hand's drives move, and of the bodies and shapes of a cell file's hand. A hand
-that turns has one drive."""
-FOLLOWER = "hand follower"
-"""First part of the names of joints that follow the drive of a hand that turns."""
-LIPS = tuple(f"{CUP} lip {number}" for number in range(1, 9))
-"""Names of the balls that are a cup's lip: it is closed where all of them touch one body."""
-SOFT_M = 0.0005
-"""How far a lip reaches beyond its balls, as it is soft."""
 OVERLAP_M = 0.001
 """How far bodies may overlap at the start."""
 IMPEDANCE_RATIO = 10.0
 NO_SLIP_ITERATIONS = 3
-CONTACT = {"solref": [0.004, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
 GRASP = {**CONTACT, "solref": [0.002, 1.0]}
 """Between fingers and parts: the stiffest contact that a period of 1 ms permits."""
-DRIVE_KG = 0.5
-"""Mass of a finger's drive as the finger feels it: its rotor behind a gear."""
-FOLLOWER_SHARE, DAMPING_PER_S = 0.1, 2.0
-"""Inertia of a joint that follows, as a share of the drive's; and damping per inertia of joints that turn."""
-TORSION_M = 0.005
-ROLLING_M = 0.0002
 ROUND = ("cylinder", "sphere")
 """Shapes that roll, so rolling is damped."""
 _GEOMS = {
@@ -123,12 +118,12 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnH
         _replace_floor(spec, base_pose, cell.floor_m)
     fingers: list[mujoco.MjsGeom] = []
     if isinstance(hand, Hand):
-        fingers = _add_hand(spec, robot, hand, tcp)
+        fingers = add_hand(spec, robot, hand, tcp)
     elif hand is not None:
-        fingers = _add_own_hand(spec, hand)
+        fingers = add_own_hand(spec, hand)
     gripping = {finger.parent.name for finger in fingers}
     if cell.cup is not None:
-        fingers = _add_cup(spec, robot, cell.cup, tcp)
+        fingers = add_cup(spec, robot, cell.cup, tcp)
     for name, solid in cell.solids():
         _add_solid(spec, spec.body(base), name, solid, pose_of(solid))
     for name, part in cell.parts.items():
@@ -153,7 +148,7 @@ def build_plant(robot: RobotModel, cell: Cell, base: str, tcp: str, own: AnyOwnH
         hand=hand,
         mj=mj,
         start=start,
-        flange=mj.site(_flange(robot.mj, tcp)).id,
+        flange=mj.site(flange_of(robot.mj, tcp)).id,
         tcp_body=int(mj.site_bodyid[mj.site(tcp).id]),
         gripping=tuple(mj.body(name).id for name in gripping),
         parts=tuple(mj.body(name).id for name in cell.parts),
@@ -260,205 +255,6 @@ def _replace_floor(spec: mujoco.MjSpec, base: Pose, height_m: float) -> None:
         quat=place.quaternion,
         **CONTACT,
     )
-
-
-def _flange(mj: mujoco.MjModel, tcp: str) -> str:
-    """The site that carries the tool: the arm's flange, or without one its TCP."""
-    flange = mujoco.mj_name2id(mj, mujoco.mjtObj.mjOBJ_SITE, "flange")
-    if flange < 0 or mj.body_weldid[mj.site_bodyid[flange]] != mj.body_weldid[mj.site(tcp).bodyid[0]]:
-        return tcp
-    return "flange"
-
-
-def _body_at_flange(spec: mujoco.MjSpec, robot: RobotModel, tcp: str, name: str) -> mujoco.MjsBody:
-    flange = _flange(robot.mj, tcp)
-    place = robot.mj.site(flange)
-    return spec.site(flange).parent.add_body(name=name, pos=place.pos, quat=place.quat)
-
-
-def _add_hand(spec: mujoco.MjSpec, robot: RobotModel, hand: Hand, tcp: str) -> list[mujoco.MjsGeom]:
-    """Add the hand at the flange; the shapes of its fingers."""
-    palm = _body_at_flange(spec, robot, tcp, HAND)
-    height, (thickness, width, length) = hand.palm_m[2], hand.finger_m
-    palm.add_geom(
-        name=HAND,
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=[0.5 * edge for edge in hand.palm_m],
-        pos=[0.0, 0.0, 0.5 * height],
-        mass=(1.0 - 2.0 * FINGER_SHARE) * hand.mass_kg,
-        **CONTACT,
-    )
-    for finger, side in zip(FINGERS, (1.0, -1.0), strict=True):
-        body = palm.add_body(name=finger, pos=[0.0, 0.0, height])
-        _add_slide(body, finger, (side, 0.0, 0.0), 0.5 * hand.stroke_m)
-        body.add_geom(
-            name=finger,
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[0.5 * thickness, 0.5 * width, 0.5 * length],
-            pos=[0.5 * side * thickness, 0.0, 0.5 * length],
-            mass=FINGER_SHARE * hand.mass_kg,
-        )
-    return _couple(spec, (spec.body(FINGERS[0]), spec.body(FINGERS[1])), 1.0)
-
-
-def _add_cup(spec: mujoco.MjSpec, robot: RobotModel, cup: Cup, tcp: str) -> list[mujoco.MjsGeom]:
-    """Add the suction cup at the flange, and return its lip."""
-    holder, radius_m = _body_at_flange(spec, robot, tcp, CUP), 0.5 * LIP_M
-    length_m = cup.length_m - LIP_M
-    holder.add_geom(
-        name=CUP,
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=[cup.radius_m, 0.5 * length_m, 0.0],
-        pos=[0.0, 0.0, 0.5 * length_m],
-        mass=cup.mass_kg,
-        **CONTACT,
-    )
-    around_m = cup.radius_m - radius_m
-    return [
-        holder.add_geom(
-            name=name,
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[radius_m, 0.0, 0.0],
-            pos=[around_m * np.cos(angle), around_m * np.sin(angle), cup.length_m - radius_m],
-            mass=0.0,
-            condim=4,
-            friction=[1.0, TORSION_M, ROLLING_M],
-            gap=SOFT_M,
-            **CONTACT,
-        )
-        for name, angle in zip(LIPS, np.linspace(0.0, 2.0 * np.pi, len(LIPS), endpoint=False), strict=True)
-    ]
-
-
-def _add_own_hand(spec: mujoco.MjSpec, hand: AnyOwnHand) -> list[mujoco.MjsGeom]:
-    """Make the fingers of the arm's model movable, and return the shapes that hold parts."""
-    if isinstance(hand, TurningHand):
-        return _add_turning_hand(spec, hand)
-    bodies = []
-    for name, finger in zip(FINGERS, hand.fingers, strict=True):
-        body = _finger_of_model(spec, finger.body)
-        joint = _add_slide(body, name, finger.axis, finger.travel_m)
-        joint.ref = finger.travel_m  # the model has it open
-        bodies.append(body)
-    return _couple(spec, (bodies[0], bodies[1]), hand.fingers[0].travel_m / hand.fingers[1].travel_m)
-
-
-def _add_turning_hand(spec: mujoco.MjSpec, hand: TurningHand) -> list[mujoco.MjsGeom]:
-    """Have the fingers of the arm's model turn; their shapes, and those of the link next to a single jaw."""
-    inertia = drive_inertia(hand)
-    bodies = [_finger_of_model(spec, joint.body) for joint in hand.joints]
-    carriers = [body.parent for body in bodies if body.parent not in bodies]
-    for index, (joint, body) in enumerate(zip(hand.joints, bodies, strict=True)):
-        name = FINGERS[0] if index == 0 else f"{FOLLOWER} {index}"
-        made = body.add_joint(
-            name=name,
-            type=mujoco.mjtJoint.mjJNT_HINGE,
-            axis=joint.axis,
-            pos=joint.anchor_m,
-            armature=inertia if index == 0 else FOLLOWER_SHARE * inertia,
-            damping=DAMPING_PER_S * inertia,
-        )
-        made.ref = joint.ratio * hand.travel_rad  # the model has it open
-        made.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-        if index == 0:
-            made.limited, made.range = mujoco.mjtLimited.mjLIMITED_TRUE, [0.0, hand.travel_rad]
-        else:
-            _follow(spec, name, joint.ratio)
-    links = list({link.name: link for body in bodies for link in _links(body)}.values())
-    carrier = _rigid_with(carriers[0])
-    _let_pass(spec, links, [*links, *carrier])
-    # A single jaw presses parts against the link that carries it.
-    return _gripping_shapes(links if len(carriers) > 1 else [*links, *carrier])
-
-
-def drive_inertia(hand: TurningHand) -> float:
-    """Inertia of the drive as the first joint feels it, kg m²."""
-    return DRIVE_KG * ((hand.stroke_m - hand.closed_m) / hand.travel_rad) ** 2
-
-
-def _finger_of_model(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
-    body = spec.body(name)
-    if body is None:
-        raise ConfigError(
-            f"robot.gripper.hand: the model has no body {name!r}; valid are: "
-            f"{', '.join(each.name for each in spec.bodies if each.name)}"
-        )
-    if body.joints:
-        raise ConfigError(f"robot.gripper.hand: {name!r} is a link of the arm, not a finger")
-    return body
-
-
-def _add_slide(
-    body: mujoco.MjsBody, name: str, axis: tuple[float, float, float], travel_m: float
-) -> mujoco.MjsJoint:
-    return body.add_joint(
-        name=name,
-        type=mujoco.mjtJoint.mjJNT_SLIDE,
-        axis=axis,
-        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        range=[0.0, travel_m],
-        armature=DRIVE_KG,
-        damping=1.0,
-    )
-
-
-def _couple(
-    spec: mujoco.MjSpec, fingers: tuple[mujoco.MjsBody, mujoco.MjsBody], ratio: float
-) -> list[mujoco.MjsGeom]:
-    """Have the fingers move together, and pass each other; their shapes, which touch as fingers do.
-
-    Args:
-        ratio: how far the first one slides for each metre of the second one.
-    """
-    links = [_links(finger) for finger in fingers]
-    _let_pass(spec, *links)
-    _follow(spec, FINGERS[0], ratio, FINGERS[1])
-    return _gripping_shapes([*links[0], *links[1]])
-
-
-def _follow(spec: mujoco.MjSpec, name: str, ratio: float, leader: str = FINGERS[0]) -> None:
-    """Have a joint move by `ratio` for each unit of the leader."""
-    together = spec.add_equality(
-        type=mujoco.mjtEq.mjEQ_JOINT,
-        objtype=mujoco.mjtObj.mjOBJ_JOINT,
-        name1=name,
-        name2=leader,
-        solref=[0.004, 1.0],
-    )
-    together.data[:5] = [0.0, ratio, 0.0, 0.0, 0.0]
-
-
-def _let_pass(spec: mujoco.MjSpec, links: list[mujoco.MjsBody], others: list[mujoco.MjsBody]) -> None:
-    """Let links pass through other ones."""
-    pairs = {frozenset((one.name, other.name)) for one in links for other in others if one.name != other.name}
-    for first, second in (sorted(pair) for pair in sorted(pairs, key=sorted)):
-        spec.add_exclude(bodyname1=first, bodyname2=second)
-
-
-def _gripping_shapes(links: list[mujoco.MjsBody]) -> list[mujoco.MjsGeom]:
-    """The shapes of links, which touch as fingers do."""
-    shapes = [geom for link in links for geom in link.geoms if geom.contype]
-    for number, geom in enumerate(shapes, start=1):
-        geom.name = geom.name or f"{HAND} shape {number} of {geom.parent.name}"
-        geom.condim, geom.friction = 4, [1.0, TORSION_M, ROLLING_M]
-        geom.solref[:2], geom.solimp[:5] = CONTACT["solref"], CONTACT["solimp"]
-    return shapes
-
-
-def _rigid_with(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
-    """The link, and those fixed to it in both directions."""
-    while not body.joints and body.parent.name != "world":
-        body = body.parent
-    found, pending = [], [body]
-    while pending:
-        found.append(each := pending.pop())
-        pending += [child for child in each.bodies if not child.joints]
-    return found
-
-
-def _links(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
-    """A body and all that it carries."""
-    return [body, *(link for child in body.bodies for link in _links(child))]
 
 
 def _add_solid(

@@ -30,7 +30,16 @@ from cobot.config import Settings, load_settings
 from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.fleet.commands import CommandBook
 from cobot.fleet.link import has_router, open_cell, payloads
-from cobot.fleet.messages import Answer, FleetCommand, FleetState, HubTime, RobotEvent, read, written
+from cobot.fleet.messages import (
+    KEPT_EVENTS,
+    Answer,
+    FleetCommand,
+    FleetState,
+    HubTime,
+    RobotEvent,
+    read,
+    written,
+)
 from cobot.fleet.names import FleetKeys, own_cell_name, parts
 from cobot.fleet.watching import ArmWatch, EventWatch, ServiceWatch
 from cobot.launch.process import Niceness, be, die_with_parent, in_words
@@ -46,8 +55,6 @@ UNCHANGED_S = 1.0
 """Interval at which a state is published again while nothing changes, in seconds."""
 TIME_TIMEOUT_S = 1.0
 SYNCHRONIZE_S = 10.0
-KEPT_EVENTS = 50
-"""Number of events per robot that a late client receives."""
 WORKERS = 8
 """Number of commands that a robot works on at the same time: the first one, and retries that wait for it."""
 MAX_WAITING = 100

@@ -16,6 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from cobot.errors import BusyError, ConflictError, InputError, NotFoundError, UnavailableError
 from cobot.fleet.link import open_hub, payloads
 from cobot.fleet.messages import (
+    KEPT_EVENTS,
     MAX_BYTES,
     Answer,
     FleetCommand,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 MAX_ROBOTS = 10_000
 """Maximum number of robots that are kept."""
-KEPT_EVENTS = 50
 REST_S = 6.0
 """Time that a cell has, after the deadline of a stop, to bring the arm to rest and answer, in seconds."""
 RETRY_S = 0.1
@@ -294,7 +294,10 @@ class Hub:
 
     def _take_event(self, sample: zenoh.Sample) -> None:
         try:
-            self._keep_event(read(RobotEvent, bytes(sample.payload)))
+            event = read(RobotEvent, bytes(sample.payload))
+            if (event.cell, event.robot) != parts(str(sample.key_expr)):
+                raise InputError(f"the event of {event.cell}/{event.robot} came as {sample.key_expr}")
+            self._keep_event(event)
         except InputError as exc:
             log.warning("an event is ignored: %s", exc)
 

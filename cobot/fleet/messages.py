@@ -11,6 +11,8 @@ from cobot.strict import StrictModel, sentences
 
 MAX_BYTES = 64 * 1024
 """Maximum size of a message."""
+KEPT_EVENTS = 50
+"""Number of events per robot that cells and hubs keep for clients that come late."""
 MAX_LIFETIME_S = 60.0
 """Maximum time between the issue of a command and its deadline."""
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$")]

@@ -324,6 +324,8 @@ OUTPUT = np.dtype([("name", f"S{IO_NAME_BYTES}"), ("value", "f8")])
 PULL = np.dtype([("link", "S64"), ("point", "f8", (3,)), ("target", "f8", (3,))])
 """point: of the link, in its frame, m; target: where it is pulled to, in the base frame, m. No link: let go.
 """
+PULL_S = 0.2
+"""Time after which the simulation ends a pull that is not renewed."""
 CELL_PARTS = 32
 CELL = np.dtype(
     [

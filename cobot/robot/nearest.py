@@ -50,7 +50,7 @@ class NearestParts:
         self._checker, self._base = checker, base
         self._data = mujoco.MjData(checker.mj)
         own = np.array([checker.is_own(pair) for pair in range(len(checker.pairs))], dtype=bool)
-        changes = np.array([self._changes(pair) for pair in range(len(checker.pairs))], dtype=bool)
+        changes = self._find_changing()
         self._own, self._around = np.flatnonzero(own & changes), np.flatnonzero(~own & changes)
 
     def at(self, joints: Array) -> tuple[Nearest | None, Nearest | None]:
@@ -98,19 +98,27 @@ class NearestParts:
         first, second = (ends.reshape(2, 3) - base.xpos) @ base.xmat.reshape(3, 3)
         return _point(first), _point(second)
 
-    def _changes(self, pair: int) -> bool:
-        """Whether the distance of a pair depends on the joints."""
-        mj = self._checker.mj
-        first, second = (self._joints_of(int(mj.geom_bodyid[geom])) for geom in self._checker.pairs[pair])
-        moving = first ^ second
-        if len(moving) != 1:
-            return bool(moving)
-        joint = moving.pop()
-        rows = np.tile(mj.qpos0, (TURNS, 1))
-        low, high = mj.jnt_range[joint] if mj.jnt_limited[joint] else (-np.pi, np.pi)
-        rows[:, joint] = np.linspace(float(low), float(high), TURNS)
-        distances = self._checker.clearance.distances(rows, 10.0 * FARTHEST_M)[:, pair]
-        return bool(np.ptp(distances) > SAME_M)
+    def _find_changing(self) -> npt.NDArray[np.bool_]:
+        """Of each pair, whether its distance depends on the joints."""
+        mj, pairs = self._checker.mj, self._checker.pairs
+        moving = [self._joints_between(first, second) for first, second in pairs]
+        changes = np.array([bool(joints) for joints in moving], dtype=bool)
+        for joint in range(self._checker.clearance.dof):
+            alone = [pair for pair, joints in enumerate(moving) if joints == {joint}]
+            if not alone:
+                continue
+            rows = np.tile(mj.qpos0, (TURNS, 1))
+            low, high = mj.jnt_range[joint] if mj.jnt_limited[joint] else (-np.pi, np.pi)
+            rows[:, joint] = np.linspace(float(low), float(high), TURNS)
+            distances = self.distances(rows)[:, alone]
+            # What is far away at all these angles may be nearer between them.
+            changes[alone] = (np.ptp(distances, axis=0) > SAME_M) | (distances.min(axis=0) >= FARTHEST_M)
+        return changes
+
+    def _joints_between(self, first: int, second: int) -> set[int]:
+        """The joints that move one of two shapes and not the other one."""
+        bodies = self._checker.mj.geom_bodyid
+        return self._joints_of(int(bodies[first])) ^ self._joints_of(int(bodies[second]))
 
     def _joints_of(self, body: int) -> set[int]:
         """The joints that move a body."""

@@ -10,7 +10,7 @@ from cobot.robot.mujoco cimport data_of, mj_jacDot, mj_ray, model_of
 
 from cobot.cell import TurningHand
 from cobot.cell.cell import COUNT, CUP, SPEED, ContactSwitch, LightBarrier
-from cobot.cell.plant import DRIVE_KG, FINGERS, LIPS, drive_inertia
+from cobot.cell.plant_hands import DRIVE_KG, FINGERS, LIPS, drive_inertia
 from rtloop.backends.cell_points import HAND_POINTS, cell_points
 from rtloop.backends.protocols import BackendError
 

@@ -25,6 +25,7 @@ import mujoco
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, checked_dof, doubles
+from cobot.ipc.layout import PULL_S
 from cobot.ipc.state_block cimport (
     DESIRED_EFFORT_ROW,
     EFFORT_ROW,
@@ -63,12 +64,11 @@ cdef double FRICTION_SHARE = 0.9
 # Time in which the arm goes over to another impedance.
 cdef double TRANSITION_S = 0.1
 # A pull at a link: a spring with a damper, like a hand's. It loads no joint with more than this share of its
-# effort, and ends after this time without another one.
+# effort.
 cdef double PULL_N_M = 300.0
 cdef double PULL_NS_M = 40.0
 cdef double MAX_PULL_N = 50.0
 cdef double MAX_PULL_SHARE = 0.15
-cdef double PULL_S = 0.2
 
 
 cdef class MujocoBackend(CompiledBackend):

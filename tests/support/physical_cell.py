@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 
 from cobot.cell import load_cell
-from cobot.cell.plant import FINGERS
+from cobot.cell.plant_hands import FINGERS
 from cobot.cell.surroundings import cup_as_tool, hand_as_tool
 from cobot.config import Settings
 from cobot.planners import MotionRequest, plan

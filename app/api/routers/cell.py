@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Mapping
 from typing import Annotated, Self
 
-from fastapi import Query, Request
+from fastapi import Query, Request, Response
 from pydantic import BaseModel, Field
 
+from app.api.costly import costly_turn
 from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
@@ -48,7 +51,7 @@ class CellAnswer(BaseModel):
     switches: list[IoAnswer] = Field(description="Inputs of the switches, and NAME.count of their counters.")
 
     @classmethod
-    def of(cls, service: CellService, meshes: bool = False) -> Self:
+    def of(cls, service: CellService) -> Self:
         parts, poses = service.require().parts, service.parts()
         return cls(
             parts=[
@@ -56,7 +59,7 @@ class CellAnswer(BaseModel):
                     name=name,
                     shape=parts[name].shape,
                     size_m=list(parts[name].bounds_m),
-                    mesh=_mesh_of(parts[name]) if meshes else None,
+                    mesh=None,
                     mass_kg=parts[name].mass_kg,
                     position=list(pose[:3]),
                     quaternion=[*pose[4:], pose[3]],
@@ -68,22 +71,32 @@ class CellAnswer(BaseModel):
         )
 
 
-def _mesh_of(part: CellPart) -> MeshAnswer | None:
-    if part.shape != "mesh":
-        return None
-    return MeshAnswer(vertices=list(part.mesh.vertices), triangles=list(part.mesh.triangles))
+def _with_meshes(answer: CellAnswer, parts: Mapping[str, CellPart]) -> bytes:
+    for shown in answer.parts:
+        if shown.shape == "mesh":
+            mesh = parts[shown.name].mesh
+            shown.mesh = MeshAnswer(vertices=list(mesh.vertices), triangles=list(mesh.triangles))
+    return answer.model_dump_json().encode()
 
 
-@router.endpoint("GET /cell", Role.OBSERVER, timeout_s=1.5, responses=responses(404, 422, 503))
+@router.endpoint(
+    "GET /cell", Role.OBSERVER, timeout_s=1.5, response_model=CellAnswer, responses=responses(404, 422, 503)
+)
 async def cell(
     request: Request,
     meshes: Annotated[bool, Query(description="Whether parts that are meshes have their triangles.")] = False,
-) -> CellAnswer:
+) -> Response:
     """Where the parts of the simulated cell are, and what its switches report.
 
     A robot without a cell answers 404.
     """
-    return CellAnswer.of(Call(request).services.cell, meshes)
+    service = Call(request).services.cell
+    answer = CellAnswer.of(service)
+    if not meshes:
+        return Response(answer.model_dump_json(), media_type="application/json")
+    async with costly_turn(request):  # millions of numbers, perhaps
+        content = await asyncio.to_thread(_with_meshes, answer, service.require().parts)
+    return Response(content, media_type="application/json")
 
 
 @router.endpoint(
@@ -109,7 +122,8 @@ async def reset_cell(request: Request) -> CellAnswer:
 async def reset_simulation(request: Request) -> ResetAnswer:
     """Begin the simulation again: an e-stop or a fault is cleared, arm and cell are at the start.
 
-    Scene, tool and positions stay. Rejected with 409 while the arm moves, and with 501 on a real robot.
+    Scene, tool and positions stay. Rejected with 409 while the arm moves or a program runs, and with 501 on a
+    real robot.
     """
     await Call(request).services.simulation.reset()
     return ResetAnswer(success=True, message="the simulation begins again")

@@ -3,7 +3,7 @@
 import { FUNCTIONS } from "./lua-functions.js";
 
 const NAME = /[A-Za-z_][\w.]*$/;
-const LEAST = 2; // letters
+const MIN_LETTERS = 2; // letters
 const STEPS = { ArrowDown: 1, ArrowUp: -1 };
 
 export class Complete {
@@ -25,7 +25,7 @@ export class Complete {
   look() {
     const typed = NAME.exec(this.before)?.[0] ?? "";
     const line = this.before.slice(this.before.lastIndexOf("\n") + 1);
-    const names = this.isLua() && typed.length >= LEAST && !line.includes("--") ? Object.keys(FUNCTIONS) : [];
+    const names = this.isLua() && typed.length >= MIN_LETTERS && !line.includes("--") ? Object.keys(FUNCTIONS) : [];
     this.typed = typed;
     this.offers = names.filter((name) => name.startsWith(typed) && name !== typed);
     [this.marked, this.moved] = [0, false];

@@ -171,7 +171,7 @@ export class Motions {
     return { ...plan, ids: [plan.plan_id] };
   }
 
-  // Returns the plan; null if there is none, or another one is wanted by now.
+  // Returns the plan; null if planning failed, or the user has asked for another plan meanwhile.
   async ask(name, planned) {
     this.discard();
     this.name = name;

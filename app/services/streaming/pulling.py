@@ -1,7 +1,8 @@
 """Pulling a link of the simulated arm, as a hand does, while it is guided by hand.
 
 A facility of the simulation alone: a real arm is pulled by a real hand. The simulation bounds the force and
-ends each pull by itself `SILENCE_S` after the last frame, whatever has become of client and service.
+ends each pull by itself `cobot.ipc.layout.PULL_S` after the last frame, whatever has become of client and
+service.
 """
 
 from __future__ import annotations
@@ -14,9 +15,6 @@ from app.services.state.link import RobotLink
 from app.services.streaming.freedrive import FreedriveService
 from cobot.errors import CobotError, ConflictError, ExecutionError, NotSupportedError
 
-SILENCE_S = 0.2
-"""After which the simulation ends a pull that no frame renews: `PULL_S` in rtloop/backends/mujoco.pyx."""
-
 
 class Pulling:
     """The pulls of one client."""
@@ -28,7 +26,7 @@ class Pulling:
         self._task: asyncio.Task[None] | None = None
 
     async def pull(self, link: str, point: Sequence[float], target: Sequence[float]) -> None:
-        """Pull for `SILENCE_S`, or until the next call.
+        """Pull for `PULL_S`, or until the next call.
 
         Args:
             link: name of a body that the joints move.
@@ -49,7 +47,7 @@ class Pulling:
             raise ConflictError(f"the arm cannot be pulled: {exc}") from exc
 
     async def let_go(self) -> None:
-        """End the pull. Nothing happens if there is none."""
+        """End the pull of this client, if it pulls."""
         if self._pulls:
             self._pulls = False
             await self._link.commands.pull("")

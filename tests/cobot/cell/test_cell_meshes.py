@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from physical_cell import CellArm, write_cell
 
-from app.api.routers.cell import CellAnswer
+from app.api.routers.cell import CellAnswer, _with_meshes
 from cobot.cell import load_cell, meshes
 from cobot.cell.plant import build_plant
 from cobot.cell.surroundings import fixtures_in_scene, part_in_scene
@@ -117,8 +117,9 @@ def test_rest_has_the_triangles_on_request(tmp_path: Path) -> None:
     )
     (part,) = CellAnswer.of(service).parts
     assert (part.shape, part.mesh) == ("mesh", None)
-    (part,) = CellAnswer.of(service, meshes=True).parts
+    (part,) = CellAnswer.model_validate_json(_with_meshes(CellAnswer.of(service), cell.parts)).parts
     assert part.mesh is not None
+    assert len(part.mesh.vertices) == 3 * len(ANGLE.vertices), "each of them once"
     shown = np.reshape(part.mesh.vertices, (-1, 3))[part.mesh.triangles]
     np.testing.assert_allclose(shown.min(axis=0), -0.5 * np.array(part.size_m), atol=1e-6)
     assert len(shown) == 3 * len(ANGLE.faces)

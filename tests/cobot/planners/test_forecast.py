@@ -18,7 +18,8 @@ from cobot.motions.requests import MotionRequest
 from cobot.planners.forecast import forecast
 from cobot.robot.collision import geom_pairs
 from cobot.robot.description import RobotDescription
-from cobot.robot.nearest import FARTHEST_M
+from cobot.robot.nearest import FARTHEST_M, NearestParts
+from cobot.robot.scene import Scene, SceneObject
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Scaling
 
@@ -93,6 +94,26 @@ def named(model: mujoco.MjModel, pair: tuple[int, int], closest: Closest) -> boo
         for geom in pair
     }
     return names == {closest.first, closest.second}
+
+
+def test_a_large_scene_is_looked_through_once_for_each_joint(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once for each object took half a second with 200 of them, in the service's event loop."""
+    objects = {
+        f"box {n}": SceneObject("box", (0.05, 0.05, 0.05), (1.0 + n, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0))
+        for n in range(40)
+    }
+    checker = robot.collision.among(Scene(1, objects))
+    looks, distances = [], NearestParts.distances
+
+    def count(self: NearestParts, rows: Array) -> Array:
+        looks.append(len(rows))
+        return distances(self, rows)
+
+    monkeypatch.setattr(NearestParts, "distances", count)
+    assert checker.nearest is not None
+    assert 0 < len(looks) <= robot.limits.dof
 
 
 def test_torque_peaks_are_those_of_pinocchio(forecasts: list[tuple[Forecast, Trajectory]]) -> None:

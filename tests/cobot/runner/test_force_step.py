@@ -17,7 +17,7 @@ from physical_cell import write_cell
 from plant_service import ServiceOfPlant
 from programs_here import run_lua, run_sequence
 
-from cobot.cell.plant import FINGERS
+from cobot.cell.plant_hands import FINGERS
 from cobot.errors import CobotError, ConditionNotMet, InputError, MotionStopped, NotSupportedError
 from cobot.ipc.device_record import fill_capabilities
 from cobot.motions.force_bodies import FORCE_MOTIONS

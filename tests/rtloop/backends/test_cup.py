@@ -12,7 +12,7 @@ from folders import ROOT
 from physical_cell import DOWN, CellArm, write_cell
 from plant_service import ServiceOfPlant
 
-from cobot.cell.plant import LIPS
+from cobot.cell.plant_hands import LIPS
 from cobot.config import Settings
 from cobot.robot.description import load_robot
 from cobot.types import Pose

@@ -189,4 +189,4 @@ def test_the_simulation_begins_again(run: VirtualService) -> None:
 def test_a_simulation_that_moves_is_not_begun_again(run: VirtualService) -> None:
     answer = run.post("/robot/simulation/reset", {})
     assert answer.status_code == 409
-    assert "JOINT_IMPEDANCE" in answer.json()["detail"]
+    assert "the robot is in use by POST /robot/freedrive" in answer.json()["detail"]

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from urdf_arms import ARMS, urdf
 
 from cobot.cell import TurningHand, cell_of, hand_of
+from cobot.cell.plant_hands import FOLLOWER
 from cobot.config import Settings, load_settings
 from cobot.contract_checks import CheckVerdict
 from cobot.errors import ConfigError
@@ -19,6 +20,7 @@ from cobot.grippers.contract.suite import CHECKS, examine, subject_for
 from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.robot.description import load_robot
 from cobot.types import Array, Pose
+from rtloop.backends import Impedance
 
 KNUCKLE_M, TIP_M, HALF_M = 0.06, 0.04, 0.005
 END_M = 0.02
@@ -147,6 +149,28 @@ def test_the_simulation_moves_the_tips_to_each_width(linkage: tuple[Settings, st
         arm.move_hand(width, speed=0.05)
         assert arm.read("hand.measured_width") == pytest.approx(width, abs=3e-4)
         assert distance(arm, "left_tip", "right_tip") == pytest.approx(width, abs=6e-4)
+
+
+def test_a_pull_at_a_finger_leaves_no_effort_in_the_hand(
+    linkage: tuple[Settings, str], tmp_path: Path
+) -> None:
+    """Oracle: MuJoCo's qfrc_applied of the joints that follow, which no drive writes."""
+    settings, _ = linkage
+    arm = CellArm(settings, load_robot(settings), write_cell(tmp_path, {"floor_m": None}))
+    stiffness = arm.backend.nominal_stiffness
+    arm.backend.set_impedance(Impedance(False, stiffness, np.full(len(stiffness), 0.7)))
+    arm.backend.pull("left_tip", np.zeros(3), np.array([0.0, 2.0, 0.5]))
+    arm.hold(100)
+    mj, applied = arm.backend.plant.mj, arm.backend._plant_data.qfrc_applied
+    dof = len(arm.joints)
+    followers = [
+        int(mj.jnt_dofadr[each]) for each in range(dof, mj.njnt) if mj.joint(each).name.startswith(FOLLOWER)
+    ]
+    assert np.abs(applied[:dof]).max() > 0.1
+    assert len(followers) == 3
+    np.testing.assert_array_equal(applied[followers], 0.0)
+    arm.hold(200)
+    np.testing.assert_array_equal(applied[:dof], 0.0)
 
 
 @pytest.mark.parametrize("kind", ["linkage", "jaw"])

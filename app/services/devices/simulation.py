@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from app.services.rights.ownership import Ownership
 from app.services.state.cell import CellService
 from app.services.state.link import RobotLink
 from cobot.errors import ConflictError, ExecutionError, NotSupportedError
@@ -13,8 +14,9 @@ TIMEOUT_S = 1.5
 class SimulationService:
     """Begins the simulation of one robot again."""
 
-    def __init__(self, link: RobotLink, cell: CellService) -> None:
+    def __init__(self, link: RobotLink, ownership: Ownership, cell: CellService) -> None:
         self._link = link
+        self._ownership = ownership
         self._cell = cell
 
     async def reset(self) -> None:
@@ -22,7 +24,7 @@ class SimulationService:
 
         Raises:
             NotSupportedError: the backend moves a real arm. The error names it.
-            ConflictError: the arm moves, or the backend is another simulation.
+            ConflictError: the arm moves, a program runs, or the backend is another simulation.
             NotReadyError: the cause of a fault persists, with rtloop's reason.
             UnavailableError: rtloop does not answer.
         """
@@ -36,6 +38,7 @@ class SimulationService:
                 f"only a simulation can be reset, and the backend {named[0]} moves a real arm; POST "
                 "/robot/reset leaves an e-stop or a fault"
             )
+        self._ownership.require_free(None)
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             await link.commands.reset(TIMEOUT_S)
         try:
