@@ -23,6 +23,7 @@ cdef class GeomDistances:
     cdef mjData* _data
 
     cdef bint c_find(self, const double* joints, double* out) noexcept nogil
-    cdef bint c_find_far(self, const double* joints, double* out) noexcept nogil
+    cdef bint c_find_near(self, const double* joints, const double* last, double near_m,
+                          double* out) noexcept nogil
     cdef bint _place(self, const double* joints) noexcept nogil
     cdef double _between(self, const GeomPair* pair, double farthest_m) noexcept nogil

@@ -89,13 +89,18 @@ cdef class GeomDistances:
             out[index] = self._between(&self._pairs[index], self._pairs[index].farthest_m)
         return True
 
-    cdef bint c_find_far(self, const double* joints, double* out) noexcept nogil:
-        """`c_find`, with the same farthest distance for all pairs."""
+    cdef bint c_find_near(self, const double* joints, const double* last, double near_m,
+                          double* out) noexcept nogil:
+        """The distances, with the same farthest one for all, of the pairs whose last distance is less than
+        `near_m`; infinity for the others.
+        """
         cdef int index
         if not self._place(joints):
             return False
         for index in range(self.count):
-            out[index] = self._between(&self._pairs[index], self._farthest_m)
+            out[index] = INFINITY
+            if last[index] < near_m:
+                out[index] = self._between(&self._pairs[index], self._farthest_m)
         return True
 
     cdef bint _place(self, const double* joints) noexcept nogil:

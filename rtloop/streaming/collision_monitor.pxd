@@ -31,7 +31,7 @@ cdef class CollisionMonitor:
     cdef void c_look(self, const double* command) noexcept nogil
     cdef bint c_leads_away(self, const double* position, const double* heading) noexcept nogil
     cdef bint c_leads_deeper(self, const double* position, const double* heading) noexcept nogil
-    cdef bint _probe(self, const double* position, const double* heading) noexcept nogil
+    cdef bint _probe(self, const double* position, const double* heading, double near_m) noexcept nogil
     cdef bint _see_inside(self) noexcept nogil
     cdef void _find_way_to_rest(self, const double* command) noexcept nogil
     cdef void _go_on(self, int joint, const double* command, Problem* problem) noexcept nogil

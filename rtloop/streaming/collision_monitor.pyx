@@ -1,6 +1,6 @@
 """Keeps a stream out of the arm itself and its surroundings."""
 
-from libc.math cimport fabs, fmax, fmin
+from libc.math cimport INFINITY, fabs, fmax, fmin
 
 import numpy as np
 
@@ -251,7 +251,7 @@ cdef class CollisionMonitor:
         """
         cdef double before
         cdef int index
-        if not self._probe(position, heading):
+        if not self._probe(position, heading, INFINITY):
             return False
         for index in range(self._distances.count):
             before = self._c_before[index]
@@ -276,7 +276,9 @@ cdef class CollisionMonitor:
             longest = max(longest, fabs(heading[index]))
         if longest < MIN_HEADING_RAD:
             return False
-        if not self._probe(position, heading):
+        # This runs in the cycle of each target, so it leaves out what the last look saw far away: nothing comes
+        # nearer by NEAR_M in the few cycles since then, and the next look blocks what comes into the margin.
+        if not self._probe(position, heading, self._margin_m + NEAR_M):
             return True
         for index in range(self._distances.count):
             self._c_blocking[index] = (
@@ -287,8 +289,10 @@ cdef class CollisionMonitor:
                 deeper = True
         return deeper
 
-    cdef bint _probe(self, const double* position, const double* heading) noexcept nogil:
-        """Find the distances before and after a joint step in this direction. False if it is not finite."""
+    cdef bint _probe(self, const double* position, const double* heading, double near_m) noexcept nogil:
+        """Find the distances before and after a joint step in this direction, of pairs that the last look saw
+        nearer than `near_m`. False if the step is not finite.
+        """
         cdef double there[MAX_DOF]
         cdef double longest = 0.0, scale = 0.0
         cdef int index
@@ -298,9 +302,9 @@ cdef class CollisionMonitor:
             scale = max(MIN_PROBE_RAD, min(longest, PROBE_RAD)) / longest
         for index in range(self._dof):
             there[index] = position[index] + heading[index] * scale
-        return self._distances.c_find_far(position, self._c_before) and self._distances.c_find_far(
-            there, self._c_after
-        )
+        return self._distances.c_find_near(
+            position, self._c_here, near_m, self._c_before
+        ) and self._distances.c_find_near(there, self._c_here, near_m, self._c_after)
 
     def _has_world(self, pair):
         return any(

@@ -142,7 +142,8 @@ class CollisionMonitor:
         if np.abs(heading).max() < MIN_HEADING_RAD:
             return False
         before, after = self._probe(position, heading)
-        self._blocking[:] = (before < self._margin_m) & (after < before - APPROACH_M)
+        seen = self._here < self._margin_m + NEAR_M  # at the last look
+        self._blocking[:] = seen & (before < self._margin_m) & (after < before - APPROACH_M)
         return bool(self._blocking.any())
 
     def _probe(self, position: Array, heading: Array) -> tuple[Array, Array]:
