@@ -66,6 +66,7 @@ console.log(JSON.stringify({
   sent: (await robot.POST("/trajectory/send", { body: far })).response.status,
   limit: await codeOf(robot.POST("/robot/move/joints", { body: { joints: [9, 0, 0, 0, 0, 0, 0] } })),
   unknown: await codeOf(robot.GET("/jobs/{job}", { params: { path: { job: "none" } } })),
+  again: (await robot.POST("/stop")).response.status,
   named: await codeOf(
     robot.POST("/robots/{robot}/move/named", { params: { path: { robot: name } }, body: { name: "home" } }),
   ),
@@ -146,7 +147,7 @@ def test_a_program_moves_stops_and_catches_errors(project: Path, shared: Run) ->
     assert said["moved"]["success"]
     assert said["position"][0] == pytest.approx(0.3, abs=1e-3)
     assert said["aborted"] == "AbortError"
-    assert (said["stopped"], said["sent"]) == (200, 200)
+    assert (said["stopped"], said["sent"], said["again"]) == (200, 200, 200)
     assert said["limit"][:2] == ["limit", 422]
     assert "joint1 is 9 rad" in said["limit"][2]
     assert said["unknown"][:2] == ["not_found", 404]
