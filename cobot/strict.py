@@ -109,6 +109,9 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
             return f"{place}: is missing"
         case "value_error":
             text = str(error["ctx"]["error"])
+        case "union_tag_invalid":
+            text = f"{str(error['ctx']['discriminator']).strip(chr(39))} {shown(error['ctx']['tag'])} is unknown; valid are: "
+            text += str(error["ctx"]["expected_tags"])
         case kind:
             text = f"{_requirement(kind, error)}, got {shown(error['input'])}"
             if kind in BOUNDS:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextvars import ContextVar
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Literal
 
 from cobot.errors import AuthenticationError, PermissionDenied
 
@@ -18,6 +19,10 @@ class Role(IntEnum):
     OPERATOR = 3  # moves the arm, resets it, streams to it, runs stored programs
     PROGRAMMER = 4  # uploads programs and changes what affects later motions: tool, payload, limits
     ADMIN = 5  # everything else: reads the audit, reloads the settings
+
+
+RoleName = Literal["observer", "agent", "operator", "programmer", "admin"]
+"""A role of a token, as text."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,18 +16,17 @@ from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import AwareDatetime, Field, TypeAdapter, ValidationError
 
-from cobot.access.roles import ANONYMOUS, FLEET, ROS, SERVICE, Role
+from cobot.access.roles import ANONYMOUS, FLEET, ROS, SERVICE, Role, RoleName
 from cobot.errors import ConfigError, ConflictError, InputError, NotFoundError
 from cobot.strict import StrictModel, sentences, shown
 
 PREFIX = "cobot_"
 """Prefix of each token, by which people and scanners for leaked secrets recognise it."""
 RESERVED = (ANONYMOUS, ROS, FLEET, SERVICE.name)
-RoleName = Literal["observer", "agent", "operator", "programmer", "admin"]
 
 
 Moment = Annotated[AwareDatetime, Field(strict=False)]

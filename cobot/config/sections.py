@@ -15,6 +15,7 @@ from cobot.config.values import (
     FleetName,
     Host,
     IPv4,
+    LeastRole,
     Origin,
     PanelUrl,
     Positive,
@@ -172,10 +173,20 @@ class McpSection(Section):
     fence: FenceSection
 
 
+class AcceptedCommands(Section):
+    stop: LeastRole
+    program: LeastRole
+    speed: LeastRole
+    control: LeastRole
+
+
 class FleetSection(Section):
     name: FleetName
     cell: FleetName | None
+    zone: FleetName | None
     connect: list[ZenohEndpoint]
+    certificates: Annotated[Location | None, AfterValidator(values.for_its_hub)]
+    accept: AcceptedCommands
     on_loss: Literal["continue", "stop"]
     loss_s: Annotated[float, Field(ge=1.0, le=3600.0)]
     panel: PanelUrl | None

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from ipaddress import IPv4Address
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo
 
+from cobot.access.roles import RoleName
 from cobot.addresses import ROBOTS, VERSION
 from cobot.strict import shown
 
@@ -54,8 +55,8 @@ def _an_origin(value: str) -> str:
 
 
 def _a_zenoh_endpoint(value: str) -> str:
-    if not re.fullmatch(r"tcp/([A-Za-z0-9._-]+|\[[0-9a-f:.]+\]):[0-9]{1,5}", value):
-        raise ValueError(f"{shown(value)} is no address of a hub, such as tcp/127.0.0.1:7447")
+    if not re.fullmatch(r"(tcp|tls)/([A-Za-z0-9._-]+|\[[0-9a-f:.]+\]):[0-9]{1,5}", value):
+        raise ValueError(f"{shown(value)} is no address of a hub, such as tls/hall-3.example:7447")
     return value
 
 
@@ -67,6 +68,7 @@ def _a_panel(value: str) -> str:
 
 RobotName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$"), AfterValidator(_a_robot_name)]
 FleetName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$")]
+LeastRole = Literal[RoleName, "none"]
 ZenohEndpoint = Annotated[str, AfterValidator(_a_zenoh_endpoint)]
 PanelUrl = Annotated[str, AfterValidator(_a_panel)]
 IPv4 = Annotated[str, AfterValidator(_an_ipv4_address)]
@@ -74,6 +76,16 @@ Host = Annotated[str, AfterValidator(_a_host)]
 Origin = Annotated[str, AfterValidator(_an_origin)]
 
 # Validators of a field that know the fields before it in its section.
+
+
+def for_its_hub(certificates: Path | None, info: ValidationInfo) -> Path | None:
+    """Of `fleet.certificates`: there for addresses with TLS, and only for those."""
+    for hub in info.data.get("connect", ()):
+        if hub.startswith("tls/") and certificates is None:
+            raise ValueError(f"{hub} needs the folder of this cell's certificate: `cobot fleet certificate`")
+        if hub.startswith("tcp/") and certificates is not None:
+            raise ValueError(f"{hub} is not encrypted: with certificates, the address begins with tls/")
+    return certificates
 
 
 def for_other_computers(peers: list[str], info: ValidationInfo) -> list[str]:

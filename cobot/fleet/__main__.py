@@ -5,11 +5,8 @@ from __future__ import annotations
 import argparse
 import getpass
 import json
-import logging
 import os
 import re
-import signal
-import socket
 import sys
 import time
 from collections.abc import Sequence
@@ -19,15 +16,14 @@ from urllib.parse import quote
 
 import httpx
 
-from cobot.access.authentication import is_loopback
 from cobot.addresses import CLIENT_NAME, check_url
+from cobot.client.tls import TOKEN_VARIABLE, advice, tls_context
 from cobot.codes import ERROR_OF, Code
-from cobot.errors import CobotError, ConfigError, InputError, UnavailableError
-from cobot.fleet.hub import DEADLINE_S, REST_S
+from cobot.errors import CobotError, UnavailableError
+from cobot.fleet.messages import DEADLINE_S, REST_S
+from cobot.fleet.serving import add_certificate, add_serve
 from cobot.foreign import plain_lines
-from cobot.launch.fleet_extra import require_zenoh
 from cobot.launch.process import in_words
-from cobot.logs import start_logging
 
 EXIT_OK, EXIT_FAILED, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 URL_VARIABLE = "COBOT_FLEET"
@@ -42,7 +38,10 @@ All cells of a plant in one place: docs/fleet.md.
   cobot fleet list       all robots with their states
   cobot fleet show CELL  all that the hub knows of a cell, and its last events
   cobot fleet watch      what changes, a line each
-  cobot fleet stop CELL ...   stop the robots of these cells; --all stops all"""
+  cobot fleet stop CELL ...   stop the robots of these cells; --zone Z, --all: of a zone, of all
+  cobot fleet run CELL ... --program ID   start a stored program of the cells
+  cobot fleet pause|resume|speed|control CELL ...
+  cobot fleet certificate FOLDER hub|cell NAME ...   make certificates: TLS, and commands other than stops"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -52,8 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.action is None:
         parser.print_help()
         return EXIT_USAGE
-    if chosen.action == "stop" and bool(chosen.cells) == chosen.all:
-        parser.error("stop: give the names of cells, or --all")
+    if "cells" in chosen and sum(map(bool, (chosen.cells, chosen.all, chosen.zone))) != 1:
+        parser.error(f"{chosen.action}: give the names of cells, --zone, or --all")
     try:
         return int(chosen.run(chosen))
     except CobotError as exc:
@@ -68,27 +67,7 @@ def _parser() -> argparse.ArgumentParser:
         "cobot fleet", description=DESCRIPTION, formatter_class=argparse.RawTextHelpFormatter
     )
     actions = parser.add_subparsers(dest="action", metavar="ACTION")
-    serve = actions.add_parser("serve", help="run the hub until Ctrl-C")
-    serve.add_argument(
-        "--name", default="cobot", metavar="FLEET", help="of the fleet, as fleet.name of its cells"
-    )
-    serve.add_argument(
-        "--listen",
-        nargs="+",
-        default=["tcp/127.0.0.1:7447"],
-        metavar="tcp/HOST:PORT",
-        help="where cells connect; default: tcp/127.0.0.1:7447",
-    )
-    serve.add_argument(
-        "--connect",
-        nargs="+",
-        default=[],
-        metavar="tcp/HOST:PORT",
-        help="routers of Zenoh that the hub joins",
-    )
-    serve.add_argument("--host", default="127.0.0.1", metavar="H", help="of the page and the REST API")
-    serve.add_argument("--port", type=int, default=8070, metavar="P", help="of them; 0 picks a free one")
-    serve.set_defaults(run=_serve)
+    add_serve(actions)
     url = argparse.ArgumentParser(add_help=False)
     url.add_argument(
         "--url",
@@ -96,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="URL",
         help=f"of the hub; default: {URL_VARIABLE}, or {DEFAULT_URL}",
     )
+    url.add_argument("--token", default=os.environ.get(TOKEN_VARIABLE), help=f"default: {TOKEN_VARIABLE}")
     url.add_argument("--json", action="store_true", help="print what the hub answers")
     listing = actions.add_parser("list", parents=[url], help="all robots with their states")
     listing.set_defaults(run=_list)
@@ -104,86 +84,43 @@ def _parser() -> argparse.ArgumentParser:
     show.set_defaults(run=_show)
     watch = actions.add_parser("watch", parents=[url], help="what changes, until Ctrl-C")
     watch.set_defaults(run=_watch)
-    stop = actions.add_parser("stop", parents=[url], help="stop robots and wait until they are at rest")
-    stop.add_argument("cells", nargs="*", metavar="CELL")
-    stop.add_argument("--all", action="store_true", help="all cells of the fleet")
-    stop.add_argument("--robot", metavar="NAME", help="only this robot of the cells")
-    stop.add_argument(
+    target = argparse.ArgumentParser(add_help=False, parents=[url])
+    target.add_argument("cells", nargs="*", metavar="CELL")
+    target.add_argument("--all", action="store_true", help="all cells of the fleet")
+    target.add_argument("--zone", type=_name, help="all cells of this zone")
+    target.add_argument("--robot", metavar="NAME", help="only this robot of the cells")
+    target.add_argument(
         "--deadline", type=float, default=DEADLINE_S, metavar="S", help="in which the cells must receive it"
     )
+    stop = actions.add_parser("stop", parents=[target], help="stop robots and wait until they are at rest")
     stop.set_defaults(run=_stop)
+    run = actions.add_parser("run", parents=[target], help="start a stored program of the cells")
+    run.add_argument("--program", required=True, metavar="ID")
+    run.add_argument("--version", type=int, metavar="N", help="default: the newest")
+    run.set_defaults(run=_run)
+    pause = actions.add_parser("pause", parents=[target], help="pause the running program")
+    pause.set_defaults(run=_pause)
+    resume = actions.add_parser("resume", parents=[target], help="resume what is paused")
+    resume.set_defaults(run=_resume)
+    speed = actions.add_parser("speed", parents=[target], help="set the speed override")
+    speed.add_argument(
+        "--fraction", type=float, required=True, metavar="F", help="0 to 1 of the planned speed"
+    )
+    speed.set_defaults(run=_speed)
+    control = actions.add_parser("control", parents=[target], help="take control, or give it back")
+    which = control.add_mutually_exclusive_group(required=True)
+    which.add_argument("--take", dest="what", action="store_const", const="take")
+    which.add_argument("--release", dest="what", action="store_const", const="release")
+    control.add_argument("--force", action="store_true", help="take it from another client")
+    control.set_defaults(run=_control)
+    add_certificate(actions)
     return parser
 
 
-def _serve(chosen: argparse.Namespace) -> int:
-    import uvicorn
-
-    from cobot.fleet.hub import Hub
-    from cobot.fleet.web import make_app
-
-    require_zenoh("cobot fleet serve")
-    if not re.fullmatch(r"[A-Za-z0-9_-]{1,48}", chosen.name):
-        raise InputError(f"--name: {chosen.name!r} is not valid: 1 to 48 letters, digits, - and _")
-    _require_loopback(chosen)
-    listener = _listener(chosen.host, chosen.port)
-    try:
-        hub = Hub(chosen.name, chosen.listen, chosen.connect)
-    except BaseException:
-        listener.close()
-        raise
-    try:
-        port = listener.getsockname()[1]
-        host = f"[{chosen.host}]" if ":" in chosen.host else chosen.host
-        print(
-            f"fleet {chosen.name}: http://{host}:{port}; cells connect to {', '.join(chosen.listen)}",
-            flush=True,
-        )
-        # uvicorn ends at these, and then raises them again, which would end this process before its session.
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda *_: None)
-        start_logging("fleet")  # errors of the start are for the terminal, as they are
-        logging.getLogger("uvicorn").setLevel(logging.WARNING)
-        app = make_app(hub, [chosen.host, host, "localhost", "127.0.0.1"])
-        config = uvicorn.Config(app, log_config=None, access_log=False, timeout_graceful_shutdown=1)
-        uvicorn.Server(config).run(sockets=[listener])
-    finally:
-        hub.close()
-        listener.close()
-    return EXIT_OK
-
-
-def _require_loopback(chosen: argparse.Namespace) -> None:
-    """
-    Raises:
-        ConfigError: another computer could reach the hub, which knows no tokens.
-    """
-    hosts = {"--host": [chosen.host], "--listen": [_host_of(each) for each in chosen.listen]}
-    for option, names in hosts.items():
-        for name in names:
-            if name != "localhost" and not is_loopback(name):
-                raise ConfigError(
-                    f"{option}: {name} can be reached from other computers, and everybody there could stop "
-                    "the cells and change what the page shows; use 127.0.0.1, and a tunnel such as `ssh -L` "
-                    "from elsewhere"
-                )
-
-
-def _host_of(endpoint: str) -> str:
-    found = re.fullmatch(r"tcp/(\[[0-9a-f:.]+\]|[^:/\[\]]+):([0-9]{1,5})", endpoint)
-    if found is None or int(found[2]) > 65535:
-        raise ConfigError(f"--listen: {endpoint!r} is not an address such as tcp/127.0.0.1:7447")
-    return found[1].strip("[]")
-
-
-def _listener(host: str, port: int) -> socket.socket:
-    if not 0 <= port <= 65535:
-        raise InputError(f"--port: is {port}, allowed is 0 to 65535; choose another port")
-    try:
-        return socket.create_server(
-            (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET, backlog=100
-        )
-    except OSError as exc:
-        raise UnavailableError(f"--port: {host}:{port}: {exc.strerror or exc}; choose another port") from exc
+def _name(text: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_-]{1,48}", text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not valid: 1 to 48 letters, digits, - and _")
+    return text
 
 
 def _list(chosen: argparse.Namespace) -> int:
@@ -247,31 +184,67 @@ def _said(robot: dict[str, Any]) -> list[str]:
 
 
 def _stop(chosen: argparse.Namespace) -> int:
-    below = f"/robots/{quote(chosen.robot, safe='')}" if chosen.robot else ""
-    paths = (
-        ["/stop"] if chosen.all else [f"/cells/{quote(cell, safe='')}{below}/stop" for cell in chosen.cells]
-    )
-    body = {"deadline_s": chosen.deadline}
+    return _command(chosen, None)
+
+
+def _run(chosen: argparse.Namespace) -> int:
+    version = {} if chosen.version is None else {"version": chosen.version}
+    return _command(chosen, {"kind": "start", "program": chosen.program} | version)
+
+
+def _pause(chosen: argparse.Namespace) -> int:
+    return _command(chosen, {"kind": "pause"})
+
+
+def _resume(chosen: argparse.Namespace) -> int:
+    return _command(chosen, {"kind": "resume"})
+
+
+def _speed(chosen: argparse.Namespace) -> int:
+    return _command(chosen, {"kind": "speed", "fraction": chosen.fraction})
+
+
+def _control(chosen: argparse.Namespace) -> int:
+    if chosen.what == "take":
+        return _command(chosen, {"kind": "take_control", "force": chosen.force})
+    return _command(chosen, {"kind": "release_control"})
+
+
+def _command(chosen: argparse.Namespace, action: dict[str, Any] | None) -> int:
+    """Send a command to all that are named, at the same time. Without an action it is a stop."""
+    last, refusal = ("stop", "NOT stopped") if action is None else ("commands", "not done")
+    body = {"deadline_s": chosen.deadline} | ({} if action is None else {"action": action})
     good, answers = True, []
-    with ThreadPoolExecutor(max(1, len(paths))) as pool:  # no cell waits until another one has answered
+    paths = [f"{target}/{last}" for target in _targets(chosen)]
+    with ThreadPoolExecutor(len(paths)) as pool:  # no cell waits until another one has answered
         timeout_s = chosen.deadline + REST_S + TIMEOUT_S
         asked = [pool.submit(_ask, chosen, "POST", path, body, timeout_s) for path in paths]
     for each in asked:
         try:
             answers.append(each.result())
-        except CobotError as exc:  # the other cells have been stopped nevertheless
-            print(f"cobot: NOT stopped: {plain_lines(exc)}", file=sys.stderr)
+        except CobotError as exc:  # the other cells have the command nevertheless
+            print(f"cobot: {refusal}: {plain_lines(exc)}", file=sys.stderr)
             good = False
     if chosen.json:
         print(json.dumps(answers, indent=1))
     robots = [robot for answer in answers for robot in answer["robots"]]
     if not robots and good:
-        print("cobot: NOT stopped: the hub knows no robots", file=sys.stderr)
+        print(f"cobot: {refusal}: the hub knows no robots", file=sys.stderr)
         good = False
     for robot in [] if chosen.json else robots:
-        concern = "" if robot["code"] == "ok" else "NOT stopped: "
+        concern = "" if robot["code"] == "ok" else f"{refusal}: "
         print(f"{robot['cell']}/{robot['robot']}: {concern}{robot['text']}")
-    return EXIT_OK if good and all(answer["at_rest"] for answer in answers) else EXIT_FAILED
+    return EXIT_OK if good and all(robot["code"] == "ok" for robot in robots) else EXIT_FAILED
+
+
+def _targets(chosen: argparse.Namespace) -> list[str]:
+    """The paths of those whom a command concerns."""
+    if chosen.all:
+        return [""]
+    if chosen.zone:
+        return [f"/zones/{quote(chosen.zone, safe='')}"]
+    below = f"/robots/{quote(chosen.robot, safe='')}" if chosen.robot else ""
+    return [f"/cells/{quote(cell, safe='')}{below}" for cell in chosen.cells]
 
 
 def _ask(
@@ -279,15 +252,22 @@ def _ask(
 ) -> dict[str, Any]:
     check_url(chosen.url)
     headers = {CLIENT_NAME: quote(_user(), safe="")}
+    if chosen.token:
+        headers["Authorization"] = f"Bearer {chosen.token}"
     try:
         response = httpx.request(
-            method, chosen.url.rstrip("/") + path, json=body, headers=headers, timeout=timeout_s
+            method,
+            chosen.url.rstrip("/") + path,
+            json=body,
+            headers=headers,
+            timeout=timeout_s,
+            verify=tls_context(True),
         )
         answer: dict[str, Any] = response.json()
     except (httpx.HTTPError, ValueError) as exc:
         reason = str(exc) or type(exc).__name__
         raise UnavailableError(
-            f"the hub at {chosen.url} does not answer: {reason}; `cobot fleet serve` runs one, "
+            f"the hub at {chosen.url} does not answer: {reason}{advice(exc)}; `cobot fleet serve` runs one, "
             f"{URL_VARIABLE} or --url names it"
         ) from exc
     if response.status_code != 200:

@@ -24,11 +24,13 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from cobot.access.authentication import FLEET_TOKEN_VARIABLE
-from cobot.access.roles import ANONYMOUS
+from cobot.access.roles import ANONYMOUS, Role
 from cobot.audit import record_beside
 from cobot.config import Settings, load_settings
-from cobot.errors import CobotError, InputError, UnavailableError
+from cobot.errors import CobotError, InputError, PermissionDenied, UnavailableError
+from cobot.fleet.certificates import Verifier
 from cobot.fleet.commands import CommandBook
+from cobot.fleet.executing import ServiceCommands
 from cobot.fleet.link import has_router, open_cell, payloads
 from cobot.fleet.messages import (
     KEPT_EVENTS,
@@ -37,6 +39,7 @@ from cobot.fleet.messages import (
     FleetState,
     HubTime,
     RobotEvent,
+    StopArm,
     read,
     written,
 )
@@ -60,6 +63,17 @@ WORKERS = 8
 MAX_WAITING = 100
 """Maximum number of commands in progress in a cell."""
 FROM = "fleet"
+NO_ROLE = "none"
+SETTING_OF = {
+    "stop": "stop",
+    "start": "program",
+    "pause": "program",
+    "resume": "program",
+    "speed": "speed",
+    "take_control": "control",
+    "release_control": "control",
+}
+"""The setting below `fleet.accept` for each kind of command."""
 
 log = logging.getLogger("cobot.fleet")
 
@@ -75,6 +89,7 @@ class FleetRobot:
         self._cell = cell
         self._arm = ArmWatch(self.name, settings.web.stale_after_s)
         self._service = ServiceWatch(url, self.name, token) if url else None
+        self._commands = ServiceCommands(url, self.name, token) if url else None
         self._published_s = 0.0
         self.workers = ThreadPoolExecutor(WORKERS)  # its own: an arm that does not rest delays no other
         self.state = self._look()
@@ -82,7 +97,7 @@ class FleetRobot:
     def _look(self) -> FleetState:
         found: dict[str, Any] = self._arm.read()
         service = {} if self._service is None else self._service.found
-        if found["state"] == "ready" and self._service is not None and self._service.paused:
+        if found["state"] in ("ready", "moving") and self._service is not None and self._service.paused:
             found["state"] = "paused"
         return FleetState(robot=self.name, **self._cell.facts, **service, **found)
 
@@ -109,9 +124,38 @@ class FleetRobot:
             raise UnavailableError(said.getvalue().strip())
         return said.getvalue().strip()
 
+    def execute(self, command: FleetCommand, who: str) -> str:
+        """Execute a command, and add it to the cell's audit.
+
+        Args:
+            who: the name for the audit.
+
+        Raises:
+            CobotError: it was not executed, or the arm is not known to be at rest.
+        """
+        if isinstance(command.action, StopArm):
+            return self.stop(who, command.id)
+        outcome = "ok"
+        try:
+            if self._commands is None:
+                raise UnavailableError("this cell runs without its web service")
+            return self._commands.run(command.action)
+        except CobotError as exc:
+            outcome = exc.code
+            raise
+        finally:
+            record_beside(self.settings, who, FROM, self.wish(command), outcome, command=command.id)
+
+    def wish(self, command: FleetCommand) -> str:
+        """What a command wants, for the audit."""
+        action = command.action.model_dump(exclude_defaults=True)
+        return " ".join(str(each) for each in (action.pop("kind"), self.name, *action.values()))
+
     def close(self) -> None:
         if self._service is not None:
             self._service.end()
+        if self._commands is not None:
+            self._commands.close()
         self.workers.shutdown(wait=False, cancel_futures=True)
         self._arm.close()
 
@@ -136,7 +180,9 @@ class FleetCell:
             "version": version("cobot"),
             "configuration": sha256(settings.model_dump_json().encode()).hexdigest()[:16],
             "panel": section.panel or url,
+            "zone": section.zone or "",
         }
+        self._verifier = Verifier(section.certificates) if section.certificates else None
         self._session: zenoh.Session | None = None
         self._declared: list[Any] = []
         self._waiting = threading.Semaphore(MAX_WAITING)
@@ -190,7 +236,7 @@ class FleetCell:
         """Whether the hub is connected. The first connection is tried until it succeeds."""
         if self._session is None:
             try:
-                self._session = open_cell(self._fleet.connect)
+                self._session = open_cell(self._fleet.connect, self._fleet.certificates)
             except UnavailableError as exc:
                 self._tell_problem(f"{exc}; this cell tries again")
                 return False
@@ -263,13 +309,13 @@ class FleetCell:
 
     def _declare(self, robot: FleetRobot) -> None:
         """The queries that a robot answers. An answer never sleeps: that would block the session."""
-        state, events, stop_ = (self._key(robot, last) for last in ("state", "events", "stop"))
+        state, events, command = (self._key(robot, last) for last in ("state", "events", "command"))
         assert self._session is not None
         declare = self._session.declare_queryable
         self._declared += [
             declare(state, lambda query: query.reply(state, written(robot.state))),
             declare(events, lambda query: query.reply(events, _list_of(list(robot.events)))),
-            declare(stop_, lambda query: self._receive(query, robot, stop_)),
+            declare(command, lambda query: self._receive(query, robot, command)),
         ]
 
     def _receive(self, query: zenoh.Query, robot: FleetRobot, key: str) -> None:
@@ -286,25 +332,66 @@ class FleetCell:
     def _execute(self, query: zenoh.Query, robot: FleetRobot, key: str) -> None:
         try:
             with query:
-                query.reply(key, written(self._answer(bytes(query.payload or b""), robot)))
+                answer = self._answer(bytes(query.payload or b""), robot)
+                if answer is not None:
+                    query.reply(key, written(answer))
         except Exception:
             log.exception("a command was not answered")
         finally:
             self._waiting.release()
 
-    def _answer(self, content: bytes, robot: FleetRobot) -> Answer:
+    def _answer(self, content: bytes, robot: FleetRobot) -> Answer | None:
+        """None if the command is for another zone."""
         try:
-            command = read(FleetCommand, content)
-        except InputError as exc:
+            command = (
+                read(FleetCommand, content) if self._verifier is None else self._verifier.command_of(content)
+            )
+        except CobotError as exc:
             log.warning("a command to %s is invalid: %s", robot.name, exc)
             return Answer(id="", cell=self.name, robot=robot.name, code=exc.code, text=str(exc)[:2000])
-        answer = robot.book.run(command, lambda: robot.stop(_claimed(command.who), command.id))
+        if command.zone not in (None, self.facts["zone"]):
+            return None
+        who = command.who if self._verifier is not None else _claimed(command.who)
+        tried: list[str] = []  # then it is in the audit
+
+        def execute() -> str:
+            tried.append(command.id)
+            return robot.execute(command, who)
+
+        try:
+            self._require_accepted(command, robot)
+            answer = robot.book.run(command, execute)
+        except CobotError as exc:
+            answer = Answer(
+                id=command.id, cell=self.name, robot=robot.name, code=exc.code, text=str(exc)[:2000]
+            )
         if answer.code != "ok" and not answer.repeated:
-            log.warning("stop of %s by %s: %s", robot.name, command.who, answer.text)
-            if answer.code in ("conflict", "input"):
-                what, who = f"stop {robot.name}", _claimed(command.who)
-                record_beside(robot.settings, who, FROM, what, answer.code, command=command.id)
+            log.warning("%s by %s: %s", robot.wish(command), who, answer.text)
+            if not tried and answer.code in ("conflict", "input", "forbidden"):
+                record_beside(robot.settings, who, FROM, robot.wish(command), answer.code, command=command.id)
         return answer
+
+    def _require_accepted(self, command: FleetCommand, robot: FleetRobot) -> None:
+        """
+        Raises:
+            InputError: the command is for another fleet, cell or robot.
+            PermissionDenied: the settings do not accept it from this role.
+        """
+        own = self._fleet.name, self.name, robot.name
+        given = command.fleet, command.cell, command.robot
+        if any(name not in ("*", mine) for name, mine in zip(given, own, strict=True)):
+            raise InputError(f"the command is for {'/'.join(given)}, and came to {'/'.join(own)}")
+        setting = SETTING_OF[command.action.kind]
+        if self._verifier is None and setting != "stop":
+            raise PermissionDenied(
+                "a cell without fleet.certificates accepts only stops: `cobot fleet certificate` makes them"
+            )
+        needed = str(getattr(self._fleet.accept, setting))
+        if needed == NO_ROLE or Role[command.role.upper()] < Role[needed.upper()]:
+            raise PermissionDenied(
+                f"this cell accepts this from {needed} (fleet.accept.{setting}), and {command.who} has the "
+                f"role {command.role}"
+            )
 
     def _synchronize(self) -> None:
         for robot in self.robots.values():

@@ -45,8 +45,8 @@ class KnownTime:
 
 
 def _same(one: FleetCommand, other: FleetCommand) -> bool:
-    """Whether one is a retry of the other: it may have another deadline."""
-    return (one.action, one.who, one.epoch) == (other.action, other.who, other.epoch)
+    """Whether one is a retry of the other: it may have another deadline, or concern fewer robots."""
+    return (one.action, one.who, one.role, one.epoch) == (other.action, other.who, other.role, other.epoch)
 
 
 class CommandBook:

@@ -7,22 +7,30 @@ import logging
 import secrets
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from cobot.access.roles import RoleName
 from cobot.errors import BusyError, ConflictError, InputError, NotFoundError, UnavailableError
+from cobot.fleet.certificates import Signer
 from cobot.fleet.link import open_hub, payloads
 from cobot.fleet.messages import (
+    DEADLINE_S,
     KEPT_EVENTS,
     MAX_BYTES,
+    REST_S,
     Answer,
+    FleetAction,
     FleetCommand,
     FleetState,
     HubTime,
     RobotEvent,
+    StopArm,
     read,
     written,
 )
@@ -33,13 +41,11 @@ if TYPE_CHECKING:
 
 MAX_ROBOTS = 10_000
 """Maximum number of robots that are kept."""
-REST_S = 6.0
-"""Time that a cell has, after the deadline of a stop, to bring the arm to rest and answer, in seconds."""
+STOP = StopArm(kind="stop")
 RETRY_S = 0.1
 ASK_S = 2.0
-DEADLINE_S = 2.0
-"""Time in which a cell must receive a stop, in seconds."""
 NOT_STOPPED = "the arm is NOT known to be stopped: use its emergency stop"
+NOT_KNOWN = "look at the cell before you try again"
 _EVENTS = TypeAdapter(list[RobotEvent])
 
 log = logging.getLogger("cobot.fleet")
@@ -78,23 +84,39 @@ def _is_open(answer: Answer | None) -> bool:
 class Hub:
     """One hub of a fleet. Its methods may be called from any thread.
 
+    Attributes:
+        hosts: names and addresses of this computer in the hub's certificate.
+        counts: number of answers to commands, by action and code.
+
     Args:
         listen: addresses for the cells, such as tcp/127.0.0.1:7447.
         connect: routers that the hub joins.
+        certificates: folder of the fleet's certificates. With it, connections are encrypted, both sides show
+            their certificates, and commands are signed.
 
     Raises:
+        ConfigError: a certificate cannot be used.
         UnavailableError: it cannot listen there, or reach a router.
         ConflictError: the fleet has another hub.
     """
 
-    def __init__(self, fleet: str, listen: list[str], connect: Iterable[str] = ()) -> None:
+    def __init__(
+        self,
+        fleet: str,
+        listen: list[str],
+        connect: Iterable[str] = (),
+        certificates: Path | None = None,
+    ) -> None:
         self.fleet = fleet
         self.instance = secrets.token_hex(8)
         self._keys = FleetKeys(fleet)
         self._tiles: dict[tuple[str, str], Tile] = {}
         self._instances: dict[str, set[str]] = {}
         self._lock = threading.Lock()
-        self._session: zenoh.Session = open_hub(listen, list(connect))
+        self._signer = Signer(certificates) if certificates else None
+        self._session: zenoh.Session = open_hub(fleet, listen, list(connect), certificates)
+        self.hosts = [] if self._signer is None else self._signer.hosts
+        self.counts: Counter[tuple[str, str]] = Counter()
         try:
             self._declare()
         except BaseException:
@@ -144,61 +166,82 @@ class Hub:
             ]
         return sorted(found, key=lambda event: str(event["time"]))
 
-    def stop(
+    def command(
         self,
+        action: FleetAction,
         who: str,
+        role: RoleName = "admin",
         cell: str = "*",
         robot: str = "*",
+        zone: str | None = None,
         *,
         deadline_s: float = DEADLINE_S,
         command_id: str | None = None,
     ) -> list[dict[str, Any]]:
-        """Stop robots, all at the same time, and wait until they are at rest.
+        """Send a command to robots, all at the same time, and wait until it is done.
 
         A cell that does not answer is asked again until the deadline. It recognises the retry by the id.
 
         Args:
+            who, role: the person or program, and the role that the hub knows of it.
             cell, robot: names; "*" for all.
+            zone: only cells of this zone.
             command_id: of an earlier call, which is repeated.
 
         Returns:
-            For each robot: cell, robot, code ("ok": at rest) and text.
+            For each robot: cell, robot, code ("ok": done; after a stop the arm is at rest) and text.
 
         Raises:
-            NotFoundError: the fleet has no such cell or robot.
+            NotFoundError: the fleet has no such cell, robot or zone.
         """
-        wanted = self.cells() if cell == "*" else self.robots_of(cell, None if robot == "*" else robot)
+        wanted = self._robots(cell, robot, zone)
         now_s = time.monotonic()
         command = FleetCommand(
             id=command_id or secrets.token_hex(12),
-            action="stop",
+            fleet=self.fleet,
+            cell=cell,
+            robot=robot,
+            zone=zone,
+            action=action,
             who=who,
+            role=role,
             epoch=self.instance,
             issued_s=now_s,
             expires_s=now_s + deadline_s,
         )
+        payload = written(command if self._signer is None else self._signer.signed(command))
+        key = self._keys.of(cell, robot, "command")
         answers: dict[tuple[str, str], Answer] = {}
         missing = {(each["cell"], each["robot"]) for each in wanted if each["alive"]}
         while True:
-            key = self._keys.of(cell, robot, "stop")
-            found = _worst(self._ask(key, written(command), deadline_s + REST_S))
+            found = _worst(self._ask(key, payload, deadline_s + REST_S))
             answers |= {name: answer for name, answer in found.items() if _is_open(answers.get(name))}
             missing = {name for name in missing if _is_open(answers.get(name))}
             if not missing or time.monotonic() > command.expires_s:
                 break
             time.sleep(RETRY_S)
         for name in sorted({(each["cell"], each["robot"]) for each in wanted} - answers.keys()):
-            answers[name] = Answer(
-                id=command.id, cell=name[0], robot=name[1], code="unavailable", text=self._why_no_answer(name)
-            )
-        log.warning("%s has stopped %s/%s: %s", who, cell, robot, _counts(answers.values()))
+            text = self._why_no_answer(name, action)
+            answers[name] = Answer(id=command.id, cell=name[0], robot=name[1], code="unavailable", text=text)
+        self.counts.update((action.kind, answer.code) for answer in answers.values())
+        log.warning("%s: %s to %s/%s: %s", who, action.kind, cell, robot, _counts(answers.values()))
         return [answer.model_dump() for _, answer in sorted(answers.items())]
 
-    def _why_no_answer(self, name: tuple[str, str]) -> str:
+    def _robots(self, cell: str, robot: str, zone: str | None) -> list[dict[str, Any]]:
+        if zone is None:
+            return self.cells() if cell == "*" else self.robots_of(cell, None if robot == "*" else robot)
+        found = [each for each in self.cells() if each["zone"] == zone]
+        if not found:
+            zones = ", ".join(sorted({each["zone"] for each in self.cells()} - {""})) or "none"
+            raise NotFoundError(f"the fleet {self.fleet} has no cell in the zone {zone!r}; zones: {zones}")
+        return found
+
+    def _why_no_answer(self, name: tuple[str, str], action: FleetAction) -> str:
         tile = self._tiles[name]
+        end = NOT_STOPPED if isinstance(action, StopArm) else NOT_KNOWN
         if tile.gone_s is not None:
-            return f"the cell has been gone for {time.monotonic() - tile.gone_s:.1f} s; {NOT_STOPPED}"
-        return f"the cell has not answered; {NOT_STOPPED}"
+            return f"the cell has been gone for {time.monotonic() - tile.gone_s:.1f} s; {end}"
+        return f"the cell has not answered; {end}"
 
     def _ask(self, key: str, command: bytes, timeout_s: float) -> list[Answer]:
         import zenoh

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cobot.errors import UnavailableError
+from cobot.fleet.certificates import cells_with_certificates
+from cobot.fleet.names import FleetKeys
 
 if TYPE_CHECKING:
     import zenoh
@@ -15,14 +18,18 @@ LEASE_MS = 2000
 """Time without a sign of life after which a frozen peer counts as gone. One that dies is noticed at once."""
 CONNECT_MS = 500
 """Time in which a cell's first connection must succeed. The cell then tries again."""
+TLS = "transport/link/tls"
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2.0}
 
 
-def open_cell(connect: Sequence[str]) -> zenoh.Session:
+def open_cell(connect: Sequence[str], certificates: Path | None = None) -> zenoh.Session:
     """The session of a cell. After a loss it connects again by itself.
 
     It is a client, not a peer: a router expects of peers that they find each other, and does not tell one of
     another.
+
+    Args:
+        certificates: folder of the cell's certificate, for addresses that begin with tls.
 
     Raises:
         UnavailableError: the hub does not answer now.
@@ -34,14 +41,19 @@ def open_cell(connect: Sequence[str]) -> zenoh.Session:
         "connect/exit_on_failure": True,
         "connect/retry": RETRY,
     }
+    if certificates is not None:
+        values |= _client_tls(certificates, "cell")
     return _open(values, f"fleet.connect: {', '.join(connect)}")
 
 
-def open_hub(listen: Sequence[str], connect: Sequence[str] = ()) -> zenoh.Session:
+def open_hub(
+    fleet: str, listen: Sequence[str], connect: Sequence[str] = (), certificates: Path | None = None
+) -> zenoh.Session:
     """The session of a hub, to which cells connect.
 
     Args:
         connect: routers that this one joins.
+        certificates: folder of the fleet. With it, each cell reaches its own keys only.
     """
     values: dict[str, Any] = {
         "mode": "router",
@@ -50,7 +62,62 @@ def open_hub(listen: Sequence[str], connect: Sequence[str] = ()) -> zenoh.Sessio
         "connect/timeout_ms": 5000,
         "connect/exit_on_failure": True,
     }
+    if certificates is not None:
+        hub = certificates / "hub"
+        values |= _client_tls(hub, "hub") | {
+            f"{TLS}/listen_certificate": str(hub / "hub.pem"),
+            f"{TLS}/listen_private_key": str(hub / "hub.key"),
+            "access_control": _rights(FleetKeys(fleet), cells_with_certificates(certificates)),
+        }
     return _open(values, f"--listen {', '.join(listen)}")
+
+
+def _client_tls(folder: Path, name: str) -> dict[str, Any]:
+    return {
+        f"{TLS}/enable_mtls": True,
+        f"{TLS}/root_ca_certificate": str(folder / "ca.pem"),
+        f"{TLS}/connect_certificate": str(folder / f"{name}.pem"),
+        f"{TLS}/connect_private_key": str(folder / f"{name}.key"),
+        f"{TLS}/close_link_on_expiration": True,
+    }
+
+
+def _rights(keys: FleetKeys, cells: Sequence[str]) -> dict[str, Any]:
+    """Zenoh's access control: a cell publishes and answers below its own name, and asks for the time."""
+    out, into = ["egress"], ["ingress"]
+
+    def rule(name: str, flows: list[str], messages: list[str], *allowed: str) -> dict[str, Any]:
+        return {
+            "id": name,
+            "permission": "allow",
+            "flows": flows,
+            "messages": messages,
+            "key_exprs": list(allowed),
+        }
+
+    hears = ["query", "declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
+    shared = [
+        rule("asks-time", into, ["query"], keys.time),
+        rule("tells-time", out, ["reply"], keys.time),
+        rule("asks-cells", out, hears, keys.of("*", "*", "**"), keys.alive("*", "*")),
+    ]
+    own = [
+        rule(f"cell-{cell}", into,
+             ["put", "declare_queryable", "reply", "liveliness_token", "liveliness_query"],
+             keys.of(cell, "*", "**"), keys.alive(cell, "*"))
+        for cell in cells
+    ]  # fmt: skip
+    own += [rule(f"told-{cell}", out, ["liveliness_token", "reply"], keys.alive(cell, "*")) for cell in cells]
+    names = [each["id"] for each in shared]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": shared + own,
+        "subjects": [{"id": cell, "cert_common_names": [cell]} for cell in cells],
+        "policies": [
+            {"rules": [*names, f"cell-{cell}", f"told-{cell}"], "subjects": [cell]} for cell in cells
+        ],
+    }
 
 
 def _open(values: dict[str, Any], place: str) -> zenoh.Session:

@@ -6,21 +6,39 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, ValidationError
 
+from cobot.access.roles import RoleName
 from cobot.errors import InputError
 from cobot.strict import StrictModel, sentences
 
 MAX_BYTES = 64 * 1024
 """Maximum size of a message."""
+MAX_PROGRAMS = 100
+"""Maximum number of programs that a state lists."""
 KEPT_EVENTS = 50
 """Number of events per robot that cells and hubs keep for clients that come late."""
 MAX_LIFETIME_S = 60.0
 """Maximum time between the issue of a command and its deadline."""
+DEADLINE_S = 2.0
+"""Default time in which a cell must receive a command, in seconds."""
+REST_S = 6.0
+"""Time that a cell has, after the deadline of a command, to bring the arm to rest and answer, in seconds."""
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$")]
 Id = Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{8,64}$")]
 Person = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]{1,64}$")]
 Text = Annotated[str, Field(max_length=2000)]
+Program = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+Target = Annotated[str, Field(pattern=r"^([A-Za-z0-9_-]{1,48}|\*)$")]
+"""Name of a cell or robot, or * for all."""
 Seconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
 StateWord = Literal["ready", "moving", "paused", "stopping", "estop", "fault", "silent"]
+
+
+class FleetProgram(StrictModel):
+    """A stored program of a cell: its id, its name for people, and its newest version."""
+
+    id: Text
+    label: Text
+    version: int
 
 
 class FleetState(StrictModel):
@@ -32,10 +50,12 @@ class FleetState(StrictModel):
         configuration: hash of the settings, to find cells that differ.
         problems: what the service reports as wrong, and why the service does not answer.
         panel: address of the cell's own panel; "" if it has none.
+        programs: the stored programs, so that one can be chosen.
     """
 
     cell: Name
     robot: Name
+    zone: Name | Literal[""] = ""
     instance: Id
     version: Text
     configuration: Text
@@ -49,6 +69,7 @@ class FleetState(StrictModel):
     speed_override: Annotated[float, Field(ge=0.0, le=10.0)] | None = None
     problems: list[Text] = Field(default_factory=list)
     panel: Text = ""
+    programs: list[FleetProgram] = Field(default_factory=list, max_length=MAX_PROGRAMS)
 
 
 class RobotEvent(StrictModel):
@@ -73,18 +94,77 @@ class HubTime(StrictModel):
     time_s: Seconds
 
 
+class StopArm(StrictModel):
+    """Stop the arm, and whatever moves it."""
+
+    kind: Literal["stop"]
+
+
+class StartProgram(StrictModel):
+    """Start a stored program of the cell, by default its newest version."""
+
+    kind: Literal["start"]
+    program: Program
+    version: Annotated[int, Field(ge=1, le=999_999_999)] | None = None
+
+
+class PauseProgram(StrictModel):
+    """Pause the running program, or the single motion."""
+
+    kind: Literal["pause"]
+
+
+class ResumeProgram(StrictModel):
+    """Resume what is paused."""
+
+    kind: Literal["resume"]
+
+
+class SetSpeed(StrictModel):
+    """Set the speed override: the fraction of the planned speed."""
+
+    kind: Literal["speed"]
+    fraction: Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class TakeFleetControl(StrictModel):
+    """Take control for the fleet: other clients of the cell cannot move the arm then."""
+
+    kind: Literal["take_control"]
+    force: bool = False
+
+
+class ReleaseFleetControl(StrictModel):
+    """Give control back."""
+
+    kind: Literal["release_control"]
+
+
+FleetAction = Annotated[
+    StopArm | StartProgram | PauseProgram | ResumeProgram | SetSpeed | TakeFleetControl | ReleaseFleetControl,
+    Field(discriminator="kind"),
+]
+
+
 class FleetCommand(StrictModel):
-    """A command to a robot, as the payload of a query.
+    """A command to robots.
 
     Attributes:
         id: the same in each retry, by which the cell recognises it.
+        cell, robot, zone: whom it concerns. A cell of another zone does not answer.
         who: the person or program that the cell's audit names.
+        role: of that person, as the hub knows it.
         epoch: of `issued_s` and `expires_s`, see `HubTime`.
     """
 
     id: Id
-    action: Literal["stop"]
+    fleet: Name
+    cell: Target
+    robot: Target
+    zone: Name | None = None
+    action: FleetAction
     who: Person
+    role: RoleName
     epoch: Id
     issued_s: Seconds
     expires_s: Seconds

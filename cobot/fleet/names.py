@@ -3,7 +3,7 @@
     cobot/FLEET/CELL/ROBOT/state      the newest state of a robot: published, and the answer to a query
     cobot/FLEET/CELL/ROBOT/event      an event, when it happens
     cobot/FLEET/CELL/ROBOT/events     the last events: the answer to a query
-    cobot/FLEET/CELL/ROBOT/stop       a query that stops the robot
+    cobot/FLEET/CELL/ROBOT/command    a query that stops the robot, or does something else
     cobot/FLEET/CELL/INSTANCE         the liveliness token of a cell's process
     cobot/FLEET/@hub/time             the time of the fleet: the answer to a query
     cobot/FLEET/@hub/INSTANCE         the liveliness token of a hub

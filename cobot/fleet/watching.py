@@ -13,6 +13,7 @@ from cobot.addresses import address
 from cobot.client.rest import Client
 from cobot.client.tls import tls_context
 from cobot.errors import CobotError
+from cobot.fleet.messages import MAX_PROGRAMS
 from cobot.ipc.layout import text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.types import LoopMode
@@ -21,6 +22,8 @@ ASK_S = 1.0
 """Interval at which the service is asked, in seconds."""
 TIMEOUT_S = 2.0
 RETRY_S = 0.5
+PROGRAMS_S = 5.0
+"""Interval at which the stored programs are listed, in seconds."""
 EVENT_TYPES = (
     "service",
     "rtloop",
@@ -87,7 +90,7 @@ class ServiceWatch:
 
     Attributes:
         found: fields of `FleetState`: job, program, control, speed override, problems, backend.
-        paused: whether the present job is paused.
+        paused: whether a job is paused, and none runs.
     """
 
     def __init__(self, url: str, robot: str, token: str) -> None:
@@ -95,6 +98,8 @@ class ServiceWatch:
         self.paused = False
         self._url = address(url, robot)
         self._token = token
+        self._stored: list[dict[str, Any]] = []
+        self._read_programs_s = 0.0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"service {robot}", daemon=True)
         self._thread.start()
@@ -121,7 +126,12 @@ class ServiceWatch:
         control = self._get(http, "/control")
         programs = [job for job in jobs if job["kind"] == "sequence"]
         single = [job for job in jobs if job["kind"] != "sequence"]
-        self.paused = any(job["state"] == "paused" for job in jobs)
+        if time.monotonic() > self._read_programs_s:
+            self._read_programs_s = time.monotonic() + PROGRAMS_S
+            stored = self._get(http, f"/programs?limit={MAX_PROGRAMS}")
+            self._stored = [{name: each[name] for name in ("id", "label", "version")} for each in stored]
+        states = {job["state"] for job in jobs}
+        self.paused = "paused" in states and "running" not in states
         self.found = {
             "problems": [str(each)[:2000] for each in health["problems"]],
             "backend": health["rtloop"].get("backend", ""),
@@ -129,6 +139,7 @@ class ServiceWatch:
             "program": str(programs[0]["request"])[:200] if programs else "",
             "control": str(control["holder"] or "")[:200] if control["held"] else "",
             "speed_override": float(self._get(http, "/speed_override")["fraction"]),
+            "programs": self._stored,
         }
 
     def _get(self, http: httpx.Client, path: str) -> Any:

@@ -2,41 +2,94 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 from urllib.parse import unquote
 
-from fastapi import FastAPI, Header, Request, Response
+from fastapi import Depends, FastAPI, Header, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
 from pydantic import Field
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from cobot.access.authentication import Authenticator
+from cobot.access.roles import RoleName
 from cobot.addresses import CLIENT_NAME
-from cobot.errors import CobotError, InputError, NotFoundError
-from cobot.fleet.hub import DEADLINE_S, Hub
-from cobot.fleet.messages import Id, StateWord
+from cobot.errors import AuthenticationError, CobotError, InputError, NotFoundError
+from cobot.fleet.hub import STOP, Hub
+from cobot.fleet.messages import DEADLINE_S, FleetAction, Id, StateWord
+from cobot.fleet.metrics import CONTENT_TYPE, metrics_of
 from cobot.strict import StrictModel, sentences
 
 PAGE = Path(__file__).parent / "page"
 FILES = ("fleet.js", "fleet.css", "words.json")
-STATUS = {NotFoundError: 404, InputError: 422}
+STATUS = {NotFoundError: 404, InputError: 422, AuthenticationError: 401}
 CSP = "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 GONE = "gone"
-ClientName = Annotated[str, Header(alias=CLIENT_NAME)]
+TARGETS = ("", "/zones/{zone}", "/cells/{cell}", "/cells/{cell}/robots/{robot}")
+"""Whom a command may concern: all, a zone, a cell, a robot."""
 
 
 class FleetStop(StrictModel):
     """The body of a stop. All fields may be left out.
 
     Attributes:
-        id: of the command. A second request with it stops nothing again and has the first answer.
+        id: of the command. A second request with it does nothing again and has the first answer.
         deadline_s: time in which a cell must receive it, in seconds.
     """
 
     id: Id | None = None
     deadline_s: Annotated[float, Field(gt=0.0, le=30.0)] = DEADLINE_S
+
+
+class FleetOrder(FleetStop):
+    """The body of any command."""
+
+    action: FleetAction
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """The person behind a request.
+
+    Attributes:
+        name: of the token; without tokens the name that the client gives itself, in quotes.
+    """
+
+    name: str
+    role: RoleName
+
+
+class People:
+    """Finds the person behind a request.
+
+    Args:
+        tokens: None if everybody who reaches the hub may use it.
+    """
+
+    def __init__(self, tokens: Authenticator | None) -> None:
+        self._tokens = tokens
+
+    def find(
+        self,
+        authorization: Annotated[str, Header()] = "",
+        name: Annotated[str, Header(alias=CLIENT_NAME)] = "",
+    ) -> Person:
+        """
+        Raises:
+            AuthenticationError: the hub needs a token, and this one is not valid.
+        """
+        if self._tokens is None:
+            return Person(_claimed(name), "admin")
+        kind, _, token = authorization.partition(" ")
+        holder = self._tokens.find(token.strip()) if kind.lower() == "bearer" else None
+        if holder is None:
+            raise AuthenticationError(
+                "a valid token is needed: Authorization: Bearer TOKEN; `cobot token create --file` makes one"
+            )
+        return Person(holder.name, cast(RoleName, holder.role.name.lower()))
 
 
 class SameSite:
@@ -61,24 +114,27 @@ class SameSite:
         await self._app(scope, receive, send)
 
 
-def make_app(hub: Hub, hosts: list[str]) -> FastAPI:
+def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) -> FastAPI:
     """The application.
 
     Args:
         hosts: names and addresses by which it may be asked, without ports.
+        tokens: None if everybody who reaches the hub may use it.
     """
     app = FastAPI(title="cobot fleet", docs_url=None, redoc_url=None)
     app.add_middleware(SameSite)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)
     app.add_exception_handler(CobotError, _answer_to)
     app.add_exception_handler(RequestValidationError, _answer_to_invalid)
-    _add_reading(app, hub)
-    _add_stops(app, hub)
+    person = Depends(People(tokens).find)
+    _add_reading(app, hub, person)
+    for target in TARGETS:
+        _add_commands(app, hub, person, target)
     _add_page(app)
     return app
 
 
-def _add_reading(app: FastAPI, hub: Hub) -> None:
+def _add_reading(app: FastAPI, hub: Hub, person: Any) -> None:
     @app.get("/health")
     def health() -> dict[str, Any]:
         cells = hub.cells()
@@ -89,41 +145,42 @@ def _add_reading(app: FastAPI, hub: Hub) -> None:
             "alive": sum(each["alive"] for each in cells),
         }
 
-    @app.get("/cells")
+    @app.get("/cells", dependencies=[person])
     def cells(state: StateWord | None = None, gone: bool | None = None) -> dict[str, Any]:
         found = [each for each in hub.cells() if state in (None, each["state"])]
         if gone is not None:
             found = [each for each in found if (each["state"] == GONE) == gone]
         return {"fleet": hub.fleet, "robots": found}
 
-    @app.get("/cells/{cell}")
+    @app.get("/cells/{cell}", dependencies=[person])
     def cell_(cell: str) -> dict[str, Any]:
         return {"fleet": hub.fleet, "robots": hub.robots_of(cell)}
 
-    @app.get("/cells/{cell}/events")
+    @app.get("/cells/{cell}/events", dependencies=[person])
     def events(cell: str) -> dict[str, Any]:
         return {"events": hub.events(cell)}
 
+    @app.get("/metrics", dependencies=[person])
+    def metrics() -> Response:
+        return Response(metrics_of(hub), media_type=CONTENT_TYPE)
 
-def _add_stops(app: FastAPI, hub: Hub) -> None:
-    def stop(request: FleetStop | None, who: str, cell: str = "*", robot: str = "*") -> dict[str, Any]:
-        wish = request or FleetStop()
-        robots = hub.stop(who, cell, robot, deadline_s=wish.deadline_s, command_id=wish.id)
-        return {"at_rest": bool(robots) and all(each["code"] == "ok" for each in robots), "robots": robots}
 
-    @app.post("/stop")
-    def stop_all(request: FleetStop | None = None, name: ClientName = "") -> dict[str, Any]:
-        return stop(request, _person(name))
+def _add_commands(app: FastAPI, hub: Hub, person: Any, target: str) -> None:
+    def send(request: Request, wish: FleetStop, action: FleetAction, who: Person) -> dict[str, Any]:
+        robots = hub.command(
+            action, who.name, who.role, **request.path_params, deadline_s=wish.deadline_s, command_id=wish.id
+        )
+        done = bool(robots) and all(each["code"] == "ok" for each in robots)
+        return {"done": done, "robots": robots}
 
-    @app.post("/cells/{cell}/stop")
-    def stop_cell(cell: str, request: FleetStop | None = None, name: ClientName = "") -> dict[str, Any]:
-        return stop(request, _person(name), cell)
+    @app.post(f"{target}/stop")
+    def stop(request: Request, wish: FleetStop | None = None, who: Person = person) -> dict[str, Any]:
+        answer = send(request, wish or FleetStop(), STOP, who)
+        return {"at_rest": answer["done"], "robots": answer["robots"]}
 
-    @app.post("/cells/{cell}/robots/{robot}/stop")
-    def stop_robot(
-        cell: str, robot: str, request: FleetStop | None = None, name: ClientName = ""
-    ) -> dict[str, Any]:
-        return stop(request, _person(name), cell, robot)
+    @app.post(f"{target}/commands")
+    def command(request: Request, wish: FleetOrder, who: Person = person) -> dict[str, Any]:
+        return send(request, wish, wish.action, who)
 
 
 def _add_page(app: FastAPI) -> None:
@@ -144,7 +201,7 @@ def _add_page(app: FastAPI) -> None:
         return FileResponse(PAGE / file, headers=headers)
 
 
-def _person(name: str) -> str:
+def _claimed(name: str) -> str:
     """The name that a client without a token gives itself, in quotes, because it proves nothing."""
     shown = "".join(each for each in unquote(name) if each.isprintable() and each != '"')[:40].strip()
     return f'"{shown}"' if shown else "anonymous"

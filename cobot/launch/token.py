@@ -37,6 +37,10 @@ def add_parser(commands: Any, config: argparse.ArgumentParser) -> None:
         description=DESCRIPTION,
         formatter_class=argparse.RawTextHelpFormatter,
     )
+    config = argparse.ArgumentParser(add_help=False, parents=[config])
+    config.add_argument(
+        "--file", type=Path, metavar="FILE", help="of the tokens; default: that of the settings, web.tokens"
+    )
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     create = actions.add_parser("create", parents=[config], help="make a token, and print it this one time")
     create.add_argument("name", metavar="NAME", help="name of a person or a program, for the audit")
@@ -57,7 +61,7 @@ def run(chosen: argparse.Namespace) -> None:
     """
     config: Path | None = chosen.config
     settings = load_settings(config)
-    file = TokenFile(settings.web.tokens)
+    file = TokenFile(chosen.file or settings.web.tokens)
     if chosen.action != "list":  # another user has another file, unless the settings name one
         print(f"in {file.path}", file=sys.stderr)
     match chosen.action:

@@ -13,7 +13,6 @@ import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -25,7 +24,7 @@ import httpx
 import pytest
 from chromium import Page, browsing
 from cobot_run import Run, again, answering, until
-from tcp_proxy import TcpProxy
+from fleets import FLEET, Hub, OtherCell, free_port
 
 from cobot.fleet.__main__ import main
 
@@ -33,65 +32,14 @@ if importlib.util.find_spec("zenoh") is None:
     pytest.skip("Zenoh is not installed: it is in the extra fleet", allow_module_level=True)
 import zenoh
 
-FLEET = "test-hall"
 AUDITED = "stop {}"
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
-
-
-class Hub:
-    """`cobot fleet serve`, which may be killed and started again at the same addresses."""
-
-    def __init__(self) -> None:
-        self.zenoh_port, self.port = free_port(), free_port()
-        self.start()
-
-    @property
-    def command(self) -> list[str]:
-        listen = f"tcp/127.0.0.1:{self.zenoh_port}"
-        options = ["--name", FLEET, "--listen", listen, "--port", str(self.port)]
-        return [sys.executable, "-P", "-m", "cobot", "fleet", "serve", *options]
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.port}"
-
-    def start(self) -> None:
-        self.process = subprocess.Popen(self.command, stdout=subprocess.DEVNULL)
-        until(self.answers)
-
-    def answers(self) -> bool:
-        assert self.process.poll() is None
-        with contextlib.suppress(httpx.TransportError):
-            return httpx.get(f"{self.url}/health").status_code == 200
-        return False
-
-    def end(self, number: int = signal.SIGTERM) -> int:
-        self.process.send_signal(number)
-        return self.process.wait(30.0)
-
-    def robot(self, cell: str) -> dict[str, Any]:
-        found = httpx.get(f"{self.url}/cells").json()["robots"]
-        return next((each for each in found if each["cell"] == cell), {"state": "unknown", "alive": False})
-
-    def until_state(self, cell: str, *states: str) -> dict[str, Any]:
-        until(lambda: self.robot(cell)["state"] in states, lambda: f": {self.robot(cell)}")
-        return self.robot(cell)
-
-    def stop(self, path: str, **body: Any) -> dict[str, Any]:
-        answer = httpx.post(f"{self.url}{path}", json=body, headers={"X-Client-Name": "ada"}, timeout=30.0)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
 
 
 @pytest.fixture(scope="module")
 def hub() -> Iterator[Hub]:
     started = Hub()
     yield started
-    assert started.end() == 0
+    started.close()
 
 
 @pytest.fixture(scope="module")
@@ -116,30 +64,6 @@ def foreign(hub: Hub) -> Iterator[Any]:
     session.close()
 
 
-class OtherCell:
-    """The process of a cell alone, for the arm of another one, behind a proxy."""
-
-    def __init__(self, hub: Hub, run: Run, folder: Path, name: str, more: str = "") -> None:
-        self.proxy = TcpProxy(hub.zenoh_port)
-        self.folder = folder
-        config = folder / f"{name}.yaml"
-        connect = f"['tcp/127.0.0.1:{self.proxy.port}']"
-        fleet = f"fleet: {{name: {FLEET}, cell: {name}, connect: {connect}{more}}}\n"
-        config.write_text(run.config.read_text().split("fleet:")[0] + fleet, encoding="utf-8")
-        self.process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "cobot.fleet.cell", "--config", str(config)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-
-    def close(self) -> None:
-        self.process.send_signal(signal.SIGCONT)
-        self.process.kill()
-        self.process.communicate()
-        self.proxy.close()
-
-
 @pytest.fixture
 def other(hub: Hub, cell: Run, tmp_path: Path) -> Iterator[Callable[..., OtherCell]]:
     with contextlib.ExitStack() as stack:
@@ -161,8 +85,10 @@ def stop_of(session: Any, **changes: Any) -> bytes:
     """A stop, as docs/fleet.md describes it."""
     (now,) = answers_of(session, f"cobot/{FLEET}/@hub/time")
     times = {"epoch": now["epoch"], "issued_s": now["time_s"], "expires_s": now["time_s"] + 10.0}
-    body = {"id": os.urandom(8).hex(), "action": "stop", "who": "foreign client", **times}
-    return json.dumps(body | changes).encode()
+    whom = {"fleet": FLEET, "cell": "one", "robot": "*"}
+    action = {"kind": "stop"}
+    body = {"id": os.urandom(8).hex(), "action": action, "who": "foreign client", "role": "operator", **whom}
+    return json.dumps(body | times | changes).encode()
 
 
 def stops_in_audit(run: Run, who: str) -> list[dict[str, Any]]:
@@ -245,7 +171,7 @@ def test_a_moving_arm_is_published_and_stopped_and_the_audit_says_by_whom(hub: H
 
 
 def test_a_stop_of_a_foreign_client_is_executed_once(cell: Run, foreign: Any) -> None:
-    key = f"cobot/{FLEET}/one/{cell.name}/stop"
+    key = f"cobot/{FLEET}/one/{cell.name}/command"
     stop = stop_of(foreign)
     (first,), (again,) = answers_of(foreign, key, stop), answers_of(foreign, key, stop)
     assert (first["code"], first["repeated"]) == ("ok", False)
@@ -259,15 +185,18 @@ def test_a_stop_of_a_foreign_client_is_executed_once(cell: Run, foreign: Any) ->
         ({"issued_s": 1.0, "expires_s": 2.0}, "conflict", "late and was not executed"),
         ({"epoch": "0123456789abcdef"}, "conflict", "is not that of the present hub"),
         ({"expires_s": 1e12}, "input", "allowed is more than 0 and up to 60 s"),
-        ({"action": "start"}, "input", "action: must be 'stop'"),
+        ({"action": {"kind": "dance"}}, "input", "action"),
+        ({"action": {"kind": "start", "program": "pick"}}, "forbidden", "accepts only stops"),
         ({"who": ""}, "input", "who: "),
-        ({"role": "admin"}, "input", "unknown key 'role'"),
+        ({"role": "god"}, "input", "role: "),
+        ({"cell": "two"}, "input", "the command is for test-hall/two/*, and came to test-hall/one/"),
+        ({"fleet": "other"}, "input", "the command is for other/one/*"),
     ],
 )
 def test_a_stop_that_is_late_or_invalid_is_refused_with_a_reason(
     cell: Run, foreign: Any, changes: dict[str, Any], code: str, words: str
 ) -> None:
-    (answer,) = answers_of(foreign, f"cobot/{FLEET}/one/{cell.name}/stop", stop_of(foreign, **changes))
+    (answer,) = answers_of(foreign, f"cobot/{FLEET}/one/{cell.name}/command", stop_of(foreign, **changes))
     assert (answer["code"], words in answer["text"]) == (code, True), answer
 
 

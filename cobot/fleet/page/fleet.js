@@ -1,9 +1,11 @@
-// The page of a fleet: a tile per robot, filters, and stops with a confirmation.
+// The page of a fleet: a tile per robot, filters, commands, and stops with a confirmation.
 const POLL_MS = 500;
 const TIMEOUT_MS = 4000;
-const STOP_TIMEOUT_MS = 15000; // the hub waits for cells for up to 8 s
+const COMMAND_TIMEOUT_MS = 15000; // the hub waits for cells for up to 8 s
+const SPEEDS = [10, 25, 50, 75, 100];
+const TOKEN = "cobot.fleet.token";
 const STATES = ["ready", "moving", "paused", "stopping", "estop", "fault", "silent", "gone"];
-const FIELDS = ["robot", "mode", "job", "program", "control", "speed_override", "backend", "version", "age"];
+const FIELDS = ["robot", "zone", "mode", "job", "program", "control", "speed_override", "backend", "version", "age"];
 const byId = (id) => document.getElementById(id);
 const words = await (await fetch("page/words.json")).json();
 const tiles = new Map();
@@ -54,11 +56,44 @@ function tileOf(robot) {
   const link = element("a", { target: "_blank", rel: "noopener noreferrer" }, word("panel"));
   const stop = element("button", { type: "button", class: "stop" }, word("stop"));
   stop.setAttribute("aria-label", `${word("stop")} ${robot.cell} ${robot.robot}`);
-  stop.onclick = () => ask(word("stop_one").replace("{name}", `${robot.cell} / ${robot.robot}`),
-    `cells/${encodeURIComponent(robot.cell)}/robots/${encodeURIComponent(robot.robot)}/stop`);
+  const path = `cells/${encodeURIComponent(robot.cell)}/robots/${encodeURIComponent(robot.robot)}/stop`;
+  stop.onclick = () => ask(word("stop_one").replace("{name}", `${robot.cell} / ${robot.robot}`), () => command(path));
   foot.append(link, stop);
-  tile.append(head, list, element("p", { class: "faults" }), foot);
+  tile.append(head, list, element("p", { class: "faults" }), commandsOf(robot), foot);
   return tile;
+}
+
+function commandsOf(robot) {
+  const path = `cells/${encodeURIComponent(robot.cell)}/robots/${encodeURIComponent(robot.robot)}/commands`;
+  const name = `${robot.cell} / ${robot.robot}`;
+  const box = element("details", { class: "commands" });
+  const button = (kind, action, sure = false) => {
+    const made = element("button", { type: "button", "data-kind": kind }, word(kind));
+    const go = () => command(path, action());
+    made.onclick = () => (sure ? ask(word("start_question").replace("{name}", name).replace("{program}", programs.value), go, word(kind)) : go());
+    return made;
+  };
+  const programs = element("select", { "aria-label": `${word("program")} ${name}`, "data-programs": "" });
+  const speed = element("select", { "aria-label": `${word("speed_override")} ${name}` });
+  for (const each of SPEEDS) speed.append(element("option", { value: each }, `${each} %`));
+  speed.value = 100;
+  box.append(
+    element("summary", {}, word("commands")),
+    programs, button("start", () => ({ kind: "start", program: programs.value }), true),
+    button("pause", () => ({ kind: "pause" })), button("resume", () => ({ kind: "resume" })),
+    speed, button("speed", () => ({ kind: "speed", fraction: Number(speed.value) / 100 })),
+    button("take_control", () => ({ kind: "take_control" })), button("release_control", () => ({ kind: "release_control" })),
+  );
+  return box;
+}
+
+function fillPrograms(select, programs) {
+  const key = JSON.stringify(programs);
+  if (select.dataset.programs === key) return;
+  const chosen = select.value;
+  select.dataset.programs = key;
+  select.replaceChildren(...programs.map((each) => element("option", { value: each.id }, `${each.label} (${each.version})`)));
+  if (programs.some((each) => each.id === chosen)) select.value = chosen;
 }
 
 function valueOf(robot, field) {
@@ -83,6 +118,8 @@ function fill(tile, robot) {
   const faults = tile.querySelector(".faults");
   faults.textContent = faultsOf(robot);
   faults.hidden = !faults.textContent;
+  fillPrograms(tile.querySelector("[data-programs]"), robot.programs);
+  tile.querySelector("[data-kind=start]").disabled = !robot.programs.length;
   const link = tile.querySelector("a");
   link.hidden = !/^https?:\/\//.test(robot.panel);
   if (!link.hidden) link.href = robot.panel;
@@ -91,7 +128,7 @@ function fill(tile, robot) {
 function draw() {
   const wanted = byId("find").value.trim().toLowerCase();
   const shown = robots.filter((robot) => (!chosen.size || chosen.has(robot.state))
-    && (!wanted || `${robot.cell} ${robot.robot} ${robot.program} ${robot.job}`.toLowerCase().includes(wanted)));
+    && (!wanted || `${robot.cell} ${robot.robot} ${robot.zone} ${robot.program} ${robot.job}`.toLowerCase().includes(wanted)));
   const names = new Set(shown.map((robot) => `${robot.cell}/${robot.robot}`));
   for (const [name, tile] of tiles) if (!names.has(name)) { tile.remove(); tiles.delete(name); }
   shown.forEach((robot, place) => {
@@ -118,7 +155,8 @@ function tellConnection(text, bad) {
 
 async function poll() {
   try {
-    const response = await fetch("cells", { signal: AbortSignal.timeout(TIMEOUT_MS) });
+    const response = await fetch("cells", { headers: identity(), signal: AbortSignal.timeout(TIMEOUT_MS) });
+    if (response.status === 401) askToken();
     if (!response.ok) throw new Error(response.statusText);
     const answer = await response.json();
     robots = answer.robots;
@@ -134,29 +172,45 @@ async function poll() {
   setTimeout(poll, POLL_MS);
 }
 
-function ask(question, path) {
+function ask(question, go, label = word("stop")) {
   byId("question").textContent = question;
-  byId("sure").onclick = () => { byId("confirm").close(); stop(path); };
+  byId("sure").textContent = label;
+  byId("sure").classList.toggle("stop", label === word("stop"));
+  byId("sure").onclick = () => { byId("confirm").close(); go(); };
   byId("confirm").showModal();
   byId("sure").focus();
 }
 
-async function stop(path) {
+function identity() {
+  const token = sessionStorage.getItem(TOKEN);
+  return { "X-Client-Name": "panel", ...(token ? { Authorization: `Bearer ${token}` } : {}) };
+}
+
+function askToken() {
+  if (byId("login").open) return;
+  byId("wrong-token").hidden = !sessionStorage.getItem(TOKEN);
+  byId("login").showModal();
+}
+
+byId("login").onsubmit = () => sessionStorage.setItem(TOKEN, byId("token").value.trim());
+
+async function command(path, action) {
   const id = crypto.randomUUID?.() ?? `${Date.now()}-${Math.random().toString(16).slice(2)}`;
-  tell(word("stopping_now"), false);
+  const [waiting, done, failed] = action ? ["sending", "done", "not_done"] : ["stopping_now", "all_stopped", "not_all_stopped"];
+  tell(word(waiting), false);
   try {
     const response = await fetch(path, {
-      method: "POST", headers: { "Content-Type": "application/json", "X-Client-Name": "panel" }, body: JSON.stringify({ id }),
-      signal: AbortSignal.timeout(STOP_TIMEOUT_MS),
+      method: "POST", headers: { "Content-Type": "application/json", ...identity() }, body: JSON.stringify(action ? { id, action } : { id }),
+      signal: AbortSignal.timeout(COMMAND_TIMEOUT_MS),
     });
     const answer = await response.json();
     if (!response.ok) throw new Error(answer.detail);
     const bad = answer.robots.filter((robot) => robot.code !== "ok");
-    const lines = bad.map((robot) => `${robot.cell} / ${robot.robot}: ${robot.text}`);
-    tell([word(bad.length || !answer.robots.length ? "not_all_stopped" : "all_stopped"), ...lines].join("\n"),
-      bad.length > 0 || !answer.robots.length);
+    const shown = action ? answer.robots : bad;
+    const lines = shown.map((robot) => `${robot.cell} / ${robot.robot}: ${robot.text}`);
+    tell([word(bad.length || !answer.robots.length ? failed : done), ...lines].join("\n"), bad.length > 0 || !answer.robots.length);
   } catch (error) {
-    tell(`${word("not_all_stopped")}\n${error.message}`, true);
+    tell(`${word(failed)}\n${error.message}`, true);
   }
 }
 
@@ -167,7 +221,7 @@ function tell(text, bad) {
   result.hidden = false;
 }
 
-byId("stop-all").onclick = () => ask(word("stop_all_question").replace("{count}", robots.length), "stop");
+byId("stop-all").onclick = () => ask(word("stop_all_question").replace("{count}", robots.length), () => command("stop"));
 byId("cancel").onclick = () => byId("confirm").close();
 byId("find").oninput = draw;
 byId("language").onchange = (event) => {

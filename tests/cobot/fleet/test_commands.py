@@ -55,7 +55,11 @@ def book(clock: Clock) -> CommandBook:
 def command(clock: Clock, **changes: Any) -> FleetCommand:
     values = {
         "id": "12345678",
-        "action": "stop",
+        "fleet": "hall",
+        "cell": "cell",
+        "robot": "*",
+        "role": "operator",
+        "action": {"kind": "stop"},
         "who": "ada",
         "epoch": clock.epoch,
         "issued_s": clock.hub_s,
@@ -180,7 +184,10 @@ def test_the_number_of_remembered_commands_is_bounded(clock: Clock, book: Comman
         (b'{"id": "12345678"}', "action"),
         (b"[" * 10_000, "FleetCommand: "),
         (b" " * (MAX_BYTES + 1), "65537 bytes, allowed are 65536"),
-        (command(Clock()).model_dump_json().replace("stop", "start").encode(), "action: must be 'stop'"),
+        (
+            command(Clock()).model_dump_json().replace("stop", "start").encode(),
+            "action.start.program: is missing",
+        ),
         (command(Clock()).model_dump_json().replace("1500.0", "NaN").encode(), "FleetCommand: "),
         (command(Clock()).model_dump_json().replace('"ada"', '"a\\nb"').encode(), "who: "),
     ],

@@ -1,0 +1,186 @@
+"""`cobot fleet serve` and `cobot fleet certificate`: the hub on this computer."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import re
+import signal
+import socket
+import sys
+from pathlib import Path
+from typing import Any
+
+from cobot.access.authentication import Authenticator, is_loopback
+from cobot.access.tokens import TokenFile
+from cobot.errors import ConfigError, InputError, UnavailableError
+from cobot.launch.fleet_extra import require_zenoh
+from cobot.logs import start_logging
+
+MAX_DAYS = 3650
+LISTEN = "tcp/127.0.0.1:7447"
+
+
+def add_serve(actions: Any) -> None:
+    """Add the command `serve`."""
+    serve = actions.add_parser("serve", help="run the hub until Ctrl-C")
+    serve.add_argument(
+        "--name", default="cobot", metavar="FLEET", help="of the fleet, as fleet.name of its cells"
+    )
+    serve.add_argument(
+        "--listen",
+        nargs="+",
+        default=[],
+        metavar="tls/HOST:PORT",
+        help=f"where cells connect; default: {LISTEN}, with certificates the same with tls",
+    )
+    serve.add_argument(
+        "--connect",
+        nargs="+",
+        default=[],
+        metavar="tls/HOST:PORT",
+        help="routers of Zenoh that the hub joins",
+    )
+    serve.add_argument("--host", default="127.0.0.1", metavar="H", help="of the page and the REST API")
+    serve.add_argument("--port", type=int, default=8070, metavar="P", help="of them; 0 picks a free one")
+    serve.add_argument(
+        "--certificates",
+        type=Path,
+        metavar="FOLDER",
+        help="of the fleet: connections are encrypted, clients need tokens, and more than stops is possible",
+    )
+    serve.add_argument(
+        "--tokens", type=Path, metavar="FILE", help="with certificates; default: FOLDER/tokens.json"
+    )
+    serve.set_defaults(run=_serve)
+
+
+def add_certificate(actions: Any) -> None:
+    """Add the command `certificate`."""
+    certificate = actions.add_parser("certificate", help="make the certificates of hub and cells")
+    certificate.add_argument("folder", type=Path, metavar="FOLDER", help="of the fleet; keep it private")
+    certificate.add_argument("of", choices=("hub", "cell"))
+    certificate.add_argument(
+        "names",
+        nargs="+",
+        metavar="NAME",
+        help="hub: names and addresses by which it is reached; cell: names of cells",
+    )
+    certificate.add_argument(
+        "--days", type=int, default=730, metavar="N", help=f"validity, 1 to {MAX_DAYS}; default: 730"
+    )
+    certificate.set_defaults(run=_certificate)
+
+
+def _certificate(chosen: argparse.Namespace) -> int:
+    require_zenoh("cobot fleet certificate")
+    from cobot.fleet.certificates import issue_cell, issue_hub, make_authority
+
+    folder: Path = chosen.folder.absolute()
+    if not 1 <= chosen.days <= MAX_DAYS:
+        raise InputError(f"--days: is {chosen.days}, allowed is 1 to {MAX_DAYS}")
+    allowed = r"[A-Za-z0-9][A-Za-z0-9.:-]{0,252}" if chosen.of == "hub" else r"[A-Za-z0-9_-]{1,48}"
+    for name in chosen.names:
+        if not re.fullmatch(allowed, name):
+            kind = (
+                "a computer's name or address" if chosen.of == "hub" else "1 to 48 letters, digits, - and _"
+            )
+            raise InputError(f"NAME: {name!r} is not valid: {kind}")
+    make_authority(folder, folder.name)
+    if chosen.of == "hub":
+        issue_hub(folder, chosen.names, chosen.days)
+        print(f"the hub: cobot fleet serve --certificates {folder} --listen tls/{chosen.names[0]}:7447")
+        return 0
+    for cell in chosen.names:
+        own = issue_cell(folder, cell, chosen.days)
+        print(f"{cell}: copy {own} to the cell, and set fleet.certificates to the copy", flush=True)
+    print("a hub that runs accepts the new cells after a restart", file=sys.stderr)
+    return 0
+
+
+def _serve(chosen: argparse.Namespace) -> int:
+    import uvicorn
+
+    from cobot.fleet.hub import Hub
+    from cobot.fleet.web import make_app
+
+    require_zenoh("cobot fleet serve")
+    folder: Path | None = chosen.certificates
+    if not re.fullmatch(r"[A-Za-z0-9_-]{1,48}", chosen.name):
+        raise InputError(f"--name: {chosen.name!r} is not valid: 1 to 48 letters, digits, - and _")
+    listen: list[str] = chosen.listen or [LISTEN if folder is None else LISTEN.replace("tcp", "tls")]
+    _require_protected(listen, chosen.host, folder)
+    tokens = None
+    if folder is not None:
+        tokens = Authenticator(TokenFile(chosen.tokens or folder / "tokens.json"))
+    elif chosen.tokens is not None:
+        raise ConfigError("--tokens: tokens are for encrypted connections; give --certificates too")
+    listener = _listener(chosen.host, chosen.port)
+    try:
+        hub = Hub(chosen.name, listen, chosen.connect, folder)
+    except BaseException:
+        listener.close()
+        raise
+    try:
+        port = listener.getsockname()[1]
+        host = f"[{chosen.host}]" if ":" in chosen.host else chosen.host
+        scheme = "http" if folder is None else "https"
+        print(
+            f"fleet {chosen.name}: {scheme}://{host}:{port}; cells connect to {', '.join(listen)}", flush=True
+        )
+        # uvicorn ends at these, and then raises them again, which would end this process before its session.
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: None)
+        start_logging("fleet")  # errors of the start are for the terminal, as they are
+        logging.getLogger("uvicorn").setLevel(logging.WARNING)
+        app = make_app(hub, [chosen.host, host, "localhost", "127.0.0.1", *hub.hosts], tokens)
+        config = uvicorn.Config(
+            app,
+            log_config=None,
+            access_log=False,
+            timeout_graceful_shutdown=1,
+            ssl_certfile=folder and folder / "hub" / "hub.pem",
+            ssl_keyfile=folder and folder / "hub" / "hub.key",
+        )
+        uvicorn.Server(config).run(sockets=[listener])
+    finally:
+        hub.close()
+        listener.close()
+    return 0
+
+
+def _require_protected(listen: list[str], host: str, folder: Path | None) -> None:
+    """
+    Raises:
+        ConfigError: another computer could reach a hub without certificates, or an address is wrong.
+    """
+    scheme = "tcp" if folder is None else "tls"
+    hosts = {"--host": [host], "--listen": [_host_of(each, scheme) for each in listen]}
+    if folder is not None:
+        return
+    for option, names in hosts.items():
+        for name in names:
+            if name != "localhost" and not is_loopback(name):
+                raise ConfigError(
+                    f"{option}: {name} can be reached from other computers, and everybody there could stop "
+                    "the cells and change what the page shows; use --certificates, see `cobot fleet "
+                    "certificate`, or 127.0.0.1"
+                )
+
+
+def _host_of(endpoint: str, scheme: str) -> str:
+    found = re.fullmatch(rf"{scheme}/(\[[0-9a-f:.]+\]|[^:/\[\]]+):([0-9]{{1,5}})", endpoint)
+    if found is None or int(found[2]) > 65535:
+        raise ConfigError(f"--listen: {endpoint!r} is not an address such as {scheme}/127.0.0.1:7447")
+    return found[1].strip("[]")
+
+
+def _listener(host: str, port: int) -> socket.socket:
+    if not 0 <= port <= 65535:
+        raise InputError(f"--port: is {port}, allowed is 0 to 65535; choose another port")
+    try:
+        return socket.create_server(
+            (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET, backlog=100
+        )
+    except OSError as exc:
+        raise UnavailableError(f"--port: {host}:{port}: {exc.strerror or exc}; choose another port") from exc

@@ -1,0 +1,332 @@
+"""A fleet with certificates: what a hub tells a cell to do, and who may.
+
+Oracles: the service of the cell, with its jobs and its audit; a plain session of Zenoh with the certificate
+of another cell, which knows only docs/fleet.md; Chromium.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from chromium import Page, browsing
+from cobot_run import Run, answering, until
+from fleets import FLEET, Hub, free_port
+
+from cobot.access.roles import Role
+from cobot.access.tokens import TokenFile
+from cobot.client import Client
+from cobot.fleet.__main__ import main
+
+if importlib.util.find_spec("zenoh") is None:
+    pytest.skip("Zenoh is not installed: it is in the extra fleet", allow_module_level=True)
+import zenoh
+
+from cobot.fleet.certificates import issue_cell, issue_hub, make_authority
+
+HOME = [0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0]
+SLOW = {"waypoints": [{"joints": HOME, "speed": 0.02}, {"joints": [1.0, *HOME[1:]], "speed": 0.02}]}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("fleet") / "certificates"
+    make_authority(made, FLEET)
+    issue_hub(made, ["localhost", "127.0.0.1"], 30)
+    for cell in ("one", "two"):
+        issue_cell(made, cell, 30)
+    return made
+
+
+@pytest.fixture(scope="module")
+def tokens(folder: Path) -> dict[str, str]:
+    file = TokenFile(folder / "tokens.json")
+    return {"ada": file.create("ada", Role.OPERATOR), "bob": file.create("bob", Role.OBSERVER)}
+
+
+@pytest.fixture(scope="module")
+def hub(folder: Path, tokens: dict[str, str]) -> Iterator[Hub]:
+    started = Hub(folder, tokens["ada"])
+    yield started
+    started.close()
+
+
+@pytest.fixture(scope="module")
+def cell(hub: Hub, folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    fleet = (
+        f"{{name: {FLEET}, cell: one, zone: north, connect: ['{hub.address}'], "
+        f"certificates: {folder}/cells/one, accept: {{speed: admin}}}}"
+    )
+    run = Run(tmp_path_factory.mktemp("cell"), clock="realtime", more=f"fleet: {fleet}\n")
+    with answering(run) as started:
+        with Client(started.url) as client:
+            client.save_program("slow", "Slow", SLOW)
+        started.until(lambda: hub.robot("one")["state"] == "ready" and hub.robot("one")["programs"])
+        yield started
+
+
+@pytest.fixture
+def client(cell: Run, hub: Hub) -> Iterator[Client]:
+    with Client(cell.url) as made:
+        yield made
+        hub.http.post("/cells/one/stop").raise_for_status()
+        until(lambda: not made.jobs(5, "queued", "planning", "running", "paused"))
+
+
+def order(hub: Hub, kind: str, path: str = "/cells/one", **options: Any) -> dict[str, Any]:
+    """The answer of the only robot."""
+    body = {"action": {"kind": kind} | options.pop("action", {})} | options.pop("body", {})
+    answer = hub.http.post(f"{path}/commands", json=body, **options)
+    assert answer.status_code == 200, answer.text
+    (robot,) = answer.json()["robots"]
+    return dict(robot)
+
+
+def start_slow(hub: Hub, **options: Any) -> dict[str, Any]:
+    """Start the slow program. A stop also ends what is started before the service knows of the stop."""
+
+    def answer() -> dict[str, Any] | None:
+        found = order(hub, "start", action={"program": "slow"}, **options)
+        return None if "a stop was requested" in found["text"] else found
+
+    return dict(until(answer))
+
+
+def audited(client: Client, command: str) -> list[dict[str, Any]]:
+    entries = client._json("GET", "/audit")["entries"]
+    return [each for each in entries if each.get("details", {}).get("command") == command]
+
+
+def test_a_program_is_started_paused_resumed_and_stopped(hub: Hub, cell: Run, client: Client) -> None:
+    started = start_slow(hub)
+    assert (started["code"], started["text"]) == ("ok", "started slow, version 1")
+    until(lambda: hub.robot("one")["state"] == "moving" and hub.robot("one")["program"])
+    (job,) = (each["id"] for each in client.jobs(5, "running") if each["kind"] == "sequence")
+    assert order(hub, "pause")["text"] == f"paused {job}"
+    hub.until_state("one", "paused")
+    assert client.job(job).state == "paused"
+    assert order(hub, "resume")["text"] == f"resumed {job}"
+    until(lambda: client.job(job).state == "running")
+    assert hub.http.post("/zones/north/stop").json()["at_rest"]
+    assert until(lambda: client.job(job).state == "cancelled")
+    (entry,) = until(lambda: audited(client, started["id"]))
+    assert (entry["who"], entry["from"], entry["what"]) == ("ada", "fleet", f"start {cell.name} slow")
+
+
+def test_a_start_that_is_repeated_starts_once(hub: Hub, client: Client) -> None:
+    first = start_slow(hub)
+    body = {"id": first["id"]}
+    again = order(hub, "start", action={"program": "slow"}, body=body)
+    assert (first["code"], first["repeated"], again["repeated"]) == ("ok", False, True)
+    assert again["text"] == first["text"], "a second start would be refused: only one runs at a time"
+    other = order(hub, "pause", body=body)
+    assert (other["code"], "another command had this id" in other["text"]) == ("conflict", True)
+
+
+def test_control_of_the_fleet_keeps_others_from_moving(hub: Hub, cell: Run, client: Client) -> None:
+    assert order(hub, "take_control")["code"] == "ok"
+    assert client.who_controls()["holder"] == "fleet"
+    refused = httpx.post(f"{cell.url}/robot/move/joints", json={"joints": HOME}, timeout=30.0)
+    assert refused.status_code == 409
+    assert start_slow(hub)["code"] == "ok"
+    hub.http.post("/cells/one/stop").raise_for_status()
+    assert order(hub, "release_control")["code"] == "ok"
+    until(lambda: not client.who_controls()["held"])
+
+
+@pytest.mark.parametrize(
+    ("kind", "action", "code", "words"),
+    [
+        (
+            "speed",
+            {"fraction": 0.5},
+            "forbidden",
+            "from admin (fleet.accept.speed), and ada has",
+        ),
+        ("start", {"program": "nothing"}, "not_found", "nothing"),
+        ("start", {"program": "slow", "version": 7}, "not_found", "7"),
+        ("pause", {}, "conflict", "nothing is running"),
+        ("resume", {}, "conflict", "nothing is paused"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_a_reason(
+    hub: Hub, client: Client, kind: str, action: dict[str, Any], code: str, words: str
+) -> None:
+    answer = order(hub, kind, action=action)
+    assert (answer["code"], words in answer["text"]) == (code, True), answer
+    assert until(lambda: audited(client, answer["id"]))[0]["outcome"] == code
+    assert client.speed_override() == 1.0
+
+
+def test_an_observer_may_stop_and_nothing_else(hub: Hub, client: Client, tokens: dict[str, str]) -> None:
+    bob = {"headers": {"Authorization": f"Bearer {tokens['bob']}"}}
+    answer = order(hub, "start", action={"program": "slow"}, **bob)
+    assert (answer["code"], "bob has the role observer" in answer["text"]) == ("forbidden", True)
+    assert order(hub, "stop", **bob)["code"] == "ok"
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "status", "words"),
+    [
+        ("/commands", {"action": {"kind": "dance"}}, 422, "kind 'dance' is unknown; valid are: 'stop', "),
+        ("/commands", {"action": {"kind": "speed", "fraction": 1.5}}, 422, "less than or equal to 1"),
+        ("/commands", {"action": {"kind": "start", "program": "../up"}}, 422, "program"),
+        ("/zones/south/commands", {"action": {"kind": "pause"}}, 404, "zones: north"),
+    ],
+)
+def test_a_wrong_command_is_an_error(
+    hub: Hub, cell: Run, path: str, body: dict[str, Any], status: int, words: str
+) -> None:
+    answer = hub.http.post(path, json=body)
+    assert (answer.status_code, words in answer.json()["detail"]) == (status, True), answer.text
+
+
+@pytest.mark.parametrize("token", ["", "Bearer cobot_wrong", "Basic YTpi"])
+def test_without_a_token_the_hub_tells_and_does_nothing(hub: Hub, token: str) -> None:
+    for method, path in (("GET", "/cells"), ("GET", "/metrics"), ("POST", "/stop")):
+        answer = hub.http.request(method, path, headers={"Authorization": token})
+        assert (answer.status_code, "a valid token is needed" in answer.text) == (401, True)
+    assert hub.http.get("/", headers={"Authorization": token}).status_code == 200, "the page asks for it"
+
+
+def session_of(folder: Path, cell: str, address: str) -> Any:
+    """A session with the certificate of a cell, which knows nothing of cobot."""
+    tls, own = "transport/link/tls", folder / "cells" / cell
+    config = zenoh.Config()
+    for key, value in {
+        "mode": "client",
+        "connect/endpoints": [address],
+        "connect/timeout_ms": 500,
+        "connect/exit_on_failure": True,
+        "scouting/multicast/enabled": False,
+        f"{tls}/root_ca_certificate": str(own / "ca.pem"),
+        f"{tls}/enable_mtls": True,
+        f"{tls}/connect_certificate": str(own / "cell.pem"),
+        f"{tls}/connect_private_key": str(own / "cell.key"),
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+
+
+def test_a_cell_can_neither_command_another_one_nor_speak_for_it(hub: Hub, cell: Run, folder: Path) -> None:
+    two = session_of(folder, "two", hub.address)
+    try:
+        (time_,) = [json.loads(bytes(r.ok.payload)) for r in two.get(f"cobot/{FLEET}/@hub/time") if r.ok]
+        times = {"epoch": time_["epoch"], "issued_s": time_["time_s"], "expires_s": time_["time_s"] + 10.0}
+        whom = {"fleet": FLEET, "cell": "one", "robot": "*", "who": "ada", "role": "admin"}
+        forged = {"id": os.urandom(8).hex(), "action": {"kind": "stop"}, **times, **whom}
+        key = f"cobot/{FLEET}/one/{cell.name}/command"
+        assert not list(two.get(key, payload=json.dumps(forged).encode(), timeout=1.0))
+        state = {**hub.robot("one"), "mode": "FAULT"}
+        for extra in ("alive", "age_s", "used_twice"):
+            del state[extra]
+        two.put(f"cobot/{FLEET}/one/{cell.name}/state", json.dumps(state).encode())
+        time.sleep(0.3)
+        assert hub.robot("one")["mode"] == "HOLD"
+    finally:
+        two.close()
+
+
+def test_who_has_no_certificate_of_the_fleet_does_not_connect(hub: Hub, tmp_path: Path) -> None:
+    make_authority(tmp_path, "other")
+    issue_cell(tmp_path, "one", 30)
+    with pytest.raises(zenoh.ZError):
+        session_of(tmp_path, "one", hub.address)
+    with pytest.raises(zenoh.ZError):
+        session_of(tmp_path, "one", hub.address.replace("tls", "tcp"))
+
+
+def test_metrics_are_those_of_the_page(hub: Hub, cell: Run) -> None:
+    order(hub, "stop")
+    text = hub.http.get("/metrics").text
+    assert 'cobot_fleet_robots{state="ready"} 1.0' in text
+    assert 'cobot_fleet_commands_total{action="stop",code="ok"}' in text
+    assert f'cobot_fleet_state_age_seconds{{cell="one",robot="{cell.name}"}}' in text
+
+
+def test_the_command_line_commands_with_a_token(
+    hub: Hub,
+    client: Client,
+    folder: Path,
+    tokens: dict[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("COBOT_CERTIFICATE", str(folder / "ca.pem"))
+    given = ("--url", hub.url, "--token", tokens["ada"])
+    until(lambda: main(["run", "one", "--program", "slow", *given]) == 0)
+    assert "started slow, version 1" in capsys.readouterr().out
+    for words, status, said in (
+        (("pause", "--zone", "north"), 0, "paused "),
+        (("resume", "--all"), 0, "resumed "),
+        (("stop", "one"), 0, "at rest"),
+        (("speed", "one", "--fraction", "0.5"), 1, "not done: this cell accepts this from admin"),
+        (("control", "one", "--take"), 0, "the fleet has control"),
+        (("control", "one", "--release"), 0, "the fleet does not have control"),
+    ):
+        assert main([*words, *given]) == status, capsys.readouterr()
+        assert said in capsys.readouterr().out
+    assert main(["list", "--url", hub.url, "--token", "wrong"]) == 1
+    assert "a valid token is needed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--listen", "tcp/127.0.0.1:7447"), "is not an address such as tls/127.0.0.1:7447"),
+        (("--certificates", "/nowhere"), "/nowhere"),
+    ],
+)
+def test_a_hub_with_wrong_certificates_does_not_start(
+    folder: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], words: str
+) -> None:
+    listen = f"tls/127.0.0.1:{free_port()}"
+    given = ["--listen", listen, "--certificates", str(folder), "--port", "0", *options]
+    assert main(["serve", *given]) == 1
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
+def test_the_page_asks_for_a_token_and_starts_a_program(
+    hub: Hub, client: Client, tokens: dict[str, str], tmp_path: Path
+) -> None:
+    with browsing(tmp_path, "--ignore-certificate-errors") as tools:
+        page = Page(tools)
+
+        def wait_on(script: str) -> None:
+            until(lambda: page.run(script), lambda: f": {script}")
+
+        page.ask(
+            "Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False
+        )
+        page.visit(hub.url)
+        wait_on("document.querySelector('#login').open")
+        page.write("#token", "wrong")
+        page.click("#enter")
+        wait_on("document.querySelector('#login').open && !document.querySelector('#wrong-token').hidden")
+        page.write("#token", tokens["ada"])
+        page.click("#enter")
+        wait_on("document.querySelector('article[data-state=ready] h2')?.textContent === 'one'")
+        page.click(".commands summary")
+        page.click("[data-kind=start]")
+        wait_on("document.querySelector('#question').textContent.includes('The arm moves')")
+        page.click("#sure")
+        wait_on("document.querySelector('#result').textContent.includes('started slow')")
+        until(lambda: [each for each in client.jobs(5, "running") if each["kind"] == "sequence"])
+        page.click("[data-kind=pause]")
+        wait_on("document.querySelector('article').dataset.state === 'paused'")
+        page.click("article .stop")
+        page.click("#sure")
+        wait_on("document.querySelector('#result').textContent.includes('at rest')")
+        for language in ("de", "zh"):
+            page.set_to("#language", language)
+            wait_on(f"document.documentElement.lang === '{language}'")
+            assert page.run("!document.body.innerText.match(/undefined|take_control/)")
