@@ -57,6 +57,7 @@ LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", "
 
 BOUNDS = {"less_than": "lt", "less_than_equal": "le"}
 """The upper bound that is exceeded, by pydantic's types of errors."""
+QUOTE = "'"
 IN_METRES = {
     *("blend_radius", "depth", "drop", "length", "max_travel", "pitch", "radii", "radius", "retract"),
     *("rise", "size", "through_radius", "tolerance", "width"),
@@ -110,8 +111,9 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
         case "value_error":
             text = str(error["ctx"]["error"])
         case "union_tag_invalid":
-            text = f"{str(error['ctx']['discriminator']).strip(chr(39))} {shown(error['ctx']['tag'])} is unknown; valid are: "
-            text += str(error["ctx"]["expected_tags"])
+            about = error["ctx"]
+            text = f"{about['discriminator'].strip(QUOTE)} {shown(about['tag'])} is unknown; valid are: "
+            text += about["expected_tags"]
         case kind:
             text = f"{_requirement(kind, error)}, got {shown(error['input'])}"
             if kind in BOUNDS:
