@@ -276,8 +276,8 @@ cdef class CollisionMonitor:
             longest = max(longest, fabs(heading[index]))
         if longest < MIN_HEADING_RAD:
             return False
-        # This runs in the cycle of each target, so it leaves out what the last look saw far away: nothing comes
-        # nearer by NEAR_M in the few cycles since then, and the next look blocks what comes into the margin.
+        # This runs in the cycle of each target, so it leaves out what the last look saw far away. Nothing
+        # comes nearer by NEAR_M in the few cycles since, and the next look blocks what enters the margin.
         if not self._probe(position, heading, self._margin_m + NEAR_M):
             return True
         for index in range(self._distances.count):
