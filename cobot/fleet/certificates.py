@@ -13,11 +13,11 @@ from __future__ import annotations
 import base64
 import contextlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
@@ -37,7 +37,6 @@ EARLIER = timedelta(days=1)
 """Certificates count from a day before they are made, for computers whose clock is late."""
 AUTHORITY_DAYS = 3650
 CURVE = ec.SECP256R1()
-Content = TypeVar("Content", x509.Certificate, ec.EllipticCurvePrivateKey)
 
 
 class SignedCommand(StrictModel):
@@ -127,8 +126,8 @@ class Signer:
 
     def __init__(self, folder: Path) -> None:
         own = folder / HUB_FOLDER
-        self._certificate = _read(own / f"{HUB_FOLDER}.pem", x509.Certificate)
-        self._key = _read(own / f"{HUB_FOLDER}.key", ec.EllipticCurvePrivateKey)
+        self._certificate = _read_certificate(own / f"{HUB_FOLDER}.pem")
+        self._key = _read_key(own / f"{HUB_FOLDER}.key")
         if self._certificate.public_key() != self._key.public_key():
             raise ConfigError(f"{own}: {HUB_FOLDER}.key is not the key of {HUB_FOLDER}.pem")
         names = self._certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -156,7 +155,7 @@ class Verifier:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._authority = _read(folder / f"{AUTHORITY}.pem", x509.Certificate)
+        self._authority = _read_certificate(folder / f"{AUTHORITY}.pem")
 
     def command_of(self, content: bytes) -> FleetCommand:
         """The command in a message.
@@ -204,8 +203,8 @@ def _issue(
 ) -> Path:
     if (own / f"{file}.pem").exists():
         raise ConflictError(f"{own}: has a certificate already; move it away to issue a new one")
-    authority = _read(folder / f"{AUTHORITY}.pem", x509.Certificate)
-    authority_key = _read(folder / f"{AUTHORITY}.key", ec.EllipticCurvePrivateKey)
+    authority = _read_certificate(folder / f"{AUTHORITY}.pem")
+    authority_key = _read_key(folder / f"{AUTHORITY}.key")
     key = ec.generate_private_key(CURVE)
     now = datetime.now(UTC)
     end = min(now + timedelta(days=days), authority.not_valid_after_utc)
@@ -265,20 +264,31 @@ def _create(path: Path, content: bytes) -> None:
         raise ConfigError(f"{path}: cannot be written: {exc.strerror}") from exc
 
 
-def _read(path: Path, kind: type[Content]) -> Content:
+def _read_certificate(path: Path) -> x509.Certificate:
+    with _naming(path):
+        return x509.load_pem_x509_certificate(path.read_bytes())
+
+
+def _read_key(path: Path) -> ec.EllipticCurvePrivateKey:
+    with _naming(path):
+        found = serialization.load_pem_private_key(path.read_bytes(), None)
+    if not isinstance(found, ec.EllipticCurvePrivateKey):
+        raise ConfigError(f"{path}: is not an elliptic-curve key; use those of cobot fleet certificate")
+    return found
+
+
+@contextlib.contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Errors of a file in cobot's words.
+
+    Raises:
+        ConfigError: it cannot be read, or is not valid.
+    """
     try:
-        content = path.read_bytes()
-        found = (
-            x509.load_pem_x509_certificate(content)
-            if kind is x509.Certificate
-            else serialization.load_pem_private_key(content, None)
-        )
+        yield
     except OSError as exc:
         raise ConfigError(
             f"{path}: cannot be read: {exc.strerror}; cobot fleet certificate makes it"
         ) from exc
     except (ValueError, TypeError) as exc:
         raise ConfigError(f"{path}: is not valid: {exc}") from exc
-    if not isinstance(found, kind):
-        raise ConfigError(f"{path}: is not an elliptic-curve key; use those of cobot fleet certificate")
-    return found
