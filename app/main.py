@@ -25,7 +25,7 @@ from app.api.middleware.audit import RequestTrail
 from app.api.middleware.body_limit import BodyLimit
 from app.api.middleware.clients import Clients
 from app.api.middleware.origins import Origins
-from app.api.middleware.timing import RequestTimes, Timing
+from app.api.middleware.timing import RequestTimes, RequestTiming
 from app.api.middleware.versions import Versions
 from app.api.roles import guard, roles
 from app.api.routers.robots import twin_name
@@ -44,7 +44,7 @@ from cobot.access.roles import FLEET, ROS, Role
 from cobot.access.tokens import TokenFile
 from cobot.clock import SYSTEM, Clock
 from cobot.config import Settings, load_endpoints
-from cobot.logs.supervision import Losses
+from cobot.logs.supervision import SupervisorLosses
 from cobot.robot.description import RobotDescription, load_robot
 
 DESCRIPTION = """Moves a robot arm. A motion answers when the arm has arrived and settled; `success` reports
@@ -147,7 +147,7 @@ def _set_state(app: FastAPI, settings: Settings, shared: SharedParts, endpoints:
     app.state.large_body = asyncio.Lock()
     app.state.costly = Costly()
     app.state.rosbridge_connections = app.state.foxglove_clients = 0
-    app.state.losses = Losses(None)
+    app.state.losses = SupervisorLosses(None)
     app.state.web = settings.web
     app.state.requests = RequestTimes()
 
@@ -164,7 +164,7 @@ def _add_middleware(app: FastAPI, settings: Settings, tokens: Authenticator, *, 
         required=required,
         required_of_proxies=settings.web.authentication != "none",
     )
-    app.add_middleware(Timing, times=app.state.requests)
+    app.add_middleware(RequestTiming, times=app.state.requests)
     app.add_middleware(RequestTrail)
     app.add_middleware(Versions)
     errors.install(app)

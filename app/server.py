@@ -29,7 +29,7 @@ from cobot.config import ConnectionLimits, load_settings
 from cobot.errors import CobotError
 from cobot.launch.forked import Forked
 from cobot.logs import start_logging
-from cobot.logs.supervision import Losses
+from cobot.logs.supervision import SupervisorLosses
 
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4
@@ -110,7 +110,7 @@ def main(
     if secure:  # programs that are started here trust it whatever it is made out to
         os.environ[CERTIFICATE_VARIABLE] = str(settings.web.tls_certificate)
     limits = settings.web.limits
-    app.state.losses = Losses(arguments.losses_fd)
+    app.state.losses = SupervisorLosses(arguments.losses_fd)
     config = uvicorn.Config(
         app,
         loop="uvloop",

@@ -8,7 +8,7 @@ from cobot.config import load_settings
 from rtloop.backends.fri.channel import UdpChannel
 from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.encoding import encode_command
-from rtloop.backends.fri.messages import COMMAND_ID, Command, Header, Monitoring
+from rtloop.backends.fri.messages import COMMAND_ID, CommandMessage, FriHeader, MonitoringMessage
 from rtloop.realtime import freeze_garbage, prepare
 
 
@@ -22,10 +22,10 @@ def main() -> None:
     while True:
         for packet in channel.receive(1.0):
             message = decode_monitoring(packet)
-            if isinstance(message, Monitoring):
+            if isinstance(message, MonitoringMessage):
                 sequence += 1
-                header = Header(COMMAND_ID, sequence, message.header.sequence)
-                channel.send(encode_command(Command(header, message.ipo_position)))
+                header = FriHeader(COMMAND_ID, sequence, message.header.sequence)
+                channel.send(encode_command(CommandMessage(header, message.ipo_position)))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import csr_matrix
 
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
@@ -53,7 +53,7 @@ class _Limited:
 class Optimiser:
     """Of one path, from rest to rest."""
 
-    def __init__(self, path: Path, limits: JointLimits, steps: int) -> None:
+    def __init__(self, path: JointCurve, limits: JointLimits, steps: int) -> None:
         self._path, self._limits, self._steps = path, limits, steps
         self._sums = _integrals(steps)
 

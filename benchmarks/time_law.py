@@ -16,7 +16,7 @@ from cobot.errors import CobotError
 from cobot.motions.requests import MotionRequest
 from cobot.planners import WaypointRequest, plan, plan_waypoints
 from cobot.planners.blending.joined import Leg, joined, leg_of
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal, with_room
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.trajectory import Trajectory
@@ -51,7 +51,7 @@ def durations(requests: int) -> Iterator[Row]:
             motion = _motion(robot, planner, random)
             if motion is None:
                 continue
-            path = Path.of_trajectory(motion)
+            path = JointCurve.of_trajectory(motion)
             begun = time.process_time()
             with_tcp = planner is not PlannerName.OMPL
             least_s = _toppra(robot, path, with_tcp)
@@ -89,7 +89,7 @@ def durations(requests: int) -> Iterator[Row]:
         while len(ratios) < requests:
             motion = motion_of()
             if motion is not None:
-                path = Path.of_trajectory(motion)
+                path = JointCurve.of_trajectory(motion)
                 ratios.append(motion.duration_s / _toppra(robot, path, with_tcp))
         yield _beside_toppra(f"duration of {name}", ratios)
 
@@ -168,7 +168,7 @@ def _retimed(robot: RobotDescription, random: np.random.Generator) -> Trajectory
         return None
 
 
-def _without_jerk(robot: RobotDescription, path: Path, with_tcp: bool) -> float:
+def _without_jerk(robot: RobotDescription, path: JointCurve, with_tcp: bool) -> float:
     """The law's duration, s, under toppra's limits: a hundred times the jerk, and all of the acceleration."""
     all_of_it = replace(robot, limits=robot.limits.scaled(1.0, 1.0 / PLANNED_ACCELERATION, 1.0))
     tcp_limits = robot.cartesian_limits.scaled(1.0, 1.0, 100.0) if with_tcp else None
@@ -176,7 +176,7 @@ def _without_jerk(robot: RobotDescription, path: Path, with_tcp: bool) -> float:
     return time_optimal(all_of_it, path, limits, tcp_limits).trajectory.duration_s
 
 
-def _toppra(robot: RobotDescription, path: Path, with_tcp: bool) -> float:
+def _toppra(robot: RobotDescription, path: JointCurve, with_tcp: bool) -> float:
     """The duration, s; the TCP's way and turn count as two more joints."""
     import toppra
     from toppra.algorithm import TOPPRA

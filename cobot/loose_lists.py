@@ -21,7 +21,7 @@ ABSENT: Any = object()
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class JsonShape:
     """What a type accepts as JSON.
 
     Attributes:
@@ -32,8 +32,8 @@ class Shape:
     """
 
     kinds: frozenset[type]
-    item: Shape | None = None
-    entry: Shape | None = None
+    item: JsonShape | None = None
+    entry: JsonShape | None = None
     filled: bool = False
 
     def read(self, value: Any) -> Any:
@@ -92,7 +92,7 @@ class RequestModel(StrictModel):
 
 
 @cache
-def _shapes(model: type[BaseModel]) -> Mapping[str, Shape]:
+def _shapes(model: type[BaseModel]) -> Mapping[str, JsonShape]:
     found = {}
     for name, field in model.model_fields.items():
         annotation: Any = field.annotation
@@ -109,7 +109,7 @@ def _has_items(metadata: Any) -> bool:
     )
 
 
-def _shape(annotation: Any) -> Shape:
+def _shape(annotation: Any) -> JsonShape:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         shape = _shape(arguments[0])
@@ -117,18 +117,18 @@ def _shape(annotation: Any) -> Shape:
     if origin in (Union, UnionType):
         return _either([_shape(each) for each in arguments])
     if origin is list:
-        return Shape(frozenset({list}), item=_shape(arguments[0]))
+        return JsonShape(frozenset({list}), item=_shape(arguments[0]))
     if origin is dict:
-        return Shape(frozenset({dict}), entry=_shape(arguments[1]))
+        return JsonShape(frozenset({dict}), entry=_shape(arguments[1]))
     if origin is Literal:
-        return Shape(frozenset(map(type, arguments)))
+        return JsonShape(frozenset(map(type, arguments)))
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return Shape(frozenset({dict, annotation}))
-    return Shape(frozenset({int, float} if annotation in (int, float) else {annotation}))
+        return JsonShape(frozenset({dict, annotation}))
+    return JsonShape(frozenset({int, float} if annotation in (int, float) else {annotation}))
 
 
-def _either(shapes: list[Shape]) -> Shape:
-    return Shape(
+def _either(shapes: list[JsonShape]) -> JsonShape:
+    return JsonShape(
         frozenset().union(*(each.kinds for each in shapes)),
         next((each.item for each in shapes if each.item is not None), None),
         next((each.entry for each in shapes if each.entry is not None), None),

@@ -8,19 +8,19 @@ cdef inline long long monotonic_ns() noexcept nogil:
     return <long long>now.tv_sec * 1_000_000_000 + now.tv_nsec
 
 
-cdef class Clock:
+cdef class CycleClock:
     cdef public long long overruns
 
     # By how many nanoseconds the cycle begins too late; below 0 the negative errno of a sleep that failed.
     cdef long long c_wait(self, bint moving) noexcept nogil
 
 
-cdef class RealtimeClock(Clock):
+cdef class RealtimeClock(CycleClock):
     cdef long long _period_ns
     cdef readonly long long _deadline_ns  # of the next cycle; 0 before the first wait
 
 
-cdef class FastClock(Clock):
+cdef class FastClock(CycleClock):
     cdef RealtimeClock _real
 
 

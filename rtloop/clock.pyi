@@ -1,4 +1,4 @@
-class Clock:
+class CycleClock:
     """Paces the cycle. Real-time safe.
 
     Attributes:
@@ -8,11 +8,11 @@ class Clock:
     overruns: int
     def wait(self, *, moving: bool) -> int: ...
 
-class RealtimeClock(Clock):
+class RealtimeClock(CycleClock):
     _deadline_ns: int
     def __init__(self, period_s: float) -> None: ...
 
-class FastClock(Clock):
+class FastClock(CycleClock):
     def __init__(self, period_s: float) -> None: ...
 
 class Pace:

@@ -13,7 +13,7 @@ cdef long long SCATTER_NS = 50_000_000
 cdef int DRIFT = 100
 
 
-cdef class Clock:
+cdef class CycleClock:
     """Paces the cycle. Real-time safe.
 
     Attributes:
@@ -33,7 +33,7 @@ cdef class Clock:
         return 0
 
 
-cdef class RealtimeClock(Clock):
+cdef class RealtimeClock(CycleClock):
     """Absolute deadlines on CLOCK_MONOTONIC: lateness does not add up, missed periods are skipped.
 
     The first deadline is one period after the first wait.
@@ -63,7 +63,7 @@ cdef class RealtimeClock(Clock):
         return late_ns
 
 
-cdef class FastClock(Clock):
+cdef class FastClock(CycleClock):
     """Robot time without waiting while the arm moves on a path; else, at rest and while a client streams, in
     step with the real clock.
     """

@@ -1,5 +1,5 @@
 from rtloop.backends.compiled cimport CompiledBackend, Measured
-from rtloop.clock cimport Clock, Pace
+from rtloop.clock cimport CycleClock, Pace
 from rtloop.controller cimport Controller
 from cobot.ipc.state_block cimport StateScalars
 from rtloop.publisher cimport StatePublisher, Statistics
@@ -15,7 +15,7 @@ cdef class ControlLoop:
     cdef bint _is_compiled, _is_paced
     cdef readonly object _device
     cdef long long _beatless, _begun_ns, _ask_cycles
-    cdef Clock _clock
+    cdef CycleClock _clock
     cdef Pace _pace
     cdef StatePublisher _state
     cdef Statistics _statistics

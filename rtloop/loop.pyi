@@ -7,7 +7,7 @@ from cobot.robot.model import RobotModel
 from cobot.robot.tool import Tool
 from cobot.types import Array
 from rtloop.backends import Backend, Measured
-from rtloop.clock import Clock
+from rtloop.clock import CycleClock
 from rtloop.controller import Controller
 
 class ControlLoop:
@@ -21,7 +21,7 @@ class ControlLoop:
         model: RobotModel,
         memory: RobotMemory,
         backend: Backend,
-        clock: Clock,
+        clock: CycleClock,
         recording: RecordingMemory | None = None,
     ) -> None: ...
     def open(

@@ -8,7 +8,7 @@ from libc.math cimport fabs, isfinite
 
 from cobot.ipc.state_block cimport count_measured
 from rtloop.backends.compiled cimport CompiledBackend, Measured
-from rtloop.clock cimport Clock, Pace, RealtimeClock, monotonic_ns
+from rtloop.clock cimport CycleClock, Pace, RealtimeClock, monotonic_ns
 from rtloop.controller cimport Controller
 from rtloop.publisher cimport StatePublisher, Statistics
 from rtloop.recording cimport PHASES, CycleRecorder
@@ -39,7 +39,7 @@ cdef int TOTAL = Phase.TOTAL
 cdef class ControlLoop:
     """Runs one robot, cycle by cycle."""
 
-    def __init__(self, settings, model, memory, backend, Clock clock, recording=None):
+    def __init__(self, settings, model, memory, backend, CycleClock clock, recording=None):
         """recording: where a record of each cycle goes, a `cobot.ipc.recording_memory.RecordingMemory`."""
         self._period_s = settings.rt.period_s
         self._period_ns = round(settings.rt.period_s * 1e9)

@@ -27,7 +27,7 @@ from cobot.robot.device import LESS
 from cobot.robot.load import carrying
 from cobot.robot.tool import Tool
 from rtloop.backends import Backend, BackendError, ImpedanceControlled, capabilities_of, make_backend
-from rtloop.clock import Clock, FastClock, RealtimeClock
+from rtloop.clock import CycleClock, FastClock, RealtimeClock
 from rtloop.device_limits import device_limits, differences
 from rtloop.loop import ControlLoop
 from rtloop.realtime import Permissions, freeze_garbage, prepare
@@ -112,7 +112,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
         memory.close()
 
 
-def clock_of(backend: Backend, name: str, period_s: float) -> Clock:
+def clock_of(backend: Backend, name: str, period_s: float) -> CycleClock:
     """The clock of this name; always the real-time clock for real hardware."""
     hurries = name == "fast" and not capabilities_of(backend).hardware
     return FastClock(period_s) if hurries else RealtimeClock(period_s)

@@ -28,8 +28,15 @@ from app.actions.fjt_goal import (
     PathViolated,
     read_goal,
 )
-from app.actions.fjt_progress import Progress, on_path
-from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, ServoExecution
+from app.actions.fjt_progress import TrajectoryProgress, on_path
+from app.actions.fjt_run import (
+    ARRIVAL_S,
+    FEEDBACK_S,
+    SEND_PERIOD_S,
+    FjtSettings,
+    ServoExecution,
+    TrajectoryRun,
+)
 from app.graph.actions import GoalHandle, GoalStatus
 from app.services.motion.execution import MotionService
 from app.services.rights.claims import Caller, Claim
@@ -61,7 +68,7 @@ log = logging.getLogger("cobot.fjt")
 
 
 class FollowJointTrajectory:
-    """See `app.graph.actions.Action`."""
+    """See `app.graph.actions.GraphAction`."""
 
     type_ = "control_msgs/action/FollowJointTrajectory"
     definition = ""
@@ -87,7 +94,7 @@ class FollowJointTrajectory:
         self._configured = settings
         self._start_tolerance_rad = start_tolerance_rad
         self._smoothing_rad = smoothing_rad
-        self._newest: Run | None = None
+        self._newest: TrajectoryRun | None = None
 
     @property
     def settings(self) -> FjtSettings:
@@ -125,9 +132,9 @@ class FollowJointTrajectory:
         return self._link.clock.wall_ns() * 1e-9
 
     @contextlib.asynccontextmanager
-    async def _turn(self, handle: GoalHandle) -> AsyncIterator[Run]:
+    async def _turn(self, handle: GoalHandle) -> AsyncIterator[TrajectoryRun]:
         """Make this the newest goal. The previous one ends first; a cancel or a newer goal ends this one."""
-        run, before = Run(), self._newest
+        run, before = TrajectoryRun(), self._newest
         self._newest = run
 
         async def await_cancel() -> None:
@@ -147,7 +154,7 @@ class FollowJointTrajectory:
                 self._newest = None
 
     async def _work(
-        self, run: Run, goal: FjtGoal, settings: FjtSettings, stops: int, handle: GoalHandle
+        self, run: TrajectoryRun, goal: FjtGoal, settings: FjtSettings, stops: int, handle: GoalHandle
     ) -> str:
         """Plan it and have it executed; returns how the motion differed from the goal, "" if it did not."""
         # What is streamed has no path time: that is a session and no job.
@@ -258,7 +265,7 @@ class FollowJointTrajectory:
             claim.proceed()
             await asyncio.sleep(WATCH_S)
 
-    def _judge(self, claim: Claim, goal: FjtGoal, progress: Progress) -> None:
+    def _judge(self, claim: Claim, goal: FjtGoal, progress: TrajectoryProgress) -> None:
         if claim.interruption is None and (violation := progress.path_violation(goal, self._limits)):
             claim.interrupt(PathViolated(f"{violation} by path_tolerance; {WIDER_PATH}"))
 

@@ -12,7 +12,7 @@ from cobot.types import Array, JointLimits
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class TrajectoryProgress:
     """How the arm stands to its trajectory at one moment: rad, rad/s, rad/s², shape (dof,) each.
 
     Attributes:
@@ -56,7 +56,11 @@ class Progress:
         return point
 
 
-def on_path(trajectory: Trajectory, time_s: float, rate: float, state: RobotState, stamp_ns: int) -> Progress:
+def on_path(
+    trajectory: Trajectory, time_s: float, rate: float, state: RobotState, stamp_ns: int
+) -> TrajectoryProgress:
     """Progress at a time of the trajectory, which advances by `rate` per second of the clock."""
     desired = [trajectory.sample([time_s], order)[0] * rate**order for order in range(3)]
-    return Progress(stamp_ns, time_s, (desired[0], desired[1], desired[2]), (state.position, state.velocity))
+    return TrajectoryProgress(
+        stamp_ns, time_s, (desired[0], desired[1], desired[2]), (state.position, state.velocity)
+    )

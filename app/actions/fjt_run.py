@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.actions.fjt_goal import WIDER_PATH, FjtGoal, GoalViolated, PathViolated
-from app.actions.fjt_progress import Progress, on_path
+from app.actions.fjt_progress import TrajectoryProgress, on_path
 from app.graph.actions import GoalHandle
 from app.services.rights.claims import Claim
 from app.services.state.link import RobotLink
@@ -49,7 +49,7 @@ class FjtSettings:
     period_s: float
 
 
-class Run:
+class TrajectoryRun:
     """A goal from its acceptance to its end.
 
     Attributes:
@@ -99,7 +99,7 @@ class ServoExecution:
 
     async def execute(
         self,
-        run: Run,
+        run: TrajectoryRun,
         goal: FjtGoal,
         trajectory: Trajectory,
         settings: FjtSettings,
@@ -145,7 +145,7 @@ class ServoExecution:
             if servo.holds(session):
                 await servo.end(str(run.cause or "follow_joint_trajectory is done"))
 
-    def _progress(self, goal: FjtGoal, trajectory: Trajectory, elapsed_s: float) -> Progress:
+    def _progress(self, goal: FjtGoal, trajectory: Trajectory, elapsed_s: float) -> TrajectoryProgress:
         """How the arm stands to the trajectory; raises `PathViolated` where that is too far away."""
         rate = float(elapsed_s < trajectory.duration_s)
         time_s, stamp_ns = min(elapsed_s, trajectory.duration_s), self._link.clock.wall_ns()
@@ -155,7 +155,7 @@ class ServoExecution:
         return progress
 
 
-def _finished(goal: FjtGoal, progress: Progress) -> bool:
+def _finished(goal: FjtGoal, progress: TrajectoryProgress) -> bool:
     wanted = zip((goal.end.position, goal.end.velocity), FINISHED, strict=True)
     return all(
         bool((np.abs(error) <= np.where(np.isinf(allowed), default, allowed)).all())

@@ -27,7 +27,7 @@ TIMEOUT_S = 30.0
 
 
 class GripperAction:
-    """See `app.graph.actions.Action`.
+    """See `app.graph.actions.GraphAction`.
 
     Args:
         robot: its name.

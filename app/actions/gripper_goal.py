@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from app.graph.actions import Rejected
+from app.graph.actions import RejectedGoalError
 from app.services.gripping.commands import has_arrived
 from cobot.grippers import GripperCapabilities, GripperState
 from cobot.motions.gripper_bodies import GripperGrasp, GripperMove, GripperRequest
@@ -37,18 +37,20 @@ class Grip:
         """The command to the gripper. A largest value above what the gripper has is kept in any case.
 
         Raises:
-            Rejected: a value is not a number or out of range.
+            RejectedGoalError: a value is not a number or out of range.
         """
         for name, value in (("position", self.width), ("effort", self.force), ("velocity", self.speed)):
             if not math.isfinite(value) or value < 0.0:
-                raise Rejected(f"{name} is {value:g}, it must be a number from 0 on")
+                raise RejectedGoalError(f"{name} is {value:g}, it must be a number from 0 on")
         force = _at_most(self.force, able.force_n, "effort", "N")
         speed = _at_most(self.speed, able.speed_m_s, "velocity", "m/s")
         if able.width_m is None:
             return self._request_without_width(force, speed)
         least, most = able.width_m
         if not least - SAME_M <= self.width <= most + SAME_M:
-            raise Rejected(f"the width is {self.width:g} m, the gripper allows {least:g} to {most:g} m")
+            raise RejectedGoalError(
+                f"the width is {self.width:g} m, the gripper allows {least:g} to {most:g} m"
+            )
         width = min(max(self.width, least), most)
         return GripperRequest(
             "move", GripperMove(width=width, speed=speed, force=force, if_blocked="success")
@@ -59,7 +61,9 @@ class Grip:
             return GripperRequest.of({"command": "grasp", "speed": speed, "force": force})
         if self.width == RELEASE:
             return GripperRequest.of({"command": "release"})
-        raise Rejected(f"position is {self.width:g}, but this gripper has no width: 0 grasps, 1 releases")
+        raise RejectedGoalError(
+            f"position is {self.width:g}, but this gripper has no width: 0 grasps, 1 releases"
+        )
 
 
 def _at_most(value: float, able: tuple[float, float] | None, name: str, unit: str) -> float | None:
@@ -67,10 +71,10 @@ def _at_most(value: float, able: tuple[float, float] | None, name: str, unit: st
     if value == 0.0:
         return None
     if able is None:
-        raise Rejected(f"{name} is {value:g} {unit}, but the gripper cannot limit it: set it to 0")
+        raise RejectedGoalError(f"{name} is {value:g} {unit}, but the gripper cannot limit it: set it to 0")
     least, most = able
     if value < least:
-        raise Rejected(f"{name} is {value:g} {unit}, the gripper needs at least {least:g} {unit}")
+        raise RejectedGoalError(f"{name} is {value:g} {unit}, the gripper needs at least {least:g} {unit}")
     return min(value, most)
 
 
@@ -142,23 +146,25 @@ class FingerJoints:
     def read(goal: Message) -> Grip:
         """
         Raises:
-            Rejected: the joints are not those of the gripper, or their values do not fit.
+            RejectedGoalError: the joints are not those of the gripper, or their values do not fit.
         """
         command = goal["command"]
         names, positions = command["name"] or list(FINGER_JOINTS[:1]), command["position"]
         unknown = [name for name in names if name not in FINGER_JOINTS]
         if unknown or len(set(names)) != len(names):
             valid = " and ".join(FINGER_JOINTS)
-            raise Rejected(f"command.name is {shown(names)}, valid are {valid}, once each")
+            raise RejectedGoalError(f"command.name is {shown(names)}, valid are {valid}, once each")
         if len(positions) != len(names):
-            raise Rejected(f"command.position must be {len(names)} numbers, got {len(positions)}")
+            raise RejectedGoalError(f"command.position must be {len(names)} numbers, got {len(positions)}")
         if not all(abs(each - positions[0]) <= SAME_M for each in positions[1:]):  # NaN is not either
-            raise Rejected(f"command.position is {shown(positions)}: both fingers move alike")
+            raise RejectedGoalError(f"command.position is {shown(positions)}: both fingers move alike")
         one = {}
         for name in ("velocity", "effort"):
             values = command[name]
             if values and len(values) != len(names):
-                raise Rejected(f"command.{name} must be {len(names)} numbers or none, got {len(values)}")
+                raise RejectedGoalError(
+                    f"command.{name} must be {len(names)} numbers or none, got {len(values)}"
+                )
             one[name] = max(values, default=0.0) if all(map(math.isfinite, values)) else math.nan
         return Grip(2.0 * positions[0], one["effort"], 2.0 * one["velocity"])
 

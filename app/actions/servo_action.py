@@ -11,7 +11,7 @@ import asyncio
 import json
 from typing import Any
 
-from app.graph.actions import GoalHandle, GoalStatus, Rejected
+from app.graph.actions import GoalHandle, GoalStatus, RejectedGoalError
 from app.services.streaming.servo import ServoService
 from cobot.errors import ConflictError
 from cobot.ipc.layout import ServoMode
@@ -65,7 +65,7 @@ ENDED_AS_ASKED, ENDED_OTHERWISE = 0, 1
 
 
 class ServoModeAction:
-    """See `app.graph.actions.Action`."""
+    """See `app.graph.actions.GraphAction`."""
 
     type_ = "aubo_interfaces/action/ServoMode"
     definition = DEFINITION
@@ -77,7 +77,7 @@ class ServoModeAction:
     async def execute(self, goal: dict[str, Any], handle: GoalHandle) -> dict[str, Any]:
         servo = self._servo
         if goal["mode"] == ServoMode.NONE:
-            raise Rejected("mode must be from 1 to 7: cancel the goal to leave a mode")
+            raise RejectedGoalError("mode must be from 1 to 7: cancel the goal to leave a mode")
         if servo.active:
             raise ConflictError("a servo session is under way: end it first")
         number = await servo.begin(goal["mode"], goal["watchdog_timeout"], goal["send_period"])

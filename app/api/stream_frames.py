@@ -28,13 +28,13 @@ Sequence = Annotated[int, Field(ge=1, lt=2**63)]
 Frame = dict[str, Any]
 
 
-class Subscribe(RequestModel):
+class SubscribeFrame(RequestModel):
     type: Literal["subscribe"]
     rate_hz: float = Field(100.0, ge=1.0, le=1000.0)
     format: Literal["json", "binary"] = "json"
 
 
-class OpenSession(RequestModel):
+class SessionFrame(RequestModel):
     type: Literal["session"]
     stream: Literal["joint_impedance", "cartesian", "joint_torque"] = "joint_impedance"
     inner_control_hz: float = Field(1000.0, ge=1.0, le=1000.0)
@@ -69,10 +69,10 @@ class OpenSession(RequestModel):
         return request
 
 
-VECTORS = [name for name, field in OpenSession.model_fields.items() if field.default is None]
+VECTORS = [name for name, field in SessionFrame.model_fields.items() if field.default is None]
 
 
-class JointTarget(RequestModel):
+class JointTargetFrame(RequestModel):
     type: Literal["target"]
     sequence: Sequence
     joints: Numbers
@@ -85,7 +85,7 @@ class JointTarget(RequestModel):
         setpoint["number"] = self.sequence
 
 
-class PoseTarget(RequestModel):
+class PoseTargetFrame(RequestModel):
     type: Literal["target"]
     sequence: Sequence
     pose: Numbers
@@ -100,7 +100,7 @@ class PoseTarget(RequestModel):
         setpoint["number"] = self.sequence
 
 
-class TorqueTarget(RequestModel):
+class TorqueTargetFrame(RequestModel):
     type: Literal["target"]
     sequence: Sequence
     torques: Numbers
@@ -110,14 +110,14 @@ class TorqueTarget(RequestModel):
         setpoint["number"] = self.sequence
 
 
-TARGETS: dict[Stream, type[JointTarget] | type[PoseTarget] | type[TorqueTarget]] = {
-    Stream.JOINT_IMPEDANCE: JointTarget,
-    Stream.CARTESIAN: PoseTarget,
-    Stream.JOINT_TORQUE: TorqueTarget,
+TARGETS: dict[Stream, type[JointTargetFrame] | type[PoseTargetFrame] | type[TorqueTargetFrame]] = {
+    Stream.JOINT_IMPEDANCE: JointTargetFrame,
+    Stream.CARTESIAN: PoseTargetFrame,
+    Stream.JOINT_TORQUE: TorqueTargetFrame,
 }
 
 
-class Move(RequestModel):
+class MoveFrame(RequestModel):
     type: Literal["move"]
     sequence: Sequence
     pose: Numbers
@@ -129,7 +129,7 @@ class Move(RequestModel):
         setpoint["move"] = self.sequence
 
 
-class Cancel(RequestModel):
+class CancelFrame(RequestModel):
     type: Literal["cancel"]
     sequence: Sequence
 
@@ -137,7 +137,7 @@ class Cancel(RequestModel):
         setpoint["cancel"] = setpoint["move"]
 
 
-class Chunk(RequestModel):
+class ChunkFrame(RequestModel):
     type: Literal["chunk"]
     sequence: Sequence
     times_s: Numbers
@@ -152,27 +152,27 @@ class Chunk(RequestModel):
         return chunk
 
 
-class Estop(RequestModel):
+class EstopFrame(RequestModel):
     type: Literal["estop"]
 
 
-class End(RequestModel):
+class EndFrame(RequestModel):
     type: Literal["end"]
 
 
-class Stop(RequestModel):
+class StopFrame(RequestModel):
     """Stop every robot of the service, like `POST /stop`. The answer has the number of the newest stop."""
 
     type: Literal["stop"]
     number: int = Field(0, ge=0, le=2**31)
 
 
-class Control(RequestModel):
+class ControlFrame(RequestModel):
     type: Literal["control"]
     timeout_s: float = Field(TIMEOUT_S, ge=TIMEOUTS_S[0], le=TIMEOUTS_S[1])
 
 
-class Release(RequestModel):
+class ReleaseFrame(RequestModel):
     type: Literal["release"]
 
 
@@ -216,33 +216,33 @@ class Pull(RequestModel):
 
 
 TextFrame = (
-    Subscribe
-    | OpenSession
-    | JointTarget
-    | PoseTarget
-    | TorqueTarget
-    | Move
-    | Cancel
-    | Chunk
-    | Estop
-    | End
-    | Stop
-    | Control
-    | Release
+    SubscribeFrame
+    | SessionFrame
+    | JointTargetFrame
+    | PoseTargetFrame
+    | TorqueTargetFrame
+    | MoveFrame
+    | CancelFrame
+    | ChunkFrame
+    | EstopFrame
+    | EndFrame
+    | StopFrame
+    | ControlFrame
+    | ReleaseFrame
     | JogFrame
     | Pull
 )
 MODELS: dict[str, type[TextFrame]] = {
-    "subscribe": Subscribe,
-    "session": OpenSession,
-    "move": Move,
-    "cancel": Cancel,
-    "chunk": Chunk,
-    "estop": Estop,
-    "end": End,
-    "stop": Stop,
-    "control": Control,
-    "release": Release,
+    "subscribe": SubscribeFrame,
+    "session": SessionFrame,
+    "move": MoveFrame,
+    "cancel": CancelFrame,
+    "chunk": ChunkFrame,
+    "estop": EstopFrame,
+    "end": EndFrame,
+    "stop": StopFrame,
+    "control": ControlFrame,
+    "release": ReleaseFrame,
     "jog": JogFrame,
     "pull": Pull,
 }

@@ -27,7 +27,7 @@ ROS_TYPES: dict[Any, str] = {
     list[str]: "string[]",
     None: "int32",
 }
-"""The ROS type of each annotation; json is a string on the wire, see `Field.ros_type`."""
+"""The ROS type of each annotation; json is a string on the wire, see `ServiceField.ros_type`."""
 EMPTY: dict[str, Any] = {"bool": False, "int32": 0, "int64": 0, "float64": 0.0, "string": "", "json": ""}
 """The value of an unset field, as in ROS; an unset list is empty."""
 MAX_INTEGER = {"int32": 2**31 - 1, "int64": 2**63 - 1}
@@ -37,7 +37,7 @@ MAX_ITEMS = 65_536
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class ServiceField:
     """A field of a request, or the result.
 
     Attributes:
@@ -62,7 +62,7 @@ class Field:
         return [] if self.kind.endswith("[]") else EMPTY[self.kind]
 
 
-def argument(field: Field, arguments: dict[str, Any]) -> Any:
+def argument(field: ServiceField, arguments: dict[str, Any]) -> Any:
     """What the function gets for a field: checked, and its default where ROS's default value came.
 
     Raises:
@@ -77,7 +77,7 @@ def argument(field: Field, arguments: dict[str, Any]) -> Any:
     return checked
 
 
-def _with_brackets(field: Field, value: Any) -> Any:
+def _with_brackets(field: ServiceField, value: Any) -> Any:
     """The value in the form of `cobot.loose_lists`: one item is a list of one, an empty list is nothing."""
     if field.kind.endswith("[]"):
         item = {"bool[]": (bool,), "string[]": (str,)}.get(field.kind, (int, float))
@@ -85,7 +85,7 @@ def _with_brackets(field: Field, value: Any) -> Any:
     return field.empty if value == [] else value
 
 
-def _list(field: Field, value: Any) -> list[Any]:
+def _list(field: ServiceField, value: Any) -> list[Any]:
     if not isinstance(value, list | tuple):
         raise InputError(f"{field.name}: must be a list, got {shown(value)}")
     if len(value) > MAX_ITEMS:

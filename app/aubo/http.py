@@ -25,8 +25,8 @@ from app.api.middleware.clients import MOTION_TOKEN
 from app.api.middleware.versions import plain_path
 from app.api.route import EndpointRouter
 from app.aubo.classes import CLASSES, REGISTRY
-from app.aubo.fields import REQUIRED, Field
-from app.aubo.registry import Origin, Service, bind, run, unknown_service
+from app.aubo.fields import REQUIRED, ServiceField
+from app.aubo.registry import CallOrigin, VendorService, bind, run, unknown_service
 from cobot import audit
 from cobot.access.roles import Role, require
 from cobot.errors import NotFoundError
@@ -87,7 +87,7 @@ async def vendor_service(request: Request) -> JSONResponse:
     require(identity_of(request), found.role)
     bound = bind(found, await _content(request))
     audit.leave_out()  # `run` writes an entry for each change, for all transports
-    origin = Origin(f"POST {request.url.path}", stops, request.headers.get(MOTION_TOKEN))
+    origin = CallOrigin(f"POST {request.url.path}", stops, request.headers.get(MOTION_TOKEN))
     return JSONResponse(asdict(await run(services, found, bound, origin)))
 
 
@@ -135,7 +135,7 @@ def schema(rest: dict[str, Any], robots: list[str]) -> dict[str, Any]:
     }
 
 
-def _operation(found: Service) -> dict[str, Any]:
+def _operation(found: VendorService) -> dict[str, Any]:
     fields = {field.name: _schema(field) for field in found.parameters}
     needed = [field.name for field in found.parameters if field.default is REQUIRED]
     body: dict[str, Any] = {"type": "object", "properties": fields, "additionalProperties": False}
@@ -170,14 +170,14 @@ def _operation(found: Service) -> dict[str, Any]:
     }
 
 
-def _schema(field: Field) -> dict[str, Any]:
+def _schema(field: ServiceField) -> dict[str, Any]:
     kind: dict[str, Any] = JSON_TYPES[field.kind.removesuffix("[]")]
     schema = {"type": "array", "items": kind} if field.kind.endswith("[]") else kind
     default = {} if field.default is REQUIRED or field.kind == "json" else {"default": field.default}
     return {**schema, "description": field.doc, **default}
 
 
-def _example(field: Field) -> Any:
+def _example(field: ServiceField) -> Any:
     if field.name in EXAMPLES and field.kind == "float64[]":
         return EXAMPLES[field.name]
     return field.empty if field.default is REQUIRED or field.kind == "json" else field.default

@@ -18,8 +18,8 @@ from types import MappingProxyType
 
 from app.actions.servo_action import ServoModeAction
 from app.aubo.classes import REGISTRY
-from app.aubo.fields import REQUIRED, Field
-from app.aubo.registry import Service
+from app.aubo.fields import REQUIRED, ServiceField
+from app.aubo.registry import VendorService
 from cobot.errors import ConfigError
 
 PACKAGE = "aubo_interfaces"
@@ -69,7 +69,7 @@ ament_package()
 @cache
 def interface_definitions() -> Mapping[str, str]:
     """The text of each interface by its type: `aubo_interfaces/srv/GetDof`, `.../action/ServoMode`."""
-    by_type: dict[str, list[Service]] = {}
+    by_type: dict[str, list[VendorService]] = {}
     for found in REGISTRY.values():
         by_type.setdefault(found.type_name, []).append(found)
     services = {f"{PACKAGE}/srv/{name}": _srv(by_type[name]) for name in sorted(by_type)}
@@ -131,7 +131,7 @@ def _earlier_files(folder: Path) -> list[Path]:
     return files
 
 
-def _srv(services: list[Service]) -> str:
+def _srv(services: list[VendorService]) -> str:
     """One text for all services that share a type."""
     first = services[0]
     lines: list[str] = []
@@ -142,7 +142,7 @@ def _srv(services: list[Service]) -> str:
     return "\n".join([*lines, *_lines(first.result)]) + "\n"
 
 
-def _lines(field: Field) -> list[str]:
+def _lines(field: ServiceField) -> list[str]:
     defaulted = field.default not in (REQUIRED, None, field.empty)
     note = f" {json.dumps(field.empty)} stands for {json.dumps(field.default)}." if defaulted else ""
     return [*_comment(field.doc + note), f"{field.ros_type} {field.name}"]

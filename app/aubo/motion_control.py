@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.aubo.poses import place_of
-from app.aubo.registry import Json, Origin, service
+from app.aubo.registry import CallOrigin, Json, service
 from app.services.motion.queue.moves import queue_request
 from cobot.errors import ConflictError, InputError, NotFoundError, NotSupportedError
 from cobot.ipc.layout import ServoMode
@@ -41,7 +41,7 @@ class Rate:
 @service("MotionControl")
 async def move_joint(
     robot: Services,
-    origin: Origin,
+    origin: CallOrigin,
     q: list[float],
     a: float = 0.5,
     v: float = 0.5,
@@ -67,7 +67,7 @@ async def move_joint(
 @service("MotionControl")
 async def move_line(
     robot: Services,
-    origin: Origin,
+    origin: CallOrigin,
     pose: list[float],
     a: float = 1.2,
     v: float = 0.25,
@@ -90,7 +90,7 @@ async def move_line(
 @service("MotionControl")
 async def move_circle(
     robot: Services,
-    origin: Origin,
+    origin: CallOrigin,
     via_pose: list[float],
     end_pose: list[float],
     a: float = 1.2,
@@ -347,7 +347,7 @@ async def servo_cartesian(
 
 async def _add(
     robot: Services,
-    origin: Origin,
+    origin: CallOrigin,
     name: str,
     planner: PlannerName,
     target: Array | Pose,

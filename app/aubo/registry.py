@@ -5,18 +5,12 @@ A class module registers its functions, and each transport calls them by class a
     @service("RobotConfig")
     async def get_dof(robot: Services) -> int: ...             # /{robot}/RobotConfig/getDof, GetDof.srv
 
-    answer = await call(robot, "RobotConfig", "getDof", {})    # Answer(code=0, message="", result=7)
+    answer = await call(robot, "RobotConfig", "getDof", {})  # VendorAnswer(code=0, message="", result=7)
 
 The first parameter is the robot's `Services`. If the second one is called `origin`, it gets the call's
-`Origin`. All others are fields of the request: bool, int (int32), Int64, float, str, list[...] of bool, int,
-float or str, or Json (a string on the wire; the function gets and returns what it holds). Each stands in the
-docstring's `Args:`, with its unit; what comes back in `Returns:`. `-> None` answers with an int32 of 0.
-
-ROS clients always send all fields, so ROS's default value (0, "", []) stands for the default that the
-function's signature gives, if it gives one: a tuple for a list, the object itself for Json. When a call
-fails, an integer result repeats the code, and any other is empty.
-
-A function that breaks these rules raises a TypeError when its module is imported.
+`CallOrigin`. All others are fields of the request: bool, int (int32), Int64, float, str, list[...] of bool,
+int, float or str, or Json, a string on the wire: the function gets and returns its content. The docstring
+describes each in `Args:` with its unit, and the result in `Returns:`. `-> None` answers with an int32 of 0.
 """
 
 from __future__ import annotations
@@ -31,7 +25,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from app.aubo.fields import MAX_INTEGER, REQUIRED, Field, Int64, Json, argument
+from app.aubo.fields import MAX_INTEGER, REQUIRED, Int64, Json, ServiceField, argument
 from app.aubo.roles import needs_control, role_of
 from app.aubo.signatures import Function, find_kind, make_field, parse_docstring
 from cobot import audit
@@ -43,27 +37,37 @@ from cobot.strict import shown, unknown_key
 if TYPE_CHECKING:
     from app.robot_services import Services
 
-__all__ = ["REGISTRY", "Answer", "Field", "Int64", "Json", "Origin", "Service", "call", "service"]
+__all__ = [
+    "REGISTRY",
+    "CallOrigin",
+    "Int64",
+    "Json",
+    "ServiceField",
+    "VendorAnswer",
+    "VendorService",
+    "call",
+    "service",
+]
 
 log = logging.getLogger("cobot.vendor")
 
 
 @dataclass(frozen=True, slots=True)
-class Service:
+class VendorService:
     """A registered function.
 
     Attributes:
         doc: one or more sentences, without the description of the fields.
         parameters: the request, in the function's order.
         result: named "result".
-        takes_origin: whether the function wants the `Origin`.
+        takes_origin: whether the function wants the `CallOrigin`.
     """
 
     robot_class: str
     method: str
     doc: str
-    parameters: tuple[Field, ...]
-    result: Field
+    parameters: tuple[ServiceField, ...]
+    result: ServiceField
     function: Function
     takes_origin: bool
 
@@ -90,7 +94,7 @@ class Service:
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class CallOrigin:
     """Where a call comes from, for those services that move the arm.
 
     Attributes:
@@ -105,7 +109,7 @@ class Origin:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class VendorAnswer:
     """What every service answers: 0 is success, see `cobot.codes`."""
 
     code: int
@@ -120,7 +124,7 @@ TOO_LARGE = "the numbers are too large: what comes of them is not finite"
 POINTS = ("servoJoint", "servoCartesian")
 """Services that send points. The audit has an entry for their session instead."""
 
-REGISTRY: dict[tuple[str, str], Service] = {}
+REGISTRY: dict[tuple[str, str], VendorService] = {}
 """All services by (class, method). Complete once `app.aubo.classes` is imported."""
 
 
@@ -143,8 +147,12 @@ def service(robot_class: str, *, name: str | None = None) -> Callable[[Function]
 
 
 async def call(
-    robot: Services, robot_class: str, method: str, arguments: dict[str, Any], origin: Origin | None = None
-) -> Answer:
+    robot: Services,
+    robot_class: str,
+    method: str,
+    arguments: dict[str, Any],
+    origin: CallOrigin | None = None,
+) -> VendorAnswer:
     """Call a service with the fields of a request; never raises, but for cancellation.
 
     Args:
@@ -152,7 +160,7 @@ async def call(
     """
     found = REGISTRY.get((robot_class, method))
     if found is None:
-        return Answer(Code.NOT_FOUND, unknown_service(robot_class, method), None)
+        return VendorAnswer(Code.NOT_FOUND, unknown_service(robot_class, method), None)
     try:
         bound = bind(found, arguments)
     except InputError as exc:
@@ -160,7 +168,9 @@ async def call(
     return await run(robot, found, bound, origin)
 
 
-async def run(robot: Services, found: Service, bound: dict[str, Any], origin: Origin | None = None) -> Answer:
+async def run(
+    robot: Services, found: VendorService, bound: dict[str, Any], origin: CallOrigin | None = None
+) -> VendorAnswer:
     """Call a service with arguments from `bind`."""
     if not found.changes or audit.trail.get() is None:
         return await _run(robot, found, bound, origin)
@@ -174,17 +184,19 @@ async def run(robot: Services, found: Service, bound: dict[str, Any], origin: Or
     return answer
 
 
-async def _run(robot: Services, found: Service, bound: dict[str, Any], origin: Origin | None) -> Answer:
+async def _run(
+    robot: Services, found: VendorService, bound: dict[str, Any], origin: CallOrigin | None
+) -> VendorAnswer:
     where = f"{found.robot_class}/{found.method}"
     if found.takes_origin:
-        bound["origin"] = origin or Origin(where, robot.ownership.stops)
+        bound["origin"] = origin or CallOrigin(where, robot.ownership.stops)
     try:
         if needs_control(found.robot_class, found.method):
             robot.ownership.require_control()
         value = found.function(robot, **bound)
         if inspect.isawaitable(value):
             value = await value
-        return Answer(Code.OK, "", _result(found, value))
+        return VendorAnswer(Code.OK, "", _result(found, value))
     except CobotError as exc:
         return failed(found, code_of(exc), str(exc))
     except Exception as exc:  # no traceback reaches a client
@@ -195,9 +207,9 @@ async def _run(robot: Services, found: Service, bound: dict[str, Any], origin: O
         return failed(found, Code.ERROR, "an error in cobot itself; its log has the details")
 
 
-def failed(found: Service, code: Code, message: str) -> Answer:
+def failed(found: VendorService, code: Code, message: str) -> VendorAnswer:
     """The answer of a call that failed."""
-    return Answer(code, message, int(code) if found.result.kind in MAX_INTEGER else found.result.empty)
+    return VendorAnswer(code, message, int(code) if found.result.kind in MAX_INTEGER else found.result.empty)
 
 
 def unknown_service(robot_class: str, method: str) -> str:
@@ -209,7 +221,7 @@ def unknown_service(robot_class: str, method: str) -> str:
     return f"{robot_class}: {unknown_key(method, methods).replace('unknown key', 'there is no method', 1)}"
 
 
-def bind(found: Service, arguments: Any) -> dict[str, Any]:
+def bind(found: VendorService, arguments: Any) -> dict[str, Any]:
     """The function's arguments, checked and with defaults.
 
     Raises:
@@ -233,7 +245,7 @@ def camel_case(name: str) -> str:
     return first + "".join(word[:1].upper() + word[1:] for word in others)
 
 
-def _result(found: Service, value: Any) -> Any:
+def _result(found: VendorService, value: Any) -> Any:
     """The result in the form of an answer.
 
     Raises:
@@ -252,7 +264,7 @@ def _result(found: Service, value: Any) -> Any:
     return result
 
 
-def _described(robot_class: str, method: str, function: Function) -> Service:
+def _described(robot_class: str, method: str, function: Function) -> VendorService:
     where = f"{robot_class}/{method}"
     summary, documented, returns = parse_docstring(where, function)
     signature = inspect.signature(function)
@@ -267,8 +279,8 @@ def _described(robot_class: str, method: str, function: Function) -> Service:
     kind = find_kind(where, "its result", signature.return_annotation, function)
     if not returns and signature.return_annotation not in (None, "None"):
         raise TypeError(f"{where}: its docstring has no Returns:")
-    result = Field("result", kind, returns or "0, or the code of what went wrong")
-    return Service(
+    result = ServiceField("result", kind, returns or "0, or the code of what went wrong")
+    return VendorService(
         robot_class=robot_class,
         method=method,
         doc=summary,
@@ -281,7 +293,7 @@ def _described(robot_class: str, method: str, function: Function) -> Service:
 
 @cache
 def _type_names(registered: int) -> dict[tuple[str, str], str]:
-    by_method: dict[str, list[Service]] = {}
+    by_method: dict[str, list[VendorService]] = {}
     for found in REGISTRY.values():
         by_method.setdefault(found.method, []).append(found)
     names = {}

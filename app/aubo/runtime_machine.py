@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from app.aubo.registry import Origin, service
+from app.aubo.registry import CallOrigin, service
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -24,13 +24,13 @@ async def load_program(robot: Services, program: str) -> None:
 
 
 @service(CLASS)
-async def run_program(robot: Services, origin: Origin) -> None:
+async def run_program(robot: Services, origin: CallOrigin) -> None:
     """Run the loaded program once; answers when it has been started."""
     await robot.programs.run(origin.stops)
 
 
 @service(CLASS)
-async def start(robot: Services, origin: Origin) -> None:
+async def start(robot: Services, origin: CallOrigin) -> None:
     """Run the loaded program once, as runProgram does."""
     await robot.programs.run(origin.stops)
 

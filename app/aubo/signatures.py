@@ -10,14 +10,14 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from app.aubo.fields import ROS_TYPES, Field
+from app.aubo.fields import ROS_TYPES, ServiceField
 
 Function = Callable[..., Any]
 
 
 def make_field(
     where: str, parameter: inspect.Parameter, function: Function, documented: dict[str, str]
-) -> Field:
+) -> ServiceField:
     """The field of the request that a parameter of a vendor service stands for."""
     name, default = parameter.name, parameter.default
     if name not in documented:
@@ -25,7 +25,9 @@ def make_field(
     kind = find_kind(where, name, parameter.annotation, function)
     if kind == "bool" and default is True:
         raise TypeError(f"{where}: {name} cannot be True by default, for false is what ROS sends for nothing")
-    return Field(name, kind, documented[name], list(default) if isinstance(default, tuple) else default)
+    return ServiceField(
+        name, kind, documented[name], list(default) if isinstance(default, tuple) else default
+    )
 
 
 def find_kind(where: str, name: str, annotation: Any, function: Function) -> str:

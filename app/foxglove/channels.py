@@ -33,7 +33,7 @@ def _messages(names: tuple[str, ...], base_frame: str, period_s: float) -> Recor
     return RecordMessages(names, base_frame, period_s)
 
 
-class Channels:
+class RobotChannels:
     """Those of one robot, for one client. To be made in a thread, see `_messages`.
 
     Args:
@@ -77,7 +77,7 @@ class Channels:
 
     def event(self, text: str) -> tuple[int, bytes]:
         """What has happened, of the service's events: the time, ns since 1970, and the message."""
-        from cobot.recording.events import Event
+        from cobot.recording.events import RunEvent
 
         event = json.loads(text)
         mode, cycle = "", 0
@@ -87,7 +87,7 @@ class Channels:
         except UnavailableError:
             pass
         now_ns = self._link.clock.now_ns()
-        made = Event(cycle, now_ns, event["type"], mode, json.dumps(event["data"]))
+        made = RunEvent(cycle, now_ns, event["type"], mode, json.dumps(event["data"]))
         return self._wall_time.at(now_ns), self._messages.event(made, self._wall_time.ahead_ns())
 
     def _interventions(self, state: RobotState) -> int:

@@ -21,10 +21,10 @@ from app.api.dependencies import addressed
 from app.api.errors import status_of
 from app.api.json_text import decoded
 from app.api.route import EndpointRouter
-from app.foxglove.channels import EVENTS, Channels
+from app.foxglove.channels import EVENTS, RobotChannels
 from app.services.events.ring import Event
 from app.services.events.ring import Events as Ring
-from app.services.reports.listener import Listener, Wanted
+from app.services.reports.listener import EventFilter, Listener
 from cobot.access.roles import Role
 from cobot.codes import code_of
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
@@ -79,7 +79,9 @@ async def foxglove(socket: WebSocket) -> None:
     socket.app.state.foxglove_clients += 1
     try:
         channels = {
-            name: await asyncio.to_thread(Channels, each.robot, each.link, has_gripper=each.gripper.exists)
+            name: await asyncio.to_thread(
+                RobotChannels, each.robot, each.link, has_gripper=each.gripper.exists
+            )
             for name, each in robots.items()
         }
         await socket.accept(protocol)
@@ -97,11 +99,11 @@ class _Client:
     """
 
     def __init__(
-        self, socket: WebSocket, ring: Ring, channels: Mapping[str, Channels], rate_hz: float
+        self, socket: WebSocket, ring: Ring, channels: Mapping[str, RobotChannels], rate_hz: float
     ) -> None:
         self._socket, self._epoch, self._channels = socket, ring.epoch, channels
         ticks = [cast(Any, _Tick(name)) for name in channels]
-        self._listener = Listener(ring, Wanted(None, frozenset(channels)), None, ticks, rate_hz)
+        self._listener = Listener(ring, EventFilter(None, frozenset(channels)), None, ticks, rate_hz)
         topics = [(name, topic) for name, each in channels.items() for topic in each.schemas]
         self._numbers = dict(enumerate(topics, start=1))
         self._wanted: dict[int, tuple[str, str]] = {}

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
-from app.graph.actions import Action, CancelCode, GoalHandle, GoalStatus, Rejected
+from app.graph.actions import CancelCode, GoalHandle, GoalStatus, GraphAction, RejectedGoalError
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.errors import CobotError, ConflictError, UnavailableError
@@ -39,7 +39,7 @@ ENDS = "the service is shutting down"
 log = logging.getLogger("cobot.graph")
 
 
-class Goal:
+class ActionGoal:
     """A goal from being asked for until its result is forgotten.
 
     Attributes:
@@ -75,12 +75,12 @@ class ActionServer:
         owner: the client that offers it; None for the service's own.
     """
 
-    def __init__(self, graph: Graph, action: Action, owner: object = None) -> None:
+    def __init__(self, graph: Graph, action: GraphAction, owner: object = None) -> None:
         self.action = action
         self.owner = owner = self if owner is None else owner
         self._graph = graph
         self._messages = graph.messages
-        self._goals: dict[uuid.UUID, Goal] = {}
+        self._goals: dict[uuid.UUID, ActionGoal] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         below, type_ = f"{action.name}/_action", action.type_
         self._feedback = graph.advertise(
@@ -100,7 +100,7 @@ class ActionServer:
 
     async def begin(
         self, goal_id: uuid.UUID, arguments: Message, on_feedback: Callable[[Message], None] | None = None
-    ) -> Goal:
+    ) -> ActionGoal:
         """Have a goal worked on; returns when it was accepted.
 
         Args:
@@ -115,7 +115,7 @@ class ActionServer:
             raise ConflictError(f"goal {goal_id.hex} of {self.action.name} was sent already")
         if sum(goal.running for goal in self._goals.values()) >= MAX_RUNNING:
             raise ConflictError(f"{self.action.name} already has {MAX_RUNNING} running goals, the maximum")
-        goal = Goal(goal_id, on_feedback)
+        goal = ActionGoal(goal_id, on_feedback)
         goal.handle = GoalHandle(goal, self)
         self._goals[goal_id] = goal
         task = asyncio.create_task(self._run(goal, arguments), name=f"goal of {self.action.name}")
@@ -153,7 +153,7 @@ class ActionServer:
             if goal.asker is asker and goal.running:
                 self.cancel(goal.id)
 
-    def accept(self, goal: Goal) -> None:
+    def accept(self, goal: ActionGoal) -> None:
         """It is worked on."""
         if goal.accepted.done():
             return
@@ -169,7 +169,7 @@ class ActionServer:
         log.warning("%s", text)
         self._graph.warn(text)
 
-    def feedback(self, goal: Goal, values: Message) -> None:
+    def feedback(self, goal: ActionGoal, values: Message) -> None:
         """It goes on.
 
         Raises:
@@ -193,13 +193,13 @@ class ActionServer:
         self._feedback.close()
         self._status.close()
 
-    async def _run(self, goal: Goal, arguments: Message) -> None:
+    async def _run(self, goal: ActionGoal, arguments: Message) -> None:
         name, type_ = self.action.name, f"{self.action.type_}_Result"
         result, status = self._messages.default(type_), GoalStatus.ABORTED
         try:
             values = await self.action.execute(arguments, goal.handle)
             if not goal.accepted.done():
-                raise Rejected(f"{name} has not accepted the goal")
+                raise RejectedGoalError(f"{name} has not accepted the goal")
             result, status = self._messages.checked(type_, values), goal.handle.status
             if status not in (GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED):
                 log.error("%s returned without saying what became of the goal", name)
@@ -223,7 +223,7 @@ class ActionServer:
             if goal.accepted_ns:
                 self._publish_status()
 
-    def _refuse(self, goal: Goal, reason: CobotError) -> bool:
+    def _refuse(self, goal: ActionGoal, reason: CobotError) -> bool:
         """Whether there was still something to refuse."""
         if goal.accepted.done():
             return False
@@ -293,5 +293,5 @@ def _ros_id(goal_id: uuid.UUID) -> Message:
     return {"uuid": list(goal_id.bytes)}
 
 
-def _info(goal: Goal) -> Message:
+def _info(goal: ActionGoal) -> Message:
     return {"goal_id": _ros_id(goal.id), "stamp": ros_time(goal.accepted_ns)}

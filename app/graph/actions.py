@@ -10,10 +10,10 @@ from cobot.errors import CobotError, InputError
 from cobot.ros.messages import Message
 
 if TYPE_CHECKING:
-    from app.graph.action_server import ActionServer, Goal
+    from app.graph.action_server import ActionGoal, ActionServer
 
 
-class Rejected(InputError):
+class RejectedGoalError(InputError):
     """A goal is not accepted; nothing has happened."""
 
 
@@ -38,7 +38,7 @@ class CancelCode(IntEnum):
     GOAL_TERMINATED = 3
 
 
-class Action(Protocol):
+class GraphAction(Protocol):
     """One action.
 
     Attributes:
@@ -59,7 +59,7 @@ class Action(Protocol):
         set. A CobotError before `accept` refuses the goal with its text; after it, the goal is aborted.
 
         Raises:
-            Rejected: the goal is refused.
+            RejectedGoalError: the goal is refused.
         """
         ...
 
@@ -73,7 +73,7 @@ class GoalHandle:
         status: the status of the goal.
     """
 
-    def __init__(self, goal: Goal, server: ActionServer) -> None:
+    def __init__(self, goal: ActionGoal, server: ActionServer) -> None:
         self.goal_id = goal.id.hex
         self.cancel_requested = asyncio.Event()
         self.status = GoalStatus.UNKNOWN

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.graph.action_server import ActionServer
-from app.graph.actions import Action, GoalStatus
+from app.graph.actions import GoalStatus, GraphAction
 from app.graph.topics import Topics, absolute
 from cobot.access.roles import Role
 from cobot.clock import SYSTEM, Clock
@@ -30,7 +30,7 @@ GRAPH_DELAY_S = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Service:
+class GraphService:
     """A service on the graph: `type` is pkg/srv/Name, or pkg/action/Name_SendGoal and the like."""
 
     name: str
@@ -55,7 +55,7 @@ class Graph(Topics):
         super().__init__(messages)
         self.clock = clock
         self.actions: dict[str, ActionServer] = {}
-        self.services: dict[str, Service] = {}
+        self.services: dict[str, GraphService] = {}
         self.warn: Callable[[str], None] = lambda _: None
         self._loop = asyncio.get_running_loop()
         self._changing: asyncio.TimerHandle | None = None
@@ -71,7 +71,7 @@ class Graph(Topics):
         owner: object,
         local: bool = False,
         role: Role = Role.OPERATOR,
-    ) -> Service:
+    ) -> GraphService:
         """Offer a service.
 
         Args:
@@ -89,16 +89,16 @@ class Graph(Topics):
         type_ = self.messages.resolved(type_, "srv")
         if name in self.services:
             raise ConflictError(f"there is a service {name} already")
-        made = self.services[name] = Service(name, type_, function, owner, local, role)
+        made = self.services[name] = GraphService(name, type_, function, owner, local, role)
         self.note_change()
         return made
 
-    def remove_service(self, service: Service) -> None:
+    def remove_service(self, service: GraphService) -> None:
         if self.services.get(service.name) is service:
             del self.services[service.name]
             self.note_change()
 
-    def service(self, name: str) -> Service:
+    def service(self, name: str) -> GraphService:
         """A service by its name.
 
         Raises:
@@ -121,7 +121,7 @@ class Graph(Topics):
         request = self.messages.checked(f"{service.type}_Request", arguments)
         return self.messages.checked(f"{service.type}_Response", await service.function(request))
 
-    def add_action(self, action: Action, owner: object = None) -> ActionServer:
+    def add_action(self, action: GraphAction, owner: object = None) -> ActionServer:
         """Offer an action.
 
         Raises:
@@ -157,7 +157,7 @@ class Graph(Topics):
             goal_id: 32 hexadecimal digits, never used before.
 
         Raises:
-            InputError: no such action, a wrong goal, or it is refused (`Rejected`).
+            InputError: no such action, a wrong goal, or it is refused (`RejectedGoalError`).
         """
         server = self.action(name)
         checked = self.messages.checked(f"{server.action.type_}_Goal", arguments)

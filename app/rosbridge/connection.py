@@ -26,7 +26,7 @@ from app.graph.ends import Publisher
 from app.graph.graph import Graph
 from app.rosbridge import operations as op
 from app.rosbridge.actionlib import refuse_topic
-from app.rosbridge.fragments import Assembly
+from app.rosbridge.fragments import MessageAssembly
 from app.rosbridge.offers import Offers
 from app.rosbridge.outbox import MAX_PER_TOPIC, Outbox
 from app.rosbridge.roles import ROLES
@@ -55,7 +55,7 @@ LEVELS = ("none", "error", "warning", "info")
 log = logging.getLogger("cobot.rosbridge")
 
 
-class Connection:
+class RosbridgeConnection:
     """A client, from its first message to its last.
 
     Args:
@@ -72,7 +72,7 @@ class Connection:
         self._name = name
         self._identity = identity
         self._level = "error"
-        self._fragments = Assembly(MAX_MESSAGE)
+        self._fragments = MessageAssembly(MAX_MESSAGE)
         self._publishers: dict[tuple[str, str | None], tuple[Publisher, set[op.Id]]] = {}
         self._offers = Offers(graph, self.outbox, self)
         self._goals: dict[op.Id, tuple[str, str]] = {}

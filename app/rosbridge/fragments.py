@@ -23,7 +23,7 @@ class _Incomplete:
     """How many characters are held, with `PIECE` for each piece."""
 
 
-class Assembly:
+class MessageAssembly:
     """Puts the pieces of one client's messages together, in whatever order they come.
 
     Args:

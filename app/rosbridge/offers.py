@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from app.graph.action_server import ActionServer
 from app.graph.actions import GoalHandle, GoalStatus
-from app.graph.graph import Graph, Service
+from app.graph.graph import Graph, GraphService
 from app.graph.topics import absolute
 from app.rosbridge import operations as op
 from app.rosbridge.outbox import Outbox
@@ -17,7 +17,7 @@ from cobot.ros.messages import Message
 from cobot.strict import shown
 
 if TYPE_CHECKING:
-    from app.rosbridge.connection import Connection
+    from app.rosbridge.connection import RosbridgeConnection
 
 MAX_OFFERS = 256
 ENDED = (GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED)
@@ -26,11 +26,11 @@ ENDED = (GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED)
 class Offers:
     """Those of one client."""
 
-    def __init__(self, graph: Graph, outbox: Outbox, owner: Connection) -> None:
+    def __init__(self, graph: Graph, outbox: Outbox, owner: RosbridgeConnection) -> None:
         self._graph = graph
         self._outbox = outbox
         self._owner = owner
-        self._services: dict[str, Service] = {}
+        self._services: dict[str, GraphService] = {}
         self._actions: dict[str, ActionServer] = {}
         self._calls: dict[op.Id, tuple[str, asyncio.Future[Message]]] = {}
         self._goals: dict[op.Id, tuple[GoalHandle, asyncio.Future[op.ActionResult]]] = {}

@@ -35,7 +35,7 @@ def dumps(content: Message) -> str:
         return json.dumps(without_nan(content))
 
 
-class Feed:
+class TopicFeed:
     """A topic on its way to one client, which may have subscribed several times: the widest one counts."""
 
     def __init__(
@@ -129,7 +129,7 @@ class Outbox:
     """All of it, in the order in which it is sent: answers first, then a message of each topic in turn."""
 
     def __init__(self) -> None:
-        self.feeds: dict[str, Feed] = {}
+        self.feeds: dict[str, TopicFeed] = {}
         self.wake = asyncio.Event()
         self.overfull = asyncio.Event()
         self._answers: deque[str] = deque()
@@ -179,7 +179,7 @@ class Outbox:
         """
         feed = self.feeds.get(request.topic)
         if feed is None:
-            self.feeds[request.topic] = Feed(graph, request, self.wake, owner, tell)
+            self.feeds[request.topic] = TopicFeed(graph, request, self.wake, owner, tell)
             return
         known = feed.type or graph.type_of(request.topic)
         if request.type is not None and known not in (None, graph.messages.resolved(request.type, "msg")):

@@ -15,7 +15,7 @@ from app.api.json_text import decoded
 from app.api.middleware.access import identity_of
 from app.api.route import EndpointRouter, without_collection
 from app.graph.graph import Graph
-from app.rosbridge.connection import Connection
+from app.rosbridge.connection import RosbridgeConnection
 from app.services.clients import CLIENT
 from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
@@ -52,7 +52,7 @@ async def _serve(socket: WebSocket, graph: Graph, large: asyncio.Lock) -> None:
     await socket.accept()
     client = socket.client
     name = f"{client.host}:{client.port}" if client else "a client"
-    connection = Connection(graph, name, identity_of(socket))
+    connection = RosbridgeConnection(graph, name, identity_of(socket))
     CLIENT.get().tell = connection.tell
     work = [
         asyncio.create_task(each)
@@ -72,12 +72,12 @@ async def _serve(socket: WebSocket, graph: Graph, large: asyncio.Lock) -> None:
         await connection.close()
 
 
-async def _receive(socket: WebSocket, connection: Connection, large: asyncio.Lock) -> None:
+async def _receive(socket: WebSocket, connection: RosbridgeConnection, large: asyncio.Lock) -> None:
     while await _receive_one(socket, connection, large):
         await asyncio.sleep(0)  # a client that floods this connection must not delay the others
 
 
-async def _receive_one(socket: WebSocket, connection: Connection, large: asyncio.Lock) -> bool:
+async def _receive_one(socket: WebSocket, connection: RosbridgeConnection, large: asyncio.Lock) -> bool:
     """Take the next message; whether there was one. Nothing of it is kept while the one after is awaited:
     decoded it has three times its size, and each connection would hold one.
     """
@@ -105,11 +105,11 @@ async def _receive_one(socket: WebSocket, connection: Connection, large: asyncio
     return True
 
 
-def _prepared(connection: Connection, text: str) -> Any:
+def _prepared(connection: RosbridgeConnection, text: str) -> Any:
     return connection.prepared(decoded(text, "the message"))
 
 
-async def _send(socket: WebSocket, connection: Connection) -> None:
+async def _send(socket: WebSocket, connection: RosbridgeConnection) -> None:
     outbox = connection.outbox
     try:
         while True:
@@ -121,7 +121,7 @@ async def _send(socket: WebSocket, connection: Connection) -> None:
         return
 
 
-async def _watch(socket: WebSocket, connection: Connection) -> None:
+async def _watch(socket: WebSocket, connection: RosbridgeConnection) -> None:
     await connection.outbox.overfull.wait()
     with contextlib.suppress(WebSocketDisconnect):
         await socket.close(TRY_LATER, "the client reads its answers too slowly")

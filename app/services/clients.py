@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 
 @dataclass(eq=False)
-class Client:
+class RequestClient:
     """The client that sends a request: one for each request, and one for each WebSocket while it is open.
 
     Attributes:
@@ -25,7 +25,7 @@ class Client:
     sequence: str | None = None
     tell: Callable[[str], None] | None = None
 
-    def same(self, other: Client) -> bool:
+    def same(self, other: RequestClient) -> bool:
         """Whether both have the same name and address, and so probably belong to the same person."""
         return (self.name, self.address) == (other.name, other.address)
 
@@ -33,6 +33,6 @@ class Client:
         return f"{self.name} from {self.address}" if self.address else self.name
 
 
-SERVICE_CLIENT = Client("the service itself")
-CLIENT: ContextVar[Client] = ContextVar("client", default=SERVICE_CLIENT)
+SERVICE_CLIENT = RequestClient("the service itself")
+CLIENT: ContextVar[RequestClient] = ContextVar("client", default=SERVICE_CLIENT)
 """On whose behalf the present task runs; tasks that it starts inherit it."""

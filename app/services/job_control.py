@@ -13,7 +13,7 @@ from app.services.gripping.service import GripperService
 from app.services.motion.queue.motion_queue import MotionQueue
 from app.services.motion.queue.moves import QueueRequest
 from app.services.programs.sequences import SequenceService
-from app.services.programs.steps import NEXT, Steps
+from app.services.programs.steps import NEXT, RunnerInstructions
 from app.services.programs.studies import StudyService
 from app.services.rights.claims import Caller
 from app.services.rights.job import WITHOUT_ARM, Job, JobRecord, JobState
@@ -195,7 +195,7 @@ class JobService:
         await self._resume()
         return job.record()
 
-    def _steps(self, job: Job) -> Steps:
+    def _steps(self, job: Job) -> RunnerInstructions:
         if job is not self._ownership.sequence_job:
             raise ConflictError(f"job {job.id} ({job.kind}) has no waypoints; a sequence or program has")
         return self._sequences.steps

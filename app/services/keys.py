@@ -40,7 +40,7 @@ CREATE INDEX IF NOT EXISTS by_age ON keys (noted_s);
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class StoredAnswer:
     """An answer as it was sent.
 
     Attributes:
@@ -66,7 +66,7 @@ class Noted:
 
     request: bytes
     job: str
-    answer: Answer | None
+    answer: StoredAnswer | None
 
 
 class Keys:
@@ -107,7 +107,7 @@ class Keys:
         """
         return await self._run(lambda database: self._note(database, key, request, job))
 
-    async def answer(self, key: bytes, answer: Answer) -> None:
+    async def answer(self, key: bytes, answer: StoredAnswer) -> None:
         """Keep the answer of the request. Raises UnavailableError: it cannot be written."""
         await self._run(lambda database: self._answer(database, key, answer))
 
@@ -182,14 +182,14 @@ class Keys:
         if row is not None:
             known, its_job, status, kind, location, body = row
             return Noted(
-                known, its_job, None if status is None else Answer(status, kind, location, bytes(body))
+                known, its_job, None if status is None else StoredAnswer(status, kind, location, bytes(body))
             )
         database.execute(
             "INSERT INTO keys (key, request, job, noted_s) VALUES (?, ?, ?, ?)", (key, request, job, now_s)
         )
         return None
 
-    def _answer(self, database: sqlite3.Connection, key: bytes, answer: Answer) -> None:
+    def _answer(self, database: sqlite3.Connection, key: bytes, answer: StoredAnswer) -> None:
         database.execute(
             "UPDATE keys SET status = ?, type = ?, location = ?, body = ? WHERE key = ?",
             (answer.status, answer.type, answer.location, answer.body, key),

@@ -51,13 +51,13 @@ Mass = Annotated[float, Field(ge=0.001, le=100.0)]
 BeltSpeed = Annotated[float, Field(ge=-2.0, le=2.0)]
 
 
-class Entry(StrictModel):
+class CellEntry(StrictModel):
     """Base of all entries of the file."""
 
     model_config = ConfigDict(frozen=True)
 
 
-class Hand(Entry):
+class Hand(CellEntry):
     """A hand with two parallel fingers at the flange. The fingers move along the flange's x axis, and its z
     axis points out of the hand.
 
@@ -99,7 +99,7 @@ class Hand(Entry):
         return self.palm_m[2] + self.finger_m[2] - self.tcp_from_tip_m
 
 
-class Cup(Entry):
+class Cup(CellEntry):
     """A suction cup at the flange. The flange's z axis points out of the cup; the TCP is in the middle of the
     lip.
 
@@ -120,7 +120,7 @@ class Cup(Entry):
     mass_kg: Annotated[float, Field(ge=0.01, le=50.0)] = 0.3
 
 
-class CellSolid(Entry):
+class CellSolid(CellEntry):
     """A fixture: a solid that does not move.
 
     Attributes:
@@ -206,7 +206,7 @@ class CellPart(CellSolid):
     mass_kg: Mass
 
 
-class Belt(Entry):
+class Belt(CellEntry):
     """A conveyor belt: a box whose surface moves along its own x axis. The output NAME.speed sets its
     speed."""
 
@@ -224,7 +224,7 @@ class Belt(Entry):
     speed_m_s: BeltSpeed = 0.0
 
 
-class LightBarrier(Entry):
+class LightBarrier(CellEntry):
     """A boolean input: true while something is between two points. With `count`, a second input NAME.count
     counts how often it became true."""
 
@@ -240,7 +240,7 @@ class LightBarrier(Entry):
         return self
 
 
-class ContactSwitch(Entry):
+class ContactSwitch(CellEntry):
     """A boolean input: true while something presses on a fixture, a belt or a part.
 
     Attributes:
@@ -253,7 +253,7 @@ class ContactSwitch(Entry):
     force_n: Annotated[float, Field(ge=0.01, le=10_000.0)] = 0.5
 
 
-class Distance(Entry):
+class Distance(CellEntry):
     """An analog input: the distance, m, to what is in front of a point; `range_m` if nothing is nearer."""
 
     type: Literal["distance"]
@@ -269,7 +269,7 @@ class Distance(Entry):
         return direction
 
 
-class Output(Entry):
+class Output(CellEntry):
     """An output without an effect in the simulation, as a lamp has."""
 
     kind: Annotated[IoKind, Field(strict=False)]
@@ -278,7 +278,7 @@ class Output(Entry):
 Switch = Annotated[LightBarrier | ContactSwitch | Distance, Field(discriminator="type")]
 
 
-class Cell(Entry):
+class Cell(CellEntry):
     """A cell.
 
     Attributes:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator
 
-from cobot.cell.cell import Cell, Coordinate, Entry, Hand, load_cell
+from cobot.cell.cell import Cell, CellEntry, Coordinate, Hand, load_cell
 from cobot.config import Settings
 from cobot.errors import ConfigError
 from cobot.strict import sentence
@@ -23,7 +23,7 @@ MAX_WIDTHS, MIN_STEP_M = 64, 1e-6
 Component = Annotated[float, Field(ge=-1.0, le=1.0)]
 
 
-class SlidingFinger(Entry):
+class SlidingFinger(CellEntry):
     """A finger.
 
     Attributes:
@@ -48,7 +48,7 @@ def _direction(axis: tuple[float, float, float]) -> tuple[float, float, float]:
     return axis
 
 
-class OwnHand(Entry):
+class OwnHand(CellEntry):
     """A hand of two fingers that move together.
 
     Attributes:
@@ -71,7 +71,7 @@ class OwnHand(Entry):
         return 0.0
 
 
-class TurningJoint(Entry):
+class TurningJoint(CellEntry):
     """A joint of fingers that turn.
 
     Attributes:
@@ -92,7 +92,7 @@ class TurningJoint(Entry):
         return _direction(axis)
 
 
-class TurningHand(Entry):
+class TurningHand(CellEntry):
     """A hand whose fingers turn together, or which has one jaw that turns.
 
     Attributes:

@@ -17,7 +17,7 @@ POLL_S = 0.005
 Run = Callable[[Client], Json]
 
 
-class Plan:
+class BackgroundPlan:
     """The plan that was begun last. Its failure after its beginning is raised by the next `begin`."""
 
     def __init__(self, clock: Clock = SYSTEM) -> None:

@@ -22,7 +22,7 @@ from cobot.client.controls import (
 )
 from cobot.client.gripper import GripperCommands
 from cobot.client.modes import SWITCHES, Mode
-from cobot.client.plans import Plan, Run
+from cobot.client.plans import BackgroundPlan, Run
 from cobot.client.primitives import primitive
 from cobot.client.session_settings import SessionSettings
 from cobot.client.states import RobotInfo, RobotStates, robot_info, robot_states
@@ -98,7 +98,7 @@ class Robot(SessionSettings):
         self._info = robot_info(self._transport.robot, info)
         self._chosen = Mode.IDLE
         self._control: Control[Any] | None = None
-        self._plan = Plan(clock)
+        self._plan = BackgroundPlan(clock)
         self._closed = False
         self._commanding: Client | None = None
         super().__init__(info)

@@ -15,7 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 from cobot.addresses import check_url, path_at
 from cobot.client.connection import ERRORS
 from cobot.client.tls import Verify, tls_context, token_from_environment
-from cobot.client.wire import PATH, Kind, packed, record
+from cobot.client.wire import PATH, FrameKind, packed, record
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError, InputError, LayoutError, UnavailableError
 from cobot.ipc.layout import info_dtype
@@ -88,7 +88,7 @@ class WebSocketTransport:
 
     def open_session(self, request: np.ndarray) -> int:
         self._session = self._error = None
-        self._send(packed(Kind.SESSION, 0, request))
+        self._send(packed(FrameKind.SESSION, 0, request))
         number = self._wait(self._session_or_error, "answered")
         answered_s = self.clock.now_s()
         # The service saw the session in a state before it answered, so the next state has it too.
@@ -97,26 +97,26 @@ class WebSocketTransport:
         return number
 
     def send_setpoint(self, setpoint: np.ndarray) -> None:
-        self._send_next(Kind.SETPOINT, setpoint)
+        self._send_next(FrameKind.SETPOINT, setpoint)
 
     def send_chunk(self, chunk: np.ndarray) -> None:
-        self._send_next(Kind.CHUNK, chunk)
+        self._send_next(FrameKind.CHUNK, chunk)
 
     def request_estop(self) -> None:
-        self._send(packed(Kind.ESTOP, 0))
+        self._send(packed(FrameKind.ESTOP, 0))
 
     def end_session(self) -> None:
         if self._session is not None:
             self._session = None
             if not self._lost:  # or the service ends it
-                self._send(packed(Kind.END, 0))
+                self._send(packed(FrameKind.END, 0))
 
     def close(self) -> None:
         with contextlib.suppress(UnavailableError):  # without a connection the service ends it too
             self.end_session()
         self._connection.close()
 
-    def _send_next(self, kind: Kind, content: np.ndarray) -> None:
+    def _send_next(self, kind: FrameKind, content: np.ndarray) -> None:
         self._raise_error()
         with self._sequence_turn:
             self._sequence += 1

@@ -19,7 +19,7 @@ MAX_FRAME_BYTES = 65536
 _HEADER = struct.Struct("<IIQ")
 
 
-class Kind(IntEnum):
+class FrameKind(IntEnum):
     """What a binary frame carries."""
 
     STATE = 1  # from the service; all others are from the client
@@ -31,19 +31,19 @@ class Kind(IntEnum):
 
 
 _DTYPES = {
-    Kind.STATE: state_dtype,
-    Kind.SESSION: session_dtype,
-    Kind.SETPOINT: setpoint_dtype,
-    Kind.CHUNK: chunk_dtype,
+    FrameKind.STATE: state_dtype,
+    FrameKind.SESSION: session_dtype,
+    FrameKind.SETPOINT: setpoint_dtype,
+    FrameKind.CHUNK: chunk_dtype,
 }
 
 
-def packed(kind: Kind, sequence: int, record: np.ndarray | None = None) -> bytes:
+def packed(kind: FrameKind, sequence: int, record: np.ndarray | None = None) -> bytes:
     """A binary frame: the header and a record."""
     return _HEADER.pack(kind, LAYOUT_VERSION, sequence) + (b"" if record is None else record.tobytes())
 
 
-def header(frame: bytes) -> tuple[Kind, int]:
+def header(frame: bytes) -> tuple[FrameKind, int]:
     """Kind and sequence number of a frame.
 
     Raises:
@@ -55,10 +55,10 @@ def header(frame: bytes) -> tuple[Kind, int]:
     kind, layout, sequence = _HEADER.unpack_from(frame)
     if layout != LAYOUT_VERSION:
         raise LayoutError(f"the frame has layout version {layout}, this program has {LAYOUT_VERSION}")
-    if kind not in list(Kind):
-        valid = ", ".join(f"{each} ({each.name.lower()})" for each in Kind)
+    if kind not in list(FrameKind):
+        valid = ", ".join(f"{each} ({each.name.lower()})" for each in FrameKind)
         raise InputError(f"there is no binary frame of kind {kind}; valid are: {valid}")
-    return Kind(kind), sequence
+    return FrameKind(kind), sequence
 
 
 def record(frame: bytes, dof: int) -> np.ndarray:
@@ -67,7 +67,7 @@ def record(frame: bytes, dof: int) -> np.ndarray:
     Raises:
         InputError: too short or too long for it.
     """
-    kind = Kind(_HEADER.unpack_from(frame)[0])
+    kind = FrameKind(_HEADER.unpack_from(frame)[0])
     dtype = _DTYPES[kind](dof) if kind in _DTYPES else np.dtype([])
     size = len(frame) - _HEADER.size
     if size != dtype.itemsize:

@@ -22,7 +22,7 @@ from typing import Any
 
 from cobot.dds.caller import ActionCaller
 from cobot.dds.names import ENCLAVE, NodeName
-from cobot.dds.node import Message, Node
+from cobot.dds.node import DdsNode, Message
 from cobot.dds.rtps import Participant
 from cobot.errors import CobotError
 from cobot.ros.codec import without_nan
@@ -36,7 +36,7 @@ READY_S = 0.2
 class ActionClient:
     """See the module."""
 
-    def __init__(self, settings: dict[str, Any], node: Node) -> None:
+    def __init__(self, settings: dict[str, Any], node: DdsNode) -> None:
         self._joint = settings["joint"]
         self._number = 0
         self._ids: dict[int, Message] = {}
@@ -109,7 +109,7 @@ async def _serve(settings: dict[str, Any]) -> None:
         name=NAME.full,
         user_data=ENCLAVE,
     )
-    node = Node(participant, NAME, Messages(), None, asyncio.get_running_loop())
+    node = DdsNode(participant, NAME, Messages(), None, asyncio.get_running_loop())
     try:
         await ActionClient(settings, node).serve()
     finally:

@@ -7,9 +7,9 @@ import base64
 import uuid
 from collections.abc import Callable
 
-from cobot.dds.inbox import Inbox
+from cobot.dds.inbox import SampleInbox
 from cobot.dds.names import reply_name, request_name, type_name
-from cobot.dds.node import LATCHED_QOS, SERVICE_QOS, Message, Node, Subscription
+from cobot.dds.node import LATCHED_QOS, SERVICE_QOS, DdsNode, Message, NodeSubscription
 from cobot.dds.rtps import Sample, SampleIdentity
 from cobot.errors import CobotError
 
@@ -24,10 +24,10 @@ class ServiceCaller:
         InputError: the type is unknown.
     """
 
-    def __init__(self, node: Node, name: str, type_: str) -> None:
+    def __init__(self, node: DdsNode, name: str, type_: str) -> None:
         self._node, self._type = node, type_
         self._waiting: dict[int, asyncio.Future[Message]] = {}
-        self._inbox = Inbox(name, node.loop, self._take)
+        self._inbox = SampleInbox(name, node.loop, self._take)
         participant = node.participant
         self._reader = participant.create_reader(
             reply_name(name), type_name(f"{type_}_Response"), SERVICE_QOS, self._inbox.put
@@ -81,7 +81,7 @@ class ActionCaller:
 
     def __init__(
         self,
-        node: Node,
+        node: DdsNode,
         name: str,
         type_: str,
         on_feedback: Callable[[Message], None],
@@ -97,7 +97,7 @@ class ActionCaller:
         self._loop = node.loop
         self._ends = [
             node.subscription(f"{below}/feedback", f"{type_}_FeedbackMessage", self._take_feedback),
-            Subscription(
+            NodeSubscription(
                 node, f"{below}/status", "action_msgs/msg/GoalStatusArray", self._take_status, LATCHED_QOS
             ),
         ]

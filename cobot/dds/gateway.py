@@ -20,8 +20,8 @@ from typing import Any, TypeVar
 
 from cobot.access.roles import ROS, Identity, Role, require
 from cobot.codes import code_of
-from cobot.dds.inbox import Losses
-from cobot.dds.node import CLIENT, Handler, Message, Node, Publisher, Service, Subscription
+from cobot.dds.inbox import LossCounter
+from cobot.dds.node import CLIENT, DdsNode, Handler, Message, NodePublisher, NodeService, NodeSubscription
 from cobot.dds.rosbridge import Rosbridge
 from cobot.errors import CobotError, PayloadError
 from cobot.ros.failures import failed_result
@@ -36,13 +36,13 @@ SEND_GOAL, GET_RESULT = "/_action/send_goal", "/_action/get_result"
 MAX_UNREAD = 64
 """Maximum number of goals that were too large to read and whose reason is kept; the newest ones are kept."""
 
-Made = TypeVar("Made", Service, Publisher, Subscription)
+Made = TypeVar("Made", NodeService, NodePublisher, NodeSubscription)
 Key = TypeVar("Key", str, tuple[str, str])
 
 log = logging.getLogger("cobot.ros2")
 
 
-class Gateway:
+class DdsGateway:
     """The mirror; it works while `run` runs.
 
     Args:
@@ -56,14 +56,14 @@ class Gateway:
     """
 
     def __init__(
-        self, node: Node, url: str, own: set[str], token: str = "", role: Role = Role.OPERATOR
+        self, node: DdsNode, url: str, own: set[str], token: str = "", role: Role = Role.OPERATOR
     ) -> None:
         self._identity = Identity(ROS, role)
         self._node = node
         self._own = own
-        self._services: dict[str, Service] = {}
-        self._out: dict[str, Publisher] = {}
-        self._in: dict[tuple[str, str], Subscription] = {}
+        self._services: dict[str, NodeService] = {}
+        self._out: dict[str, NodePublisher] = {}
+        self._in: dict[tuple[str, str], NodeSubscription] = {}
         self._unread = UnreadGoals()
         self.listeners: dict[str, Callable[[Message], None]] = {}
         self.link = Rosbridge(url, self._greet, self._take, token)
@@ -147,16 +147,16 @@ class Gateway:
                 except CobotError as exc:
                     log.warning("%s is not available over ROS 2: %s", name, exc)
 
-    def _offer(self, name: str, type_: str) -> Service:
+    def _offer(self, name: str, type_: str) -> NodeService:
         return self._node.service(name, type_, self._caller(name, type_))
 
-    def _publish(self, name: str, type_: str) -> Publisher:
+    def _publish(self, name: str, type_: str) -> NodePublisher:
         made = self._node.publisher(name, type_, depth=DEPTH, latched=name.endswith(STATUS_OF_ACTIONS))
         self._subscribe(made)
         return made
 
-    def _listen(self, name: str, type_: str) -> Subscription:
-        losses = Losses(f"messages on {name} that came while the service was away or too slow")
+    def _listen(self, name: str, type_: str) -> NodeSubscription:
+        losses = LossCounter(f"messages on {name} that came while the service was away or too slow")
 
         def forward(message: Message) -> None:
             if not self.link.send({"op": "publish", "topic": name, "type": type_, "msg": message}):
@@ -166,17 +166,17 @@ class Gateway:
         self._advertise(made)
         return made
 
-    def _subscribe(self, publisher: Publisher) -> None:
+    def _subscribe(self, publisher: NodePublisher) -> None:
         about = {"topic": publisher.topic, "type": publisher.type}
         self.link.send({"op": "subscribe", **about, "queue_length": DEPTH})
 
-    def _unsubscribe(self, publisher: Publisher) -> None:
+    def _unsubscribe(self, publisher: NodePublisher) -> None:
         self.link.send({"op": "unsubscribe", "topic": publisher.topic})
 
-    def _advertise(self, subscription: Subscription) -> None:
+    def _advertise(self, subscription: NodeSubscription) -> None:
         self.link.send({"op": "advertise", "topic": subscription.topic, "type": subscription.type})
 
-    def _unadvertise(self, subscription: Subscription) -> None:
+    def _unadvertise(self, subscription: NodeSubscription) -> None:
         about = {"topic": subscription.topic, "type": subscription.type}
         self.link.send({"op": "unadvertise", **about})
 

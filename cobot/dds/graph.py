@@ -21,7 +21,7 @@ DELAY_S = 0.02
 """Time within which changes are collected into one sample, in seconds."""
 
 
-class Graph:
+class NodeGraph:
     """Publishes the endpoints of one node.
 
     Args:

@@ -17,7 +17,7 @@ BATCH = 64
 log = logging.getLogger("cobot.ros2")
 
 
-class Losses:
+class LossCounter:
     """Counts lost messages, and logs the first, the second, the fourth, the eighth and so on.
 
     Args:
@@ -39,7 +39,7 @@ class Losses:
             log.warning("lost %d: %s%s", self.count, self._what, reason and f": {reason}")
 
 
-class Inbox:
+class SampleInbox:
     """Hands the samples of one reader to a callback in the event loop, in the order in which they came.
 
     Args:
@@ -56,7 +56,7 @@ class Inbox:
         most: int = 10_000,
     ) -> None:
         self.name = name
-        self.losses = Losses(f"what came on {name} faster than it could be passed on")
+        self.losses = LossCounter(f"what came on {name} faster than it could be passed on")
         self._loop = loop
         self._deliver = deliver
         self._most = most

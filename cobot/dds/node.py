@@ -16,8 +16,8 @@ from typing import Any
 from weakref import WeakValueDictionary
 
 from cobot.dds import rtps
-from cobot.dds.graph import Graph
-from cobot.dds.inbox import Inbox, Losses
+from cobot.dds.graph import NodeGraph
+from cobot.dds.inbox import LossCounter, SampleInbox
 from cobot.dds.names import NodeName, reply_name, request_name, topic_name, type_hash, type_name
 from cobot.dds.rtps import Participant, Qos, RtpsError, Sample, SampleIdentity
 from cobot.errors import CobotError, InputError, PayloadError
@@ -40,10 +40,10 @@ LATCHED_QOS = Qos(reliable=True, transient_local=True, depth=1)
 log = logging.getLogger("cobot.ros2")
 
 
-class Publisher:
-    """Publishes on a topic. Made by `Node.publisher`; thread safe."""
+class NodePublisher:
+    """Publishes on a topic. Made by `DdsNode.publisher`; thread safe."""
 
-    def __init__(self, node: Node, topic: str, type_: str, qos: Qos) -> None:
+    def __init__(self, node: DdsNode, topic: str, type_: str, qos: Qos) -> None:
         self.topic = topic
         self.type = type_
         self._node = node
@@ -73,7 +73,7 @@ class Publisher:
         """
         try:
             self._writer.write(content)
-        except rtps.PayloadError as exc:
+        except rtps.SampleTooLargeError as exc:
             raise InputError(str(exc)) from exc
 
     def close(self) -> None:
@@ -81,18 +81,18 @@ class Publisher:
         self._writer.close()
 
 
-class Subscription:
-    """Receives the messages of a topic. Made by `Node.subscription`."""
+class NodeSubscription:
+    """Receives the messages of a topic. Made by `DdsNode.subscription`."""
 
     def __init__(
-        self, node: Node, topic: str, type_: str, callback: Callable[[Message], None], qos: Qos
+        self, node: DdsNode, topic: str, type_: str, callback: Callable[[Message], None], qos: Qos
     ) -> None:
         self.topic = topic
         self.type = type_
-        self.rejected = Losses(f"messages on {topic} ({type_}) that are rejected")
+        self.rejected = LossCounter(f"messages on {topic} ({type_}) that are rejected")
         self._node = node
         self._callback = callback
-        self._inbox = Inbox(topic, node.loop, self._deliver)
+        self._inbox = SampleInbox(topic, node.loop, self._deliver)
         self._reader = node.participant.create_reader(
             topic_name(topic),
             type_name(type_),
@@ -127,17 +127,17 @@ CLIENT: ContextVar[bytes] = ContextVar("client", default=b"")
 """The participant whose request the present task answers."""
 
 
-class Service:
-    """Answers requests. Made by `Node.service`."""
+class NodeService:
+    """Answers requests. Made by `DdsNode.service`."""
 
-    def __init__(self, node: Node, name: str, type_: str, handler: Handler) -> None:
+    def __init__(self, node: DdsNode, name: str, type_: str, handler: Handler) -> None:
         self.name = name
         self.type = type_
         self._node = node
         self._handler = handler
         self._tasks: set[asyncio.Task[None]] = set()
         self._turns: WeakValueDictionary[bytes, asyncio.Semaphore] = WeakValueDictionary()
-        self._inbox = Inbox(name, node.loop, self._begin)
+        self._inbox = SampleInbox(name, node.loop, self._begin)
         participant = node.participant
         self._writer = participant.create_writer(
             reply_name(name), type_name(f"{type_}_Response"), SERVICE_QOS
@@ -188,12 +188,12 @@ class Service:
         return await self._handler(self._node.messages.from_cdr(type_, payload))
 
 
-class Node:
+class DdsNode:
     """The only node of a participant.
 
     Args:
         messages: the types; more may be added later.
-        gid_bytes: see `Graph`.
+        gid_bytes: see `NodeGraph`.
         loop: runs callbacks and handlers.
     """
 
@@ -209,7 +209,7 @@ class Node:
         self.name = name
         self.messages = messages
         self.loop = loop
-        self.graph = Graph(participant, name, gid_bytes, loop)
+        self.graph = NodeGraph(participant, name, gid_bytes, loop)
 
     async def read_large(self, type_: str, payload: bytes) -> Message:
         """Decode CDR without blocking the event loop.
@@ -223,7 +223,7 @@ class Node:
         self.messages.record(type_)  # only this thread may add types
         return await asyncio.to_thread(self.messages.from_cdr, type_, payload)
 
-    def publisher(self, topic: str, type_: str, *, depth: int = 10, latched: bool = False) -> Publisher:
+    def publisher(self, topic: str, type_: str, *, depth: int = 10, latched: bool = False) -> NodePublisher:
         """Publish on a topic, reliably.
 
         Args:
@@ -234,11 +234,11 @@ class Node:
         Raises:
             InputError: the type is unknown.
         """
-        return Publisher(self, topic, type_, LATCHED_QOS if latched else Qos(depth=depth))
+        return NodePublisher(self, topic, type_, LATCHED_QOS if latched else Qos(depth=depth))
 
     def subscription(
         self, topic: str, type_: str, callback: Callable[[Message], None], *, reliable: bool = True
-    ) -> Subscription:
+    ) -> NodeSubscription:
         """Receive a topic's messages.
 
         Args:
@@ -248,9 +248,9 @@ class Node:
         Raises:
             InputError: the type is unknown.
         """
-        return Subscription(self, topic, type_, callback, Qos(reliable=reliable, depth=None))
+        return NodeSubscription(self, topic, type_, callback, Qos(reliable=reliable, depth=None))
 
-    def service(self, name: str, type_: str, handler: Handler) -> Service:
+    def service(self, name: str, type_: str, handler: Handler) -> NodeService:
         """Answer requests.
 
         Args:
@@ -263,7 +263,7 @@ class Node:
         """
         if not self.messages.has_service(type_):
             raise InputError(f"there is no type {type_!r} here")
-        return Service(self, name, type_, handler)
+        return NodeService(self, name, type_, handler)
 
     def close(self) -> None:
         self.graph.close()

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from cobot.config import Settings
-from cobot.dds.gateway import Gateway
+from cobot.dds.gateway import DdsGateway
 from cobot.dds.parameters import Parameter, Value
 from cobot.dds.rosbridge import AWAY
 from cobot.dds.telemetry import Telemetry
@@ -23,7 +23,7 @@ NO_ROS = "it means nothing here, for cobot speaks DDS itself and needs no ROS"
 log = logging.getLogger("cobot.ros2")
 
 
-def options(settings: Settings, robots: list[Telemetry], gateway: Gateway | None) -> list[Parameter]:
+def options(settings: Settings, robots: list[Telemetry], gateway: DdsGateway | None) -> list[Parameter]:
     """All parameters and the effects of setting them. The function is long because it is their table."""
     ros = settings.ros
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from cobot.dds.node import Message, Node
+from cobot.dds.node import DdsNode, Message
 from cobot.errors import CobotError
 from cobot.ros.messages import ros_time
 
@@ -20,7 +20,7 @@ Value = bool | int | float | str
 SEPARATOR = "."
 
 
-class Kind(IntEnum):
+class ParameterType(IntEnum):
     """As in rcl_interfaces/msg/ParameterType."""
 
     NOT_SET = 0
@@ -31,12 +31,17 @@ class Kind(IntEnum):
 
 
 FIELDS = {
-    Kind.BOOL: "bool_value",
-    Kind.INTEGER: "integer_value",
-    Kind.DOUBLE: "double_value",
-    Kind.STRING: "string_value",
+    ParameterType.BOOL: "bool_value",
+    ParameterType.INTEGER: "integer_value",
+    ParameterType.DOUBLE: "double_value",
+    ParameterType.STRING: "string_value",
 }
-KINDS: dict[type, Kind] = {bool: Kind.BOOL, int: Kind.INTEGER, float: Kind.DOUBLE, str: Kind.STRING}
+KINDS: dict[type, ParameterType] = {
+    bool: ParameterType.BOOL,
+    int: ParameterType.INTEGER,
+    float: ParameterType.DOUBLE,
+    str: ParameterType.STRING,
+}
 
 
 @dataclass(slots=True)
@@ -58,7 +63,7 @@ class Parameter:
     high: float = math.inf
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> ParameterType:
         return KINDS[type(self.value)]
 
     @property
@@ -76,9 +81,9 @@ class Parameter:
             "additional_constraints": self.fixed,
             "read_only": self.set_ is None,
         }
-        if math.isfinite(self.low) and self.kind is Kind.INTEGER:
+        if math.isfinite(self.low) and self.kind is ParameterType.INTEGER:
             made["integer_range"] = [{"from_value": int(self.low), "to_value": int(self.high), "step": 1}]
-        elif math.isfinite(self.low) and self.kind is Kind.DOUBLE:
+        elif math.isfinite(self.low) and self.kind is ParameterType.DOUBLE:
             made["floating_point_range"] = [{"from_value": self.low, "to_value": self.high}]
         return made
 
@@ -87,10 +92,14 @@ class Parameter:
         if self.set_ is None:
             return f"{self.name} cannot be set while cobot runs: {self.fixed}"
         if message["type"] != self.kind:
-            got = Kind(message["type"]).name if message["type"] in list(Kind) else "another type"
+            got = (
+                ParameterType(message["type"]).name
+                if message["type"] in list(ParameterType)
+                else "another type"
+            )
             return f"{self.name} is of type {self.kind.name}, got {got}"
         value = message[FIELDS[self.kind]]
-        if self.kind in (Kind.INTEGER, Kind.DOUBLE) and not self.low <= value <= self.high:
+        if self.kind in (ParameterType.INTEGER, ParameterType.DOUBLE) and not self.low <= value <= self.high:
             return f"{self.name} must be from {self.low:g} to {self.high:g}, got {value:g}"
         return ""
 
@@ -98,7 +107,7 @@ class Parameter:
 class Parameters:
     """Serves the parameters of a node as rclcpp and rclpy do."""
 
-    def __init__(self, node: Node, parameters: list[Parameter]) -> None:
+    def __init__(self, node: DdsNode, parameters: list[Parameter]) -> None:
         self._node = node
         self._all = {
             parameter.name: parameter for parameter in sorted(parameters, key=lambda each: each.name)
@@ -178,7 +187,7 @@ class Parameters:
 
     def _value(self, name: str) -> Message:
         found = self._all.get(name)
-        value: Message = found.message["value"] if found else {"type": int(Kind.NOT_SET)}
+        value: Message = found.message["value"] if found else {"type": int(ParameterType.NOT_SET)}
         return value
 
 

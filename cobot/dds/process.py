@@ -17,9 +17,9 @@ import uvloop
 from cobot.access.authentication import ROS_TOKEN_VARIABLE, rights_of_ros, ros_access
 from cobot.access.roles import Role
 from cobot.config import Settings, load_settings
-from cobot.dds.gateway import Gateway
+from cobot.dds.gateway import DdsGateway
 from cobot.dds.names import ENCLAVE, NodeName
-from cobot.dds.node import Node
+from cobot.dds.node import DdsNode
 from cobot.dds.options import options
 from cobot.dds.parameters import Parameters
 from cobot.dds.rosout import RosoutHandler
@@ -79,7 +79,7 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
     )
     if last_words is not None:
         participant.leave_to(LastWords(last_words))
-    node = Node(participant, NODE, Messages(), None if ros.gid_bytes == "auto" else ros.gid_bytes, loop)
+    node = DdsNode(participant, NODE, Messages(), None if ros.gid_bytes == "auto" else ros.gid_bytes, loop)
     rosout = RosoutHandler(node)
     log.addHandler(rosout)
     log.setLevel(logging.DEBUG if ros.debug else logging.INFO)
@@ -87,7 +87,7 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
         robots = _robots(node, settings)
         own = {"/tf", "/tf_static", "/robot_description"}.union(*(robot.topics for robot in robots))
         token = os.environ.get(ROS_TOKEN_VARIABLE, "")
-        gateway = Gateway(node, url, own, token, rights_of_ros(ros, settings.web)) if url else None
+        gateway = DdsGateway(node, url, own, token, rights_of_ros(ros, settings.web)) if url else None
         if gateway is not None:
             gateway.listeners = {gripper_states(robot.robot): robot.take_fingers for robot in robots}
         Parameters(node, options(settings, robots, gateway))
@@ -108,7 +108,7 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
         participant.close()
 
 
-def _robots(node: Node, settings: Settings) -> list[Telemetry]:
+def _robots(node: DdsNode, settings: Settings) -> list[Telemetry]:
     """Start the topics of all robots, and those that they share."""
     transforms = node.publisher("/tf", TRANSFORMS, depth=100)
     prefixes = {name: f"{name}/" if len(settings.each) > 1 else "" for name in settings.each}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from cobot.dds.node import Node
+from cobot.dds.node import DdsNode
 from cobot.ros.messages import ros_time
 
 TYPE = "rcl_interfaces/msg/Log"
@@ -13,7 +13,7 @@ TYPE = "rcl_interfaces/msg/Log"
 class RosoutHandler(logging.Handler):
     """Publishes records. Its levels are those of ROS: 10, 20, 30, 40, 50."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: DdsNode) -> None:
         super().__init__()
         self._name = node.name.full.strip("/").replace("/", ".")
         self._publisher = node.publisher("/rosout", TYPE, depth=1000)

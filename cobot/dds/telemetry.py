@@ -19,7 +19,7 @@ import numpy as np
 
 from cobot.cell.surroundings import tool_file
 from cobot.config import Settings
-from cobot.dds.node import Message, Node, Publisher
+from cobot.dds.node import DdsNode, Message, NodePublisher
 from cobot.errors import CobotError, TornReadError
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot.description import load_robot
@@ -37,7 +37,7 @@ _SECOND_NS = 1_000_000_000
 log = logging.getLogger("cobot.ros2")
 
 
-class JointStates:
+class JointStateWriter:
     """Writes sensor_msgs/msg/JointState as CDR into a template, in 6 µs instead of 90.
 
     Args:
@@ -62,14 +62,14 @@ class JointStates:
 
 
 @dataclass(slots=True)
-class Feed:
+class TelemetryTopic:
     """A topic with its own rate.
 
     Attributes:
             due_ns: time of the next message, on the monotonic clock.
     """
 
-    publisher: Publisher
+    publisher: NodePublisher
     rate_hz: float
     make: Callable[[np.ndarray], bytes]
     due_ns: int = 0
@@ -102,7 +102,7 @@ class Telemetry:
             transforms.
     """
 
-    def __init__(self, node: Node, settings: Settings, prefix: str, transforms: Publisher) -> None:
+    def __init__(self, node: DdsNode, settings: Settings, prefix: str, transforms: NodePublisher) -> None:
         robot = load_robot(settings)
         self._model, self._tool_file = robot.model, tool_file(settings)
         self._model.carry(self._tool_file.read())
@@ -115,14 +115,16 @@ class Telemetry:
         self._encode = node.messages.to_cdr
         self._memory: RobotMemory | None = None
         self.problem = "rtloop has not started yet"
-        self._template: JointStates | None = None
+        self._template: JointStateWriter | None = None
         self._fingers: tuple[int, FingerState] | None = None
         self._with_fingers = False
         self._ended = threading.Event()
         made = self._messages
 
-        def feed(topic: str, type_: str, rate_hz: float, make: Callable[[np.ndarray], bytes]) -> Feed:
-            return Feed(node.publisher(f"/{name}/{topic}", type_), rate_hz, make)
+        def feed(
+            topic: str, type_: str, rate_hz: float, make: Callable[[np.ndarray], bytes]
+        ) -> TelemetryTopic:
+            return TelemetryTopic(node.publisher(f"/{name}/{topic}", type_), rate_hz, make)
 
         def by(type_: str, make: Callable[[np.ndarray], dict[str, object]]) -> Callable[[np.ndarray], bytes]:
             return lambda state: self._encode(type_, make(state))
@@ -134,7 +136,7 @@ class Telemetry:
             self.joint_states,
             feed("tcp_pose", POSE, section.pose_rate_hz, by(POSE, made.pose)),
             feed("wrench", WRENCH, section.pose_rate_hz, by(WRENCH, made.wrench)),
-            Feed(transforms, section.tf_rate_hz, by(TRANSFORMS, made.transforms)),
+            TelemetryTopic(transforms, section.tf_rate_hz, by(TRANSFORMS, made.transforms)),
         ]
         self._status = feed("status", STRING, section.status_rate_hz, by(STRING, made.status))
         self._described = latched = node.publisher(f"/{name}/robot_description", STRING, latched=True)
@@ -223,7 +225,7 @@ class Telemetry:
             return state
         return None
 
-    def publish(self, feed: Feed, state: np.ndarray | None, now_ns: int) -> None:
+    def publish(self, feed: TelemetryTopic, state: np.ndarray | None, now_ns: int) -> None:
         if state is None:
             feed.advance(now_ns)
             return
@@ -251,5 +253,5 @@ class Telemetry:
             self._with_fingers = fingers is not None
             template = self._encode(JOINT_STATES, self._messages.joint_state(state, fingers))
             joints = self._dof + (0 if fingers is None else len(FINGER_JOINTS))
-            self._template = JointStates(template, joints)
+            self._template = JointStateWriter(template, joints)
         return self._template.cdr(state, self._messages.measured_at(state), fingers)

@@ -34,7 +34,7 @@ from cobot.fleet.executing import ServiceCommands
 from cobot.fleet.link import has_router, open_cell, payloads
 from cobot.fleet.messages import (
     KEPT_EVENTS,
-    Answer,
+    CommandAnswer,
     FleetCommand,
     FleetState,
     HubTime,
@@ -321,7 +321,7 @@ class FleetCell:
     def _receive(self, query: zenoh.Query, robot: FleetRobot, key: str) -> None:
         """Give a command to a thread: it takes as long as the arm needs."""
         if not self._waiting.acquire(blocking=False):
-            busy = Answer(
+            busy = CommandAnswer(
                 id="", cell=self.name, robot=robot.name, code="busy",
                 text=f"{MAX_WAITING} commands are in progress; try again",
             )  # fmt: skip
@@ -340,7 +340,7 @@ class FleetCell:
         finally:
             self._waiting.release()
 
-    def _answer(self, content: bytes, robot: FleetRobot) -> Answer | None:
+    def _answer(self, content: bytes, robot: FleetRobot) -> CommandAnswer | None:
         """None if the command is for another zone."""
         try:
             command = (
@@ -348,7 +348,7 @@ class FleetCell:
             )
         except CobotError as exc:
             log.warning("a command to %s is invalid: %s", robot.name, exc)
-            return Answer(id="", cell=self.name, robot=robot.name, code=exc.code, text=str(exc)[:2000])
+            return CommandAnswer(id="", cell=self.name, robot=robot.name, code=exc.code, text=str(exc)[:2000])
         if command.zone not in (None, self.facts["zone"]):
             return None
         who = command.who if self._verifier is not None else _claimed(command.who)
@@ -362,7 +362,7 @@ class FleetCell:
             self._require_accepted(command, robot)
             answer = robot.book.run(command, execute)
         except CobotError as exc:
-            answer = Answer(
+            answer = CommandAnswer(
                 id=command.id, cell=self.name, robot=robot.name, code=exc.code, text=str(exc)[:2000]
             )
         if answer.code != "ok" and not answer.repeated:

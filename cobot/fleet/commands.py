@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import BusyError, CobotError, ConflictError, InputError, UnavailableError
-from cobot.fleet.messages import MAX_LIFETIME_S, Answer, FleetCommand, HubTime
+from cobot.fleet.messages import MAX_LIFETIME_S, CommandAnswer, FleetCommand, HubTime
 
 FRESH_S = 30.0
 """Age beyond which a known time of the hub is asked for again."""
@@ -64,10 +64,10 @@ class CommandBook:
         self._clock = clock
         self._known: KnownTime | None = None
         self._started: KnownTime | None = None
-        self._answers: dict[str, tuple[Future[Answer], FleetCommand]] = {}
+        self._answers: dict[str, tuple[Future[CommandAnswer], FleetCommand]] = {}
         self._lock = threading.Lock()
 
-    def run(self, command: FleetCommand, execute: Callable[[], str]) -> Answer:
+    def run(self, command: FleetCommand, execute: Callable[[], str]) -> CommandAnswer:
         """Execute a command once, or give the answer of its first try.
 
         Args:
@@ -101,7 +101,7 @@ class CommandBook:
                 self._known = KnownTime(found, asked_s, self._clock.now_s())
                 self._started = self._started or self._known
 
-    def _begin(self, command: FleetCommand) -> Future[Answer] | None:
+    def _begin(self, command: FleetCommand) -> Future[CommandAnswer] | None:
         """None if the command has to be executed now, or else the future of its first try.
 
         Raises:
@@ -186,10 +186,10 @@ class CommandBook:
             del self._answers[name]
 
     def _is_over(
-        self, entry: tuple[Future[Answer], FleetCommand], earliest_s: float, known: KnownTime
+        self, entry: tuple[Future[CommandAnswer], FleetCommand], earliest_s: float, known: KnownTime
     ) -> bool:
         future, command = entry
         return future.done() and (command.epoch != known.hub.epoch or command.expires_s + 1.0 < earliest_s)
 
-    def _answer(self, command: FleetCommand, code: str, text: str) -> Answer:
-        return Answer(id=command.id, cell=self._cell, robot=self._robot, code=code, text=text[:2000])
+    def _answer(self, command: FleetCommand, code: str, text: str) -> CommandAnswer:
+        return CommandAnswer(id=command.id, cell=self._cell, robot=self._robot, code=code, text=text[:2000])

@@ -24,7 +24,7 @@ from cobot.fleet.messages import (
     KEPT_EVENTS,
     MAX_BYTES,
     REST_S,
-    Answer,
+    CommandAnswer,
     FleetAction,
     FleetCommand,
     FleetState,
@@ -66,9 +66,9 @@ class Tile:
     events: dict[str, RobotEvent] = field(default_factory=dict)
 
 
-def _worst(answers: list[Answer]) -> dict[tuple[str, str], Answer]:
+def _worst(answers: list[CommandAnswer]) -> dict[tuple[str, str], CommandAnswer]:
     """One answer for each name: that two cells have one name must not hide the one that goes on."""
-    found: dict[tuple[str, str], Answer] = {}
+    found: dict[tuple[str, str], CommandAnswer] = {}
     for answer in answers:
         name = answer.cell, answer.robot
         if name not in found or found[name].code == "ok":
@@ -76,7 +76,7 @@ def _worst(answers: list[Answer]) -> dict[tuple[str, str], Answer]:
     return found
 
 
-def _is_open(answer: Answer | None) -> bool:
+def _is_open(answer: CommandAnswer | None) -> bool:
     """Whether the command is worth another try."""
     return answer is None or answer.code in (BusyError.code, UnavailableError.code)
 
@@ -211,7 +211,7 @@ class Hub:
         )
         payload = written(command if self._signer is None else self._signer.signed(command))
         key = self._keys.of(cell, robot, "command")
-        answers: dict[tuple[str, str], Answer] = {}
+        answers: dict[tuple[str, str], CommandAnswer] = {}
         missing = {(each["cell"], each["robot"]) for each in wanted if each["alive"]}
         while True:
             found = _worst(self._ask(key, payload, deadline_s + REST_S))
@@ -222,7 +222,9 @@ class Hub:
             time.sleep(RETRY_S)
         for name in sorted({(each["cell"], each["robot"]) for each in wanted} - answers.keys()):
             text = self._why_no_answer(name, action)
-            answers[name] = Answer(id=command.id, cell=name[0], robot=name[1], code="unavailable", text=text)
+            answers[name] = CommandAnswer(
+                id=command.id, cell=name[0], robot=name[1], code="unavailable", text=text
+            )
         self.counts.update((action.kind, answer.code) for answer in answers.values())
         log.warning("%s: %s to %s/%s: %s", who, action.kind, cell, robot, _counts(answers.values()))
         return [answer.model_dump() for _, answer in sorted(answers.items())]
@@ -243,7 +245,7 @@ class Hub:
             return f"the cell has been gone for {time.monotonic() - tile.gone_s:.1f} s; {end}"
         return f"the cell has not answered; {end}"
 
-    def _ask(self, key: str, command: bytes, timeout_s: float) -> list[Answer]:
+    def _ask(self, key: str, command: bytes, timeout_s: float) -> list[CommandAnswer]:
         import zenoh
 
         replies = self._session.get(
@@ -260,7 +262,7 @@ class Hub:
             if reply.ok is None:
                 continue
             with contextlib.suppress(InputError):
-                answer = read(Answer, bytes(reply.ok.payload))
+                answer = read(CommandAnswer, bytes(reply.ok.payload))
                 if (answer.cell, answer.robot) == parts(str(reply.ok.key_expr)):
                     answers.append(answer)
         return answers
@@ -364,6 +366,6 @@ class Hub:
         }
 
 
-def _counts(answers: Iterable[Answer]) -> str:
+def _counts(answers: Iterable[CommandAnswer]) -> str:
     codes = [answer.code for answer in answers]
     return ", ".join(f"{codes.count(code)} {code}" for code in sorted(set(codes))) or "no robots"

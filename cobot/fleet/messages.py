@@ -170,7 +170,7 @@ class FleetCommand(StrictModel):
     expires_s: Seconds
 
 
-class Answer(StrictModel):
+class CommandAnswer(StrictModel):
     """What became of a command.
 
     Attributes:

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from cobot.clock import SYSTEM
 from cobot.grippers.modbus_points import ModbusOptions, check_names, port_of
 from cobot.grippers.point_rigs import DigitalRig
-from cobot.grippers.positions import Goal, Name, Seconds, TwoPositions
+from cobot.grippers.positions import FingerGoal, Name, Seconds, TwoPositions
 from cobot.grippers.protocol import (
     GripperCapabilities,
     GripperOptions,
@@ -87,7 +87,7 @@ class DigitalGripper(TwoPositions):
         self._require_points(
             options.close_output, options.open_output, options.closed_input, options.opened_input
         )
-        if self.goal is Goal.NEITHER:
+        if self.goal is FingerGoal.NEITHER:
             closes = self._input(options.close_output, False)
             opens = self._input(options.open_output, False)
             if closes is None:
@@ -95,7 +95,7 @@ class DigitalGripper(TwoPositions):
             elif opens is None:
                 opens = not closes
             if closes is not opens:
-                self._adopt(Goal.CLOSED if closes else Goal.OPEN)
+                self._adopt(FingerGoal.CLOSED if closes else FingerGoal.OPEN)
 
     def stop(self) -> None:
         """Such fingers cannot stop on their way: both outputs of two go off, one stays as it is."""
@@ -103,7 +103,7 @@ class DigitalGripper(TwoPositions):
         if options.close_output and options.open_output and self._moves():
             self._port.set(options.close_output, 0.0)
             self._port.set(options.open_output, 0.0)
-            self.goal = Goal.NEITHER
+            self.goal = FingerGoal.NEITHER
 
     def state(self) -> GripperState:
         options = self._options
@@ -111,7 +111,7 @@ class DigitalGripper(TwoPositions):
         opened = self._input(options.opened_input, options.inverted_inputs)
         late = self._since_s > self.LATE * self._time_s
         fault = ""
-        if self.goal is Goal.OPEN and opened is False and late:
+        if self.goal is FingerGoal.OPEN and opened is False and late:
             fault = (
                 f"the fingers have not opened within {self.LATE * self._time_s:g} s: {options.opened_input} "
                 "is off; check the air, the output and the sensor"
@@ -119,14 +119,16 @@ class DigitalGripper(TwoPositions):
         moving = self._moves() and not fault
         held: HeldObject | None = None
         if closed is not None:
-            holds = self.goal is Goal.CLOSED and not moving and not closed
+            holds = self.goal is FingerGoal.CLOSED and not moving and not closed
             held = HeldObject.HELD_INSIDE if holds else HeldObject.NONE
-        commanded = {Goal.OPEN: options.open_width, Goal.CLOSED: options.closed_width}.get(self.goal)
+        commanded = {FingerGoal.OPEN: options.open_width, FingerGoal.CLOSED: options.closed_width}.get(
+            self.goal
+        )
         width = options.closed_width if closed else options.open_width if opened else None
         return GripperState(width, commanded, moving, object=held, fault=fault)
 
-    def _drive(self, goal: Goal) -> None:
-        options, closes = self._options, goal is Goal.CLOSED
+    def _drive(self, goal: FingerGoal) -> None:
+        options, closes = self._options, goal is FingerGoal.CLOSED
         pairs = [(options.close_output, closes), (options.open_output, not closes)]
         for name, value in sorted(pairs, key=lambda each: each[1]):  # the one that goes off comes first
             if name is not None:
@@ -134,15 +136,15 @@ class DigitalGripper(TwoPositions):
 
     @property
     def _time_s(self) -> float:
-        return self._options.close_time_s if self.goal is Goal.CLOSED else self._options.open_time_s
+        return self._options.close_time_s if self.goal is FingerGoal.CLOSED else self._options.open_time_s
 
     def _moves(self) -> bool:
-        if self.goal is Goal.NEITHER:
+        if self.goal is FingerGoal.NEITHER:
             return False
-        if self.goal is Goal.OPEN and self._options.opened_input is not None:
+        if self.goal is FingerGoal.OPEN and self._options.opened_input is not None:
             opened = self._input(self._options.opened_input, self._options.inverted_inputs)
             return not opened and self._since_s <= self.LATE * self._time_s
-        if self.goal is Goal.CLOSED and self._input(
+        if self.goal is FingerGoal.CLOSED and self._input(
             self._options.closed_input, self._options.inverted_inputs
         ):
             return False

@@ -12,18 +12,15 @@ import contextlib
 import struct
 import termios
 from collections.abc import Callable, Sequence
-from enum import IntEnum
 from typing import Any
 
 import serial
 
 from cobot.grippers.protocol import GripperError
+from cobot.modbus import COIL_ON, REFUSALS, REFUSED, ModbusFunction
 
-REFUSED = 0x80
 MIN_FRAME = 5
 """Bytes of the shortest answer, a refusal."""
-REFUSALS = {1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure", 6: "busy"}
-COIL_ON = 0xFF00
 HEAD = 6
 """Bytes of a frame of Modbus TCP in front of the unit."""
 SOCKET = "socket://"
@@ -31,16 +28,6 @@ MAX_DRAINS = 8
 """How often a line is listened to until it is quiet."""
 LOST = (OSError, termios.error)
 """What pyserial raises on a line that is gone; its own errors are OSErrors."""
-
-
-class Function(IntEnum):
-    READ_COILS = 1
-    READ_DISCRETE = 2
-    READ_HOLDING = 3
-    READ_INPUT = 4
-    WRITE_COIL = 5
-    WRITE = 16
-    READ_WRITE = 23
 
 
 def _crc_table() -> list[int]:
@@ -123,7 +110,9 @@ class Master:
             if connection is not None:
                 connection.close()
 
-    def read(self, address: int, count: int, function: Function = Function.READ_HOLDING) -> list[int]:
+    def read(
+        self, address: int, count: int, function: ModbusFunction = ModbusFunction.READ_HOLDING_REGISTERS
+    ) -> list[int]:
         """Holding registers, or input registers.
 
         Raises:
@@ -138,10 +127,10 @@ class Master:
         """Holding registers; raises as `read`."""
         head = struct.pack(">HH", address, len(values))
         body = struct.pack(f">B{len(values)}H", 2 * len(values), *values)
-        if self._ask(Function.WRITE, head + body, len(head)) != head:
+        if self._ask(ModbusFunction.WRITE_REGISTERS, head + body, len(head)) != head:
             raise self._error("has answered something else than was asked")
 
-    def read_bit(self, address: int, function: Function = Function.READ_COILS) -> bool:
+    def read_bit(self, address: int, function: ModbusFunction = ModbusFunction.READ_COILS) -> bool:
         """A coil or a discrete input; raises as `read`."""
         data = self._ask(function, struct.pack(">HH", address, 1), 2)
         if data[0] != 1:
@@ -151,10 +140,10 @@ class Master:
     def write_coil(self, address: int, on: bool) -> None:
         """Set a coil; raises as `read`."""
         request = struct.pack(">HH", address, COIL_ON if on else 0)
-        if self._ask(Function.WRITE_COIL, request, len(request)) != request:
+        if self._ask(ModbusFunction.WRITE_COIL, request, len(request)) != request:
             raise self._error("has answered something else than was asked")
 
-    def _ask(self, function: Function, data: bytes, length: int) -> bytes:
+    def _ask(self, function: ModbusFunction, data: bytes, length: int) -> bytes:
         """What an answer of this length holds between its function and its checksum."""
         if self._port is None:
             raise self._error("is not connected")

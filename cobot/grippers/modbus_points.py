@@ -7,14 +7,15 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cobot.grippers.modbus import Function, Master, TcpMaster
+from cobot.grippers.modbus import Master, TcpMaster
 from cobot.grippers.protocol import GripperError, IoPort
+from cobot.modbus import ModbusFunction
 
 KINDS = {
-    "coil": Function.READ_COILS,
-    "input": Function.READ_DISCRETE,
-    "register": Function.READ_HOLDING,
-    "input register": Function.READ_INPUT,
+    "coil": ModbusFunction.READ_COILS,
+    "input": ModbusFunction.READ_DISCRETE_INPUTS,
+    "register": ModbusFunction.READ_HOLDING_REGISTERS,
+    "input register": ModbusFunction.READ_INPUT_REGISTERS,
 }
 """Kinds of points, with the function that reads them."""
 WRITABLE = ("coil", "register")

@@ -16,7 +16,7 @@ Name = Annotated[str, Field(min_length=1, max_length=200)]
 Seconds = Annotated[float, Field(gt=0.0, le=30.0)]
 
 
-class Goal(Enum):
+class FingerGoal(Enum):
     """Where the fingers are to be. NEITHER: cobot has not commanded them yet."""
 
     NEITHER = auto()
@@ -42,19 +42,19 @@ class TwoPositions:
         self._width_m = width_m
         self._clock = clock
         self._begun_s = clock.now_s()
-        self.goal = Goal.NEITHER
+        self.goal = FingerGoal.NEITHER
 
     def open(self) -> None:
-        self._command(Goal.OPEN)
+        self._command(FingerGoal.OPEN)
 
     def close(self) -> None:
-        self._command(Goal.CLOSED)
+        self._command(FingerGoal.CLOSED)
 
     def move(self, width: float, speed: float | None, force: float | None) -> None:
         if self._width_m is None:
             raise GripperError("this gripper has no width; use grasp and release")
         closed_m, open_m = self._width_m
-        self._command(Goal.CLOSED if width - closed_m < open_m - width else Goal.OPEN)
+        self._command(FingerGoal.CLOSED if width - closed_m < open_m - width else FingerGoal.OPEN)
 
     def grasp(self, grasp: Grasp) -> None:
         self.close()
@@ -70,15 +70,15 @@ class TwoPositions:
         if isinstance(self._port, ModbusPoints):
             self._port.close()
 
-    def _command(self, goal: Goal) -> None:
+    def _command(self, goal: FingerGoal) -> None:
         self.goal, self._begun_s = goal, self._clock.now_s()
         self._drive(goal)
 
-    def _adopt(self, goal: Goal, since_s: float = math.inf) -> None:
+    def _adopt(self, goal: FingerGoal, since_s: float = math.inf) -> None:
         """Go on as if this had been commanded so long ago."""
         self.goal, self._begun_s = goal, self._clock.now_s() - since_s
 
-    def _drive(self, goal: Goal) -> None:
+    def _drive(self, goal: FingerGoal) -> None:
         raise NotImplementedError
 
     @property

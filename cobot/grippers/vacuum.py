@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from cobot.clock import SYSTEM
 from cobot.grippers.modbus_points import ModbusOptions, check_names, port_of
 from cobot.grippers.point_rigs import VacuumRig
-from cobot.grippers.positions import Goal, Name, Seconds, TwoPositions
+from cobot.grippers.positions import FingerGoal, Name, Seconds, TwoPositions
 from cobot.grippers.protocol import (
     GripperCapabilities,
     GripperError,
@@ -102,17 +102,17 @@ class VacuumGripper(TwoPositions):
         """The output tells what the last command was, of an earlier run of cobot too."""
         options = self._options
         self._require_points(options.output, options.blow_output, options.sensor)
-        if self.goal is Goal.NEITHER:
+        if self.goal is FingerGoal.NEITHER:
             value = self._port.read(options.output)
             sucks = abs(value - options.on_value) < abs(value - options.off_value)
-            self._adopt(Goal.CLOSED if sucks else Goal.OPEN)
+            self._adopt(FingerGoal.CLOSED if sucks else FingerGoal.OPEN)
 
     def stop(self) -> None:
         """The blow-off ends; what is held stays held."""
         if self._options.blow_output is not None:
             self._port.set(self._options.blow_output, 0.0)
-        if self.goal is Goal.OPEN:
-            self._adopt(Goal.OPEN, max(self._since_s, self._longest_s))
+        if self.goal is FingerGoal.OPEN:
+            self._adopt(FingerGoal.OPEN, max(self._since_s, self._longest_s))
 
     def state(self) -> GripperState:
         vacuum = self._has_vacuum()
@@ -120,20 +120,20 @@ class VacuumGripper(TwoPositions):
         late_s = self.LATE * self._longest_s
         moving = self._since_s < REPORT_S or self._is_under_way(vacuum, late_s)
         fault = ""
-        if self.goal is Goal.OPEN and vacuum and not moving:
+        if self.goal is FingerGoal.OPEN and vacuum and not moving:
             fault = (
                 f"there is still vacuum {late_s:g} s after the release: {self._options.sensor} reports it; "
                 "check the valve, the cup, its filter and the threshold"
             )
         held: HeldObject | None = None
         if vacuum is not None:
-            holds = self.goal is Goal.CLOSED and vacuum and not moving
+            holds = self.goal is FingerGoal.CLOSED and vacuum and not moving
             held = HeldObject.HELD_INSIDE if holds else HeldObject.NONE
         return GripperState(None, None, moving, object=held, fault=fault)
 
     def _is_under_way(self, vacuum: bool | None, late_s: float) -> bool:
         options = self._options
-        if self.goal is Goal.CLOSED:
+        if self.goal is FingerGoal.CLOSED:
             return not vacuum and self._since_s < options.grasp_time_s
         if vacuum is not None:
             return (vacuum and self._since_s < late_s) or self._since_s < self._blow_time_s
@@ -156,8 +156,8 @@ class VacuumGripper(TwoPositions):
         if name is not None and self._since_s >= self._blow_time_s and self._port.read(name) != 0.0:
             self._port.set(name, 0.0)
 
-    def _drive(self, goal: Goal) -> None:
-        options, grasps = self._options, goal is Goal.CLOSED
+    def _drive(self, goal: FingerGoal) -> None:
+        options, grasps = self._options, goal is FingerGoal.CLOSED
         if options.blow_output is not None and grasps:
             self._port.set(options.blow_output, 0.0)
         self._port.set(options.output, options.on_value if grasps else options.off_value)

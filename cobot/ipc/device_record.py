@@ -23,7 +23,7 @@ UNABLE, DOES, CONFIRMS = range(3)
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
+class DeviceReport:
     """What rtloop reports about its device.
 
     Attributes:
@@ -75,7 +75,7 @@ def fill_status(record: np.ndarray, status: DeviceStatus) -> None:
     record["says"] = 1
 
 
-def device_of(record: np.ndarray) -> Device:
+def device_of(record: np.ndarray) -> DeviceReport:
     """Read a record of `cobot.ipc.layout.DEVICE`.
 
     Raises:
@@ -105,4 +105,4 @@ def device_of(record: np.ndarray) -> Device:
             **{name: text(record[name]) for name in STATUS_WORDS},
         )
     unacknowledged, off = text(record["unacknowledged"]), bool(record["drives_off"])
-    return Device(capabilities, status, float(record["share"]), unacknowledged, off)
+    return DeviceReport(capabilities, status, float(record["share"]), unacknowledged, off)

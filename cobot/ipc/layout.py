@@ -307,7 +307,7 @@ DEVICE = np.dtype(
     ],
     align=True,
 )
-"""A `cobot.ipc.device_record.Device`."""
+"""A `cobot.ipc.device_record.DeviceReport`."""
 IO = np.dtype(
     [
         ("number", "u8"),  # of the report

@@ -8,7 +8,7 @@ from typing import TextIO
 from cobot.cell.surroundings import tool_file
 from cobot.config import Settings
 from cobot.errors import CobotError
-from cobot.ipc.device_record import Device, device_of
+from cobot.ipc.device_record import DeviceReport, device_of
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.launch.check import Checked
 from cobot.robot.device import LESS
@@ -59,7 +59,7 @@ def check_hardware(settings: Settings, checked: Sequence[Checked], out: TextIO) 
     return known
 
 
-def _device(name: str) -> Device | None:
+def _device(name: str) -> DeviceReport | None:
     """Findings of the running robot; None if it is not running."""
     try:
         memory = RobotMemory.attach(name, MemoryRole.READER)
@@ -74,7 +74,7 @@ def _device(name: str) -> Device | None:
         memory.close()
 
 
-def _backend(item: str, checked: Sequence[Checked], device: Device | None) -> Checked:
+def _backend(item: str, checked: Sequence[Checked], device: DeviceReport | None) -> Checked:
     """Whether the backend can be created, and moves something real."""
     said = next((each for each in checked if each.item == item), None)
     if device is not None:
@@ -85,7 +85,7 @@ def _backend(item: str, checked: Sequence[Checked], device: Device | None) -> Ch
     return Checked(item, ": hardware;" in said.found, said.found)
 
 
-def _mode(device: Device | None) -> Checked | tuple[str, str]:
+def _mode(device: DeviceReport | None) -> Checked | tuple[str, str]:
     item = "operation mode"
     mode = device.status.operation_mode if device is not None and device.status is not None else ""
     if not mode:
@@ -113,7 +113,7 @@ def _load(settings: Settings) -> Checked | tuple[str, str]:
     return Checked(item, True, f"{tool.name or 'no name'}, {tool.mass:g} kg; set the same in the controller")
 
 
-def _position(device: Device | None) -> Checked | tuple[str, str]:
+def _position(device: DeviceReport | None) -> Checked | tuple[str, str]:
     item = "position"
     if device is None:
         return item, NOT_RUNNING

@@ -18,7 +18,7 @@ from cobot.types import Array
 INTERPOLATION = "quintic"
 
 
-class Arm(Protocol):
+class EpisodeArm(Protocol):
     """An arm for an environment.
 
     Attributes:

@@ -19,7 +19,7 @@ from cobot.clock import SYSTEM, Clock
 from cobot.config import load_settings
 from cobot.errors import CollisionError, ExecutionError, InputError, MotionStopped, NotReadyError
 from cobot.ipc.layout import GripperObject
-from cobot.learning.arms import Arm, ServedArm, SimulatedArm
+from cobot.learning.arms import EpisodeArm, ServedArm, SimulatedArm
 from cobot.learning.cameras import FRONT, Camera, Renderer
 from cobot.learning.tasks import Reach, Task
 from cobot.robot.description import RobotDescription, load_robot
@@ -341,6 +341,6 @@ def _gripper(reading: GripperReading | None) -> Observation:
     }
 
 
-def _served(url: str, rate_hz: float, speed: float, connect: Connect | None) -> Arm:
+def _served(url: str, rate_hz: float, speed: float, connect: Connect | None) -> EpisodeArm:
     client, robot, clock = connect(url) if connect else (Client(url), Robot(url), SYSTEM)
     return ServedArm(robot, client, rate_hz, speed, clock)

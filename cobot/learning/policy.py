@@ -40,7 +40,7 @@ class Policy(Protocol):
     def infer(self, observation: Mapping[str, Any]) -> Mapping[str, Any]: ...
 
 
-class Observer(Protocol):
+class ObservationMaker(Protocol):
     """Makes the observation that a policy was trained on."""
 
     def __call__(self, state: JointState) -> dict[str, Any]: ...
@@ -68,7 +68,7 @@ class Sent:
 
 def state_observer(
     prompt: str = "", pictures: Callable[[Array], Mapping[str, np.ndarray]] | None = None
-) -> Observer:
+) -> ObservationMaker:
     """The usual observation: `observation/state`, `observation/NAME` for each picture, `prompt`.
 
     The state has the joints, rad, and then the width between the fingers, m, if the robot has a gripper.
@@ -115,7 +115,7 @@ class PolicyRunner:
         policy: Policy,
         period_s: float,
         *,
-        observe: Observer | None = None,
+        observe: ObservationMaker | None = None,
         meaning: Meaning = "positions",
         every_s: float | None = None,
         fingers: WidthFollower | None = None,

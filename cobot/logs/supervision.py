@@ -93,7 +93,7 @@ class SupervisorLog(logging.Handler):
         LOSSES.pack_into(self._losses, 0, self._file.dropped, self._terminal.dropped, self._file.error)
 
 
-class Losses:
+class SupervisorLosses:
     """Reads the supervisor's losses in another process."""
 
     def __init__(self, descriptor: int | None) -> None:

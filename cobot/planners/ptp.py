@@ -7,7 +7,7 @@ import ruckig
 
 from cobot.motions.requests import MotionRequest
 from cobot.planners.effort_reserve import PLANNED_EFFORT, keeps_effort
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.profile import fastest_profile
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
@@ -37,7 +37,7 @@ def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Tr
     if keeps_effort(robot.model, motion, limits, PLANNED_EFFORT):
         return motion
     straight = request.synchronization is Synchronization.PHASE
-    path = Path.straight(request.start, goal) if straight else Path.of_trajectory(motion)
+    path = JointCurve.straight(request.start, goal) if straight else JointCurve.of_trajectory(motion)
     return time_optimal(robot, path, limits).trajectory
 
 

@@ -21,7 +21,7 @@ from cobot.folders import open_new
 from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.state_fields import CYCLE, GRIPPER
 from cobot.recording.bounds import bounded_records
-from cobot.recording.events import Event
+from cobot.recording.events import RunEvent
 from cobot.recording.messages import TOPICS, RecordMessages
 from cobot.recording.store import UNFINISHED
 
@@ -99,7 +99,7 @@ class RecordingFile:
     def size(self) -> int:
         return self._file.tell()
 
-    def write(self, records: np.ndarray, events: Sequence[Event]) -> None:
+    def write(self, records: np.ndarray, events: Sequence[RunEvent]) -> None:
         """Add cycles and their events."""
         times = (records["monotonic_ns"] + self._ahead_ns).tolist()
         numbers = (records["number"] & 0xFFFFFFFF).tolist()

@@ -29,7 +29,7 @@ EVENT_KINDS = frozenset({"mode", "reason", "fault", "estop", "motion", "session"
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class RunEvent:
     """One event of a run.
 
     Attributes:
@@ -50,7 +50,7 @@ def mode_name(mode: int) -> str:
     return LoopMode(mode).name if mode in LoopMode.__members__.values() else str(mode)
 
 
-def events_of(records: np.ndarray, before: np.ndarray | None, reasons: Mapping[int, str]) -> list[Event]:
+def events_of(records: np.ndarray, before: np.ndarray | None, reasons: Mapping[int, str]) -> list[RunEvent]:
     """The events within records.
 
     Args:
@@ -75,12 +75,12 @@ def events_of(records: np.ndarray, before: np.ndarray | None, reasons: Mapping[i
         cycle, moment_ns = int(record["number"]), int(record["monotonic_ns"])
         mode, reason = mode_name(int(record["mode"])), reasons.get(int(record["note"]), "")
         found += [
-            Event(cycle, moment_ns, "intervention", mode, kind.name.lower())
+            RunEvent(cycle, moment_ns, "intervention", mode, kind.name.lower())
             for kind in Intervention
             if int(begun[index]) >> kind & 1
         ]
         found += [
-            Event(cycle, moment_ns, kind, mode, said)
+            RunEvent(cycle, moment_ns, kind, mode, said)
             for kind, said in _changes(
                 record, None if before is None and index == 0 else previous[index], reason
             )

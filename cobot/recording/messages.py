@@ -19,7 +19,7 @@ from cobot.ipc.records import TIMED
 from cobot.ipc.state_fields import CYCLE as CYCLE_TOPIC
 from cobot.ipc.state_fields import GRIPPER as GRIPPER_TOPIC
 from cobot.ipc.state_fields import STATE_FIELDS
-from cobot.recording.events import Event
+from cobot.recording.events import RunEvent
 from cobot.types import LoopMode
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -200,7 +200,7 @@ class RecordMessages:
         made_of[CYCLE_TOPIC] = cycle  # the last one: where it is, a reader finds the others of its cycle
         return {topic: (rows.tobytes(), rows.dtype.itemsize) for topic, rows in made_of.items()}
 
-    def event(self, event: Event, ahead_ns: int) -> bytes:
+    def event(self, event: RunEvent, ahead_ns: int) -> bytes:
         """The message of an event."""
         sec, nanosec = divmod(event.monotonic_ns + ahead_ns, SECOND_NS)
         return self._serialized(

@@ -33,7 +33,7 @@ Demand = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, slots=True)
-class Hold:
+class HoldingEffort:
     """The effort that a joint needs to hold the arm in a posture, and its limit; N·m, or N for slides."""
 
     joint: str
@@ -57,7 +57,7 @@ class Hold:
         return f"at joints {np.round(self.posture, 2).tolist()} {self}"
 
 
-def held(model: RobotModel, limits: JointLimits, joints: Array) -> Hold:
+def held(model: RobotModel, limits: JointLimits, joints: Array) -> HoldingEffort:
     """The joint that needs the greatest share of its effort in a posture, including the load of the model."""
     torques = np.abs(model.gravity_torques(joints))
     return _hold(model, limits, joints, int((torques / limits.max_effort).argmax()))
@@ -119,7 +119,7 @@ class Holding:
         share: share of random collision-free postures that the drives can hold.
     """
 
-    hardest: list[Hold]
+    hardest: list[HoldingEffort]
     share: float
 
     @property
@@ -135,7 +135,7 @@ class Holding:
         return self.hardest[0].share <= 1.0 + TOLERANCE
 
     @property
-    def failing(self) -> list[Hold]:
+    def failing(self) -> list[HoldingEffort]:
         return [hold for hold in self.hardest if hold.share > 1.0 + TOLERANCE]
 
 
@@ -154,7 +154,9 @@ def examine(model: RobotModel, collision: CollisionChecker, limits: JointLimits)
     return Holding(sorted(found, key=lambda hold: -hold.share), float(holds.mean()))
 
 
-def payload(model: RobotModel, collision: CollisionChecker, limits: JointLimits) -> tuple[float, Hold]:
+def payload(
+    model: RobotModel, collision: CollisionChecker, limits: JointLimits
+) -> tuple[float, HoldingEffort]:
     """The mass at the TCP, kg, that `PAYLOAD_SHARE` of the efforts hold in every posture, and what the
     limiting joint needs there without it. Infinite if no drive feels the mass; 0 if the arm alone is too
     heavy.
@@ -187,10 +189,10 @@ def _with_one_kg(model: RobotModel) -> Dynamics:
         model.carry(tool)
 
 
-def _hold(model: RobotModel, limits: JointLimits, posture: Array, joint: int) -> Hold:
+def _hold(model: RobotModel, limits: JointLimits, posture: Array, joint: int) -> HoldingEffort:
     needed = float(abs(model.gravity_torques(posture)[joint]))
     limit = float(limits.max_effort[joint])
-    return Hold(limits.names[joint], needed, limit, limits.effort_unit(joint), posture)
+    return HoldingEffort(limits.names[joint], needed, limit, limits.effort_unit(joint), posture)
 
 
 def _gravity(dynamics: Dynamics, rows: Array) -> Array:

@@ -39,7 +39,7 @@ BARE: dict[str, tuple[type, ...]] = {"bool": (bool,), "string": (str,), "wstring
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 
-class Field(Protocol):
+class FieldCodec(Protocol):
     """One kind of field."""
 
     def default(self) -> Any:
@@ -121,7 +121,7 @@ class Scalar:
 class ListField:
     """A list of `size` items, or of up to `bound` (0: any number) when `size` is None."""
 
-    def __init__(self, item: Field, size: int | None, bound: int, default: Any = None) -> None:
+    def __init__(self, item: FieldCodec, size: int | None, bound: int, default: Any = None) -> None:
         self._item = item
         self._size = size
         self._bound = bound
@@ -214,7 +214,9 @@ class Record:
         fields: by name: the native attribute's name, and the field.
     """
 
-    def __init__(self, name: str, make: Callable[..., Any], fields: dict[str, tuple[str, Field]]) -> None:
+    def __init__(
+        self, name: str, make: Callable[..., Any], fields: dict[str, tuple[str, FieldCodec]]
+    ) -> None:
         self.name = name
         self._make = make
         self.fields = fields
@@ -261,7 +263,7 @@ def without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _is_given(message: dict[str, Any], name: str, field: Field) -> bool:
+def _is_given(message: dict[str, Any], name: str, field: FieldCodec) -> bool:
     """Whether a message gives this field a value. For a single value, `[]` counts as a missing field."""
     return name in message and not (isinstance(field, Scalar) and message[name] == [])
 

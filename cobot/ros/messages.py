@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.base import TypesysError, normalize_fieldname
 
 from cobot.errors import InputError
-from cobot.ros.codec import HIDDEN, OCTETS, CheckedMessage, Field, ListField, Octets, Record, Scalar
+from cobot.ros.codec import HIDDEN, OCTETS, CheckedMessage, FieldCodec, ListField, Octets, Record, Scalar
 from cobot.ros.interfaces import DEFAULTS, STANDARD, message_names, parsed
 from cobot.strict import shown
 
@@ -186,10 +186,10 @@ class Messages:
             made = self._records[name] = Record(name, self._store.types[name], fields)
         return made
 
-    def _field(self, description: Any, default: Any) -> Field:
+    def _field(self, description: Any, default: Any) -> FieldCodec:
         kind, rest = description
         if kind == Nodetype.BASE:
-            return cast(Field, Scalar(rest[0], rest[1], default))
+            return cast(FieldCodec, Scalar(rest[0], rest[1], default))
         if kind == Nodetype.NAME:
             return self.record(rest)
         item, length = rest

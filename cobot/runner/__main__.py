@@ -14,9 +14,9 @@ from cobot.client.connection import MOTION_TIMEOUT_S
 from cobot.errors import InputError
 from cobot.launch.process import Niceness, be, die_with_parent
 from cobot.runner.library import Library
-from cobot.runner.lua_sandbox import Limits, require_lua
+from cobot.runner.lua_sandbox import LuaLimits, require_lua
 from cobot.runner.progress import Progress
-from cobot.runner.runner import ReturnCode, Run, run
+from cobot.runner.runner import ReturnCode, RunSettings, run
 from cobot.runner.schema import read_file, read_sequence, schema_text
 
 MOTION_TOKEN_VARIABLE = "COBOT_MOTION_TOKEN"
@@ -38,7 +38,7 @@ def main() -> int:
     runner.add_argument(
         "--instructions",
         type=_instructions,
-        default=Limits().instructions,
+        default=LuaLimits().instructions,
         help="that a Lua program may execute without waiting for anything, 0 for any number (%(default)s)",
     )
     runner.add_argument("--url", default=DEFAULT_URL, help="of the service (%(default)s)")
@@ -93,11 +93,11 @@ def _run(arguments: argparse.Namespace) -> int:
     name = arguments.name or arguments.file.name
     lua = arguments.lua or name.endswith(".lua")
     status = run(
-        Run(
+        RunSettings(
             file=arguments.file,
             name=name,
             folder=arguments.folder or arguments.file.parent,
-            lua=Limits(arguments.memory << 20, arguments.instructions) if lua else None,
+            lua=LuaLimits(arguments.memory << 20, arguments.instructions) if lua else None,
             url=arguments.url,
             iterations=arguments.iterations,
             delay_s=arguments.delay,

@@ -20,7 +20,7 @@ from cobot.runner.force_step import describe_end, describe_force, run_force
 from cobot.runner.gripper_step import describe_command, run_command
 from cobot.runner.library import Library
 from cobot.runner.moving import go
-from cobot.runner.pace import Pace
+from cobot.runner.pace import StepPace
 from cobot.runner.progress import Progress
 from cobot.runner.steps import (
     FORCE_STEPS,
@@ -72,7 +72,7 @@ class Interpreter:
         self._log = log
         self._report = report
         self._clock = clock
-        self._pace = Pace(clock)
+        self._pace = StepPace(clock)
         self._place: dict[str, Any] = {}
         self._permitted = False
         self._prefix = ""

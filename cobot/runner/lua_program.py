@@ -17,7 +17,7 @@ from cobot.codes import code_of
 from cobot.errors import CobotError, ExecutionError, InputError
 from cobot.motions.bodies import JointMotion, TcpMotion
 from cobot.runner.blocks import groups
-from cobot.runner.lua_sandbox import Function, Limits, Sandbox, Watch
+from cobot.runner.lua_sandbox import Function, LuaLimits, ProgramWatch, Sandbox
 from cobot.runner.lua_steps import LuaSteps
 from cobot.runner.lua_values import lua, number, numbers, plain, text
 from cobot.runner.moving import go
@@ -47,7 +47,7 @@ class Program:
         self,
         client: Client,
         url: str,
-        limits: Limits,
+        limits: LuaLimits,
         log: Callable[[str], None],
         report: Report = lambda _: None,
         call: Callable[[str], None] = lambda _: None,
@@ -61,7 +61,7 @@ class Program:
             call: runs a sequence file.
             paused_s: total time for which the program has been paused.
         """
-        self.watch = Watch(limits.instructions)
+        self.watch = ProgramWatch(limits.instructions)
         self._client = client
         self._log = log
         self._report = report

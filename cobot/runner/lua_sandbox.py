@@ -31,7 +31,7 @@ Function = Callable[..., Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class LuaLimits:
     """What a program may use.
 
     Attributes:
@@ -47,7 +47,7 @@ class Stopping(Exception):
     """The program has been told to end; passes through all that it calls."""
 
 
-class Watch:
+class ProgramWatch:
     """When a program has to end, and what it waits for meanwhile.
 
     Attributes:
@@ -108,7 +108,7 @@ class Sandbox:
         failure: the newest error of ours that was reported to the program, None for none.
     """
 
-    def __init__(self, functions: Mapping[str, Function], watch: Watch, limits: Limits) -> None:
+    def __init__(self, functions: Mapping[str, Function], watch: ProgramWatch, limits: LuaLimits) -> None:
         self.failure: CobotError | None = None
         self._watch = watch
         self._lua = LuaRuntime(
@@ -196,7 +196,7 @@ def require_lua(source: bytes, name: str) -> None:
         raise InputError(str(exc)) from exc
 
 
-def run_apart(work: Callable[[], None], watch: Watch) -> None:
+def run_apart(work: Callable[[], None], watch: ProgramWatch) -> None:
     """Do it in a thread of its own, so that a signal gets through whatever a program does.
 
     A handler's exception ends the program and is raised; one that does not listen is left behind.

@@ -26,14 +26,14 @@ from cobot.clock import SystemClock
 from cobot.errors import CobotError, InputError
 from cobot.runner.force_step import describe_force, run_force
 from cobot.runner.gripper_step import COMMAND_TAGS, describe_command, run_command
-from cobot.runner.lua_sandbox import Function, Watch
+from cobot.runner.lua_sandbox import Function, ProgramWatch
 from cobot.runner.lua_values import number, plain, text
-from cobot.runner.pace import Pace
+from cobot.runner.pace import StepPace
 from cobot.runner.steps import FORCE_STEPS, Grid, GripperStep
 from cobot.strict import sentences
 
 
-class Caller(Protocol):
+class WatchedCall(Protocol):
     """Calls something that waits for the service; see `Program`."""
 
     def __call__(self, work: Callable[[], Any]) -> Any: ...
@@ -42,7 +42,7 @@ class Caller(Protocol):
 class WatchedClock(SystemClock):
     """The time of a program, whose waits end when the program has to."""
 
-    def __init__(self, watch: Watch) -> None:
+    def __init__(self, watch: ProgramWatch) -> None:
         self._watch = watch
 
     def now_s(self) -> float:
@@ -67,8 +67,8 @@ class LuaSteps:
     def __init__(
         self,
         client: Client,
-        watch: Watch,
-        unless_ended: Caller,
+        watch: ProgramWatch,
+        unless_ended: WatchedCall,
         report: Callable[[dict[str, Any]], None],
         table: Callable[[Any], Any],
         failure: Callable[[], CobotError | None],
@@ -77,7 +77,7 @@ class LuaSteps:
     ) -> None:
         self._client = client
         self._clock = WatchedClock(watch)
-        self._pace = Pace(self._clock)
+        self._pace = StepPace(self._clock)
         self._run_in_thread = unless_ended
         self._report = report
         self._table = table

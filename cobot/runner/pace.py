@@ -11,7 +11,7 @@ BURST = 20
 """Number of steps that may follow each other at once, after as long a rest."""
 
 
-class Pace:
+class StepPace:
     """Delays steps that follow each other too fast."""
 
     def __init__(self, clock: Clock = SYSTEM, sleep: Callable[[float], object] | None = None) -> None:

@@ -20,7 +20,7 @@ from cobot.client.tls import tls_context, token_from_environment
 from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.ros.codec import without_nan
 from cobot.ros.messages import Messages
-from cobot.runner.lua_sandbox import Watch
+from cobot.runner.lua_sandbox import ProgramWatch
 from cobot.runner.lua_values import kind, number, plain, text
 
 PATH = "/rosbridge"
@@ -67,7 +67,7 @@ class RosBridge:
         UnavailableError: there is no connection, or it was closed.
     """
 
-    def __init__(self, url: str, watch: Watch) -> None:
+    def __init__(self, url: str, watch: ProgramWatch) -> None:
         """url: root of the service."""
         parts = urlsplit(url)
         self._url = f"{'wss' if parts.scheme == 'https' else 'ws'}://{parts.netloc}{PATH}"

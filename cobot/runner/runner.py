@@ -18,7 +18,7 @@ from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.foreign import plain_lines
 from cobot.runner.interpreter import Interpreter
 from cobot.runner.library import Library
-from cobot.runner.lua_sandbox import Limits, run_apart
+from cobot.runner.lua_sandbox import LuaLimits, run_apart
 from cobot.runner.progress import Progress
 from cobot.runner.schema import Sequence, read_file, read_sequence
 
@@ -47,7 +47,7 @@ class Ended(BaseException):
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class RunSettings:
     """The settings of a run.
 
     Attributes:
@@ -63,7 +63,7 @@ class Run:
     file: Path
     name: str
     folder: Path
-    lua: Limits | None
+    lua: LuaLimits | None
     url: str
     iterations: int
     delay_s: float
@@ -75,7 +75,7 @@ class Run:
     progress: Progress
 
 
-def run(order: Run) -> int:
+def run(order: RunSettings) -> int:
     """Execute a run and return the exit status."""
     for number in SIGNALS:
         signal.signal(number, _end)
@@ -120,7 +120,7 @@ def _return_code(error: CobotError) -> ReturnCode:
     return ReturnCode.UNAVAILABLE if isinstance(error, UnavailableError) else ReturnCode.MOTION_FAILED
 
 
-def _recorder(order: Run) -> Recorder | None:
+def _recorder(order: RunSettings) -> Recorder | None:
     """The recorder of the bag; None if nothing is recorded.
 
     Raises:
@@ -156,12 +156,12 @@ def _ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def _iterate(order: Run, sequence: Sequence, interpreter: Interpreter) -> None:
+def _iterate(order: RunSettings, sequence: Sequence, interpreter: Interpreter) -> None:
     for iteration in _iterations(order):
         interpreter.run(sequence, iteration, order.iterations)
 
 
-def _iterations(order: Run) -> Iterator[int]:
+def _iterations(order: RunSettings) -> Iterator[int]:
     for iteration in range(1, order.iterations + 1):
         if iteration > 1:
             log(f"waiting {order.delay_s:g} s")
@@ -170,7 +170,11 @@ def _iterations(order: Run) -> Iterator[int]:
 
 
 def _iterate_program(
-    order: Run, source: bytes, client: Client, interpreter: Interpreter, report: Callable[[Event], None]
+    order: RunSettings,
+    source: bytes,
+    client: Client,
+    interpreter: Interpreter,
+    report: Callable[[Event], None],
 ) -> None:
     from cobot.runner.lua_program import Program
 

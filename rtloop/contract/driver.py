@@ -36,7 +36,7 @@ _numbers = itertools.count()
 
 
 @dataclass(slots=True)
-class Heard:
+class CallRecord:
     """The record of calls between the cycle and the backend.
 
     Attributes:
@@ -55,7 +55,7 @@ class Heard:
 class Listening(Around):
     """A wrapper that records the calls to a backend."""
 
-    def __init__(self, inner: Backend, heard: Heard) -> None:
+    def __init__(self, inner: Backend, heard: CallRecord) -> None:
         super().__init__(inner)
         self._heard = heard
         self._reading_s = 0.0
@@ -111,7 +111,7 @@ class Driver:
         self.memory = RobotMemory.create(
             f"contract_{os.getpid()}_{next(_numbers)}", self.limits.dof, self.period_s, SEGMENTS
         )
-        self.heard = Heard()
+        self.heard = CallRecord()
         self.backend: Backend
         self._loop: ControlLoop | None = None
         self._paced = False
@@ -125,7 +125,7 @@ class Driver:
         Raises:
             BackendError: the device cannot be opened.
         """
-        self.heard = Heard()
+        self.heard = CallRecord()
         made = as_backend(self.rig.backend(), self.limits.dof, self.period_s, threaded=False)
         backend: Backend = Listening(made, self.heard)
         self._paced = hasattr(backend, "wait")

@@ -1,7 +1,7 @@
 from cobot.robot.chain cimport Chain
 
 
-cdef class Condition:
+cdef class CycleCondition:
     cdef readonly bint active
     cdef readonly double value  # as evaluated last
     cdef int _quantity, _joint, _dof

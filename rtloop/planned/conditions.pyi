@@ -7,7 +7,7 @@ import numpy as np
 from cobot.robot.chain import Chain
 from cobot.types import Array
 
-class Condition:
+class CycleCondition:
     @property
     def active(self) -> bool: ...
     @property

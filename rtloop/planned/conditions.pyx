@@ -17,7 +17,7 @@ cdef int FORCE = Quantity.FORCE
 cdef int JOINT = Quantity.JOINT
 
 
-cdef class Condition:
+cdef class CycleCondition:
     """Real-time safe, but for an input of a device that is asked in Python."""
 
     def __init__(self, Chain chain, read):

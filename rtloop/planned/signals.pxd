@@ -1,6 +1,6 @@
 from cobot.ipc.seqlock cimport Block
 from cobot.robot.chain cimport Chain
-from rtloop.planned.conditions cimport Condition
+from rtloop.planned.conditions cimport CycleCondition
 
 cdef enum:
     CAPACITY = 64  # Actions: `cobot.types.MAX_ACTIONS`.
@@ -18,7 +18,7 @@ cdef enum Verdict:
 cdef class Signals:
     cdef readonly bint active  # There is an action to fire, or a condition to watch.
     cdef readonly bint waiting, paused, met, fast
-    cdef readonly Condition start_when, pause_while, until
+    cdef readonly CycleCondition start_when, pause_while, until
     cdef Block _report
     cdef Chain _chain
     cdef object _device, _record

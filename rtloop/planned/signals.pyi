@@ -6,13 +6,13 @@ from cobot.ipc.seqlock import Block
 from cobot.robot.chain import Chain
 from cobot.types import Array
 from rtloop.device import DeviceWatch
-from rtloop.planned.conditions import Condition
+from rtloop.planned.conditions import CycleCondition
 from rtloop.results import Accepted, Rejected
 
 class Signals:
-    start_when: Condition
-    pause_while: Condition
-    until: Condition
+    start_when: CycleCondition
+    pause_while: CycleCondition
+    until: CycleCondition
     @property
     def active(self) -> bool: ...
     @property

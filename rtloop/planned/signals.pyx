@@ -7,7 +7,7 @@ fires in the first cycle whose path time has reached its own, once.
 from cobot.arrays cimport doubles
 from cobot.ipc.seqlock cimport Block
 from cobot.robot.chain cimport Chain
-from rtloop.planned.conditions cimport Condition
+from rtloop.planned.conditions cimport CycleCondition
 
 import numpy as np
 
@@ -42,7 +42,7 @@ cdef class Signals:
         """
         self._chain, self._report, self._device = chain, report, device
         self.start_when, self.pause_while, self.until = (
-            Condition(chain, device.read_input) for _ in range(3)
+            CycleCondition(chain, device.read_input) for _ in range(3)
         )
         self.active = self.waiting = self.paused = self.met = self.fast = False
         self._count = self._next = 0

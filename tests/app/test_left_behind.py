@@ -18,7 +18,7 @@ import pytest
 from asgi_client import Leaving
 from virtual_service import VirtualService
 
-from app.services.clients import CLIENT, Client
+from app.services.clients import CLIENT, RequestClient
 from cobot.errors import ExecutionError
 from cobot.types import LoopMode
 
@@ -195,7 +195,7 @@ def a_program(run: VirtualService) -> Begun:
     token = run.post("/robot/control", {"timeout_s": 600.0}).raise_for_status().json()["token"]
     shown = {"X-Control-Token": token}
     vendor(run, "MotionControl/setSpeedFraction", shown, fraction=0.5)
-    before = CLIENT.set(Client("anonymous", "127.0.0.1", frozenset({token})))
+    before = CLIENT.set(RequestClient("anonymous", "127.0.0.1", frozenset({token})))
     ownership.claim_for_sequence("sequence 1", "secret")
     CLIENT.reset(before)
     run.ask("DELETE", "/robot/control", headers=shown).raise_for_status()

@@ -17,13 +17,13 @@ from app.actions.fjt_goal import GoalViolated, JointsError, OldGoalError, PathVi
 from app.api.errors import answer_to
 from app.api.routers import events, stream
 from app.aubo.classes import REGISTRY
-from app.aubo.registry import Origin, Service, run
+from app.aubo.registry import CallOrigin, VendorService, run
 from app.foxglove import router as foxglove
 from app.graph.actions import GoalHandle
 from app.graph.graph import Graph
 from app.mcp.server import refusal, refused_by
 from app.mcp.tools import read_decision
-from app.rosbridge.connection import Connection
+from app.rosbridge.connection import RosbridgeConnection
 from cobot.client import Client
 from cobot.codes import OF_ERROR, code_of
 from cobot.dds.gateway import failure
@@ -32,7 +32,7 @@ from cobot.errors import BY_CODE, CobotError, PayloadError
 from cobot.ros.failures import FjtError, error_code_of
 from cobot.ros.messages import Messages
 from cobot.runner.lua_program import Program
-from cobot.runner.lua_sandbox import Limits, run_apart
+from cobot.runner.lua_sandbox import LuaLimits, run_apart
 
 ERRORS = sorted(BY_CODE.values(), key=lambda kind: kind.code)
 GET_DOF = REGISTRY["RobotConfig", "getDof"]
@@ -63,7 +63,7 @@ async def over_rosbridge(
     refusing = Refusing(error)
     graph.add_action(refusing)
     graph.add_service("/refuse_call", "std_srvs/srv/Trigger", refusing.call, owner=refusing)
-    client = Connection(graph, "client")
+    client = RosbridgeConnection(graph, "client")
     if complaint is None:
         client.take(asked)
     else:
@@ -160,7 +160,7 @@ def test_lua_programs_have_the_code_in_the_text_that_pcall_gives(kind: type[Cobo
     def run(text: str) -> list[str]:
         lines: list[str] = []
         with Client("http://robot", transport=httpx.MockTransport(refuse)) as client:
-            program = Program(client, "http://127.0.0.1:1", Limits(), lines.append)
+            program = Program(client, "http://127.0.0.1:1", LuaLimits(), lines.append)
             run_apart(lambda: program.run(text.encode(), "test.lua"), program.watch)
         return lines
 
@@ -175,7 +175,7 @@ def test_vendor_services_have_the_code(kind: type[CobotError]) -> None:
     def refuse(robot: Any) -> int:
         raise kind("why")
 
-    found = Service(
+    found = VendorService(
         robot_class="RobotConfig",
         method="getDof",
         doc=GET_DOF.doc,
@@ -184,7 +184,7 @@ def test_vendor_services_have_the_code(kind: type[CobotError]) -> None:
         function=refuse,
         takes_origin=False,
     )
-    answer = done(run(None, found, {}, Origin("test", 0)))  # type: ignore[arg-type]
+    answer = done(run(None, found, {}, CallOrigin("test", 0)))  # type: ignore[arg-type]
     assert (answer.code, answer.message, answer.result) == (OF_ERROR[kind], "why", int(OF_ERROR[kind]))
 
 
@@ -204,7 +204,7 @@ def test_rosbridge_has_the_code_of_calls_of_goals_and_of_messages(kind: type[Cob
 def test_what_is_too_large_to_be_decoded_is_answered_with_its_code(asked: str, answer: str) -> None:
     async def rejected() -> Any:
         graph = Graph(Messages())
-        client = Connection(graph, "client")
+        client = RosbridgeConnection(graph, "client")
         client.reject_unread(json.dumps({"op": asked, "id": "1", "args": {}}), PayloadError("why"))
         (text,) = client.outbox.texts()
         await client.close()

@@ -14,7 +14,7 @@ from hardware_arm import HardwareArm
 from rig import Rig
 
 from cobot.config import Settings
-from cobot.ipc.device_record import Device, device_of
+from cobot.ipc.device_record import DeviceReport, device_of
 from cobot.ipc.layout import Command, MotionResult
 from cobot.planners import MotionRequest
 from cobot.planners.ptp import plan_ptp
@@ -31,7 +31,7 @@ def rig(settings: Settings, robot: RobotDescription) -> Iterator[Rig]:
     made.close()
 
 
-def device(rig: Rig) -> Device:
+def device(rig: Rig) -> DeviceReport:
     assert rig.memory.device.try_read()
     return device_of(rig.memory.device.data)
 

@@ -14,7 +14,7 @@ from paced_arm import PacedArm
 from rig import Rig
 
 from cobot.config import Settings
-from cobot.ipc.device_record import Device, device_of
+from cobot.ipc.device_record import DeviceReport, device_of
 from cobot.ipc.layout import Command, MotionResult
 from cobot.planners import MotionRequest
 from cobot.planners.ptp import plan_ptp
@@ -53,7 +53,7 @@ class Stage:
                 return cycle
         raise AssertionError("it goes on")
 
-    def device(self) -> Device:
+    def device(self) -> DeviceReport:
         assert self.rig.memory.device.try_read()
         return device_of(self.rig.memory.device.data)
 

@@ -21,7 +21,7 @@ from cobot.types import Array, JointLimits
 from rtloop.backends.franka import FrankaBackend
 from rtloop.backends.franka.options import FrankaOptions
 from rtloop.backends.franka.rig import FrankaRig
-from rtloop.backends.franka.stand_in import PERIOD_S, Arm
+from rtloop.backends.franka.stand_in import PERIOD_S, FrankaStandIn
 
 PUBLISHED = np.array(
     [
@@ -33,7 +33,7 @@ PUBLISHED = np.array(
 """The least of what Franka Robotics publishes for the FR3 and the Panda: rad/s, rad/s², rad/s³."""
 
 
-class MovingArm(Arm):
+class MovingArm(FrankaStandIn):
     """Attributes:
     worst: shares of velocity, acceleration and jerk of commanded positions, of what is published.
     """

@@ -37,7 +37,7 @@ from franky_sim.franka_robot_protocol import (
 from franky_sim.franka_robot_server import ControlMode
 from franky_sim.mujoco_simulator import MUJOCO_DEFAULT_KP, FrankaMujocoRobot, MujocoSimulator
 
-from rtloop.backends.fri.simulator.times import Times
+from rtloop.backends.fri.simulator.times import DurationCounter
 
 KV = (300.0, 300.0, 150.0, 150.0, 40.0, 40.0, 40.0)
 PATIENCE_S = 0.5
@@ -73,7 +73,7 @@ class Answers:
     def __init__(self, robot: FrankaMujocoRobot) -> None:
         self.seen = False
         self.sent_ns = 0
-        self.ages = Times()
+        self.ages = DurationCounter()
         self.worst = np.zeros(3)
         self._commanded = np.zeros(7)
         self._rows: list[np.ndarray] = []

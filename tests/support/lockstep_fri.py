@@ -9,7 +9,7 @@ import numpy as np
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from rtloop.backends.fri import FriBackend
-from rtloop.backends.fri.simulator.arm import SimulatedArm
+from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.lockstep import LockStep
 from rtloop.backends.fri.simulator.network import Network
@@ -33,7 +33,7 @@ def made_cabinet(
     """With the shipped arm where its start position is."""
     options = options or CabinetOptions()
     start = np.array(robot.positions[settings.robot.start_position].joints)
-    return Cabinet(SimulatedArm(settings, robot.limits, start, options.control_mode), options)
+    return Cabinet(CabinetArm(settings, robot.limits, start, options.control_mode), options)
 
 
 def joined(

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from ros_peer import until
 
 from cobot.dds.names import ENCLAVE, NodeName
-from cobot.dds.node import Node
+from cobot.dds.node import DdsNode
 from cobot.dds.rtps import Participant
 from cobot.ros.messages import Messages
 
@@ -37,7 +37,9 @@ class NodeRig:
         self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
         self._thread.start()
         self.participant = Participant(domain, localhost_only=True, name=NAME.full, user_data=ENCLAVE)
-        self.node: Node = self.do(lambda: Node(self.participant, NAME, self.messages, gid_bytes, self.loop))
+        self.node: DdsNode = self.do(
+            lambda: DdsNode(self.participant, NAME, self.messages, gid_bytes, self.loop)
+        )
 
     def do(self, action: Callable[[], Value]) -> Value:
         """Call something in the event loop; what it gave."""

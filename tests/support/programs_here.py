@@ -9,7 +9,7 @@ from virtual_service import VirtualService
 from cobot.runner.interpreter import Interpreter
 from cobot.runner.library import Library
 from cobot.runner.lua_program import Program
-from cobot.runner.lua_sandbox import Limits
+from cobot.runner.lua_sandbox import LuaLimits
 from cobot.runner.progress import Progress
 from cobot.runner.schema import read_sequence
 
@@ -30,7 +30,7 @@ def run_lua(service: VirtualService, source: str, folder: Path) -> list[str]:
     client, library = service.client(service.url), Library(folder)
     interpreter = Interpreter(client, library, Progress(None, None), lines.append, clock=service.clock)
     program = Program(
-        client, service.url, Limits(), lines.append, call=lambda name: interpreter.call(name, {})
+        client, service.url, LuaLimits(), lines.append, call=lambda name: interpreter.call(name, {})
     )
     program._run_in_thread = program._steps._run_in_thread = lambda work: work()  # type: ignore[method-assign]
     program._steps._clock = service.clock

@@ -26,7 +26,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode
 from rtloop.backends import Backend, BackendError, Impedance, Measured
 from rtloop.backends.mujoco import MujocoBackend
-from rtloop.clock import Clock, FastClock
+from rtloop.clock import CycleClock, FastClock
 from rtloop.loop import ControlLoop
 
 CAPACITY = 2000
@@ -88,7 +88,7 @@ class Rig:
         recording: RecordingMemory | None = None,
         backend: Backend | None = None,
         acknowledged: bool = True,
-        clock: Clock | None = None,
+        clock: CycleClock | None = None,
         tool: Tool = BARE,
     ) -> None:
         """

@@ -10,7 +10,7 @@ from typing import Any
 from cobot_run import WAIT_S
 
 from app.aubo.classes import REGISTRY
-from app.aubo.registry import Answer, call
+from app.aubo.registry import VendorAnswer, call
 from app.services.devices.equipment import Equipment
 from cobot.codes import Code
 from cobot.robot.description import RobotDescription
@@ -29,7 +29,7 @@ class Caller:
         self._class = robot_class
         assert any(key[0] == robot_class for key in REGISTRY)
 
-    async def answer(self, method: str, /, **fields: Any) -> Answer:
+    async def answer(self, method: str, /, **fields: Any) -> VendorAnswer:
         return await call(self._robot, self._class, method, fields)
 
     async def __call__(self, method: str, /, **fields: Any) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from app.services.clients import CLIENT, Client
+from app.services.clients import CLIENT, RequestClient
 from cobot.addresses import CONTROL_TOKEN
 
 IDENTITY = "cobot.identity"
@@ -42,7 +42,7 @@ class Clients:
                 services.control.drop_client(client)
 
 
-def client_of(scope: Scope) -> Client:
+def client_of(scope: Scope) -> RequestClient:
     """The client that has sent a request or opened a WebSocket."""
     identity: Any = scope.get(IDENTITY)
     peer = scope.get("client")
@@ -53,7 +53,7 @@ def client_of(scope: Scope) -> Client:
             leases += (token.strip() for token in value.decode("latin-1").split(","))
         elif name == _MOTION:
             sequence = value.decode("latin-1")
-    return Client(
+    return RequestClient(
         ANONYMOUS if identity is None else str(identity.name),
         str(identity.address) if identity is not None else peer[0] if peer else "",
         frozenset(leases),

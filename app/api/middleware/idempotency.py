@@ -20,7 +20,7 @@ from fastapi import Request, Response
 from app.api.dependencies import JOB, JOB_ID, LARGE_BYTES
 from app.api.middleware.access import identity_of
 from app.api.middleware.versions import plain_path
-from app.services.keys import Answer, Keys, Noted
+from app.services.keys import Keys, Noted, StoredAnswer
 from app.services.rights.job import Job, new_job_id
 from cobot import audit
 from cobot.addresses import IDEMPOTENCY_KEY
@@ -93,7 +93,7 @@ async def answer_once(request: Request, key: str, handler: Handler) -> Response:
             if not _has_begun(request):
                 await keys.forget(digest)
             raise
-        answer = Answer(
+        answer = StoredAnswer(
             response.status_code,
             response.media_type or response.headers.get("content-type", ""),
             response.headers.get("location"),

@@ -18,7 +18,7 @@ CANCELLED = 499
 
 
 @dataclass(slots=True)
-class Times:
+class RouteTimes:
     """Times of one route, method and status: requests per bucket (the last has no bound), and their sum."""
 
     counts: list[int] = field(default_factory=lambda: [0] * (len(BUCKETS_S) + 1))
@@ -29,18 +29,18 @@ class RequestTimes:
     """By (method, route template, status)."""
 
     def __init__(self) -> None:
-        self.times: dict[tuple[str, str, int], Times] = {}
+        self.times: dict[tuple[str, str, int], RouteTimes] = {}
 
     def add(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count one request."""
         times = self.times.get((method, route, status))
         if times is None:
-            times = self.times[method, route, status] = Times()
+            times = self.times[method, route, status] = RouteTimes()
         times.counts[bisect_left(BUCKETS_S, seconds)] += 1
         times.sum_s += seconds
 
 
-class Timing:
+class RequestTiming:
     """ASGI middleware."""
 
     def __init__(self, app: ASGIApp, times: RequestTimes) -> None:

@@ -20,7 +20,7 @@ from app.api.middleware.access import STILL_VALID
 from app.api.route import EndpointRouter
 from app.robot_services import Services
 from app.services.events.ring import TYPES, Event, Events
-from app.services.reports.listener import Listener, Wanted
+from app.services.reports.listener import EventFilter, Listener
 from cobot.access.authentication import LOOK_AGAIN_S
 from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError, NotFoundError, UnavailableError
@@ -176,7 +176,7 @@ def _listener(connection: HTTPConnection, query: EventsQuery) -> Listener:
         raise UnavailableError(f"{MAX_LISTENERS} clients listen to events already")
     robots = _robots(connection, query.robot)
     states = [each.states for each in robots.values()] if query.state_hz is not None else []
-    wanted = Wanted(_types(query.types), frozenset(robots))
+    wanted = EventFilter(_types(query.types), frozenset(robots))
     return Listener(events, wanted, query.after, states, query.state_hz or 1.0)
 
 

@@ -15,7 +15,7 @@ from app.api.dependencies import Call
 from app.api.errors import responses
 from app.api.route import EndpointRouter
 from app.api.schemas.plan_answers import ClearanceAnswer, DistanceAnswer
-from app.services.state.geometry import Body, Geometry, Joint, Shape, geometry_of, geometry_version
+from app.services.state.geometry import Body, BodyJoint, Geometry, Shape, geometry_of, geometry_version
 from cobot.access.roles import Role
 from cobot.robot.visuals import visuals_of
 from cobot.types import JointLimits, Numbers7
@@ -245,7 +245,7 @@ def _body(body: Body) -> BodyShown:
     )
 
 
-def _joint(joint: Joint) -> JointShown:
+def _joint(joint: BodyJoint) -> JointShown:
     return JointShown(
         index=joint.index,
         slides=joint.slides,

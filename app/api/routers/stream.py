@@ -17,17 +17,17 @@ from app.api.json_text import decoded
 from app.api.middleware.access import identity_of
 from app.api.route import EndpointRouter
 from app.api.stream_frames import (
-    Chunk,
-    Control,
-    End,
-    Estop,
+    ChunkFrame,
+    ControlFrame,
+    EndFrame,
+    EstopFrame,
     Frame,
     JogFrame,
-    OpenSession,
     Pull,
-    Release,
-    Stop,
-    Subscribe,
+    ReleaseFrame,
+    SessionFrame,
+    StopFrame,
+    SubscribeFrame,
     TextFrame,
     hello_frame,
     read_frame,
@@ -39,11 +39,11 @@ from app.services.clients import CLIENT
 from app.services.rights.stopping import Stopped
 from app.services.streaming.jog import Jog
 from app.services.streaming.pulling import Pulling
-from app.services.streaming.sessions import Session
+from app.services.streaming.sessions import StreamSession
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.client import wire
-from cobot.client.wire import Kind
+from cobot.client.wire import FrameKind
 from cobot.clock import Ticks
 from cobot.errors import AuthenticationError, CobotError, InputError, PermissionDenied
 from cobot.ipc.layout import Stream
@@ -65,13 +65,13 @@ async def stream(socket: WebSocket) -> None:
     try:
         services = services_of(socket)
         with services.streams.connection():
-            await Connection(socket, services, timeout_s).serve()
+            await StreamConnection(socket, services, timeout_s).serve()
     except CobotError as exc:  # before it was accepted
         answer = JSONResponse({"detail": str(exc), "code": exc.code}, status_of(exc))
         await socket.send_denial_response(answer)
 
 
-class Connection:
+class StreamConnection:
     """One client. What it sends is taken at once; it is sent the newest state, whatever it has missed."""
 
     def __init__(self, socket: WebSocket, services: Services, timeout_s: float) -> None:
@@ -85,7 +85,7 @@ class Connection:
             self._answer_stop,
         )
         self._timeout_s = timeout_s
-        self._session: Session | None = None
+        self._session: StreamSession | None = None
         self._jog = Jog(services.robot, services.link, services.streams, self._report_jog_end)
         self._pulling = Pulling(services.link, services.freedrive)
         self._answers: deque[str] = deque(maxlen=MAX_ANSWERS)
@@ -157,7 +157,7 @@ class Connection:
                 if state is None:
                     continue
                 if self._binary:
-                    await socket.send_bytes(wire.packed(Kind.STATE, self._sequence, state))
+                    await socket.send_bytes(wire.packed(FrameKind.STATE, self._sequence, state))
                 else:
                     await socket.send_text(state_frame(state, self._sequence))
         except WebSocketDisconnect:
@@ -204,22 +204,22 @@ class Connection:
         session = self._session
         frame: TextFrame = read_frame(content, Stream.JOINT_IMPEDANCE if session is None else session.stream)
         match frame:
-            case Subscribe():
+            case SubscribeFrame():
                 self._subscribe(frame)
-            case OpenSession():
+            case SessionFrame():
                 await self._open(frame.record(self._streams.info))
-            case Estop():
+            case EstopFrame():
                 self._estop()
-            case End():
+            case EndFrame():
                 self._required.end()
-            case Stop():
+            case StopFrame():
                 self._stop.begin(frame.number)
-            case Control():
+            case ControlFrame():
                 self._require_operator("control")
                 taken = await self._control.take(frame.timeout_s)
                 audit.note("control taken", timeout_s=frame.timeout_s)
                 self._answer("control", token=taken.token, timeout_s=frame.timeout_s)
-            case Release():
+            case ReleaseFrame():
                 self._require_operator("release")
                 self._control.release()
                 audit.note("control released")
@@ -228,7 +228,7 @@ class Connection:
                 await self._take_jog(frame)
             case Pull():
                 await self._take_pull(frame)
-            case Chunk():
+            case ChunkFrame():
                 record = frame.record(len(self._streams.info["joint_names"]))
                 self._required.take_chunk(frame.sequence, record)
             case _:
@@ -241,17 +241,17 @@ class Connection:
         self._place |= {"about": kind.name.lower(), "sequence": sequence}
         record = wire.record(frame, len(self._streams.info["joint_names"]))
         match kind:
-            case Kind.SESSION:
+            case FrameKind.SESSION:
                 await self._open(record)
-            case Kind.SETPOINT:
+            case FrameKind.SETPOINT:
                 self._required.take_setpoint(sequence, record)
-            case Kind.CHUNK:
+            case FrameKind.CHUNK:
                 self._required.take_chunk(sequence, record)
-            case Kind.ESTOP:
+            case FrameKind.ESTOP:
                 self._estop()
-            case Kind.END:
+            case FrameKind.END:
                 self._required.end()
-            case Kind.STATE:
+            case FrameKind.STATE:
                 raise InputError("states come from the service")
 
     def _estop(self) -> None:
@@ -262,7 +262,7 @@ class Connection:
         self._answer("stopped", number=number, success=done.success, message=done.message)
 
     @property
-    def _required(self) -> Session:
+    def _required(self) -> StreamSession:
         if self._session is None:
             raise InputError("there is no session: begin one with a frame of type session")
         return self._session
@@ -270,7 +270,7 @@ class Connection:
     def _require_operator(self, what: str) -> None:
         audit.require(identity_of(self._socket), Role.OPERATOR, what, "on the stream")
 
-    def _subscribe(self, frame: Subscribe) -> None:
+    def _subscribe(self, frame: SubscribeFrame) -> None:
         if self._ticker is not None:
             self._ticker.close()
         self._binary = frame.format == "binary"

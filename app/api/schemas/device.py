@@ -8,7 +8,7 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, Field
 
-from cobot.ipc.device_record import Device
+from cobot.ipc.device_record import DeviceReport
 from cobot.ipc.state_fields import MEASURED_NAMES
 from cobot.loose_lists import RequestModel
 from cobot.motions.fields import example
@@ -93,7 +93,7 @@ class DeviceAnswer(BaseModel):
     io: list[IoAnswer] = Field(description="Its inputs and outputs, in its own order.")
 
     @classmethod
-    def of(cls, backend: str, device: Device, points: Sequence[IoPoint]) -> Self:
+    def of(cls, backend: str, device: DeviceReport, points: Sequence[IoPoint]) -> Self:
         able = device.capabilities
         return cls(
             backend=backend,

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 from pydantic import BaseModel, Field
 
-from app.services.rights.signal_results import ActionResult, Contact
+from app.services.rights.signal_results import ActionOutcome, ContactOutcome
 from cobot.motions.fields import example
 
 
@@ -58,11 +58,11 @@ class ContactAnswer(BaseModel):
     retracted_m: float = Field(description="Distance that it moved back along its path after the contact, m.")
 
 
-def action_answers(results: tuple[ActionResult, ...]) -> list[ActionAnswer]:
+def action_answers(results: tuple[ActionOutcome, ...]) -> list[ActionAnswer]:
     """Results as JSON."""
     return [ActionAnswer.model_validate(asdict(each)) for each in results]
 
 
-def contact_answer(contact: Contact | None) -> ContactAnswer | None:
+def contact_answer(contact: ContactOutcome | None) -> ContactAnswer | None:
     """A contact as JSON."""
     return None if contact is None else ContactAnswer.model_validate(asdict(contact))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.services.devices.modbus_device import Device, Kind, Signal
+from app.services.devices.modbus_device import ModbusDevice, Signal, SignalKind
 from cobot.errors import ConflictError, DeviceError, InputError, LimitError, NotFoundError
 from cobot.strict import shown
 
@@ -18,7 +18,7 @@ class Modbus:
     """All signals, by name; a device is connected to while it has signals."""
 
     def __init__(self) -> None:
-        self._devices: dict[tuple[str, int], Device] = {}
+        self._devices: dict[tuple[str, int], ModbusDevice] = {}
         self._signals: dict[str, Signal] = {}
 
     def add(self, device: str, unit: int, address: int, kind: int, name: str) -> None:
@@ -26,7 +26,7 @@ class Modbus:
 
         Args:
             device: HOST, "HOST,PORT" or "HOST:PORT".
-            kind: see `Kind`.
+            kind: see `SignalKind`.
 
         Raises:
             InputError: wrong values, or a name that is taken.
@@ -41,14 +41,14 @@ class Modbus:
             raise InputError(f"slave_number must be from {UNITS[0]} to {UNITS[1]}, got {unit}")
         if not 0 <= address <= ADDRESS:
             raise InputError(f"signal_address must be from 0 to {ADDRESS}, got {address}")
-        if kind not in list(Kind):
-            valid = ", ".join(f"{each} {each.name.lower()}" for each in Kind)
+        if kind not in list(SignalKind):
+            valid = ", ".join(f"{each} {each.name.lower()}" for each in SignalKind)
             raise InputError(f"there is no signal_type {kind}; valid are: {valid}")
         if len(self._signals) >= MAX_SIGNALS:
             raise LimitError(f"there are {MAX_SIGNALS} signals already")
-        signal = self._signals[name] = Signal(name, unit, address, Kind(kind))
+        signal = self._signals[name] = Signal(name, unit, address, SignalKind(kind))
         if (host, port) not in self._devices:
-            self._devices[host, port] = Device(host, port)
+            self._devices[host, port] = ModbusDevice(host, port)
         self._devices[host, port].add(signal)
 
     def remove(self, name: str) -> None:
@@ -106,9 +106,9 @@ class Modbus:
         """
         signal = self.signal(name)
         match signal.kind:
-            case Kind.DIGITAL_OUTPUT:
+            case SignalKind.DIGITAL_OUTPUT:
                 largest = 1
-            case Kind.REGISTER_OUTPUT:
+            case SignalKind.REGISTER_OUTPUT:
                 largest = REGISTER
             case _:
                 raise InputError(f"{name} is a {signal.kind.name.lower()}, which is read-only")
@@ -129,7 +129,7 @@ class Modbus:
         signal.period_s, signal.due_s = 1.0 / frequency_hz, 0.0
         self._device(signal).hurry()
 
-    def _device(self, signal: Signal) -> Device:
+    def _device(self, signal: Signal) -> ModbusDevice:
         return next(device for device in self._devices.values() if signal in device.signals)
 
 

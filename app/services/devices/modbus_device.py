@@ -8,8 +8,9 @@ import logging
 from dataclasses import dataclass
 from enum import IntEnum
 
-from app.services.devices.modbus_tcp import TIMEOUT_S, Function, ModbusConnection
+from app.services.devices.modbus_tcp import TIMEOUT_S, ModbusConnection
 from cobot.errors import DeviceError
+from cobot.modbus import ModbusFunction
 
 FREQUENCY_HZ = 10.0
 BACKOFF_S = (0.2, 5.0)
@@ -18,7 +19,7 @@ BACKOFF_S = (0.2, 5.0)
 log = logging.getLogger("cobot.modbus")
 
 
-class Kind(IntEnum):
+class SignalKind(IntEnum):
     """Of a signal; the numbers are the manual's."""
 
     DIGITAL_INPUT = 0  # discrete input
@@ -28,12 +29,15 @@ class Kind(IntEnum):
 
 
 READS = {
-    Kind.DIGITAL_INPUT: Function.READ_DISCRETE_INPUTS,
-    Kind.DIGITAL_OUTPUT: Function.READ_COILS,
-    Kind.REGISTER_INPUT: Function.READ_INPUT_REGISTERS,
-    Kind.REGISTER_OUTPUT: Function.READ_HOLDING_REGISTERS,
+    SignalKind.DIGITAL_INPUT: ModbusFunction.READ_DISCRETE_INPUTS,
+    SignalKind.DIGITAL_OUTPUT: ModbusFunction.READ_COILS,
+    SignalKind.REGISTER_INPUT: ModbusFunction.READ_INPUT_REGISTERS,
+    SignalKind.REGISTER_OUTPUT: ModbusFunction.READ_HOLDING_REGISTERS,
 }
-WRITES = {Kind.DIGITAL_OUTPUT: Function.WRITE_COIL, Kind.REGISTER_OUTPUT: Function.WRITE_REGISTER}
+WRITES = {
+    SignalKind.DIGITAL_OUTPUT: ModbusFunction.WRITE_COIL,
+    SignalKind.REGISTER_OUTPUT: ModbusFunction.WRITE_REGISTER,
+}
 
 
 @dataclass(slots=True)
@@ -49,14 +53,14 @@ class Signal:
     name: str
     unit: int
     address: int
-    kind: Kind
+    kind: SignalKind
     period_s: float = 1.0 / FREQUENCY_HZ
     value: int = 0
     problem: str = "it has not been read yet"
     due_s: float = 0.0
 
 
-class Device:
+class ModbusDevice:
     """A connection and the task that reads its signals one after the other, one request at a time."""
 
     def __init__(self, host: str, port: int) -> None:

@@ -8,47 +8,22 @@ from __future__ import annotations
 
 import asyncio
 import struct
-from enum import IntEnum
 
 from cobot.errors import DeviceError
+from cobot.modbus import COIL_ON, REFUSALS, REFUSED, ModbusFunction
 
 TIMEOUT_S = 1.0
 MAX_LENGTH = 254
 """Maximum length of a message in bytes, from its unit on. A longer message is invalid."""
-REFUSED = 0x80
-"""Is added to the function of a request that the device refuses."""
-REFUSALS = {
-    1: "illegal function",
-    2: "illegal address",
-    3: "illegal value",
-    4: "device failure",
-    5: "acknowledge",
-    6: "device busy",
-    8: "memory parity error",
-    10: "gateway path unavailable",
-    11: "gateway no response",
-}
 _HEAD = struct.Struct(">HHH")  # number of the transaction, 0 for Modbus, length of the rest
 _REQUEST = struct.Struct(">BBHH")  # unit, function, address, count or value
-
-
-class Function(IntEnum):
-    READ_COILS = 1
-    READ_DISCRETE_INPUTS = 2
-    READ_HOLDING_REGISTERS = 3
-    READ_INPUT_REGISTERS = 4
-    WRITE_COIL = 5
-    WRITE_REGISTER = 6
-
-
 _BYTES = {
-    Function.READ_COILS: 1,
-    Function.READ_DISCRETE_INPUTS: 1,
-    Function.READ_HOLDING_REGISTERS: 2,
-    Function.READ_INPUT_REGISTERS: 2,
+    ModbusFunction.READ_COILS: 1,
+    ModbusFunction.READ_DISCRETE_INPUTS: 1,
+    ModbusFunction.READ_HOLDING_REGISTERS: 2,
+    ModbusFunction.READ_INPUT_REGISTERS: 2,
 }
 """Number of bytes of a single value, by function."""
-_COIL_ON = 0xFF00
 
 
 class ModbusConnection:
@@ -74,7 +49,7 @@ class ModbusConnection:
             self._streams[1].close()
             self._streams = None
 
-    async def read(self, unit: int, function: Function, address: int) -> int:
+    async def read(self, unit: int, function: ModbusFunction, address: int) -> int:
         """One value; raises as `write` does."""
         size = _BYTES[function]
         data = await self._ask(unit, function, address, 1)
@@ -83,17 +58,17 @@ class ModbusConnection:
         value = int.from_bytes(data[1:], "big")
         return value & 1 if size == 1 else value
 
-    async def write(self, unit: int, function: Function, address: int, value: int) -> None:
+    async def write(self, unit: int, function: ModbusFunction, address: int, value: int) -> None:
         """Set a coil, 0 or 1, or a register; returns when the device has confirmed it.
 
         Raises:
             DeviceError: it refuses, does not answer, or answers something else; with what.
         """
-        sent = _COIL_ON * value if function is Function.WRITE_COIL else value
+        sent = COIL_ON * value if function is ModbusFunction.WRITE_COIL else value
         if await self._ask(unit, function, address, sent) != struct.pack(">HH", address, sent):
             raise _unasked(unit)
 
-    async def _ask(self, unit: int, function: Function, address: int, value: int) -> bytes:
+    async def _ask(self, unit: int, function: ModbusFunction, address: int, value: int) -> bytes:
         """What the answer holds after its function."""
         if self._streams is None:
             raise DeviceError(f"unit {unit} is not connected")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from app.services.clients import CLIENT, Client
+from app.services.clients import CLIENT, RequestClient
 from app.services.rights.lease import TIMEOUT_S
 from app.services.rights.ownership import Ownership
 from app.services.rights.stopping import StopService
@@ -14,7 +14,7 @@ from cobot.errors import CobotError, ConflictError, MotionStopped
 
 
 @dataclass(frozen=True, slots=True)
-class Control:
+class ControlStatus:
     """The current control of a robot.
 
     Attributes:
@@ -61,17 +61,17 @@ class ControlService:
         self._ownership = ownership
         self._stopping = stopping
 
-    def state(self) -> Control:
+    def state(self) -> ControlStatus:
         """The current holder of control."""
         ownership = self._ownership
         lease, moving, what = ownership.lease.current, ownership.moving, ownership.owner
-        client: Client | None = None
+        client: RequestClient | None = None
         since_s: float | None = None
         if lease is not None:
             client, since_s = lease.client, lease.since_s
         elif moving is not None:
             client, since_s = moving.client, moving.since_s
-        return Control(
+        return ControlStatus(
             held=lease is not None or what is not None,
             holder=None if client is None else client.name,
             address=None if client is None else client.address,
@@ -132,18 +132,18 @@ class ControlService:
             return False, str(exc)
         return True, ""
 
-    def drop_client(self, client: Client) -> None:
+    def drop_client(self, client: RequestClient) -> None:
         """A WebSocket is gone, and with it the lease that it has taken."""
         self._ownership.lease.drop_client(client)
 
-    def _require_free(self, client: Client) -> None:
+    def _require_free(self, client: RequestClient) -> None:
         lease, owner = self._ownership.lease, self._ownership.owner
         if owner is not None:
             raise ConflictError(f"the robot is in use by {owner}; wait for it, or take over with force")
         if lease.current is not None:
-            lease.require(Client(client.name, client.address))
+            lease.require(RequestClient(client.name, client.address))
 
-    def _former(self) -> list[Client]:
+    def _former(self) -> list[RequestClient]:
         """The clients that have control, by a lease or by a motion; each once."""
         lease, moving = self._ownership.lease.current, self._ownership.moving
         clients = [each.client for each in (lease, moving) if each is not None]

@@ -28,7 +28,7 @@ log = logging.getLogger("cobot.sync")
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class RobotTarget:
     """Where a robot goes, rad, and how fast its fastest joint may be: rad/s, rad/s².
 
     Attributes:
@@ -58,7 +58,7 @@ class EqualMotions:
         if tasks:
             await asyncio.wait(tasks)
 
-    async def move(self, targets: dict[str, Target]) -> None:
+    async def move(self, targets: dict[str, RobotTarget]) -> None:
         """Start a motion of several robots, each as long as the slowest one's; returns when all have begun.
 
         Raises:
@@ -96,7 +96,7 @@ class EqualMotions:
         for task in self._following.values():
             task.cancel()
 
-    async def _ways(self, targets: dict[str, Target], claims: dict[str, Claim]) -> dict[str, Trajectory]:
+    async def _ways(self, targets: dict[str, RobotTarget], claims: dict[str, Claim]) -> dict[str, Trajectory]:
         """Plan all robots that are not at their targets yet, and stretch each motion to the slowest one's."""
         planned = await asyncio.gather(
             *(self._plan(name, targets[name], claim) for name, claim in claims.items())
@@ -115,7 +115,7 @@ class EqualMotions:
         job = ownership.new_job(JobKind.SYNCHRONOUS, NAME)
         return Caller(NAME, None, ownership.stops, math.inf, asyncio.Event(), job)
 
-    async def _plan(self, name: str, target: Target, claim: Claim) -> Trajectory | None:
+    async def _plan(self, name: str, target: RobotTarget, claim: Claim) -> Trajectory | None:
         services = self._robots[name]
         state = await services.motion.require_ready()
         move = RatedMove(

@@ -9,7 +9,7 @@ import numpy as np
 
 from app.services.state.link import RobotLink
 from cobot.errors import ConflictError, NotSupportedError, UnavailableError
-from cobot.ipc.device_record import Device
+from cobot.ipc.device_record import DeviceReport
 from cobot.motions.signals import Condition, Placed, Quantity
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, LoopMode
@@ -87,7 +87,7 @@ class ForceZero:
         zero = (float(found.torques[condition.joint]),) if joint else tuple(found.wrench.tolist())
         return replace(condition, zero=zero)
 
-    def require_measured(self, quantity: Quantity, what: str) -> Device:
+    def require_measured(self, quantity: Quantity, what: str) -> DeviceReport:
         """See that the device measures what a condition compares; the device.
 
         Raises:

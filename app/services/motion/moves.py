@@ -44,7 +44,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class JoinedMoves:
     """Motions as one trajectory, and their actions and conditions.
 
     Attributes:
@@ -89,10 +89,10 @@ class MoveService:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
 
-        async def plan_motion(claim: Claim, start: Array) -> Course:
+        async def plan_motion(claim: Claim, start: Array) -> JoinedMoves:
             request = self._goals.request(goal, start)
             motion = await self._motion.plan(claim, request, caller.timeout_s)
-            return Course(motion, (goal.signals,), (0.0 if motion is None else motion.duration_s,))
+            return JoinedMoves(motion, (goal.signals,), (0.0 if motion is None else motion.duration_s,))
 
         return await self._move(plan_motion, caller)
 
@@ -106,7 +106,7 @@ class MoveService:
         """
         check_radii(goals, radii_m)
 
-        async def plan_motion(claim: Claim, start: Array) -> Course:
+        async def plan_motion(claim: Claim, start: Array) -> JoinedMoves:
             async def plan(request: MotionRequest) -> Trajectory | None:
                 return await self._motion.plan(claim, request, caller.timeout_s)
 
@@ -124,7 +124,7 @@ class MoveService:
         start: Array,
         plan: Callable[[MotionRequest], Awaitable[Trajectory | None]],
         join: Callable[[Join], Awaitable[Blended]],
-    ) -> Course:
+    ) -> JoinedMoves:
         """Several motions as one.
 
         Args:
@@ -158,13 +158,13 @@ class MoveService:
             parts.append(len(motions))
         signals = tuple(goal.signals for goal in goals)
         if not motions:
-            return Course(None, signals, (0.0,) * len(goals))
+            return JoinedMoves(None, signals, (0.0,) * len(goals))
         blended = await join(partial(join_motions, requests=requests, motions=motions, radii_m=radii[:-1]))
         ends_s = (0.0, *blended.ends_s[:-1], blended.trajectory.duration_s)
-        return Course(blended.trajectory, signals, tuple(ends_s[count] for count in parts))
+        return JoinedMoves(blended.trajectory, signals, tuple(ends_s[count] for count in parts))
 
     async def _move(
-        self, plan_motion: Callable[[Claim, Array], Awaitable[Course]], caller: Caller
+        self, plan_motion: Callable[[Claim, Array], Awaitable[JoinedMoves]], caller: Caller
     ) -> Outcome:
         begun_s = self._clock.now_s()
         planned_s, note, begun = begun_s, "", _Begun()

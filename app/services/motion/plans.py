@@ -14,7 +14,7 @@ import numpy as np
 
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals, check_radii
-from app.services.motion.moves import Course, MoveService, Outcome
+from app.services.motion.moves import JoinedMoves, MoveService, Outcome
 from app.services.motion.plan import QUEUED_TOLERANCE_RAD, Plan
 from app.services.motion.plan_attempt import MIN_COMPUTE_S, PlanAttempt, PlanOptions
 from app.services.motion.planning import PlanningService
@@ -148,13 +148,13 @@ class PlanService:
 
     async def _forecast(
         self, goals: Sequence[MotionRequest], radii_m: Sequence[float], attempt: PlanAttempt
-    ) -> tuple[Forecast, Course]:
+    ) -> tuple[Forecast, JoinedMoves]:
         begin, samples = attempt.begin, attempt.asked.samples
         if len(goals) == 1:
             request = self._goals.request(goals[0], begin)
             found = await attempt.of(request, partial(forecast, request=request, samples=samples))
             duration_s = 0.0 if found.trajectory is None else found.trajectory.duration_s
-            return found, Course(found.trajectory, (goals[0].signals,), (duration_s,))
+            return found, JoinedMoves(found.trajectory, (goals[0].signals,), (duration_s,))
 
         async def plan(request: MotionRequest) -> Trajectory | None:
             return await attempt.of(request, partial(plan_motion, request=request))

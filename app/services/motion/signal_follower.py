@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from app.services.rights.signal_results import ActionResult, Contact, SignalResults
+from app.services.rights.signal_results import ActionOutcome, ContactOutcome, SignalResults
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError
 from cobot.ipc.layout import Firing, Waiting
@@ -51,7 +51,7 @@ class SignalFollower:
         self._command_gripper = command_gripper
         self._results = {each.number: _pending(each) for each in placed.actions}
         self._waiting = Waiting.NO
-        self._contact: Contact | None = None
+        self._contact: ContactOutcome | None = None
 
     @property
     def results(self) -> SignalResults:
@@ -67,7 +67,7 @@ class SignalFollower:
         )
 
     @property
-    def contact(self) -> Contact | None:
+    def contact(self) -> ContactOutcome | None:
         """The moment at which `until` was met; None if it was not."""
         return self._contact
 
@@ -162,14 +162,14 @@ class SignalFollower:
             self._results[each.number] = result
             self._tell("rejected" if result.problem else "fired", result, each.action.event)
 
-    def _grip(self, command: Mapping[str, Any], result: ActionResult) -> ActionResult:
+    def _grip(self, command: Mapping[str, Any], result: ActionOutcome) -> ActionOutcome:
         try:
             self._command_gripper(command)
         except CobotError as exc:
             return replace(result, fired=False, problem=str(exc))
         return result
 
-    def _tell(self, what: str, result: ActionResult, text: str = "") -> None:
+    def _tell(self, what: str, result: ActionOutcome, text: str = "") -> None:
         if result.problem:
             where = f"{self._link.label}motion {self._motion_id}"
             log.warning("%s: %s (%s): %s", where, result.action, result.does, result.problem)
@@ -192,12 +192,12 @@ def planned_results(placed: Placed) -> SignalResults:
     return SignalResults(tuple(_pending(each) for each in actions))
 
 
-def _pending(placed: PlacedAction) -> ActionResult:
+def _pending(placed: PlacedAction) -> ActionOutcome:
     action = placed.action
-    return ActionResult(action.field, action.words, str(action.place), placed.path_time_s)
+    return ActionOutcome(action.field, action.words, str(action.place), placed.path_time_s)
 
 
-def _fired(before: ActionResult, fired: Fired, begin_s: float) -> ActionResult:
+def _fired(before: ActionOutcome, fired: Fired, begin_s: float) -> ActionOutcome:
     return replace(
         before,
         fired=fired.firing is Firing.FIRED,
@@ -208,9 +208,9 @@ def _fired(before: ActionResult, fired: Fired, begin_s: float) -> ActionResult:
     )
 
 
-def _contact(met: Met, begin_s: float) -> Contact:
+def _contact(met: Met, begin_s: float) -> ContactOutcome:
     x, y, z, qw, qx, qy, qz = met.pose.tolist()
-    return Contact(
+    return ContactOutcome(
         (x, y, z),
         (qx, qy, qz, qw),
         tuple(met.wrench[:3].tolist()),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.services.motion.equal_motions import EqualMotions, Target
+from app.services.motion.equal_motions import EqualMotions, RobotTarget
 from app.services.motion.frames import Frames
 from cobot.errors import ConflictError, InputError, LimitError, MotionStopped, NotFoundError
 from cobot.robot.limits import check_positions
@@ -36,7 +36,7 @@ class _Sync:
     """
 
     robots: tuple[str, ...]
-    waiting: dict[int, dict[str, Target]] = field(default_factory=dict)
+    waiting: dict[int, dict[str, RobotTarget]] = field(default_factory=dict)
     turn: asyncio.Lock = field(default_factory=asyncio.Lock)
 
 
@@ -81,7 +81,9 @@ class SyncService:
             raise NotFoundError(f"there is no group {shown(name)}; there are: {there}")
         return self.groups[name]
 
-    def targets(self, robots: tuple[str, ...], joints: list[float], a: float, v: float) -> dict[str, Target]:
+    def targets(
+        self, robots: tuple[str, ...], joints: list[float], a: float, v: float
+    ) -> dict[str, RobotTarget]:
         """Targets from the joint angles of all robots, one after the other.
 
         Raises:
@@ -165,7 +167,7 @@ class SyncService:
         """Until no synchronous motion moves any of them."""
         await self._motions.wait(robots)
 
-    async def move(self, targets: dict[str, Target]) -> None:
+    async def move(self, targets: dict[str, RobotTarget]) -> None:
         """See `EqualMotions.move`."""
         await self._motions.move(targets)
 
@@ -186,6 +188,6 @@ class SyncService:
             raise NotFoundError(f"there is no synchronous motion {number}; on are: {there}")
         return self._syncs[number]
 
-    def _target(self, name: str, joints: Array, a: float, v: float) -> Target:
+    def _target(self, name: str, joints: Array, a: float, v: float) -> RobotTarget:
         check_positions(self.robots[name].robot.limits, joints)
-        return Target(joints, v, a, self.robots[name].link.stops)
+        return RobotTarget(joints, v, a, self.robots[name].link.stops)

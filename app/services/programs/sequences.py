@@ -19,7 +19,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
-from app.services.programs.steps import Steps
+from app.services.programs.steps import RunnerInstructions
 from app.services.rights.job import JobKind
 from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
@@ -113,7 +113,7 @@ class SequenceService:
         self._tokens = tokens
         self._lines: deque[str] = deque(maxlen=settings.log_lines)
         self._starting = False
-        self._steps: Steps | None = None
+        self._steps: RunnerInstructions | None = None
         self._stopped = ""  # why the runner was told to end
         self._error_line = ""  # the newest error that the present runner has printed
         self._process: asyncio.subprocess.Process | None = None
@@ -163,7 +163,7 @@ class SequenceService:
         finally:
             self._starting = False
         self._process, self._stopped, self._error_line = process, "", ""
-        self._steps = Steps(answers, order.from_waypoint, self._hold_job, hold=order.hold)
+        self._steps = RunnerInstructions(answers, order.from_waypoint, self._hold_job, hold=order.hold)
         self.status = SequenceStatus(
             status="running",
             sequence_id=number,
@@ -331,7 +331,7 @@ class SequenceService:
                 if event["asking"] and self._steps is not None:
                     await self._answer(self._steps, event)
 
-    async def _answer(self, steps: Steps, event: dict[str, Any]) -> None:
+    async def _answer(self, steps: RunnerInstructions, event: dict[str, Any]) -> None:
         """What the runner has asked, once nothing is paused: outputs and grippers wait as motions do."""
         override = self._ownership.speed_override
         if event["within"]:
@@ -345,7 +345,7 @@ class SequenceService:
         self._link.events.publish("sequence", what=what, sequence=self.status.sequence_id, **data)
 
     @property
-    def steps(self) -> Steps:
+    def steps(self) -> RunnerInstructions:
         """The instructions for the runner at its waypoints.
 
         Raises:

@@ -17,7 +17,7 @@ NEXT = 0
 """In the place of a waypoint: the next one that is reached."""
 
 
-class Steps:
+class RunnerInstructions:
     """The instructions for one runner.
 
     Args:

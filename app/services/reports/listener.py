@@ -16,7 +16,7 @@ BATCH = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class EventFilter:
     """The subscription of a listener.
 
     Attributes:
@@ -50,7 +50,7 @@ class Listener:
     def __init__(
         self,
         events: Events,
-        wanted: Wanted,
+        wanted: EventFilter,
         after: str | None = None,
         states: Sequence[StateTexts] = (),
         state_hz: float = 1.0,

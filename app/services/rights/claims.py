@@ -12,7 +12,7 @@ from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from app.services.clients import Client
+from app.services.clients import RequestClient
 from app.services.rights.job import Job
 from app.services.rights.lease import Lease
 from app.services.rights.speed_override import SpeedOverride
@@ -71,7 +71,7 @@ class Claim:
     speed_override: SpeedOverride
     clock: Clock
     since_s: float
-    client: Client
+    client: RequestClient
     job: Job | None = None
     timeout_s: float = math.inf
     left_s: Callable[[], float] = field(default=lambda: math.inf)
@@ -143,7 +143,7 @@ class SequenceClaim:
 
     name: str
     token: str
-    client: Client
+    client: RequestClient
     since_s: float
     fraction: float
     lease: Lease | None

@@ -11,7 +11,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from app.services.rights.signal_results import NO_RESULTS, ActionResult, Contact, SignalResults
+from app.services.rights.signal_results import NO_RESULTS, ActionOutcome, ContactOutcome, SignalResults
 from app.services.state.link import RobotLink
 from cobot.clock import utc_now
 from cobot.errors import CobotError, UnavailableError
@@ -122,10 +122,10 @@ class JobRecord:
     error: JobError | None = None
     started_at: datetime | None = None
     ended_at: datetime | None = None
-    actions: tuple[ActionResult, ...] = ()
+    actions: tuple[ActionOutcome, ...] = ()
     waits_for: str = ""
     stopped_by: str = ""
-    contact: Contact | None = None
+    contact: ContactOutcome | None = None
     path: str = ""
     body: dict[str, Any] | None = None
 

@@ -11,7 +11,7 @@ import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from app.services.clients import Client
+from app.services.clients import RequestClient
 from cobot.clock import Clock
 from cobot.errors import ConflictError
 
@@ -32,7 +32,7 @@ class Lease:
         timeout_s: how long it lasts unused.
     """
 
-    client: Client
+    client: RequestClient
     token: str
     since_s: float
     until_s: float
@@ -72,12 +72,12 @@ class ControlLease:
             self._end("expired", how)
         return self._lease
 
-    def holds(self, client: Client) -> bool:
+    def holds(self, client: RequestClient) -> bool:
         """Whether the lease is this client's."""
         lease = self.current
         return lease is not None and (lease.client is client or lease.token in client.leases)
 
-    def require_not_lost(self, client: Client) -> None:
+    def require_not_lost(self, client: RequestClient) -> None:
         """See that a client does not go on as if it still had what it has lost.
 
         Raises:
@@ -89,7 +89,7 @@ class ControlLease:
             if token in self._ends:
                 raise ConflictError(self._ends[token])
 
-    def require(self, client: Client) -> None:
+    def require(self, client: RequestClient) -> None:
         """Check that no other client has the lease.
 
         Raises:
@@ -105,7 +105,7 @@ class ControlLease:
                 "wait, or take over: POST /robot/control with force"
             )
 
-    def take(self, client: Client, timeout_s: float) -> Lease:
+    def take(self, client: RequestClient, timeout_s: float) -> Lease:
         """Give the lease to a client, even if another has it. The client's own lease is renewed."""
         now_s = self._clock.now_s()
         if self._lease is not None and self.holds(client):
@@ -122,7 +122,7 @@ class ControlLease:
         if self._lease is not None:
             self._lease.until_s = self._clock.now_s() + self._lease.timeout_s
 
-    def release(self, client: Client) -> None:
+    def release(self, client: RequestClient) -> None:
         """Let go; without a lease nothing happens.
 
         Raises:
@@ -132,7 +132,7 @@ class ControlLease:
         if self.current is not None:
             self._end("released", "was released")
 
-    def drop_client(self, client: Client) -> None:
+    def drop_client(self, client: RequestClient) -> None:
         """A WebSocket is gone, and with it what it has taken."""
         if self._lease is not None and self._lease.client is client:
             self._end("disconnected", "ended when its client disconnected")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class ActionResult:
+class ActionOutcome:
     """An action on the path.
 
     Attributes:
@@ -32,7 +32,7 @@ class ActionResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class ContactOutcome:
     """The moment at which `until` was met.
 
     Attributes:
@@ -64,10 +64,10 @@ class SignalResults:
         stopped_by: the condition that has ended the motion; "" if none has.
     """
 
-    actions: tuple[ActionResult, ...] = ()
+    actions: tuple[ActionOutcome, ...] = ()
     waits_for: str = ""
     stopped_by: str = ""
-    contact: Contact | None = None
+    contact: ContactOutcome | None = None
 
 
 NO_RESULTS = SignalResults()

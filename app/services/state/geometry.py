@@ -28,7 +28,7 @@ Mesh = tuple[Array, npt.NDArray[np.int32]]
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class BodyJoint:
     """Moves its body, and whatever hangs on it.
 
     Attributes:
@@ -82,7 +82,7 @@ class Body:
     parent: int
     part: str
     pose: Numbers7
-    joints: list[Joint]
+    joints: list[BodyJoint]
     shapes: list[Shape]
 
 
@@ -139,8 +139,8 @@ def _body(robot: RobotDescription, mj: mujoco.MjModel, index: int) -> Body:
     )
 
 
-def _joint(mj: mujoco.MjModel, index: int) -> Joint:
-    return Joint(
+def _joint(mj: mujoco.MjModel, index: int) -> BodyJoint:
+    return BodyJoint(
         index=index,
         slides=bool(mj.jnt_type[index] == SLIDE),
         axis=mj.jnt_axis[index].tolist(),

@@ -20,7 +20,7 @@ from cobot.errors import (
     UnavailableError,
 )
 from cobot.grippers import GripperState
-from cobot.ipc.device_record import Device, device_of
+from cobot.ipc.device_record import DeviceReport, device_of
 from cobot.ipc.gripper_record import fill_gripper
 from cobot.ipc.io_record import IoReport, report_of
 from cobot.ipc.layout import CELL_PARTS, MotionResult, record_of, text
@@ -240,7 +240,7 @@ class RobotLink:
         self.memory.requests.publish()
         self.events.publish("estop", what="asked for", by=str(CLIENT.get()))
 
-    def device(self) -> tuple[str, Device] | None:
+    def device(self) -> tuple[str, DeviceReport] | None:
         """The name of the backend and what it drives; None if that cannot be read."""
         if self.memory.device.sequence == 0 or not self.memory.device.try_read():
             return None

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.services.rights.stopping import StopService
 from app.services.state.link import RobotLink
-from app.services.streaming.sessions import Session, StreamService
+from app.services.streaming.sessions import StreamService, StreamSession
 from cobot.errors import CobotError, ConflictError, InputError, LimitError
 from cobot.ipc.layout import Interpolation, Stream, setpoint_dtype
 from cobot.ipc.session_rules import (
@@ -98,7 +98,7 @@ class ForceService:
         self._streams = streams
         self._stopping = stopping
         self._report = report
-        self._session: Session | None = None
+        self._session: StreamSession | None = None
         self._task: asyncio.Task[None] | None = None
         self._changing = asyncio.Lock()
         self._sequence = 0

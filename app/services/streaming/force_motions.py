@@ -19,7 +19,7 @@ from app.services.motion.planning import PlanningService
 from app.services.rights.claims import Caller
 from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
-from app.services.streaming.force_run import PERIOD_S, Contact, ForceOutcome, ForceRun, outcome_word
+from app.services.streaming.force_run import PERIOD_S, ForceOutcome, ForceRun, TouchPoint, outcome_word
 from app.services.streaming.force_stages import (
     NotMet,
     Push,
@@ -30,7 +30,7 @@ from app.services.streaming.force_stages import (
     insert,
     search,
 )
-from app.services.streaming.sessions import Session, StreamService
+from app.services.streaming.sessions import StreamService, StreamSession
 from cobot.errors import (
     CobotError,
     ConditionNotMet,
@@ -120,7 +120,7 @@ class ForceMotionService:
         return await self._carry_out(session, work, path, until)
 
     async def _carry_out(
-        self, session: Session, work: ForceRun, path: Trajectory | None, until: Condition | None
+        self, session: StreamSession, work: ForceRun, path: Trajectory | None, until: Condition | None
     ) -> ForceOutcome:
         job, override = work.caller.job, self._ownership.speed_override
         begun_s = self._link.clock.now_s()
@@ -153,7 +153,7 @@ class ForceMotionService:
         body, push, outcome = work.body, work.push, work.outcome
         felt = outcome.held.append
         touched = yield from approach(push)
-        outcome.contact = Contact(touched.pose, push.distance_m(touched.pose), touched.force_n)
+        outcome.contact = TouchPoint(touched.pose, push.distance_m(touched.pose), touched.force_n)
         last = touched
         if isinstance(body, PressMotion):
             last = yield from hold(push, body.duration_s, felt)

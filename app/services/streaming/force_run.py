@@ -12,8 +12,8 @@ import numpy as np
 from app.services.rights.claims import Caller, Claim
 from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
-from app.services.streaming.force_stages import Aim, NotMet, Push, Sample, Stage, let_go
-from app.services.streaming.sessions import Session
+from app.services.streaming.force_stages import Aim, ForceSample, NotMet, Push, Stage, let_go
+from app.services.streaming.sessions import StreamSession
 from cobot.errors import CobotError, ExecutionError, MotionStopped
 from cobot.motions.force_bodies import AnyForceMotion, FollowMotion
 from cobot.pose import Pose
@@ -24,7 +24,7 @@ FORCE_INTEGRAL_PER_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class TouchPoint:
     """Where the TCP touched, and how far it had gone along the push."""
 
     pose: Pose
@@ -44,7 +44,7 @@ class ForceOutcome:
 
     error: CobotError | None = None
     stopped_by: str = ""
-    contact: Contact | None = None
+    contact: TouchPoint | None = None
     force_n: float | None = None
     max_force_n: float = 0.0
     pose: Pose | None = None
@@ -86,7 +86,7 @@ class ForceRun:
         self._missing_n = 0.0  # in contact, over time
         self._aim = Aim(push.start, 0.0)
 
-    async def drive(self, session: Session, stages: Stage) -> None:
+    async def drive(self, session: StreamSession, stages: Stage) -> None:
         """Run the stages, then let go, whatever the stages came to.
 
         Raises:
@@ -102,13 +102,13 @@ class ForceRun:
             raise
         await self._let_go(session)
 
-    async def _let_go(self, session: Session) -> None:
+    async def _let_go(self, session: StreamSession) -> None:
         last = self._sample(0.0)
         # A pause on the way back is bounded as well.
         most_s = self._active_s() + self.body.max_time_s
         await self._run(session, let_go(self.push, last, self._aim, self.body.retract), most_s)
 
-    async def _run(self, session: Session, stage: Stage, most_s: float) -> None:
+    async def _run(self, session: StreamSession, stage: Stage, most_s: float) -> None:
         aim = next(stage)
         while True:
             self._feed(session, aim)
@@ -134,7 +134,7 @@ class ForceRun:
         excused_s = self._ownership.speed_override.excused_s(self._paused_s)
         return self._link.clock.now_s() - self._begun_s - excused_s
 
-    def _account(self, aim: Aim, sample: Sample) -> None:
+    def _account(self, aim: Aim, sample: ForceSample) -> None:
         """Integrate the error of the force while it is held."""
         if self.outcome.contact is None or aim.force_n != self.push.force_n:
             self._missing_n = 0.0
@@ -142,7 +142,7 @@ class ForceRun:
         missing_n = self._missing_n + FORCE_INTEGRAL_PER_S * sample.step_s * (aim.force_n - sample.force_n)
         self._missing_n = float(np.clip(missing_n, -aim.force_n, aim.force_n))
 
-    def _sample(self, step_s: float) -> Sample:
+    def _sample(self, step_s: float) -> ForceSample:
         state = self._link.state()
         pose = Pose.from_numbers(state.tcp)
         axis = pose.rotation @ self._in_tool if self._turns else self.push.axis
@@ -150,9 +150,9 @@ class ForceRun:
         outcome = self.outcome
         outcome.max_force_n = max(outcome.max_force_n, force_n)
         outcome.pose, outcome.distance_m = pose, self.push.distance_m(pose)
-        return Sample(step_s, pose, force_n)
+        return ForceSample(step_s, pose, force_n)
 
-    def _feed(self, session: Session, aim: Aim) -> None:
+    def _feed(self, session: StreamSession, aim: Aim) -> None:
         self._aim = aim
         axis = aim.pose.rotation @ self._in_tool if self._turns else self.push.axis
         self._number += 1
@@ -163,7 +163,7 @@ class ForceRun:
         setpoint["wrench"][2] = aim.force_n + self._missing_n - float(self.free_n @ axis)
         session.take_setpoint(self._number, setpoint)
 
-    def _require_going(self, session: Session) -> None:
+    def _require_going(self, session: StreamSession) -> None:
         """See that nothing has ended the motion.
 
         Raises:

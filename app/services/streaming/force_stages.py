@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.services.streaming.search_patterns import Offset, Search, raster, spiral, tilt
+from app.services.streaming.search_patterns import Search, SearchOffset, raster, spiral, tilt
 from cobot.motions.force_bodies import InsertMotion, SearchMotion
 from cobot.pose import Pose
 from cobot.types import Array
@@ -34,7 +34,7 @@ GETTING_UP_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class ForceSample:
     """What is measured now.
 
     Attributes:
@@ -88,7 +88,7 @@ class Push:
         moved: Array = position - float((position - self.start.position) @ self.axis) * self.axis
         return moved
 
-    def shifted(self, offset: Offset) -> Pose:
+    def shifted(self, offset: SearchOffset) -> Pose:
         """The start, moved and leant over across the push."""
         x, y = across(self.axis, self.start.rotation)
         lean = Pose.from_numbers((0.0, 0.0, 0.0, *_turn(offset.rx * x + offset.ry * y)))
@@ -108,7 +108,7 @@ class NotMet(Exception):
         self.by = by
 
 
-Stage = Generator[Aim, Sample, Sample]
+Stage = Generator[Aim, ForceSample, ForceSample]
 
 
 def across(axis: Array, rotation: Array) -> tuple[Array, Array]:
@@ -159,7 +159,7 @@ def hold(push: Push, duration_s: float, felt: Callable[[float], None]) -> Stage:
 
 def follow(
     push: Push,
-    touched: Sample,
+    touched: ForceSample,
     path: Callable[[float], Pose],
     duration_s: float,
     max_deviation_m: float,
@@ -200,7 +200,7 @@ def pattern_of(body: SearchMotion) -> Search:
 
 def search(
     push: Push,
-    touched: Sample,
+    touched: ForceSample,
     body: SearchMotion,
     input_holds: Callable[[], bool],
     found: Callable[[str], None],
@@ -233,7 +233,7 @@ def search(
         way_m += speed_m_s * sample.step_s
 
 
-def insert(push: Push, touched: Sample, found: Sample, body: InsertMotion) -> Stage:
+def insert(push: Push, touched: ForceSample, found: ForceSample, body: InsertMotion) -> Stage:
     """Push on where the search has ended, until the depth is reached.
 
     The commanded pose gives way to the walls: a peg that is held by the spring of the wrong place or of the
@@ -260,7 +260,7 @@ def insert(push: Push, touched: Sample, found: Sample, body: InsertMotion) -> St
             )
 
 
-def _given_way(push: Push, first: Pose, aim: Pose, sample: Sample, body: InsertMotion) -> Pose:
+def _given_way(push: Push, first: Pose, aim: Pose, sample: ForceSample, body: InsertMotion) -> Pose:
     """The commanded pose, nearer to the measured one: no further than `radius` and `angle` from the first."""
     share = 1.0 - np.exp(-GIVE_WAY_PER_S * sample.step_s)
     position = aim.position + share * (push.beside(sample.pose.position) - aim.position)
@@ -273,7 +273,7 @@ def _given_way(push: Push, first: Pose, aim: Pose, sample: Sample, body: InsertM
     return Pose(position, quaternion if turned <= body.angle else aim.quaternion)
 
 
-def let_go(push: Push, last: Sample, aim: Aim, retract_m: float) -> Stage:
+def let_go(push: Push, last: ForceSample, aim: Aim, retract_m: float) -> Stage:
     """Take the force away, and go back if that is asked for."""
     pulls = retract_m > 0.0
     most_s = RETRACT_S if pulls else LET_GO_S
@@ -290,7 +290,7 @@ def let_go(push: Push, last: Sample, aim: Aim, retract_m: float) -> Stage:
             raise NotMet("let_go", f"the TCP is not {what} after {most_s:g} s")
 
 
-def _require_near(push: Push, sample: Sample) -> None:
+def _require_near(push: Push, sample: ForceSample) -> None:
     """See that the TCP has not gone further than is allowed.
 
     Raises:

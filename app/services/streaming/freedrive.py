@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.services.clients import CLIENT, SERVICE_CLIENT, Client
+from app.services.clients import CLIENT, SERVICE_CLIENT, RequestClient
 from app.services.state.link import RobotLink
 from app.services.streaming.jog import MAX_STEP_S, PERIOD_S
 from app.services.streaming.jog_limits import JOINT_ROOM, RATE_PER_S, JogLimits
-from app.services.streaming.sessions import Session, StreamService
+from app.services.streaming.sessions import StreamService, StreamSession
 from cobot.errors import CobotError, ConflictError, NotSupportedError
 from cobot.ipc.layout import Interpolation, Stream
 from cobot.ipc.session_rules import decimation, nominal_session
@@ -124,7 +124,7 @@ class FreedriveService:
         self._robot = robot
         self._link = link
         self._streams = streams
-        self._session: Session | None = None
+        self._session: StreamSession | None = None
         self._client = SERVICE_CLIENT
         self._number = 0
         self._until_s = 0.0
@@ -188,7 +188,7 @@ class FreedriveService:
         self._streams.require_control()
         self._hold(timeout_s)
 
-    def require(self, client: Client) -> None:
+    def require(self, client: RequestClient) -> None:
         """Require that this client guides the arm now.
 
         Raises:
@@ -235,7 +235,7 @@ class FreedriveService:
                 "tool is set (POST /robot/tool)"
             )
 
-    async def _run(self, session: Session, guidance: Guidance) -> None:
+    async def _run(self, session: StreamSession, guidance: Guidance) -> None:
         """Sends targets until the session is over, then waits until the arm rests."""
         try:
             await self._guide(session, guidance)
@@ -248,7 +248,7 @@ class FreedriveService:
         if self._session is session:  # else the next one has begun
             self._session = None
 
-    async def _guide(self, session: Session, guidance: Guidance) -> None:
+    async def _guide(self, session: StreamSession, guidance: Guidance) -> None:
         before_s, sequence = self._link.clock.now_s(), 0
         target = self._link.state().commanded_position.copy()
         while not session.over:

@@ -20,7 +20,7 @@ import numpy as np
 
 from app.services.state.link import RobotLink
 from app.services.streaming.jog_limits import JogLimits
-from app.services.streaming.sessions import Session, StreamService
+from app.services.streaming.sessions import StreamService, StreamSession
 from cobot.errors import CobotError
 from cobot.ipc.layout import Interpolation, Stream
 from cobot.ipc.session_rules import decimation, nominal_session
@@ -85,7 +85,7 @@ class Jog:
         self._streams = streams
         self._ended = ended
         self._limits = JogLimits(robot, streamed(robot.limits, streams.section))
-        self._session: Session | None = None
+        self._session: StreamSession | None = None
         self._task: asyncio.Task[None] | None = None
         self._command: JogCommand | None = None
         self._heard_s = 0.0
@@ -142,7 +142,7 @@ class Jog:
         if self._session is not None:
             self._session.end("the connection to the client was lost")
 
-    async def _run(self, session: Session) -> None:
+    async def _run(self, session: StreamSession) -> None:
         """Sends targets until the session is over, then waits until the arm rests."""
         try:
             sequence, before_s = 0, self._link.clock.now_s()
@@ -166,7 +166,7 @@ class Jog:
             self._spent = reason
         self._ended("" if reason == LET_GO else reason)
 
-    def _step(self, session: Session, sequence: int, step_s: float) -> None:
+    def _step(self, session: StreamSession, sequence: int, step_s: float) -> None:
         """The next target."""
         assert self._command is not None
         wanted = self._limits.wanted(self._command.joints, self._command.twist, self._position, self._in_tool)

@@ -35,7 +35,7 @@ SLOWED = 0.98
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class LimitedVelocity:
     """Joint velocities within all speed limits.
 
     Attributes:
@@ -66,7 +66,9 @@ class JogLimits:
         if joints is not None:
             vector(joints, self._robot.limits.dof, name="joints")
 
-    def wanted(self, joints: Array | None, twist: Array | None, position: Array, in_tool: bool) -> Wanted:
+    def wanted(
+        self, joints: Array | None, twist: Array | None, position: Array, in_tool: bool
+    ) -> LimitedVelocity:
         """What is asked for as joint velocities, slowed down to the speed limits where it is too fast.
 
         Args:
@@ -93,7 +95,7 @@ class JogLimits:
         else:
             raise InputError("a jog frame has joints or a twist")
         fast = self._too_fast(velocity, jacobian)
-        return Wanted(velocity * fast, share * fast, reason)
+        return LimitedVelocity(velocity * fast, share * fast, reason)
 
     def _too_fast(self, velocity: Array, jacobian: Array) -> float:
         """The share of it that is within the speed limits."""

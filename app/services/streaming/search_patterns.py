@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Offset:
+class SearchOffset:
     """Along the two axes across the direction of the push: m, and a rotation vector in rad."""
 
     x: float = 0.0
@@ -21,7 +21,7 @@ class Offset:
     ry: float = 0.0
 
 
-Search = Callable[[float], Offset | None]
+Search = Callable[[float], SearchOffset | None]
 LEVER_M = 0.05
 """A tilt by an angle counts as this lever's way, so that one speed fits all patterns."""
 LEANINGS = 12
@@ -36,12 +36,12 @@ def spiral(radius_m: float, pitch_m: float) -> Search:
     """
     last = 2.0 * math.pi * radius_m / pitch_m
 
-    def offset(way_m: float) -> Offset | None:
+    def offset(way_m: float) -> SearchOffset | None:
         angle = math.sqrt(1.0 + 4.0 * math.pi * max(way_m, 0.0) / pitch_m) - 1.0
         if angle > last:
             return None
         r = pitch_m * angle / (2.0 * math.pi)
-        return Offset(r * math.cos(angle), r * math.sin(angle))
+        return SearchOffset(r * math.cos(angle), r * math.sin(angle))
 
     return offset
 
@@ -52,16 +52,16 @@ def raster(radius_m: float, pitch_m: float) -> Search:
     lines = math.floor(side / pitch_m) + 1
     to_corner = math.hypot(radius_m, radius_m)
 
-    def offset(way_m: float) -> Offset | None:
+    def offset(way_m: float) -> SearchOffset | None:
         if way_m < to_corner:
             share = way_m / to_corner
-            return Offset(-radius_m * share, -radius_m * share)
+            return SearchOffset(-radius_m * share, -radius_m * share)
         line, along = divmod(way_m - to_corner, side + pitch_m)
         if line >= lines:
             return None
         x = min(along, side)
         y = line * pitch_m + max(along - side, 0.0)
-        return Offset((x if line % 2 == 0 else side - x) - radius_m, min(y, side) - radius_m)
+        return SearchOffset((x if line % 2 == 0 else side - x) - radius_m, min(y, side) - radius_m)
 
     return offset
 
@@ -70,13 +70,13 @@ def tilt(angle_rad: float) -> Search:
     """Lean over and back in each of `LEANINGS` directions, opposite ones after each other."""
     once = 2.0 * angle_rad * LEVER_M
 
-    def offset(way_m: float) -> Offset | None:
+    def offset(way_m: float) -> SearchOffset | None:
         leaning, along = divmod(way_m, once)
         if leaning >= LEANINGS:
             return None
         half, other = divmod(int(leaning), 2)
         heading = math.pi * (2.0 * half / LEANINGS + other)
         lean = angle_rad * (1.0 - abs(2.0 * along / once - 1.0))
-        return Offset(rx=lean * math.cos(heading), ry=lean * math.sin(heading))
+        return SearchOffset(rx=lean * math.cos(heading), ry=lean * math.sin(heading))
 
     return offset

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.services.state.link import RobotLink
 from app.services.streaming.servo_wrench import ServoWrench
-from app.services.streaming.sessions import Session
+from app.services.streaming.sessions import StreamSession
 from cobot.errors import CobotError
 from cobot.ipc.layout import POINTS
 from cobot.ipc.stream_writer import PointWriter
@@ -91,14 +91,14 @@ class ServoPoints:
         self._waiting.clear()
         return dropped
 
-    def begin(self, session: Session) -> None:
+    def begin(self, session: StreamSession) -> None:
         """A session has begun: it gets the points that have waited for it."""
         self._writer.begin(session.number)
         self._wrench.begin(session)
         while self._waiting:
             self._pass_on(*self._waiting.popleft(), session)
 
-    def take(self, point: Point, session: Session | None) -> None:
+    def take(self, point: Point, session: StreamSession | None) -> None:
         """Pass a point on to the session, or have it wait for one.
 
         Raises:
@@ -120,7 +120,7 @@ class ServoPoints:
         self._inverse.accept(joints)
         self._rules.accept(point)
 
-    def _pass_on(self, joints: Sequence[float], point: Point, session: Session) -> None:
+    def _pass_on(self, joints: Sequence[float], point: Point, session: StreamSession) -> None:
         """A point that has waited, and was accepted."""
         try:
             self._put(joints, point, session)
@@ -128,7 +128,7 @@ class ServoPoints:
             self._rules.accepted -= 1
             self._rules.refuse(exc.kind, str(exc))
 
-    def _put(self, joints: Sequence[float], point: Point, session: Session) -> None:
+    def _put(self, joints: Sequence[float], point: Point, session: StreamSession) -> None:
         self._wrench.update(session)
         if not self._writer.put(joints, point.time_s, point.lookahead_s, point.gain):
             raise BrokenRule(Refusal.OVERRUN, f"the buffer is full: {POINTS} points wait in it")

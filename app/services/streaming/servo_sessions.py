@@ -12,7 +12,7 @@ import numpy as np
 from app.services.state.link import RobotLink
 from app.services.streaming.force import ForceService, ForceSettings
 from app.services.streaming.servo_points import PointInverse, ServoPoints
-from app.services.streaming.sessions import Session, StreamService
+from app.services.streaming.sessions import StreamService, StreamSession
 from cobot.errors import CobotError, ConflictError
 from cobot.ipc.layout import Interpolation, ServoMode, Stream
 from cobot.ipc.session_rules import nominal_session
@@ -54,13 +54,13 @@ class ServoSessions:
         self._rules = rules
         self._points = points
         self._inverse = inverse
-        self._session: Session | None = None  # rtloop's, until the arm rests
+        self._session: StreamSession | None = None  # rtloop's, until the arm rests
         self._belongs_to = 0  # the generation that it was begun for
         self._task: asyncio.Task[None] | None = None
         self._followers: set[asyncio.Task[None]] = set()
 
     @property
-    def current(self) -> Session | None:
+    def current(self) -> StreamSession | None:
         """The session that was asked for last, once it has begun; not one that comes to its end."""
         return self._session if self._belongs_to == self.generation else None
 
@@ -123,7 +123,7 @@ class ServoSessions:
         generation: int,
         stops: int,
         before: asyncio.Task[None] | None,
-        last: Session | None,
+        last: StreamSession | None,
     ) -> None:
         if before is not None:
             await asyncio.wait({before})
@@ -148,7 +148,7 @@ class ServoSessions:
             raise ConflictError("the servo session was ended while it began")
         self._points.begin(session)
 
-    async def _begin(self, request: SetMode, stops: int) -> Session:
+    async def _begin(self, request: SetMode, stops: int) -> StreamSession:
         """Ask rtloop, which refuses a request overtaken by a stop. Wait for an owner that is releasing."""
         deadline_s = self._link.clock.now_s() + PATIENCE_S
         if request.mode in FORCE_MODES:
@@ -176,7 +176,7 @@ class ServoSessions:
         self._rules.accepted -= lost
         self._rules.refuse(Refusal.REJECTED, reason, 1 + lost)
 
-    async def _follow(self, session: Session, generation: int, mode: ServoMode) -> None:
+    async def _follow(self, session: StreamSession, generation: int, mode: ServoMode) -> None:
         reason = await asyncio.shield(session.ended)
         if self._session is session:
             self._session = None

@@ -7,7 +7,7 @@ import contextlib
 import numpy as np
 
 from app.services.streaming.force import ForceService, ForceSettings
-from app.services.streaming.sessions import Session
+from app.services.streaming.sessions import StreamSession
 from cobot.errors import CobotError
 from cobot.ipc.layout import Stream, setpoint_dtype
 
@@ -21,7 +21,7 @@ class ServoWrench:
         self._told: ForceSettings | None = None
         self._sequence = 0
 
-    def begin(self, session: Session) -> None:
+    def begin(self, session: StreamSession) -> None:
         """Tell a session that has just begun."""
         self._told = settings = self._force.settings
         if session.stream is not Stream.CARTESIAN:
@@ -32,7 +32,7 @@ class ServoWrench:
         with contextlib.suppress(CobotError):  # the session has just ended
             session.take_setpoint(self._sequence, setpoint)
 
-    def update(self, session: Session) -> None:
+    def update(self, session: StreamSession) -> None:
         """Tell it again if the settings are others by now."""
         if self._force.settings is not self._told:
             self.begin(session)

@@ -40,7 +40,7 @@ SHOWN_CYCLES = 2
 log = logging.getLogger("cobot.streams")
 
 
-class Session:
+class StreamSession:
     """One session, from its acceptance by rtloop until the arm is at rest.
 
     Attributes:
@@ -149,7 +149,7 @@ class StreamService:
         self._tasks: set[asyncio.Task[None]] = set()
         self._connections = 0
         self.section = section
-        self.session: Session | None = None
+        self.session: StreamSession | None = None
         self._info_sequence = 0
         self._info = np.zeros((), link.memory.info.data.dtype)
 
@@ -207,7 +207,7 @@ class StreamService:
         timeout_s: float,
         stops: int | None = None,
         caller: Caller | None = None,
-    ) -> Session:
+    ) -> StreamSession:
         """Begin a session.
 
         Args:
@@ -245,7 +245,7 @@ class StreamService:
             first = FirstTarget(
                 stream, [text(each) for each in self.info["joint_names"]], self._link.state().record
             )
-            session = Session(number, stream, name, self._link.memory.dof, self._writer, first)
+            session = StreamSession(number, stream, name, self._link.memory.dof, self._writer, first)
             # From here claim and blocks belong to the task that follows the session to its end.
             with logs.add_ids(session=number):
                 task = asyncio.create_task(self._follow(session, claim, stack.pop_all()))
@@ -257,12 +257,12 @@ class StreamService:
         audit.note("session opened", session=number, mode=session.stream.name, client=name)
         return session
 
-    def estop(self, session: Session) -> None:
+    def estop(self, session: StreamSession) -> None:
         """Latch an e-stop on behalf of the streaming client; the arm comes to rest."""
         session.estop()
         self._link.events.publish("estop", what="asked for", by=str(CLIENT.get()), session=session.number)
 
-    def lose(self, session: Session) -> None:
+    def lose(self, session: StreamSession) -> None:
         """End a session whose client has lost its connection, after the usual timeout for targets."""
         asyncio.get_running_loop().call_later(
             self.section.command_timeout_s, session.end, "the connection to the client was lost"
@@ -289,7 +289,7 @@ class StreamService:
                 raise UnavailableError(f"rtloop has not answered for {timeout_s:g} s")
             await asyncio.sleep(POLL_S / 2)
 
-    async def _follow(self, session: Session, claim: Claim, belongings: contextlib.ExitStack) -> None:
+    async def _follow(self, session: StreamSession, claim: Claim, belongings: contextlib.ExitStack) -> None:
         reason = "the service ends"
         try:
             with belongings:
@@ -301,7 +301,7 @@ class StreamService:
             log.info("%ssession %d has ended: %s", self._link.label, session.number, reason)
             audit.note("session ended", session=session.number, reason=reason)
 
-    async def _end(self, session: Session, claim: Claim) -> str:
+    async def _end(self, session: StreamSession, claim: Claim) -> str:
         """Why the session has ended, once it has."""
         while True:
             try:

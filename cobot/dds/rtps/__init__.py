@@ -1,18 +1,18 @@
 """RTPS 2.2, the wire protocol of DDS, in pure Python: enough of it to be a good neighbour of ROS 2 nodes."""
 
-from cobot.dds.rtps.errors import ClosedError, MalformedError, NetworkError, PayloadError, RtpsError
+from cobot.dds.rtps.errors import ClosedError, MalformedError, NetworkError, RtpsError, SampleTooLargeError
 from cobot.dds.rtps.last_words import LastWords
 from cobot.dds.rtps.participant import Participant
 from cobot.dds.rtps.reader import TopicReader as Reader
 from cobot.dds.rtps.types import (
     Guid,
-    Limits,
+    ParticipantLimits,
+    ParticipantStatistics,
     Qos,
     RemoteEndpoint,
     RemoteParticipant,
     Sample,
     SampleIdentity,
-    Statistics,
 )
 from cobot.dds.rtps.writer import Writer
 
@@ -20,11 +20,11 @@ __all__ = [
     "ClosedError",
     "Guid",
     "LastWords",
-    "Limits",
     "MalformedError",
     "NetworkError",
     "Participant",
-    "PayloadError",
+    "ParticipantLimits",
+    "ParticipantStatistics",
     "Qos",
     "Reader",
     "RemoteEndpoint",
@@ -32,6 +32,6 @@ __all__ = [
     "RtpsError",
     "Sample",
     "SampleIdentity",
-    "Statistics",
+    "SampleTooLargeError",
     "Writer",
 ]

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from queue import SimpleQueue
 
-from cobot.dds.rtps.types import Statistics
+from cobot.dds.rtps.types import ParticipantStatistics
 
 _log = logging.getLogger(__name__)
 _LAST_CALLBACK_S = 5.0
@@ -16,7 +16,7 @@ _LAST_CALLBACK_S = 5.0
 class Delivery:
     """Calls one at a time, in the order they were put; a callback that raises is logged and counted."""
 
-    def __init__(self, statistics: Statistics) -> None:
+    def __init__(self, statistics: ParticipantStatistics) -> None:
         self._statistics = statistics
         self._calls: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="rtps-delivery", daemon=True)

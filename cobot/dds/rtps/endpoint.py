@@ -13,7 +13,7 @@ Proxy = TypeVar("Proxy")
 """The type of what an endpoint knows of one of its peers."""
 
 
-class Endpoint(Generic[Proxy]):
+class RtpsEndpoint(Generic[Proxy]):
     """Is what its announcement says, and keeps a proxy for each peer that it is matched with."""
 
     def __init__(self, wire: Wire, announcement: EndpointAnnouncement) -> None:

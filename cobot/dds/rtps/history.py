@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from cobot.dds.rtps.types import Limits
+from cobot.dds.rtps.types import ParticipantLimits
 
 
 @dataclass(slots=True, eq=False)
@@ -33,7 +33,7 @@ class Change:
 class History:
     """Changes by sequence number, within the depth and the limits."""
 
-    def __init__(self, depth: int | None, limits: Limits) -> None:
+    def __init__(self, depth: int | None, limits: ParticipantLimits) -> None:
         self._most = limits.history_samples if depth is None else depth
         self._most_bytes = limits.history
         self._changes: dict[int, Change] = {}

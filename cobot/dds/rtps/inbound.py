@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from cobot.dds.rtps.types import Limits, Statistics
+from cobot.dds.rtps.types import ParticipantLimits, ParticipantStatistics
 
 
-class Holder:
+class BufferHolder:
     """A remote writer on whose behalf bytes are buffered."""
 
     __slots__ = ("held",)
@@ -25,13 +25,13 @@ class Inbound:
     A reliable writer sends dropped samples again.
     """
 
-    def __init__(self, limits: Limits, statistics: Statistics) -> None:
+    def __init__(self, limits: ParticipantLimits, statistics: ParticipantStatistics) -> None:
         self.limits = limits
         self.statistics = statistics
         self.used = 0
-        self._holders: set[Holder] = set()
+        self._holders: set[BufferHolder] = set()
 
-    def take(self, holder: Holder, size: int) -> bool:
+    def take(self, holder: BufferHolder, size: int) -> bool:
         """Reserve `size` more bytes for a holder. Returns whether that is permitted."""
         if holder.held + size > self.limits.buffered_per_writer:
             self.statistics.refused += 1
@@ -47,13 +47,13 @@ class Inbound:
         self._holders.add(holder)
         return True
 
-    def give(self, holder: Holder, size: int) -> None:
+    def give(self, holder: BufferHolder, size: int) -> None:
         self.used -= size
         holder.held -= size
         if not holder.held:
             self._holders.discard(holder)
 
-    def clear(self, holder: Holder) -> None:
+    def clear(self, holder: BufferHolder) -> None:
         holder.discard()
         self.used -= holder.held
         holder.held = 0

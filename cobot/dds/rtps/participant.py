@@ -27,24 +27,24 @@ from cobot.dds.rtps.inbound import Inbound
 from cobot.dds.rtps.last_words import LastWords
 from cobot.dds.rtps.parameters import read_identity
 from cobot.dds.rtps.reader import Reader, TopicReader
-from cobot.dds.rtps.submessages import Kind, Submessage
+from cobot.dds.rtps.submessages import Submessage, SubmessageKind
 from cobot.dds.rtps.types import (
     PARTICIPANT_ENTITY,
     UNKNOWN_ENTITY,
     Guid,
-    Limits,
+    ParticipantLimits,
+    ParticipantStatistics,
     Qos,
     RemoteEndpoint,
     RemoteParticipant,
     Sample,
-    Statistics,
 )
 from cobot.dds.rtps.wire import Wire
 from cobot.dds.rtps.writer import Writer
 from cobot.dds.rtps.writer_proxy import Arrival
 
 _KEYLESS_WRITER, _KEYLESS_READER = 0x03, 0x04
-_DEFAULT_LIMITS = Limits()
+_DEFAULT_LIMITS = ParticipantLimits()
 
 
 class Participant:
@@ -73,7 +73,7 @@ class Participant:
         name: str = "",
         user_data: bytes = b"enclave=/;",
         *,
-        limits: Limits = _DEFAULT_LIMITS,
+        limits: ParticipantLimits = _DEFAULT_LIMITS,
         on_change: Callable[[], None] | None = None,
         loss: Callable[[], bool] | None = None,
     ) -> None:
@@ -157,7 +157,7 @@ class Participant:
         return self._wire.has_multicast
 
     @property
-    def statistics(self) -> Statistics:
+    def statistics(self) -> ParticipantStatistics:
         """A copy of the counters."""
         with self._lock:
             return replace(self._wire.statistics)
@@ -213,24 +213,28 @@ class Participant:
         for_us = True
         time_s: float | None = None
         for message in submessages.read_submessages(cursor):
-            if message.kind == Kind.INFO_DST:
+            if message.kind == SubmessageKind.INFO_DST:
                 destination = message.body.bytes(12)
                 for_us = destination == self._prefix or not any(destination)
-            elif message.kind == Kind.INFO_TS:
+            elif message.kind == SubmessageKind.INFO_TS:
                 time_s = submessages.read_time(message)
-            elif message.kind == Kind.INFO_SRC:
+            elif message.kind == SubmessageKind.INFO_SRC:
                 source = submessages.read_source(message)
             elif not for_us:
                 continue
-            elif message.kind in (Kind.DATA, Kind.DATA_FRAG):
+            elif message.kind in (SubmessageKind.DATA, SubmessageKind.DATA_FRAG):
                 self._on_data(message, source, time_s, heard_from)
-            elif message.kind in (Kind.ACKNACK, Kind.NACK_FRAG):
+            elif message.kind in (SubmessageKind.ACKNACK, SubmessageKind.NACK_FRAG):
                 self._on_answer(message, source.prefix)
-            elif message.kind in (Kind.HEARTBEAT, Kind.HEARTBEAT_FRAG, Kind.GAP):
+            elif message.kind in (
+                SubmessageKind.HEARTBEAT,
+                SubmessageKind.HEARTBEAT_FRAG,
+                SubmessageKind.GAP,
+            ):
                 self._on_news(message, source.prefix)
 
     def _on_data(
-        self, message: Submessage, source: submessages.Header, time_s: float | None, heard_from: str
+        self, message: Submessage, source: submessages.RtpsHeader, time_s: float | None, heard_from: str
     ) -> None:
         data = submessages.read_data(message)
         if data.writer == PARTICIPANT_WRITER:
@@ -256,11 +260,11 @@ class Participant:
         entity, writer = submessages.read_pair(message)
         guid = prefix + writer
         readers = self._readers(entity)
-        if message.kind == Kind.HEARTBEAT:
+        if message.kind == SubmessageKind.HEARTBEAT:
             first, last, final = submessages.read_heartbeat(message)
             for reader in readers:
                 reader.on_heartbeat(guid, first, last, final=final)
-        elif message.kind == Kind.GAP:
+        elif message.kind == SubmessageKind.GAP:
             start, base, members = submessages.read_gap(message)
             for reader in readers:
                 reader.on_gap(guid, start, base, members)
@@ -275,7 +279,7 @@ class Participant:
         writer = self._discovery.writers.get(entity)
         if writer is None:
             return
-        if message.kind == Kind.ACKNACK:
+        if message.kind == SubmessageKind.ACKNACK:
             base, missing, final = submessages.read_acknowledgement(message)
             writer.on_acknowledgement(prefix + reader, base, missing, final=final)
         else:

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from functools import partial
 
 from cobot.dds.rtps.announcements import EndpointAnnouncement
-from cobot.dds.rtps.endpoint import Endpoint
+from cobot.dds.rtps.endpoint import RtpsEndpoint
 from cobot.dds.rtps.errors import RtpsError
 from cobot.dds.rtps.inbound import Inbound
 from cobot.dds.rtps.parameters import Parameters, disposes
-from cobot.dds.rtps.submessages import Fragment
+from cobot.dds.rtps.submessages import DataFragment
 from cobot.dds.rtps.types import Address, Guid, Qos, Sample
 from cobot.dds.rtps.wire import Wire
 from cobot.dds.rtps.writer_proxy import Arrival, WriterProxy
@@ -29,7 +29,7 @@ _FRAGMENTS_QUIET_S = 0.02  # ask for fragments when none has come for this long
 _INTRODUCE_S = 0.1
 
 
-class Reader(Endpoint[WriterProxy]):
+class Reader(RtpsEndpoint[WriterProxy]):
     """Made by `Participant.create_reader`; every public method may be called from any thread."""
 
     def __init__(self, wire: Wire, inbound: Inbound, announcement: EndpointAnnouncement) -> None:
@@ -94,7 +94,7 @@ class Reader(Endpoint[WriterProxy]):
             self._acknowledge_in(proxy, max(_ASK_AFTER_S, again_s))
 
     def on_fragment(
-        self, guid: bytes, sequence: int, fragment: Fragment, arrival: Arrival, piece: memoryview
+        self, guid: bytes, sequence: int, fragment: DataFragment, arrival: Arrival, piece: memoryview
     ) -> None:
         """Take a fragment of a sample. `arrival` has no payload yet."""
         proxy = self._proxies.get(guid)
@@ -195,7 +195,7 @@ class TopicReader(Reader):
     """A reader whose samples go to a callback on the participant's delivery thread.
 
     `depth` samples wait for it at most, newer ones push out the oldest; without depth a reliable writer has
-    to wait with its samples while `Limits.undelivered` bytes do.
+    to wait with its samples while `ParticipantLimits.undelivered` bytes do.
     """
 
     def __init__(

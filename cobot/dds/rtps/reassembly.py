@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from cobot.dds.rtps.errors import MalformedError
 from cobot.dds.rtps.parameters import Parameters
-from cobot.dds.rtps.submessages import Fragment
+from cobot.dds.rtps.submessages import DataFragment
 
 MAX_FRAGMENTS = 1 << 16
 
 
-class Assembly:
+class SampleAssembly:
     """Bytes and marks of the fragments that have arrived.
 
     Errors: MalformedError for fragments that cannot belong to a sample, or not to this one.
@@ -17,7 +17,7 @@ class Assembly:
 
     __slots__ = ("_data", "_marks", "_size", "count", "inline", "touched_s")
 
-    def __init__(self, fragment: Fragment, inline: Parameters | None) -> None:
+    def __init__(self, fragment: DataFragment, inline: Parameters | None) -> None:
         if not fragment.size or not fragment.total:
             raise MalformedError("a fragment of nothing")
         self._size = fragment.size
@@ -33,7 +33,7 @@ class Assembly:
     def total(self) -> int:
         return len(self._data)
 
-    def add(self, fragment: Fragment, payload: memoryview) -> bool:
+    def add(self, fragment: DataFragment, payload: memoryview) -> bool:
         """Whether the sample is complete now."""
         if fragment.size != self._size or fragment.total != len(self._data):
             raise MalformedError("a fragment of another sample under the same number")

@@ -25,7 +25,7 @@ _VERSION = bytes((2, 2))
 _U32_MAX = 0xFFFFFFFF
 
 
-class Kind(IntEnum):
+class SubmessageKind(IntEnum):
     PAD = 0x01
     ACKNACK = 0x06
     HEARTBEAT = 0x07
@@ -61,18 +61,18 @@ _PAIR = Struct("<4s4s")
 _SEQUENCE = Struct("<iI")
 
 
-def _submessage(kind: Kind, flags: int, body: bytes) -> bytes:
+def _submessage(kind: SubmessageKind, flags: int, body: bytes) -> bytes:
     return _SUBMESSAGE.pack(kind, flags | _LITTLE, len(body)) + body
 
 
 def info_destination(prefix: bytes) -> bytes:
-    return _submessage(Kind.INFO_DST, 0, prefix)
+    return _submessage(SubmessageKind.INFO_DST, 0, prefix)
 
 
 def info_time(seconds: float) -> bytes:
     """seconds: since 1970; 32 bits last until 2106."""
     whole = int(seconds)
-    return _TIME.pack(Kind.INFO_TS, _LITTLE, 8, whole & _U32_MAX, int((seconds - whole) * 2**32))
+    return _TIME.pack(SubmessageKind.INFO_TS, _LITTLE, 8, whole & _U32_MAX, int((seconds - whole) * 2**32))
 
 
 def data(reader: bytes, writer: bytes, sequence: int, inline: bytes, payload: bytes, *, key: bool) -> bytes:
@@ -84,7 +84,7 @@ def data(reader: bytes, writer: bytes, sequence: int, inline: bytes, payload: by
     payload += bytes(-len(payload) % 4)
     length = 20 + len(inline) + len(payload)
     head = _DATA_HEADER.pack(
-        Kind.DATA, flags, length, 0, 16, reader, writer, sequence >> 32, sequence & _U32_MAX
+        SubmessageKind.DATA, flags, length, 0, 16, reader, writer, sequence >> 32, sequence & _U32_MAX
     )
     return head + inline + payload
 
@@ -102,7 +102,18 @@ def data_fragment(
     length = 32 + len(inline) + len(piece)
     sequences = sequence >> 32, sequence & _U32_MAX
     head = _FRAGMENT_HEADER.pack(
-        Kind.DATA_FRAG, flags, length, 0, 28, reader, writer, *sequences, number, 1, size, len(payload)
+        SubmessageKind.DATA_FRAG,
+        flags,
+        length,
+        0,
+        28,
+        reader,
+        writer,
+        *sequences,
+        number,
+        1,
+        size,
+        len(payload),
     )
     return head + inline + piece
 
@@ -110,19 +121,19 @@ def data_fragment(
 def heartbeat(reader: bytes, writer: bytes, first: int, last: int, count: int, *, final: bool) -> bytes:
     flags = _LITTLE | (_FINAL if final else 0)
     numbers = first >> 32, first & _U32_MAX, last >> 32, last & _U32_MAX, count & _U32_MAX
-    return _HEARTBEAT_BODY.pack(Kind.HEARTBEAT, flags, 28, reader, writer, *numbers)
+    return _HEARTBEAT_BODY.pack(SubmessageKind.HEARTBEAT, flags, 28, reader, writer, *numbers)
 
 
 def heartbeat_fragment(reader: bytes, writer: bytes, sequence: int, last: int, count: int) -> bytes:
     numbers = sequence >> 32, sequence & _U32_MAX, last, count & _U32_MAX
-    return _HEARTBEAT_FRAG_BODY.pack(Kind.HEARTBEAT_FRAG, _LITTLE, 24, reader, writer, *numbers)
+    return _HEARTBEAT_FRAG_BODY.pack(SubmessageKind.HEARTBEAT_FRAG, _LITTLE, 24, reader, writer, *numbers)
 
 
 def gap(reader: bytes, writer: bytes, start: int, base: int, members: Iterable[int] = ()) -> bytes:
     """The samples start..base-1 and `members` (from base on) will never come."""
     start_bytes = _SEQUENCE.pack(start >> 32, start & _U32_MAX)
     body = _PAIR.pack(reader, writer) + start_bytes + pack_sequences(base, members)
-    return _submessage(Kind.GAP, 0, body)
+    return _submessage(SubmessageKind.GAP, 0, body)
 
 
 def acknowledgement(
@@ -131,17 +142,17 @@ def acknowledgement(
     body = (
         _PAIR.pack(reader, writer) + pack_sequences(base, missing) + (count & _U32_MAX).to_bytes(4, "little")
     )
-    return _submessage(Kind.ACKNACK, _FINAL if final else 0, body)
+    return _submessage(SubmessageKind.ACKNACK, _FINAL if final else 0, body)
 
 
 def fragments_wanted(reader: bytes, writer: bytes, sequence: int, missing: list[int], count: int) -> bytes:
     sequence_bytes = _SEQUENCE.pack(sequence >> 32, sequence & _U32_MAX)
     numbers = pack_fragments(missing[0], missing) + (count & _U32_MAX).to_bytes(4, "little")
-    return _submessage(Kind.NACK_FRAG, 0, _PAIR.pack(reader, writer) + sequence_bytes + numbers)
+    return _submessage(SubmessageKind.NACK_FRAG, 0, _PAIR.pack(reader, writer) + sequence_bytes + numbers)
 
 
 @dataclass(frozen=True, slots=True)
-class Header:
+class RtpsHeader:
     prefix: bytes
     vendor: int
 
@@ -163,11 +174,11 @@ class Data:
     inline: Parameters | None
     payload: memoryview | None
     little: bool
-    fragment: Fragment | None = None
+    fragment: DataFragment | None = None
 
 
 @dataclass(slots=True)
-class Fragment:
+class DataFragment:
     first: int
     count: int
     size: int
@@ -181,12 +192,12 @@ _TIME_LAYOUT = Layout("II")
 _INVALID_TIME = (_U32_MAX, _U32_MAX)
 
 
-def read_header(datagram: memoryview) -> tuple[Header, Cursor]:
+def read_header(datagram: memoryview) -> tuple[RtpsHeader, Cursor]:
     """The sender and a cursor at the first submessage."""
     if len(datagram) < HEADER_BYTES or datagram[:4] != _MAGIC or datagram[4] != _VERSION[0]:
         raise MalformedError("not an RTPS 2 message")
     vendor = datagram[6] << 8 | datagram[7]
-    header = Header(datagram[8:HEADER_BYTES].tobytes(), vendor)
+    header = RtpsHeader(datagram[8:HEADER_BYTES].tobytes(), vendor)
     return header, Cursor(datagram, HEADER_BYTES, len(datagram), little=True)
 
 
@@ -198,7 +209,7 @@ def read_submessages(cursor: Cursor) -> Iterator[Submessage]:
         little = bool(flags & _LITTLE)
         length = int.from_bytes(start[2:4], "little" if little else "big")
         # A length of 0 means "to the end of the message", except where an empty body makes sense.
-        if not length and kind not in (Kind.PAD, Kind.INFO_TS):
+        if not length and kind not in (SubmessageKind.PAD, SubmessageKind.INFO_TS):
             length = cursor.remaining
         body = cursor.part(length)
         body.little = little
@@ -211,8 +222,8 @@ def read_data(message: Submessage) -> Data:
     _, to_inline, reader, writer, high, low = body.read(_DATA_LAYOUT)
     fragment = None
     has_payload = bool(message.flags & (_DATA | _KEY))
-    if message.kind == Kind.DATA_FRAG:
-        fragment = Fragment(*body.read(_FRAGMENT_LAYOUT))
+    if message.kind == SubmessageKind.DATA_FRAG:
+        fragment = DataFragment(*body.read(_FRAGMENT_LAYOUT))
         has_payload = True
     sequence = (high << 32) | low
     if sequence < 1:
@@ -273,8 +284,8 @@ def read_time(message: Submessage) -> float | None:
     return None if (whole, fraction) == _INVALID_TIME else whole + fraction * 2.0**-32
 
 
-def read_source(message: Submessage) -> Header:
+def read_source(message: Submessage) -> RtpsHeader:
     """Another sender for the submessages that follow (INFO_SRC)."""
     message.body.skip(6)
     vendor = int.from_bytes(message.body.bytes(2), "big")
-    return Header(message.body.bytes(12), vendor)
+    return RtpsHeader(message.body.bytes(12), vendor)

@@ -49,7 +49,7 @@ class Qos:
     """Quality of service of a writer or a reader.
 
     depth: samples kept for late or slow readers; None keeps all that are not acknowledged (writer) or not
-        delivered (reader), within `Limits`. Of a remote endpoint it is not known and None.
+        delivered (reader), within `ParticipantLimits`. Of a remote endpoint it is not known and None.
     """
 
     reliable: bool = True
@@ -105,7 +105,7 @@ class RemoteEndpoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class ParticipantLimits:
     """What a peer can make this participant keep or do; sizes in bytes.
 
     payload: of one sample, sent or received.
@@ -130,12 +130,12 @@ class Limits:
 
 
 @dataclass(slots=True)
-class Statistics:
+class ParticipantStatistics:
     """Counters since the start.
 
     datagrams_dropped: by the loss model of a test.
     malformed: datagrams that were not valid RTPS, from where they stopped being so.
-    refused: samples, fragments or announcements beyond `Limits`.
+    refused: samples, fragments or announcements beyond `ParticipantLimits`.
     overrun: samples that left a history or a queue before they were acknowledged or delivered.
     failed: errors in callbacks and in this package; each is in the log.
     """

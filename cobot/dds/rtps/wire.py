@@ -27,7 +27,7 @@ from cobot.dds.rtps.network import (
     first_addresses,
     local_interfaces,
 )
-from cobot.dds.rtps.types import Address, Limits, Statistics
+from cobot.dds.rtps.types import Address, ParticipantLimits, ParticipantStatistics
 
 _log = logging.getLogger(__name__)
 
@@ -49,12 +49,12 @@ class Wire:
         interfaces: Sequence[str] | None,
         localhost_only: bool,
         peers: Sequence[str],
-        limits: Limits,
+        limits: ParticipantLimits,
         loss: Callable[[], bool] | None,
     ) -> None:
         self.lock = threading.RLock()
         self.limits = limits
-        self.statistics = Statistics()
+        self.statistics = ParticipantStatistics()
         self._wanted = (LOOPBACK,) if localhost_only else interfaces
         self.interfaces = local_interfaces(self._wanted)
         self._peers = tuple(peers)

@@ -17,8 +17,8 @@ from functools import partial
 
 from cobot.dds.rtps import submessages
 from cobot.dds.rtps.announcements import EndpointAnnouncement
-from cobot.dds.rtps.endpoint import Endpoint
-from cobot.dds.rtps.errors import ClosedError, PayloadError
+from cobot.dds.rtps.endpoint import RtpsEndpoint
+from cobot.dds.rtps.errors import ClosedError, SampleTooLargeError
 from cobot.dds.rtps.history import Change, History
 from cobot.dds.rtps.network import LOOPBACK
 from cobot.dds.rtps.number_sets import MAX_BITS
@@ -41,7 +41,7 @@ _GATHER_S = 0.002
 _HELD_S = 10.0
 
 
-class Writer(Endpoint[ReaderProxy]):
+class Writer(RtpsEndpoint[ReaderProxy]):
     """The writer of one topic. Made by `Participant.create_writer`; every public method is thread safe."""
 
     def __init__(
@@ -69,11 +69,11 @@ class Writer(Endpoint[ReaderProxy]):
         payload: the serialised bytes with their 4-byte encapsulation header.
         only: the only reader to address. If it is not matched yet, the sample waits for it in the history, up
             to 10 s: a client's reply reader may be discovered after its request.
-        Errors: PayloadError beyond `Limits.payload`; ClosedError.
+        Errors: SampleTooLargeError beyond `ParticipantLimits.payload`; ClosedError.
         """
         most = self._wire.limits.payload
         if len(payload) > most:
-            raise PayloadError(f"a sample of {len(payload)} bytes on {self.topic!r}, at most {most}")
+            raise SampleTooLargeError(f"a sample of {len(payload)} bytes on {self.topic!r}, at most {most}")
         inline = related_identity(related) if related is not None else b""
         with self._wire.lock:
             if self._closed:

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from cobot.dds.rtps import submessages
-from cobot.dds.rtps.inbound import Holder, Inbound
+from cobot.dds.rtps.inbound import BufferHolder, Inbound
 from cobot.dds.rtps.number_sets import MAX_BITS
 from cobot.dds.rtps.parameters import Parameters
-from cobot.dds.rtps.reassembly import Assembly
-from cobot.dds.rtps.submessages import Fragment
+from cobot.dds.rtps.reassembly import SampleAssembly
+from cobot.dds.rtps.submessages import DataFragment
 from cobot.dds.rtps.types import Address, SampleIdentity
 
 _MAX_GAPS = 64
@@ -32,7 +32,7 @@ class Arrival:
         return len(self.payload) if self.payload is not None else 0
 
 
-class WriterProxy(Holder):
+class WriterProxy(BufferHolder):
     """A matched writer.
 
     next: number of the next sample to deliver; all lower ones have been delivered or will never arrive.
@@ -64,7 +64,7 @@ class WriterProxy(Holder):
         self._writer = guid[12:]
         self._acknowledgements = 0
         self._pending: dict[int, Arrival] = {}
-        self._assemblies: dict[int, Assembly] = {}
+        self._assemblies: dict[int, SampleAssembly] = {}
         self._gaps: list[tuple[int, int]] = []
         self.guid = guid
         self.address = address
@@ -135,8 +135,13 @@ class WriterProxy(Holder):
                 self._gaps.append((first, end))
 
     def assemble(
-        self, sequence: int, fragment: Fragment, inline: Parameters | None, piece: memoryview, now_s: float
-    ) -> Assembly | None:
+        self,
+        sequence: int,
+        fragment: DataFragment,
+        inline: Parameters | None,
+        piece: memoryview,
+        now_s: float,
+    ) -> SampleAssembly | None:
         """Add a fragment; returns the sample if this completes it. A sample that is too large counts as a
         gap."""
         assembly = self._assemblies.get(sequence)
@@ -148,7 +153,7 @@ class WriterProxy(Holder):
             if not self.reliable:  # older incomplete samples can no longer be delivered
                 for number in list(self._assemblies):
                     self._forget_assembly(number)
-            assembly = Assembly(fragment, inline)
+            assembly = SampleAssembly(fragment, inline)
             if not self._inbound.take(self, assembly.total + assembly.count):
                 return None
             self._assemblies[sequence] = assembly

@@ -30,7 +30,7 @@ from cobot.grippers.robotiq.registers import (
     Activation,
     Detection,
     Request,
-    Status,
+    RobotiqStatus,
     share,
 )
 from cobot.grippers.robotiq.rig import RobotiqRig
@@ -219,7 +219,7 @@ class RobotiqGripper:
             force_n = least + (most - least) * request.force / FULL
         return GripperState(width, commanded_m, moving, force=force_n, object=held, fault=fault)
 
-    def _status(self) -> Status:
+    def _status(self) -> RobotiqStatus:
         return self._link.status()
 
     def _request_move(self, width_m: float, speed_m_s: float | None, force_n: float | None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from cobot.grippers.modbus import Master
-from cobot.grippers.robotiq.registers import COUNT, REQUEST, STATUS, Request, Status
+from cobot.grippers.robotiq.registers import COUNT, REQUEST, STATUS, Request, RobotiqStatus
 
 
 class GripperLink(Protocol):
@@ -17,7 +17,7 @@ class GripperLink(Protocol):
 
     def close(self) -> None: ...
 
-    def status(self) -> Status:
+    def status(self) -> RobotiqStatus:
         """What the gripper reports."""
         ...
 
@@ -34,8 +34,8 @@ class ModbusLink:
     def __init__(self, master: Master) -> None:
         self.open, self.close, self._master = master.open, master.close, master
 
-    def status(self) -> Status:
-        return Status.of(self._master.read(STATUS, COUNT))
+    def status(self) -> RobotiqStatus:
+        return RobotiqStatus.of(self._master.read(STATUS, COUNT))
 
     def request(self) -> Request:
         return Request.of(self._master.read(REQUEST, COUNT))

@@ -90,7 +90,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
+class RobotiqStatus:
     """What the gripper reports.
 
     Attributes:
@@ -117,7 +117,7 @@ class Status:
         ]
 
     @classmethod
-    def of(cls, words: Sequence[int]) -> Status:
+    def of(cls, words: Sequence[int]) -> RobotiqStatus:
         bits = words[0] >> 8
         return cls(
             bool(bits & 1),

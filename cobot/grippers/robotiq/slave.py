@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-from cobot.grippers.modbus import REFUSED, Function, framed, is_whole
+from cobot.grippers.modbus import framed, is_whole
 from cobot.grippers.robotiq.registers import (
     COUNT,
     FULL,
@@ -19,8 +19,9 @@ from cobot.grippers.robotiq.registers import (
     Activation,
     Detection,
     Request,
-    Status,
+    RobotiqStatus,
 )
+from cobot.modbus import REFUSED, ModbusFunction
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 HOLDING_A = 0.4
@@ -88,13 +89,13 @@ class Fingers:
         elif self._detection is not Detection.AT_POSITION:
             self._detection = Detection.MOVING
 
-    def status(self) -> Status:
+    def status(self) -> RobotiqStatus:
         """What it reports now."""
         self.advance()
         activation = self._activation()
         holds = self._detection in (Detection.STOPPED_CLOSING, Detection.STOPPED_OPENING)
         fault = self.fault or (NOT_ACTIVE if self.request.go and activation is Activation.RESET else 0)
-        return Status(
+        return RobotiqStatus(
             self.request.activate,
             self.request.go,
             activation,
@@ -159,13 +160,13 @@ class Slave:
 
     def _answer(self, function: int, data: bytes) -> bytes:
         match function:
-            case Function.READ_HOLDING | Function.READ_INPUT:
+            case ModbusFunction.READ_HOLDING_REGISTERS | ModbusFunction.READ_INPUT_REGISTERS:
                 address, count = struct.unpack(">HH", data)
                 return self._read(function, address, count)
-            case Function.WRITE:
+            case ModbusFunction.WRITE_REGISTERS:
                 address, count = struct.unpack(">HH", data[:4])
                 return self._write(function, address, count, data[5:]) or bytes((function,)) + data[:4]
-            case Function.READ_WRITE:
+            case ModbusFunction.READ_WRITE_REGISTERS:
                 address, count, to, written = struct.unpack(">HHHH", data[:8])
                 return self._write(function, to, written, data[9:]) or self._read(function, address, count)
             case _:
@@ -200,9 +201,9 @@ def _length(data: bytes) -> int:
     if len(data) < 2:
         return 0
     match data[1]:
-        case Function.WRITE:
+        case ModbusFunction.WRITE_REGISTERS:
             return 9 + data[6] if len(data) > 6 else 0
-        case Function.READ_WRITE:
+        case ModbusFunction.READ_WRITE_REGISTERS:
             return 13 + data[10] if len(data) > 10 else 0
         case _:
             return 8

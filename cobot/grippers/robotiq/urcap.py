@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from cobot.grippers.protocol import GripperError
-from cobot.grippers.robotiq.registers import Activation, Detection, Request, Status
+from cobot.grippers.robotiq.registers import Activation, Detection, Request, RobotiqStatus
 
 PORT = 63352
 ACK, UNKNOWN = "ack", "?"
@@ -59,10 +59,10 @@ class UrcapLink:
         if connection is not None:
             connection.close()
 
-    def status(self) -> Status:
+    def status(self) -> RobotiqStatus:
         """See `GripperLink`: one line for each value, because the protocol has no common one."""
         stage = self._get("STA", 3)
-        return Status(
+        return RobotiqStatus(
             stage != Activation.RESET,
             bool(self._get("GTO", 1)),
             Activation(stage),

@@ -16,7 +16,7 @@ CLOSE_S = 2.0
 
 
 @dataclass(slots=True)
-class Heard:
+class DriverState:
     """What has come from the driver.
 
     Attributes:
@@ -77,7 +77,7 @@ class ActionLink(Protocol):
         heard: what has come.
     """
 
-    heard: Heard
+    heard: DriverState
 
     def open(self) -> None:
         """Begin to listen, unless it does already."""
@@ -106,7 +106,7 @@ class ActionProcess:
     def __init__(self, settings: dict[str, Any], clock: Now = SYSTEM) -> None:
         self._settings, self._clock = settings, clock
         self._process: subprocess.Popen[str] | None = None
-        self.heard = Heard()
+        self.heard = DriverState()
 
     def open(self) -> None:
         if self._process is not None and self._process.poll() is None:
@@ -121,7 +121,7 @@ class ActionProcess:
             encoding="utf-8",
             start_new_session=True,  # Ctrl-C is the service's
         )
-        self.heard = heard = Heard()
+        self.heard = heard = DriverState()
         threading.Thread(target=self._listen, args=(self._process, heard), daemon=True).start()
 
     def close(self) -> None:
@@ -153,7 +153,7 @@ class ActionProcess:
                 f"the process that speaks ROS 2 has ended: {exc}; cobot starts it again"
             ) from exc
 
-    def _listen(self, process: subprocess.Popen[str], heard: Heard) -> None:
+    def _listen(self, process: subprocess.Popen[str], heard: DriverState) -> None:
         assert process.stdout is not None
         with process.stdout as lines:
             for line in lines:

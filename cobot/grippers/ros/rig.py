@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from cobot.grippers.protocol import Gripper, IoPort
-from cobot.grippers.ros.link import Heard
+from cobot.grippers.ros.link import DriverState
 
 if TYPE_CHECKING:
     from cobot.grippers.ros.driver import RosOptions
@@ -26,7 +26,7 @@ class RosRig:
         self._runs = self._gone = False
         self._object_m: float | None = None
         self._last: dict[str, Any] | None = None
-        self.heard = Heard()
+        self.heard = DriverState()
 
     def now_s(self) -> float:
         return self._seconds

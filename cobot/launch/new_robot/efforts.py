@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from cobot.robot.collision import CollisionChecker
-from cobot.robot.holding import PAYLOAD_SHARE, Hold, Holding, payload
+from cobot.robot.holding import PAYLOAD_SHARE, Holding, HoldingEffort, payload
 from cobot.robot.model import RobotModel
 from cobot.types import JointLimits
 
@@ -95,7 +95,7 @@ def reduce_friction(
     return said
 
 
-def _rounded(hold: Hold) -> str:
+def _rounded(hold: HoldingEffort) -> str:
     return str(np.round(hold.posture, 2).tolist())
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from cobot.cell import OwnHand, SlidingFinger
 from cobot.launch.new_robot.masses import set_ball
 from cobot.launch.robot_file.mjcf import has_bounds
-from cobot.launch.robot_file.tree import Node
+from cobot.launch.robot_file.tree import MovingJoint
 from cobot.robot.quaternion import from_matrix
 from cobot.types import Array
 
@@ -170,7 +170,9 @@ class FingerPair:
         return TCP
 
 
-def sliding_pair(fingers: Sequence[Node], rates: Mapping[str, tuple[float, float]]) -> FingerPair | str:
+def sliding_pair(
+    fingers: Sequence[MovingJoint], rates: Mapping[str, tuple[float, float]]
+) -> FingerPair | str:
     """The two fingers of a gripper that can be simulated; or why these are none."""
     if len(fingers) != 2 or any(each.joint.type != mujoco.mjtJoint.mjJNT_SLIDE for each in fingers):
         return "cobot simulates two fingers that slide"

@@ -8,13 +8,13 @@ import mujoco
 
 from cobot.launch.new_robot.fingers import FingerPair, sliding_pair
 from cobot.launch.new_robot.turning_fingers import TurningFingers, turning_fingers
-from cobot.launch.robot_file.tree import Node
+from cobot.launch.robot_file.tree import MovingJoint
 
 Fingers = FingerPair | TurningFingers
 
 
 def kept_fingers(
-    fingers: Sequence[Node], rates: Mapping[str, tuple[float, float]], degrees: bool
+    fingers: Sequence[MovingJoint], rates: Mapping[str, tuple[float, float]], degrees: bool
 ) -> Fingers | str:
     """The gripper; or why there is none.
 

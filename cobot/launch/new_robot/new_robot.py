@@ -32,7 +32,7 @@ from cobot.launch.robot_file.mjcf import mjcf_rates, read_mjcf
 from cobot.launch.robot_file.mjcf_checks import check_mjcf
 from cobot.launch.robot_file.saving import compiled, save
 from cobot.launch.robot_file.telescope import find_telescopes
-from cobot.launch.robot_file.tree import JointTree, Node
+from cobot.launch.robot_file.tree import JointTree, MovingJoint
 from cobot.launch.robot_file.urdf import read_joints, read_urdf
 from cobot.launch.robot_file.urdf_checks import check_urdf
 from cobot.launch.robot_file.urdf_limits import check_driven, check_supported, soft_limits
@@ -212,7 +212,7 @@ class NewRobot:
 
     def _chain(
         self, root: Element, spec: mujoco.MjSpec, in_file: Sequence[str], files: Tree
-    ) -> tuple[Semantics, JointTree, list[Node]]:
+    ) -> tuple[Semantics, JointTree, list[MovingJoint]]:
         """The arm of the SRDF, and its joints, in the tree of all joints."""
         names = [joint.name for joint in spec.joints]
         for given, valid in ((self.actuators, names), (self.without, in_file)):
@@ -241,7 +241,7 @@ class NewRobot:
         self,
         source: _Source,
         tree: JointTree,
-        chain: list[Node],
+        chain: list[MovingJoint],
         semantics: Semantics,
         own_state: dict[str, float],
     ) -> tuple[list[str], str | None, Fingers | None, dict[str, float]]:

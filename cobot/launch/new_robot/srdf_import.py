@@ -32,7 +32,7 @@ OTHER_NAMES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class FileJoint:
     name: str
     parent: str
     child: str
@@ -43,7 +43,7 @@ class Joint:
 class Tree:
     """The joints of a robot's file and the links between them, in the order of the file."""
 
-    joints: tuple[Joint, ...]
+    joints: tuple[FileJoint, ...]
     links: frozenset[str]
 
     @classmethod
@@ -54,7 +54,7 @@ class Tree:
             parent, child = (joint.find(end) for end in ("parent", "child"))
             kind = joint.get("type") in ("revolute", "continuous", "prismatic")
             joints.append(
-                Joint(
+                FileJoint(
                     joint.get("name") or "",
                     "" if parent is None else parent.get("link") or "",
                     "" if child is None else child.get("link") or "",
@@ -67,15 +67,15 @@ class Tree:
     def of_mjcf(cls, spec: mujoco.MjSpec) -> Tree:
         """A body without joints is fixed by one without a name."""
         joints = [
-            Joint(joint.name if joint else "", body.parent.name, body.name, joint is not None)
+            FileJoint(joint.name if joint else "", body.parent.name, body.name, joint is not None)
             for body in spec.bodies[1:]
             for joint in list(body.joints) or [None]
         ]
         return cls(tuple(joints), frozenset(body.name for body in spec.bodies[1:]))
 
-    def above(self, link: str) -> list[Joint]:
+    def above(self, link: str) -> list[FileJoint]:
         """The joints from a link up to the root."""
-        found: list[Joint] = []
+        found: list[FileJoint] = []
         while len(found) <= len(self.joints):
             joints = [joint for joint in self.joints if joint.child == link]
             if not joints:

@@ -17,7 +17,7 @@ from cobot.cell import TurningHand, TurningJoint
 from cobot.launch.new_robot.finger_widths import Hinge, Linkage, MeasuredFingers
 from cobot.launch.new_robot.masses import set_ball
 from cobot.launch.robot_file.mjcf import has_bounds
-from cobot.launch.robot_file.tree import Node
+from cobot.launch.robot_file.tree import MovingJoint
 from cobot.robot.quaternion import from_matrix
 from cobot.strict import sentences
 
@@ -115,7 +115,7 @@ class TurningFingers:
 
 
 def turning_fingers(
-    fingers: Sequence[Node], rates: Mapping[str, tuple[float, float]], degrees: bool
+    fingers: Sequence[MovingJoint], rates: Mapping[str, tuple[float, float]], degrees: bool
 ) -> TurningFingers | str:
     """The fingers of a gripper that turn, if it can be simulated; or why it cannot.
 
@@ -152,7 +152,9 @@ def turning_fingers(
     return TurningFingers(tuple(joints), (low, high), rates.get(leader.name, (0.0, 0.0)))
 
 
-def _followed(node: Node, nodes: Mapping[str, Node], degrees: bool) -> tuple[float, float] | str:
+def _followed(
+    node: MovingJoint, nodes: Mapping[str, MovingJoint], degrees: bool
+) -> tuple[float, float] | str:
     """Offset and ratio of a joint's angle to that of the first joint; or why it has none."""
     offset, ratio, seen = 0.0, 1.0, {node.name}
     while node.leader:

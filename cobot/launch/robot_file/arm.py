@@ -11,7 +11,14 @@ import mujoco
 
 from cobot.errors import ConfigError
 from cobot.launch.robot_file.telescope import find_telescopes
-from cobot.launch.robot_file.tree import MOVABLE, JointTree, Node, moved_by_loop, moved_together, rigid_with
+from cobot.launch.robot_file.tree import (
+    MOVABLE,
+    JointTree,
+    MovingJoint,
+    moved_by_loop,
+    moved_together,
+    rigid_with,
+)
 from cobot.xml_file import where
 
 TCP_NAMES = tuple(
@@ -26,7 +33,9 @@ RIVAL_JOINTS = 4
 """A chain with as many joints of its own is another arm; a head or a wheel has fewer."""
 
 
-def find_arm(file: Path, root: Element, spec: mujoco.MjSpec, tree: JointTree, tcp: str | None) -> list[Node]:
+def find_arm(
+    file: Path, root: Element, spec: mujoco.MjSpec, tree: JointTree, tcp: str | None
+) -> list[MovingJoint]:
     """The arm's joints, from the base on, with all of a telescope.
 
     Args:
@@ -58,7 +67,7 @@ def find_arm(file: Path, root: Element, spec: mujoco.MjSpec, tree: JointTree, tc
 
 def named_arm(
     file: Path, root: Element, spec: mujoco.MjSpec, tree: JointTree, names: Container[str]
-) -> list[Node]:
+) -> list[MovingJoint]:
     """The joints of these names, in the file's order, and those that are in a telescope with one of them.
 
     Raises:
@@ -84,7 +93,7 @@ def named_arm(
     return chain
 
 
-def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[Node]) -> None:
+def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[MovingJoint]) -> None:
     """Reject an arm in which a joint does not move by itself. A telescope counts as one joint.
 
     Raises:
@@ -142,7 +151,7 @@ def guess_tcp(last_link: mujoco.MjsBody) -> tuple[str, bool]:
     return last.name, False
 
 
-def _only_arm(file: Path, tree: JointTree) -> list[Node]:
+def _only_arm(file: Path, tree: JointTree) -> list[MovingJoint]:
     arms = _arms(tree)
     if len(arms) > 1 and not all(tree.is_finger(arm[0]) for arm in arms):
         raise ConfigError(
@@ -152,7 +161,7 @@ def _only_arm(file: Path, tree: JointTree) -> list[Node]:
     return arms[0] if arms else []
 
 
-def _described(arm: list[Node]) -> str:
+def _described(arm: list[MovingJoint]) -> str:
     tip = guess_tcp(arm[-1].joint.parent)[0]
     return (
         f"--tcp {tip} (from {arm[0].joint.parent.parent.name}, {len(arm)} joint{'s' * (len(arm) > 1)}: "
@@ -160,7 +169,7 @@ def _described(arm: list[Node]) -> str:
     )
 
 
-def _chain_to(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str) -> list[Node]:
+def _chain_to(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str) -> list[MovingJoint]:
     site = spec.site(tcp)
     body = site.parent if site is not None else spec.body(tcp)
     if body is None:
@@ -172,7 +181,7 @@ def _chain_to(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str) -> lis
     return tree.without_fingers(chain)
 
 
-def _arms(tree: JointTree) -> list[list[Node]]:
+def _arms(tree: JointTree) -> list[list[MovingJoint]]:
     """The longest chain, and other chains that could be an arm too."""
     paths = sorted(_chains(tree), key=len, reverse=True)
     if not paths:
@@ -187,9 +196,9 @@ def _arms(tree: JointTree) -> list[list[Node]]:
     return [longest, *rivals]
 
 
-def _chains(tree: JointTree) -> list[list[Node]]:
+def _chains(tree: JointTree) -> list[list[MovingJoint]]:
     """Chains from the base to each end, without fingers and rods, and without parts of other chains."""
-    found: dict[str, list[Node]] = {}
+    found: dict[str, list[MovingJoint]] = {}
     for leaf in tree.leaves():
         if path := _without_jaw(_without_rods(tree.without_fingers(leaf.path))):
             found[path[-1].name] = path
@@ -197,7 +206,7 @@ def _chains(tree: JointTree) -> list[list[Node]]:
     return [path for name, path in found.items() if name not in inner]
 
 
-def _without_rods(path: list[Node]) -> list[Node]:
+def _without_rods(path: list[MovingJoint]) -> list[MovingJoint]:
     """A branch that ends in joints which follow others is a linkage's, unless the TCP is on it."""
     top = len(path)
     while top and path[top - 1].leader:
@@ -206,13 +215,13 @@ def _without_rods(path: list[Node]) -> list[Node]:
     return path[:top] if is_branch and not _has_tcp(path) else path
 
 
-def _without_jaw(path: list[Node]) -> list[Node]:
+def _without_jaw(path: list[MovingJoint]) -> list[MovingJoint]:
     """A last joint that does not move the TCP is a jaw, whatever its name."""
     if len(path) > RIVAL_JOINTS and not _has_tcp(path) and _has_tcp(path[:-1]):
         return path[:-1]
     return path
 
 
-def _has_tcp(path: list[Node]) -> bool:
+def _has_tcp(path: list[MovingJoint]) -> bool:
     """Whether a name says that the last link of the path has the TCP."""
     return guess_tcp(path[-1].joint.parent)[1]

@@ -7,7 +7,7 @@ from collections.abc import Container, Iterable
 import mujoco
 import numpy as np
 
-from cobot.launch.robot_file.tree import LOOPS, JointTree, Node
+from cobot.launch.robot_file.tree import LOOPS, JointTree, MovingJoint
 from cobot.robot.quaternion import Quaternion, exp, normalised, product, rotated
 
 
@@ -38,7 +38,7 @@ def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
     return {name: resting.get(name, 0.0) for name in [*names, *left]}
 
 
-def remove_shapes(branches: Iterable[Node]) -> None:
+def remove_shapes(branches: Iterable[MovingJoint]) -> None:
     """Leave of the links behind these joints only their mass."""
     for branch in branches:
         pending = [branch.joint.parent]
@@ -49,7 +49,7 @@ def remove_shapes(branches: Iterable[Node]) -> None:
                 geom.contype = geom.conaffinity = 0
 
 
-def place(spec: mujoco.MjSpec, resting: dict[Node, float]) -> None:
+def place(spec: mujoco.MjSpec, resting: dict[MovingJoint, float]) -> None:
     """Turn and shift each body as its joint does at this position, rad or m."""
     degrees = bool(spec.compiler.degree)
     for node, at in resting.items():

@@ -15,7 +15,7 @@ import numpy as np
 
 from cobot.launch.robot_file.joints import orientation, place
 from cobot.launch.robot_file.mjcf import has_bounds
-from cobot.launch.robot_file.tree import Node
+from cobot.launch.robot_file.tree import MovingJoint
 from cobot.robot.quaternion import rotated
 from cobot.types import Array, vector
 
@@ -34,8 +34,8 @@ class Telescope:
             metre of the first.
     """
 
-    first: Node
-    others: tuple[Node, ...]
+    first: MovingJoint
+    others: tuple[MovingJoint, ...]
     lines: tuple[tuple[float, float], ...]
 
     @property
@@ -112,7 +112,7 @@ class Telescope:
         return found
 
 
-def find_telescopes(spec: mujoco.MjSpec, chain: Sequence[Node]) -> list[Telescope]:
+def find_telescopes(spec: mujoco.MjSpec, chain: Sequence[MovingJoint]) -> list[Telescope]:
     """The telescopes in a chain of joints. Joints that follow others in any other way belong to none."""
     found = []
     for index, node in enumerate(chain):
@@ -129,7 +129,7 @@ def find_telescopes(spec: mujoco.MjSpec, chain: Sequence[Node]) -> list[Telescop
 
 
 def _line(
-    spec: mujoco.MjSpec, first: Node, other: Node, lines: dict[str, tuple[float, float]]
+    spec: mujoco.MjSpec, first: MovingJoint, other: MovingJoint, lines: dict[str, tuple[float, float]]
 ) -> tuple[float, float] | None:
     """Start and slope of a joint that follows the first along its axis and in its direction; else None."""
     both_slide = first.joint.type == other.joint.type == mujoco.mjtJoint.mjJNT_SLIDE
@@ -142,12 +142,12 @@ def _line(
     return (start, slope) if abs(along) > 1.0 - PARALLEL and slope * along > 0.0 else None
 
 
-def _unit(node: Node) -> Array:
+def _unit(node: MovingJoint) -> Array:
     axis = vector(node.joint.axis)
     return axis * (1.0 / float(np.linalg.norm(axis)))
 
 
-def _seen_from(spec: mujoco.MjSpec, first: Node, other: Node) -> Array:
+def _seen_from(spec: mujoco.MjSpec, first: MovingJoint, other: MovingJoint) -> Array:
     """The axis of a joint in the frame of another one's link."""
     axis, body = _unit(other), other.joint.parent
     while body.name != first.joint.parent.name:

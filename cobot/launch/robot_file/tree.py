@@ -22,7 +22,7 @@ MOVABLE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 @dataclass(slots=True, eq=False)
-class Node:
+class MovingJoint:
     """A hinge or a slide.
 
     Attributes:
@@ -33,8 +33,8 @@ class Node:
 
     name: str
     joint: mujoco.MjsJoint
-    parent: Node | None
-    children: list[Node] = field(default_factory=list)
+    parent: MovingJoint | None
+    children: list[MovingJoint] = field(default_factory=list)
     leader: str = ""
     polynomial: tuple[float, ...] = ()
 
@@ -47,7 +47,7 @@ class Node:
         return _unit(self.joint, degrees) * float(self.joint.ref)
 
     @property
-    def path(self) -> list[Node]:
+    def path(self) -> list[MovingJoint]:
         """From the base to this joint."""
         path, node = [self], self.parent
         while node is not None:
@@ -56,7 +56,7 @@ class Node:
         return path[::-1]
 
     @property
-    def subtree(self) -> list[Node]:
+    def subtree(self) -> list[MovingJoint]:
         """This joint and all that it moves, in the file's order."""
         found, pending = [], [self]
         while pending:
@@ -82,9 +82,9 @@ class JointTree:
     """
 
     def __init__(self, spec: mujoco.MjSpec, still: Container[str] = ()) -> None:
-        self.nodes: dict[str, Node] = {}
-        self.roots: list[Node] = []
-        self._last: dict[str, Node | None] = {}
+        self.nodes: dict[str, MovingJoint] = {}
+        self.roots: list[MovingJoint] = []
+        self._last: dict[str, MovingJoint | None] = {}
         self._balls: list[mujoco.MjsJoint] = []
         self._tied = set(_tied(spec))
         self._read(spec.worldbody, still)
@@ -95,7 +95,7 @@ class JointTree:
                 follower.polynomial = tuple(float(value) for value in equality.data[:5])
 
     def _read(self, world: mujoco.MjsBody, still: Container[str]) -> None:
-        pending: list[tuple[mujoco.MjsBody, Node | None]] = [(world, None)]
+        pending: list[tuple[mujoco.MjsBody, MovingJoint | None]] = [(world, None)]
         number = 0
         while pending:
             body, last = pending.pop()
@@ -106,7 +106,7 @@ class JointTree:
                 if joint.type == mujoco.mjtJoint.mjJNT_BALL:
                     self._balls.append(joint)
                 elif joint.type in MOVABLE:
-                    node = Node(joint.name or f"(no name, number {number})", joint, last)
+                    node = MovingJoint(joint.name or f"(no name, number {number})", joint, last)
                     (last.children if last else self.roots).append(node)
                     self.nodes[node.name] = last = node
             self._last[body.name] = last
@@ -124,7 +124,7 @@ class JointTree:
             self._rest(node, degrees, found)
         return found
 
-    def _rest(self, node: Node, degrees: bool, found: dict[str, float]) -> float:
+    def _rest(self, node: MovingJoint, degrees: bool, found: dict[str, float]) -> float:
         """Add the position of one joint, after those of its leaders."""
         if node.name not in found:
             unit = _unit(node.joint, degrees)
@@ -137,19 +137,19 @@ class JointTree:
             found[node.name] = rest
         return found[node.name]
 
-    def path_to(self, body: str) -> list[Node]:
+    def path_to(self, body: str) -> list[MovingJoint]:
         """The joints that move this body, from the base on."""
         last = self._last[body]
         return last.path if last else []
 
-    def ball_below(self, node: Node) -> mujoco.MjsJoint | None:
+    def ball_below(self, node: MovingJoint) -> mujoco.MjsJoint | None:
         """A ball joint that this joint moves, or that comes before it at the same body."""
         return next((ball for ball in self._balls if _is_within(ball.parent, node.joint.parent)), None)
 
-    def leaves(self) -> Iterator[Node]:
+    def leaves(self) -> Iterator[MovingJoint]:
         return (node for node in self.nodes.values() if not node.children)
 
-    def is_finger(self, node: Node) -> bool:
+    def is_finger(self, node: MovingJoint) -> bool:
         """By its name, or as one of several short branches that are many, slides or coupled."""
         if FINGER.search(node.name) and not ARM_JOINT.search(node.name):
             return True
@@ -170,12 +170,12 @@ class JointTree:
             each.joint.type == slide for each in joints
         )
 
-    def without_fingers(self, path: list[Node]) -> list[Node]:
+    def without_fingers(self, path: list[MovingJoint]) -> list[MovingJoint]:
         """The path up to its first finger; the whole of it if it begins with one."""
         cut = next((index for index, node in enumerate(path) if self.is_finger(node)), len(path))
         return path[:cut] or path
 
-    def linkages(self, chain: list[Node]) -> list[Node]:
+    def linkages(self, chain: list[MovingJoint]) -> list[MovingJoint]:
         """The first joints of the branches off a chain that follow its joints or close a loop."""
         on_chain = {node.name for node in chain}
         followers = {node.name for node in self.nodes.values() if self._follows(node, on_chain)}
@@ -187,7 +187,7 @@ class JointTree:
             and any(each.name in followers or each.joint.parent.name in self._tied for each in child.subtree)
         ]
 
-    def _follows(self, node: Node, leaders: Container[str]) -> bool:
+    def _follows(self, node: MovingJoint, leaders: Container[str]) -> bool:
         seen: set[str] = set()
         while node.leader and node.name not in seen:
             if node.leader in leaders:
@@ -199,7 +199,7 @@ class JointTree:
         return False
 
 
-def moved_together(spec: mujoco.MjSpec, chain: list[Node]) -> list[str]:
+def moved_together(spec: mujoco.MjSpec, chain: list[MovingJoint]) -> list[str]:
     """The joints of the chain that one actuator moves by a tendon."""
     names = {node.name for node in chain}
     for actuator in spec.actuators:
@@ -210,7 +210,9 @@ def moved_together(spec: mujoco.MjSpec, chain: list[Node]) -> list[str]:
     return []
 
 
-def moved_by_loop(spec: mujoco.MjSpec, chain: list[Node], driven: Container[str]) -> Node | None:
+def moved_by_loop(
+    spec: mujoco.MjSpec, chain: list[MovingJoint], driven: Container[str]
+) -> MovingJoint | None:
     """A joint of the chain without a drive, if a closed loop of the file ties the chain to other links."""
     bodies = {body.name for node in chain for body in rigid_with(node.joint.parent)}
     if not bodies & set(_tied(spec)):

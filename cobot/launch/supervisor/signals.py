@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from types import FrameType
 
 
-class Signals:
+class ProcessSignals:
     """SIGTERM and SIGINT end the supervisor, SIGHUP is for its service.
 
     What a handler sets is no `threading.Event`: the next signal may interrupt it in the middle of that, and

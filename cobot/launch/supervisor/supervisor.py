@@ -30,7 +30,7 @@ from cobot.launch.supervisor.children import RECORDER, SERVICE, Children
 from cobot.launch.supervisor.heartbeat import HeartbeatWatch
 from cobot.launch.supervisor.kept_lock import keeping_alone
 from cobot.launch.supervisor.listening import access_to, listen, url_of
-from cobot.launch.supervisor.signals import Signals
+from cobot.launch.supervisor.signals import ProcessSignals
 from cobot.launch.supervisor.systemd import Systemd
 from cobot.logs.supervision import supervising
 from cobot.recording.control import HANG_S
@@ -65,7 +65,7 @@ class Supervisor:
         self._source = config.resolve() if config else resolve(DEFAULT_SETTINGS, Path())
         self._running = RunningConfig.of(settings.robot.name)
         self._systemd = Systemd()
-        self._signals = Signals()
+        self._signals = ProcessSignals()
         self._in_terminal = has_terminal()
         self._recordings: list[RecordingMemory] = []
 

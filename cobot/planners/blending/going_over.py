@@ -14,7 +14,7 @@ from cobot.planners.blending.leg_limits import largest
 from cobot.planners.derivatives import chained
 from cobot.planners.effort_reserve import TRANSITION_EFFORT, keeps_effort
 from cobot.planners.timing.coordinates import Coordinates
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.polynomials import greatest_rates
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory, from_hermite
@@ -35,7 +35,7 @@ STEP = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
 
 
 @dataclass(frozen=True, slots=True)
-class Timing:
+class PathTiming:
     """A trajectory and its path parameter over time, which begins at `since_s` of the trajectory."""
 
     trajectory: Trajectory
@@ -59,13 +59,17 @@ class Timing:
 class LimitedPath:
     """A path with its limits."""
 
-    path: Path
+    path: JointCurve
     coordinates: Coordinates
     limits: JointLimits
 
     @classmethod
     def of(
-        cls, robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[Corner]
+        cls,
+        robot: RobotDescription,
+        legs: Sequence[Leg],
+        paths: Sequence[JointCurve],
+        corners: Sequence[Corner],
     ) -> LimitedPath:
         """The path of motions with blends, and its limits."""
         path, zones, _ = path_of(robot, legs, paths, corners)
@@ -100,7 +104,12 @@ class LimitedPath:
 
 
 def make_transition(
-    robot: RobotDescription, course: LimitedPath, old: Timing, new: Timing, until: float, from_s: float
+    robot: RobotDescription,
+    course: LimitedPath,
+    old: PathTiming,
+    new: PathTiming,
+    until: float,
+    from_s: float,
 ) -> tuple[Trajectory, float, float] | None:
     """A trajectory that begins as the old one and ends as the new one, bit for bit.
 
@@ -124,8 +133,8 @@ def make_transition(
 def _through(
     robot: RobotDescription,
     course: LimitedPath,
-    old: Timing,
-    new: Timing,
+    old: PathTiming,
+    new: PathTiming,
     until: float,
     window: tuple[float, float],
 ) -> tuple[Trajectory, float, float] | None:
@@ -171,7 +180,9 @@ def _through(
     return whole, since_s, end_s
 
 
-def _law(old: Timing, new: Timing, begin_s: float, ahead_s: float, width_s: float, times_s: Array) -> Array:
+def _law(
+    old: PathTiming, new: PathTiming, begin_s: float, ahead_s: float, width_s: float, times_s: Array
+) -> Array:
     """The path parameter and its three derivatives during a transition, shape (4, n): a weighted mean that
     goes from the old motion to the new one, whose time is ahead by `ahead_s`."""
     mine = [old.places(begin_s + times_s, k) for k in range(4)]

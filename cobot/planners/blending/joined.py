@@ -21,7 +21,7 @@ from cobot.planners.checks import validate
 from cobot.planners.held import ALLOWANCE, LOOK_S, MAX_LOOKS, Held
 from cobot.planners.path.cartesian import tcp_limits
 from cobot.planners.timing.coordinates import Zones
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory, from_hermite
@@ -51,7 +51,7 @@ class Part:
     """
 
     blended: Blended
-    path: Path | None = None
+    path: JointCurve | None = None
     progress: Trajectory | None = None
 
 
@@ -74,7 +74,7 @@ def joined(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float
         PlanningError: see `time_optimal`.
     """
     check_radii(legs, radii_m)
-    paths = [Path.of_trajectory(leg.motion) for leg in legs]
+    paths = [JointCurve.of_trajectory(leg.motion) for leg in legs]
     corners = corners_of(robot, legs, paths, [0.0, *radii_m, 0.0])
     stops = [index + 1 for index, corner in enumerate(corners) if corner is None]
     whole: Trajectory | None = None
@@ -118,7 +118,7 @@ def radius_notes(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]
 
 
 def corners_of(
-    robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], radii_m: Sequence[float]
+    robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[JointCurve], radii_m: Sequence[float]
 ) -> list[Corner | None]:
     """The blends between paths; None where the arm must stop.
 
@@ -142,8 +142,8 @@ def _held(robot: RobotDescription, leg: Leg) -> Held | None:
 
 def _corner(
     robot: RobotDescription,
-    first: Path,
-    second: Path,
+    first: JointCurve,
+    second: JointCurve,
     radius_m: float,
     free: tuple[float, float],
     helds: tuple[Held | None, Held | None],
@@ -171,7 +171,7 @@ def _corner(
         halves = zip(helds, np.array_split(rows, 2), strict=True)
         if any(held is not None and held.excess(half).max() > ALLOWANCE for held, half in halves):
             continue
-        if len(Path(curve.breakpoints_s, curve.coefficients).places_outside(low, high)):
+        if len(JointCurve(curve.breakpoints_s, curve.coefficients).places_outside(low, high)):
             continue
         try:
             robot.collision.check_trajectory(curve)
@@ -196,7 +196,7 @@ def _within(places: Array, away: Array, radius_m: float) -> float:
     return float(np.interp(radius_m, away[index - 1 : index + 1], places[index - 1 : index + 1]))
 
 
-def _curve(first: Path, second: Path, before: float, after: float) -> Trajectory:
+def _curve(first: JointCurve, second: JointCurve, before: float, after: float) -> Trajectory:
     """The blend over the path parameter instead of time."""
     begin, end = first.derivatives(np.array([first.length - before])), second.derivatives(np.array([after]))
     position, velocity, acceleration, _ = np.concatenate([begin, end], axis=1)
@@ -206,7 +206,7 @@ def _curve(first: Path, second: Path, before: float, after: float) -> Trajectory
 def part_of(
     robot: RobotDescription,
     legs: Sequence[Leg],
-    paths: Sequence[Path],
+    paths: Sequence[JointCurve],
     corners: Sequence[Corner],
     *,
     one_law: bool = False,
@@ -262,8 +262,8 @@ def with_stops(legs: Sequence[Leg]) -> Blended:
 
 
 def path_of(
-    robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[Corner]
-) -> tuple[Path, Zones, Array]:
+    robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[JointCurve], corners: Sequence[Corner]
+) -> tuple[JointCurve, Zones, Array]:
     """The path with its blends, its zones of limits, and the path parameter in the middle of each blend."""
     parts: list[Trajectory] = []
     for index, path in enumerate(paths):
@@ -279,4 +279,4 @@ def path_of(
     greatest = largest_rates(robot, legs)
     shares = np.stack([rates(robot, leg) / greatest for leg in legs], axis=1)
     zones = Zones(np.append(middles, ends[-1]), shares)
-    return Path(whole.breakpoints_s, whole.coefficients), zones, middles
+    return JointCurve(whole.breakpoints_s, whole.coefficients), zones, middles

@@ -17,9 +17,9 @@ from itertools import pairwise
 
 from cobot.errors import InputError, PlanningError
 from cobot.motions.stretches import Corner, Leg, Stretch
-from cobot.planners.blending.going_over import LimitedPath, Timing, make_transition
+from cobot.planners.blending.going_over import LimitedPath, PathTiming, make_transition
 from cobot.planners.blending.joined import Part, check_radii, corners_of, part_of, with_stops
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import with_room
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -82,7 +82,7 @@ def _following(
     robot: RobotDescription, before: Stretch | None, legs: Sequence[Leg], radii_m: Sequence[float]
 ) -> Stretch:
     """Motions from a stop: the end of `before`, if there is one."""
-    paths = [Path.of_trajectory(leg.motion) for leg in legs]
+    paths = [JointCurve.of_trajectory(leg.motion) for leg in legs]
     corners = corners_of(robot, legs, paths, [0.0, *radii_m])
     stops = [index for index, corner in enumerate(corners, start=1) if corner is None]
     used: list[float] = []
@@ -111,7 +111,7 @@ def _following(
 def _part(
     robot: RobotDescription,
     legs: Sequence[Leg],
-    paths: Sequence[Path],
+    paths: Sequence[JointCurve],
     corners: Sequence[Corner],
     *,
     reserve: bool,
@@ -140,7 +140,7 @@ def _rounded(
     left_out = _left_out(under_way, from_s)
     all_legs = [*under_way.legs[left_out:], *legs]
     radii = [*under_way.radii_m[left_out:], *radii_m]
-    paths = [Path.of_trajectory(leg.motion) for leg in all_legs]
+    paths = [JointCurve.of_trajectory(leg.motion) for leg in all_legs]
     old = len(all_legs) - len(legs)
     radius_before = under_way.radii_m[-2] if len(under_way.radii_m) > 1 else 0.0
     ahead = corners_of(robot, all_legs[old - 1 :], paths[old - 1 :], [radius_before, *radii[old - 1 :]])
@@ -152,7 +152,7 @@ def _rounded(
         return None
     until = sum(path.length for path in paths[:old]) - corners[len(corners) - count].before
     course = LimitedPath.of(robot, all_legs[:end], paths[:end], corners)
-    timing = Timing(part.blended.trajectory, part.progress)
+    timing = PathTiming(part.blended.trajectory, part.progress)
     found = make_transition(robot, course, _timing(under_way, left_out), timing, until, from_s)
     if found is None:
         return None
@@ -177,14 +177,16 @@ def _rounded(
     return replace(following, used_m=(*stretch.used_m, *following.used_m))
 
 
-def _timing(under_way: Stretch, left_out: int) -> Timing:
+def _timing(under_way: Stretch, left_out: int) -> PathTiming:
     """The timing of the motion under way, on the path without its first motions."""
     progress = under_way.progress
     assert progress is not None
     coefficients = progress.coefficients.copy()
-    coefficients[:, :, 0] -= sum(Path.of_trajectory(leg.motion).length for leg in under_way.legs[:left_out])
+    coefficients[:, :, 0] -= sum(
+        JointCurve.of_trajectory(leg.motion).length for leg in under_way.legs[:left_out]
+    )
     shorter = Trajectory(progress.breakpoints_s, coefficients)
-    return Timing(under_way.trajectory, shorter, under_way.since_s)
+    return PathTiming(under_way.trajectory, shorter, under_way.since_s)
 
 
 def _left_out(under_way: Stretch, from_s: float) -> int:
@@ -194,7 +196,7 @@ def _left_out(under_way: Stretch, from_s: float) -> int:
     ends = under_way.ends_s[len(under_way.ends_s) - len(under_way.legs) :]
     begins, count = 0.0, 0
     for leg, end_s, corner in zip(under_way.legs, ends, under_way.corners, strict=False):
-        begins += Path.of_trajectory(leg.motion).length
+        begins += JointCurve.of_trajectory(leg.motion).length
         if end_s > from_s - KEPT_S or place <= begins + corner.after:
             break
         count += 1

@@ -21,9 +21,9 @@ from cobot.planners.path.joint_path import (
     through,
 )
 from cobot.planners.path.null_space import FEW, FINER, MANY, Particles
-from cobot.planners.path.redundancy import MESHES, Graph, Profile
+from cobot.planners.path.redundancy import MESHES, Profile, RedundancyGraph
 from cobot.planners.path.tcp_path import PLACES, TcpPath
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import MIN_GAP_M, Arm
@@ -132,13 +132,13 @@ def _shortest_s(path: TcpPath, limits: CartesianLimits) -> float:
     return float(max(times))
 
 
-def _is_free(robot: RobotDescription, joint_path: Path) -> bool:
+def _is_free(robot: RobotDescription, joint_path: JointCurve) -> bool:
     return robot.collision.clearance.contact(joint_path.bezier()) is None
 
 
 def _plan_redundancy(
     robot: RobotDescription, start: Array, path: TcpPath, meshes: int, end: Array | None
-) -> tuple[Path | None, float]:
+) -> tuple[JointCurve | None, float]:
     """A collision-free joint path by planning the arm angle, from coarse to fine, and the share that any
     reached."""
     reached = 0.0
@@ -146,7 +146,7 @@ def _plan_redundancy(
     if arm.arm_angle is None:
         return _plan_by_particles(robot, start, path, end) if arm.redundant else (None, reached)
     for mesh in MESHES[:meshes]:
-        graph = Graph(robot, start, path, mesh, end)
+        graph = RedundancyGraph(robot, start, path, mesh, end)
         for free in (False, True):
             for profile in graph.profiles(free):
                 found = _along(robot, start, path, graph.shares, profile, end)
@@ -162,7 +162,7 @@ def _plan_redundancy(
 
 def _plan_by_particles(
     robot: RobotDescription, start: Array, path: TcpPath, end: Array | None
-) -> tuple[Path | None, float]:
+) -> tuple[JointCurve | None, float]:
     """The result of `_plan_redundancy` for an arm without an arm angle."""
     reached = 0.0
     for count, factor in ((FEW, 1), (MANY, 1), (FEW, FINER), (MANY, FINER)):
@@ -187,7 +187,7 @@ def _along(
     shares: Array,
     profile: Profile,
     end: Array | None,
-) -> Path | None:
+) -> JointCurve | None:
     """The joint path with these arm angles; None if it does not reach the end."""
     rows = profile.rows(shares[1:])
     if rows is None:

@@ -21,7 +21,7 @@ from cobot.planners.path.joint_path import (
     through,
 )
 from cobot.planners.path.tcp_path import TcpPath, angles_between
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import allowed, apart, cause_of, missing
 from cobot.types import Array, JointLimits
@@ -36,7 +36,7 @@ STEPS = 60
 
 def continued(
     robot: RobotDescription, start: Array, path: TcpPath, end: Array | None = None
-) -> tuple[Path | None, CobotError | None]:
+) -> tuple[JointCurve | None, CobotError | None]:
     """The joints at even places by inverse kinematics, each from the previous one, or why they cannot
     continue.
 

@@ -9,7 +9,7 @@ import numpy as np
 from cobot.errors import UnreachableError
 from cobot.findings import Finding
 from cobot.planners.path.tcp_path import TcpPath, angles_between
-from cobot.planners.timing.path import Path, spline_through
+from cobot.planners.timing.path import JointCurve, spline_through
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
 
@@ -50,7 +50,9 @@ JointsAt = Callable[[float, Array], Array | None]
 """Joint angles at a share of the path near given ones, or None."""
 
 
-def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, joints_at: JointsAt) -> Path:
+def through(
+    robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, joints_at: JointsAt
+) -> JointCurve:
     """A joint path through rows, shape (n, dof), at shares, shape (n,), with more places where it needs them.
 
     It stays within the joint limits, and its TCP within `MAX_DEVIATION_*` of the TCP path.
@@ -63,7 +65,7 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
         and np.abs(np.diff(rows, axis=0)).max() <= EVEN_STEP_RAD
         and np.ptp(np.diff(shares)) < EVEN_SHARE
     ):
-        joint_path = Path.through_even(rows)
+        joint_path = JointCurve.through_even(rows)
         if not _find_spoiled(robot, path, joint_path, shares, shares, rows[0]).any():
             return joint_path
     low, high = _bounds(robot, rows[0])
@@ -78,7 +80,7 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
                 where, robot.limits, int(joint), float(rows[place, joint]), float(limit), float(shares[place])
             )
         parameters = _lengths(shares, rows)
-        joint_path = Path.through(parameters, rows)
+        joint_path = JointCurve.through(parameters, rows)
         spoiled = _find_spoiled(robot, path, joint_path, parameters, shares, rows[0])
         if not spoiled.any():
             return joint_path
@@ -193,7 +195,12 @@ def _chords(shares: Array, rows: Array) -> Array:
 
 
 def _find_spoiled(
-    robot: RobotDescription, path: TcpPath, joint_path: Path, parameters: Array, shares: Array, start: Array
+    robot: RobotDescription,
+    path: TcpPath,
+    joint_path: JointCurve,
+    parameters: Array,
+    shares: Array,
+    start: Array,
 ) -> Array:
     """In which intervals the joint path leaves a limit or its TCP leaves the TCP path."""
     steps = np.diff(parameters)

@@ -88,7 +88,7 @@ class Profile:
         return None if any(joints is None for joints in found) else np.array(found)
 
 
-class Graph:
+class RedundancyGraph:
     """The graph of one path and one start."""
 
     def __init__(

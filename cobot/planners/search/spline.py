@@ -9,7 +9,7 @@ import numpy as np
 
 from cobot.errors import CollisionError
 from cobot.planners.held import Held
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal
 from cobot.polynomials import control_points
 from cobot.robot.description import RobotDescription
@@ -47,7 +47,7 @@ def smooth_motion(
             or (held is not None and held.excess(spline(np.linspace(0.0, 1.0, LOOKS * points))).max() > 0.0)
         ):
             continue
-        trajectory = time_optimal(robot, Path.of_spline(spline), limits).trajectory
+        trajectory = time_optimal(robot, JointCurve.of_spline(spline), limits).trajectory
         try:
             robot.collision.check_trajectory(trajectory)
         except CollisionError:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cobot.planners.derivatives import coordinates_at, speeds_and_bends
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.robot.model import RobotModel
 from cobot.types import Array, CartesianLimits, JointLimits
 
@@ -52,7 +52,7 @@ class Coordinates:
     def __init__(
         self,
         model: RobotModel,
-        path: Path,
+        path: JointCurve,
         limits: JointLimits,
         tcp_limits: CartesianLimits | None = None,
         zones: Zones | None = None,

@@ -28,7 +28,7 @@ TELL_RAD = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class WaypointCourse:
     """The points as arrays, including the present position if it is one of them.
 
     Attributes:
@@ -77,7 +77,7 @@ def course_of(
     limits: JointLimits,
     start_tolerance_rad: float,
     ways: WaysOut = REST,
-) -> Course:
+) -> WaypointCourse:
     """The course of these points; arguments and errors as in `through`."""
     labels = labels_of(points, limits.dof)
     times = np.array([point.time_from_start_s for point in points])
@@ -89,9 +89,9 @@ def course_of(
         raise InputError(f"{labels[0]}: a motion needs a point with a time_from_start above 0")
     if times[0] == 0.0:
         require_start(positions[0], start, limits, start_tolerance_rad, labels[0], ways)
-        return _blended(Course(times, positions, labels, points), start, limits)
+        return _blended(WaypointCourse(times, positions, labels, points), start, limits)
     times, positions = np.append(0.0, times), np.vstack([start, positions])
-    return Course(times, positions, [PRESENT, *labels], [Waypoint(start.tolist(), 0.0), *points])
+    return WaypointCourse(times, positions, [PRESENT, *labels], [Waypoint(start.tolist(), 0.0), *points])
 
 
 def through(
@@ -113,7 +113,7 @@ def through(
     return course.motion(), course.labels
 
 
-def _blended(course: Course, start: Array, limits: JointLimits) -> Course:
+def _blended(course: WaypointCourse, start: Array, limits: JointLimits) -> WaypointCourse:
     """The course from where the arm is: the offset is blended out by the quintic with the least jerk."""
     offset = start - course.positions[0]
     off = np.abs(offset)

@@ -25,7 +25,7 @@ POINTS_ALONG = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Path:
+class JointCurve:
     """A curve of all joints over a parameter s, of any unit, that is twice continuously differentiable.
 
     Attributes:
@@ -51,7 +51,7 @@ class Path:
             raise InputError("a path's breakpoints must start at 0 and increase strictly")
 
     @classmethod
-    def of_spline(cls, spline: BSpline) -> Path:
+    def of_spline(cls, spline: BSpline) -> JointCurve:
         """The path along a spline of degree 5 or less, from its first to its last inner knot.
 
         The value of the spline at each parameter has the shape (dof,).
@@ -63,25 +63,25 @@ class Path:
         return cls(knots - knots[0], powers)
 
     @classmethod
-    def through(cls, parameters: Array, points: Array) -> Path:
+    def through(cls, parameters: Array, points: Array) -> JointCurve:
         """Through points, shape (n, dof), at parameters, shape (n,), with four continuous derivatives."""
         return cls.of_spline(spline_through(parameters, points))
 
     @classmethod
-    def through_even(cls, points: Array) -> Path:
+    def through_even(cls, points: Array) -> JointCurve:
         """`through` at even parameters from 0 to 1."""
         breakpoints, units = _even_units(len(points))
         return cls(breakpoints, np.einsum("nmk,md->ndk", units, points))
 
     @classmethod
-    def straight(cls, start: Array, goal: Array) -> Path:
+    def straight(cls, start: Array, goal: Array) -> JointCurve:
         """The straight line between two points, shape (dof,) each, over s in [0, 1]."""
         coefficients = np.zeros((1, len(start), ORDER))
         coefficients[0, :, 0], coefficients[0, :, 1] = start, goal - start
         return cls(np.array([0.0, 1.0]), coefficients)
 
     @classmethod
-    def of_trajectory(cls, trajectory: Trajectory) -> Path:
+    def of_trajectory(cls, trajectory: Trajectory) -> JointCurve:
         """The path of a motion without stops, over its length in joint space.
 
         It passes at least `POINTS_ALONG` points of the motion at equal steps of this length.
@@ -127,7 +127,7 @@ class Path:
 
 
 def spline_through(parameters: Array, points: Array) -> BSpline:
-    """The splines that `Path.through` is made of."""
+    """The splines that `JointCurve.through` is made of."""
     from scipy.interpolate import make_interp_spline
 
     return make_interp_spline(parameters, points, k=min(DEGREE, len(points) - 1), check_finite=False)
@@ -137,5 +137,5 @@ def spline_through(parameters: Array, points: Array) -> BSpline:
 def _even_units(count: int) -> tuple[Array, Array]:
     """Breakpoints and coefficients, shape (pieces, count, 6), of the splines that are 1 at one of `count`
     even places and 0 at the others; every spline through these places is a sum of them."""
-    path = Path.through(np.linspace(0.0, 1.0, count), np.eye(count))
+    path = JointCurve.through(np.linspace(0.0, 1.0, count), np.eye(count))
     return path.breakpoints, path.coefficients

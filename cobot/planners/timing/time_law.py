@@ -35,7 +35,7 @@ from cobot.planners.timing.cells import (
     times_of,
 )
 from cobot.planners.timing.coordinates import Coordinates, Zones
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.polynomials import greatest_rates, hermite
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import ORDER, Integers, Trajectory
@@ -86,7 +86,7 @@ class Timed:
 
 def time_optimal(
     robot: RobotDescription,
-    path: Path,
+    path: JointCurve,
     limits: JointLimits,
     tcp_limits: CartesianLimits | None = None,
     zones: Zones | None = None,

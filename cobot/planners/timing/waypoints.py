@@ -12,7 +12,7 @@ from cobot.motions.points import labels_of, require_positions
 from cobot.motions.requests import MotionRequest, WaypointRequest
 from cobot.planners.checks import is_there, validate
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.timing.course import PRESENT, Course, course_of, through
+from cobot.planners.timing.course import PRESENT, WaypointCourse, course_of, through
 from cobot.planners.timing.rounding import smoothed
 from cobot.planners.timing.timed_fit import AS_ASKED, Fitted, fitted
 from cobot.robot.description import RobotDescription
@@ -74,7 +74,7 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
     return first.followed_by(motion)
 
 
-def _within_limits(course: Course, limits: JointLimits, request: WaypointRequest) -> Trajectory:
+def _within_limits(course: WaypointCourse, limits: JointLimits, request: WaypointRequest) -> Trajectory:
     """The motion through the points if it keeps the limits, otherwise the nearest motion that does.
 
     Raises:
@@ -141,7 +141,7 @@ def _excess(motion: Trajectory, limits: JointLimits, labels: list[str] | None) -
     return None
 
 
-def _without_rounding(course: Course, motion: Trajectory) -> Trajectory | None:
+def _without_rounding(course: WaypointCourse, motion: Trajectory) -> Trajectory | None:
     """The motion through the points without their rounding; None if the rounding is not recognisable."""
     found = smoothed(course.times_s, course.positions)
     if found is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from cobot.config import Settings
 from cobot.types import Array, JointLimits
 from rtloop.backends.franka.backend import FrankaBackend
-from rtloop.backends.franka.stand_in import Arm
+from rtloop.backends.franka.stand_in import FrankaStandIn
 from rtloop.backends.franka.stand_in_library import RobotMode
 from rtloop.contract import FAULTS
 
@@ -19,9 +19,9 @@ class FrankaRig:
 
     faults = frozenset(FAULTS) - {"operation_mode"}
 
-    def __init__(self, settings: Settings, limits: JointLimits, arm: Arm | None = None) -> None:
+    def __init__(self, settings: Settings, limits: JointLimits, arm: FrankaStandIn | None = None) -> None:
         self._settings, self._limits = settings, limits
-        self._arm = arm or Arm()
+        self._arm = arm or FrankaStandIn()
 
     @property
     def wire(self) -> list[Array]:

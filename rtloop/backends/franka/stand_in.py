@@ -37,7 +37,7 @@ LOST = 20
 """With losses, one packet in this many is lost."""
 
 
-class Arm:
+class FrankaStandIn:
     """The state that survives a lost connection.
 
     Attributes (set by the test that drives it):
@@ -66,7 +66,7 @@ class Arm:
         self.told: dict[str, Any] = {}
         self.recovered = self.cycles = 0
         self.controlled = ""
-        self.connection: Connection | None = None
+        self.connection: StandInConnection | None = None
         self._frozen: State | None = None
 
     @property
@@ -87,17 +87,17 @@ class Arm:
         )
         return SimpleNamespace(Robot=self.connect, **{kind.__name__: kind for kind in kinds})
 
-    def connect(self, address: str, realtime: RealtimeConfig = RealtimeConfig.kEnforce) -> Connection:
+    def connect(self, address: str, realtime: RealtimeConfig = RealtimeConfig.kEnforce) -> StandInConnection:
         """A new connection ends the last one, and its control."""
         if realtime is RealtimeConfig.kEnforce and not self.real_time:
             raise RealtimeException("libfranka: Running kernel does not have realtime capabilities.")
         if "disconnect" in self.faults:
             raise NetworkException("libfranka: Connection error: No route to host")
         self.let_go()
-        self.connection = Connection(self)
+        self.connection = StandInConnection(self)
         return self.connection
 
-    def knock(self, address: str) -> Arm:
+    def knock(self, address: str) -> FrankaStandIn:
         """Replacement of `rtloop.backends.franka.link.Knock`."""
         return self
 
@@ -167,10 +167,10 @@ class Arm:
         return velocity
 
 
-class Connection:
+class StandInConnection:
     """The interface of pylibfranka's `Robot`, and of the object that controls it."""
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: FrankaStandIn) -> None:
         self._arm = arm
 
     # Settings
@@ -204,13 +204,13 @@ class Connection:
 
     # Control
 
-    def start_joint_position_control(self, mode: ControllerMode) -> Connection:
+    def start_joint_position_control(self, mode: ControllerMode) -> StandInConnection:
         return self._start("positions")
 
-    def start_torque_control(self) -> Connection:
+    def start_torque_control(self) -> StandInConnection:
         return self._start("torques")
 
-    def _start(self, kind: str) -> Connection:
+    def _start(self, kind: str) -> StandInConnection:
         self._require_network()
         arm = self._arm
         if arm.mode is not RobotMode.Idle or arm.refuses == kind:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.types import Array
-from rtloop.backends.fri.beat import Entry
+from rtloop.backends.fri.beat import CommandTransition
 from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import (
     COMMAND_ID,
-    Command,
-    Header,
-    Monitoring,
+    CommandMessage,
+    FriHeader,
+    MonitoringMessage,
     SessionState,
 )
 from rtloop.backends.fri.options import FriOptions
@@ -32,7 +32,7 @@ class Answers:
 
     def __init__(self, options: FriOptions, names: tuple[str, ...], period_s: float) -> None:
         self._options, self._names = options, names
-        self._entry = Entry(len(names), period_s)
+        self._entry = CommandTransition(len(names), period_s)
         self.torque, self.wrench = np.zeros(len(names)), np.zeros(6)
         self.outputs = Outputs(period_s)
         self._sequence = self._unanswered = 0
@@ -46,7 +46,7 @@ class Answers:
         """Handle the end of the controller's motion: the next one begins at the arm's position then."""
         self._entry.forget()
 
-    def held(self, message: Monitoring) -> tuple[float, ...]:
+    def held(self, message: MonitoringMessage) -> tuple[float, ...]:
         """The position at which the arm stays: the last command in a running motion, else the
         interpolator."""
         sent = self._entry.sent
@@ -54,7 +54,7 @@ class Answers:
             return interpolator(message)
         return tuple(sent.tolist())
 
-    def begin(self, message: Monitoring, command: Array) -> Accepted | Rejected:
+    def begin(self, message: MonitoringMessage, command: Array) -> Accepted | Rejected:
         """Begin commands at the controller's position of the arm, if the command is close to it."""
         here = np.array(self.held(message))
         off = np.abs(here - command)
@@ -67,7 +67,7 @@ class Answers:
         self._entry.begin(here, command)
         return ACCEPTED
 
-    def encode(self, message: Monitoring, command: Array | None) -> bytes:
+    def encode(self, message: MonitoringMessage, command: Array | None) -> bytes:
         """The answer to a packet; b"" if it needs none.
 
         Args:
@@ -83,8 +83,8 @@ class Answers:
         self._unanswered = 0
         self._sequence = (self._sequence + 1) % _COUNTER
         return encode_command(
-            Command(
-                Header(COMMAND_ID, self._sequence, message.header.sequence),
+            CommandMessage(
+                FriHeader(COMMAND_ID, self._sequence, message.header.sequence),
                 position=position,
                 torque=self._overlaid("torque", self.torque, message, command),
                 wrench=self._overlaid("wrench", self.wrench, message, command),
@@ -94,7 +94,7 @@ class Answers:
         )
 
     def _overlaid(
-        self, overlay: str, values: Array, message: Monitoring, command: Array | None
+        self, overlay: str, values: Array, message: MonitoringMessage, command: Array | None
     ) -> tuple[float, ...]:
         if self._options.overlay != overlay or message.state < SessionState.COMMANDING_WAIT:
             return ()

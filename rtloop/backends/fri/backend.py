@@ -23,9 +23,9 @@ from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
 from rtloop.backends.agreement import check_agreement, fastest, reduced_share
 from rtloop.backends.fri.answers import Answers
 from rtloop.backends.fri.beat import Beat
-from rtloop.backends.fri.channel import RELEASE_S, Channel, UdpChannel
+from rtloop.backends.fri.channel import RELEASE_S, PacketChannel, UdpChannel
 from rtloop.backends.fri.codec import decode_monitoring
-from rtloop.backends.fri.messages import Monitoring, OperationMode, SafetyState, SessionState
+from rtloop.backends.fri.messages import MonitoringMessage, OperationMode, SafetyState, SessionState
 from rtloop.backends.fri.options import FriOptions
 from rtloop.backends.fri.outputs import points
 from rtloop.backends.fri.session import (
@@ -66,7 +66,7 @@ class FriBackend:
         settings: Settings,
         limits: JointLimits,
         *,
-        channel: Channel | None = None,
+        channel: PacketChannel | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """channel, clock: for tests: replacements of the network and its time."""
@@ -273,12 +273,14 @@ class FriBackend:
 
         return FriRig(settings, limits)
 
-    def _checks_of_a_command(self, message: Monitoring) -> Iterator[Accepted | Rejected]:
+    def _checks_of_a_command(self, message: MonitoringMessage) -> Iterator[Accepted | Rejected]:
         yield self._last_motion
         yield check_readiness(message)
         yield check_command_mode(message, self._options)
 
-    def _checks_of_enabling(self, message: Monitoring, waited_s: float) -> Iterator[Accepted | Rejected]:
+    def _checks_of_enabling(
+        self, message: MonitoringMessage, waited_s: float
+    ) -> Iterator[Accepted | Rejected]:
         """The checks that end enabling. A controller that is not ready has `enable_s` to become so."""
         yield check_settings(message, self._options, self._period_s)
         yield check_command_mode(message, self._options)
@@ -291,18 +293,18 @@ class FriBackend:
             yield Rejected(f"{ready.reason}, for {self._options.enable_s:g} s")
 
     @staticmethod
-    def _explain_waiting(message: Monitoring) -> str:
+    def _explain_waiting(message: MonitoringMessage) -> str:
         """Why the controller takes no commands; "" if it takes them."""
         ready = check_readiness(message)
         return ready.reason if isinstance(ready, Rejected) else ""
 
-    def _may_begin_anew(self, message: Monitoring) -> bool:
+    def _may_begin_anew(self, message: MonitoringMessage) -> bool:
         """Whether the session may be lost and come back without a fault: shortly after enabling, which may
         have kept this computer busy, and only while the arm does not move."""
         soon = self._joins and self._clock() < self._join_until_s
         return soon and message.safety == SafetyState.NORMAL_OPERATION
 
-    def _is_other_version(self, message: Monitoring) -> bool:
+    def _is_other_version(self, message: MonitoringMessage) -> bool:
         """Whether the controller's messages have another frame than before, as after a restart."""
         before = self._beat.newest
         return before is not None and before.framed != message.framed and self._silence_s < RELEASE_S
@@ -322,13 +324,13 @@ class FriBackend:
         return self._refused_s > self._heard_s
 
     @property
-    def _newest(self) -> Monitoring:
+    def _newest(self) -> MonitoringMessage:
         if self._beat.newest is None:
             raise BackendError(self._nobody())
         return self._beat.newest
 
     @property
-    def _open_channel(self) -> Channel:
+    def _open_channel(self) -> PacketChannel:
         if self._channel is None:
             raise BackendError("the connection is not open")
         return self._channel
@@ -344,11 +346,11 @@ class FriBackend:
 
     def _take(self, packet: bytes) -> None:
         message = decode_monitoring(packet)
-        if isinstance(message, Monitoring) and len(message.measured_position) != self._limits.dof:
+        if isinstance(message, MonitoringMessage) and len(message.measured_position) != self._limits.dof:
             message = (
                 f"a robot with {len(message.measured_position)} joints, the model has {self._limits.dof}"
             )
-        if isinstance(message, Monitoring) and self._is_other_version(message):
+        if isinstance(message, MonitoringMessage) and self._is_other_version(message):
             message = (
                 f"a message of FRI {message.version or '1.x or 2.x'} in a session of FRI "
                 f"{self._newest.version or '1.x or 2.x'}: all messages of a session have one version"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.types import Array
-from rtloop.backends.fri.messages import Monitoring, ahead
+from rtloop.backends.fri.messages import MonitoringMessage, ahead
 
 MAX_CATCH_UP_S = 0.1
 """Longest gap that is made up for at once; after a longer one the path continues where it was."""
@@ -32,12 +32,12 @@ class Beat:
     def __init__(self, dof: int, period_s: float) -> None:
         self._period_s = period_s
         self._most = round(MAX_CATCH_UP_S / period_s)
-        self.newest: Monitoring | None = None
+        self.newest: MonitoringMessage | None = None
         self.lost = self.due = 0
         self.position, self.velocity = np.zeros(dof), np.zeros(dof)
         self._target = np.zeros(dof)
 
-    def take(self, message: Monitoring) -> bool:
+    def take(self, message: MonitoringMessage) -> bool:
         """Add a packet; False for one that is older than the newest."""
         periods = 1
         if self.newest is not None:
@@ -69,7 +69,7 @@ def smooth(share: float) -> float:
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
 
-class Entry:
+class CommandTransition:
     """Transition from the controller's interpolator to the commands, without a jump.
 
     Attributes:

@@ -18,7 +18,7 @@ RELEASE_S = 1.0
 seconds."""
 
 
-class Channel(Protocol):
+class PacketChannel(Protocol):
     """Source of packets and destination of answers.
 
     Attributes:
@@ -40,7 +40,7 @@ class Channel(Protocol):
 
 
 class UdpChannel:
-    """A `Channel`: the socket that a controller sends to.
+    """A `PacketChannel`: the socket that a controller sends to.
 
     The first sender of FRI is the controller, from `address` if there is one. Packets from all other
     addresses are then ignored.

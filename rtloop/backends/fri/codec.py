@@ -20,15 +20,15 @@ from rtloop.backends.fri.messages import (
     MAX_JOINTS,
     MAX_NAME,
     MONITORING_ID,
-    Command,
+    CommandMessage,
     CommandMode,
     ControlMode,
     DriveState,
-    Header,
+    FriHeader,
     IoDirection,
     IoType,
     IoValue,
-    Monitoring,
+    MonitoringMessage,
     OperationMode,
     OverlayType,
     Quality,
@@ -42,22 +42,22 @@ MAX_BYTES = 4096
 MAX_PACKET = MAX_BYTES + FRAME_BYTES
 
 _Enum = TypeVar("_Enum", bound=IntEnum)
-_Message = TypeVar("_Message", Monitoring, Command)
+_Message = TypeVar("_Message", MonitoringMessage, CommandMessage)
 _POSE, _WRENCH = 7, 6
 
 
-def decode_monitoring(packet: bytes) -> Monitoring | str:
+def decode_monitoring(packet: bytes) -> MonitoringMessage | str:
     """The message, or in words why it is none. Nothing is raised, whatever the bytes are."""
     return _decode(packet, MONITORING_ID, "monitoring", _monitoring)
 
 
-def decode_command(packet: bytes) -> Command | str:
+def decode_command(packet: bytes) -> CommandMessage | str:
     """Likewise, of the other direction."""
     return _decode(packet, COMMAND_ID, "command", _command)
 
 
 def _decode(
-    packet: bytes, wanted: int, name: str, read: Callable[[bytes, Header], _Message]
+    packet: bytes, wanted: int, name: str, read: Callable[[bytes, FriHeader], _Message]
 ) -> _Message | str:
     try:
         packet, framed = unframe(packet)
@@ -76,7 +76,7 @@ def _decode(
         return f"no {name} message of FRI: {exc}"
 
 
-def _header(packet: bytes) -> Header:
+def _header(packet: bytes) -> FriHeader:
     values = [-1, -1, -1]
     for number, kind, at, end in fields(packet, 0, len(packet)):
         if number != 1:
@@ -87,7 +87,7 @@ def _header(packet: bytes) -> Header:
                 values[inner - 1] = varint_of(inner, inner_kind, value) & 0xFFFF_FFFF
     if -1 in values:
         raise WireError("its header is not whole")
-    return Header(*values)
+    return FriHeader(*values)
 
 
 def _enum(of: type[_Enum], what: str, number: int, kind: int, value: int) -> _Enum:
@@ -97,8 +97,8 @@ def _enum(of: type[_Enum], what: str, number: int, kind: int, value: int) -> _En
         raise WireError(f"{what} {value}, known are {[int(each) for each in of]}") from exc
 
 
-def _monitoring(packet: bytes, header: Header) -> Monitoring:
-    message = Monitoring(header)
+def _monitoring(packet: bytes, header: FriHeader) -> MonitoringMessage:
+    message = MonitoringMessage(header)
     readers = {2: _read_robot, 3: _read_monitor, 4: _read_connection, 5: _read_interpolator}
     for number, kind, at, end in fields(packet, 0, len(packet)):
         if number in readers:
@@ -108,7 +108,7 @@ def _monitoring(packet: bytes, header: Header) -> Monitoring:
     return message
 
 
-def _check_joints(message: Monitoring) -> None:
+def _check_joints(message: MonitoringMessage) -> None:
     """All rows are of the same arm."""
     count = message.joints or len(message.measured_position)
     if not 0 <= count <= MAX_JOINTS:
@@ -126,7 +126,7 @@ def _check_joints(message: Monitoring) -> None:
     message.joints = count
 
 
-def _read_robot(message: Monitoring, data: bytes, begin: int, stop: int) -> None:
+def _read_robot(message: MonitoringMessage, data: bytes, begin: int, stop: int) -> None:
     drives: list[DriveState] = []
     for number, kind, at, end in fields(data, begin, stop):
         if number == 1:
@@ -155,7 +155,7 @@ _ROWS = {
 }
 
 
-def _read_monitor(message: Monitoring, data: bytes, begin: int, stop: int) -> None:
+def _read_monitor(message: MonitoringMessage, data: bytes, begin: int, stop: int) -> None:
     for number, kind, at, end in fields(data, begin, stop):
         row = _ROWS.get(number)
         if row is not None:
@@ -190,7 +190,7 @@ def _time(data: bytes, begin: int, stop: int) -> float:
     return seconds + nanoseconds * 1e-9
 
 
-def _read_connection(message: Monitoring, data: bytes, begin: int, stop: int) -> None:
+def _read_connection(message: MonitoringMessage, data: bytes, begin: int, stop: int) -> None:
     for number, kind, value, _ in fields(data, begin, stop):
         if number == 1:
             message.state = _enum(SessionState, "session state", number, kind, value)
@@ -202,7 +202,7 @@ def _read_connection(message: Monitoring, data: bytes, begin: int, stop: int) ->
             message.receive_multiplier = varint_of(number, kind, value) & 0xFFFF_FFFF
 
 
-def _read_interpolator(message: Monitoring, data: bytes, begin: int, stop: int) -> None:
+def _read_interpolator(message: MonitoringMessage, data: bytes, begin: int, stop: int) -> None:
     for number, kind, at, end in fields(data, begin, stop):
         if number == 1:
             need_length(number, kind)
@@ -236,8 +236,8 @@ def _add_io(found: list[IoValue], data: bytes, begin: int, stop: int) -> None:
     found.append(value)
 
 
-def _command(packet: bytes, header: Header) -> Command:
-    message = Command(header)
+def _command(packet: bytes, header: FriHeader) -> CommandMessage:
+    message = CommandMessage(header)
     for number, kind, begin, stop in fields(packet, 0, len(packet)):
         if number != 2:
             continue

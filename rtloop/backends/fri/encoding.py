@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rtloop.backends.fri.framing import frame
-from rtloop.backends.fri.messages import MAX_NAME, Command, Header, IoType, IoValue, Monitoring
+from rtloop.backends.fri.messages import (
+    MAX_NAME,
+    CommandMessage,
+    FriHeader,
+    IoType,
+    IoValue,
+    MonitoringMessage,
+)
 from rtloop.backends.fri.wire import bytes_field, double_field, doubles_field, number_field
 
 NANOSECONDS = 1_000_000_000
 
 
-def encode_command(message: Command) -> bytes:
+def encode_command(message: CommandMessage) -> bytes:
     """The whole packet."""
     content = b""
     if message.position:
@@ -28,7 +35,7 @@ def encode_command(message: Command) -> bytes:
     return frame(packet) if message.framed else packet
 
 
-def encode_monitoring(message: Monitoring) -> bytes:
+def encode_monitoring(message: MonitoringMessage) -> bytes:
     """Likewise: what is empty or None is left out."""
     robot = number_field(1, message.joints) + number_field(2, message.safety)
     for drive in message.drives:
@@ -52,7 +59,7 @@ def encode_monitoring(message: Monitoring) -> bytes:
     return frame(packet) if message.framed else packet
 
 
-def _header(header: Header) -> bytes:
+def _header(header: FriHeader) -> bytes:
     return bytes_field(
         1,
         number_field(1, header.identifier)
@@ -65,7 +72,7 @@ def _joints(number: int, values: Sequence[float]) -> bytes:
     return bytes_field(number, doubles_field(1, values))
 
 
-def _monitor(message: Monitoring) -> bytes:
+def _monitor(message: MonitoringMessage) -> bytes:
     content = b""
     for number, values in (
         (1, message.measured_position),
@@ -87,7 +94,7 @@ def _monitor(message: Monitoring) -> bytes:
     return content
 
 
-def _interpolator(message: Monitoring) -> bytes:
+def _interpolator(message: MonitoringMessage) -> bytes:
     content = _joints(1, message.ipo_position) if message.ipo_position else b""
     content += number_field(10, message.command_mode) + number_field(11, message.overlay)
     if message.tracking_performance is not None:

@@ -97,7 +97,7 @@ class IoDirection(IntEnum):
 
 
 @dataclass(slots=True)
-class Header:
+class FriHeader:
     """Attributes:
     sequence: of the sender's messages, counted modulo 2**32.
     reflected: the other side's newest `sequence` that the sender has seen.
@@ -119,7 +119,7 @@ class IoValue:
 
 
 @dataclass(slots=True)
-class Monitoring:
+class MonitoringMessage:
     """FRIMonitoringMessage. Joint values are of as many joints as the arm has, or () where not told.
 
     Attributes:
@@ -136,7 +136,7 @@ class Monitoring:
         version: "1.x", "2.x" or "2.7"; "" where the message has nothing that only one of them has.
     """
 
-    header: Header
+    header: FriHeader
     state: SessionState = SessionState.IDLE
     quality: Quality = Quality.POOR
     send_period_ms: int = 0
@@ -171,7 +171,7 @@ class Monitoring:
 
 
 @dataclass(slots=True)
-class Command:
+class CommandMessage:
     """FRICommandMessage; what is empty is not sent.
 
     Attributes:
@@ -182,7 +182,7 @@ class Command:
         framed: whether the packet has the frame of FRI 2.7.
     """
 
-    header: Header
+    header: FriHeader
     position: tuple[float, ...] = ()
     torque: tuple[float, ...] = ()
     wrench: tuple[float, ...] = ()

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from cobot.robot.io_points import IoKind, IoPoint
 from rtloop.backends import BackendError
-from rtloop.backends.fri.messages import MAX_NAME, IoDirection, IoType, IoValue, Monitoring, ahead
+from rtloop.backends.fri.messages import MAX_NAME, IoDirection, IoType, IoValue, MonitoringMessage, ahead
 
 SENT_S = 1.0
 """Number of answers with an output that the controller does not report yet, because packets may be lost."""
@@ -21,12 +21,12 @@ def point_of(value: IoValue, name: str = "") -> IoPoint:
     return IoPoint(name or value.name, KINDS[value.type], is_output, float(value.value))
 
 
-def points(message: Monitoring) -> list[IoPoint]:
+def points(message: MonitoringMessage) -> list[IoPoint]:
     """The inputs and outputs that the cabinet's program has registered."""
     return [point_of(each, name) for name, each in _by_name(message).items()]
 
 
-def _by_name(message: Monitoring) -> dict[str, IoValue]:
+def _by_name(message: MonitoringMessage) -> dict[str, IoValue]:
     """Inputs and outputs by public names, which can be printed and used in an address.
 
     A slash and unprintable characters become underscores; a name that is taken gets a number.
@@ -64,7 +64,7 @@ class Outputs:
         self._answers = round(SENT_S / period_s)
         self._wanted: dict[str, _Wanted] = {}
 
-    def set(self, message: Monitoring, name: str, value: float) -> None:
+    def set(self, message: MonitoringMessage, name: str, value: float) -> None:
         """Set an output from the next answer on.
 
         Raises:
@@ -76,7 +76,7 @@ class Outputs:
         number = value if output.type == IoType.ANALOG else int(value)
         self._wanted[output.name] = _Wanted(replace(output, value=number), self._answers)
 
-    def values_in_answer(self, message: Monitoring, number: int) -> list[IoValue]:
+    def values_in_answer(self, message: MonitoringMessage, number: int) -> list[IoValue]:
         """The outputs in the answer of this number to a message."""
         if not self._wanted:
             return []

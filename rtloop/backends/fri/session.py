@@ -7,7 +7,7 @@ import numpy as np
 from cobot.types import Array
 from rtloop.backends.fri.messages import (
     DriveState,
-    Monitoring,
+    MonitoringMessage,
     OperationMode,
     Quality,
     SafetyState,
@@ -32,11 +32,11 @@ HAND_GUARDED = (OperationMode.T1, OperationMode.T2)
 """Modes in which the operator must hold the enabling switch."""
 
 
-def takes_commands(message: Monitoring) -> bool:
+def takes_commands(message: MonitoringMessage) -> bool:
     return message.state == SessionState.COMMANDING_ACTIVE and message.quality >= Quality.GOOD
 
 
-def check_readiness(message: Monitoring) -> Accepted | Rejected:
+def check_readiness(message: MonitoringMessage) -> Accepted | Rejected:
     """Whether the controller takes commands."""
     if message.safety != SafetyState.NORMAL_OPERATION:
         return Rejected(STOPPED[message.safety])
@@ -59,7 +59,7 @@ def is_version(found: str, wanted: str) -> bool:
     return found == wanted or found.split(".")[0] == wanted
 
 
-def check_settings(message: Monitoring, options: FriOptions, period_s: float) -> Accepted | Rejected:
+def check_settings(message: MonitoringMessage, options: FriOptions, period_s: float) -> Accepted | Rejected:
     """Whether this controller can be driven with these settings."""
     if options.version != "auto" and message.version and not is_version(message.version, options.version):
         return Rejected(
@@ -74,7 +74,7 @@ def check_settings(message: Monitoring, options: FriOptions, period_s: float) ->
     return ACCEPTED
 
 
-def check_command_mode(message: Monitoring, options: FriOptions) -> Accepted | Rejected:
+def check_command_mode(message: MonitoringMessage, options: FriOptions) -> Accepted | Rejected:
     """Whether the controller's motion has the overlay of the settings; accepted while it is not known."""
     wanted = COMMAND_MODES[options.overlay]
     if message.state < SessionState.COMMANDING_WAIT or message.command_mode == wanted:
@@ -84,7 +84,7 @@ def check_command_mode(message: Monitoring, options: FriOptions) -> Accepted | R
 
 
 def check_entry(
-    message: Monitoring, options: FriOptions, names: tuple[str, ...], held: tuple[float, ...]
+    message: MonitoringMessage, options: FriOptions, names: tuple[str, ...], held: tuple[float, ...]
 ) -> Accepted | Rejected:
     """Whether the arm is at its held position, so that commands may begin.
 
@@ -107,7 +107,7 @@ def check_entry(
     return ACCEPTED
 
 
-def interpolator(message: Monitoring) -> tuple[float, ...]:
+def interpolator(message: MonitoringMessage) -> tuple[float, ...]:
     """The position that the controller itself commands; the measured one if the controller does not report
     it."""
     return message.ipo_position or message.commanded_position or message.measured_position

@@ -11,7 +11,7 @@ from rig import Rig
 from servo_bench import Bench, Run, runner
 
 from app.actions.servo_action import DEFINITION, FEEDBACK, RESULT, ServoModeAction
-from app.graph.actions import GoalStatus, Rejected
+from app.graph.actions import GoalStatus, RejectedGoalError
 from cobot.config import Settings
 from cobot.errors import ConflictError, InputError
 from cobot.robot.description import RobotDescription
@@ -64,7 +64,7 @@ def test_the_action_holds_a_session_open_until_it_is_cancelled(run: Run) -> None
 def test_the_action_is_refused_when_the_session_cannot_begin(run: Run) -> None:
     async def test(bench: Bench) -> None:
         action = ServoModeAction("iiwa", bench.servo)
-        with pytest.raises(Rejected, match="from 1 to 7"):
+        with pytest.raises(RejectedGoalError, match="from 1 to 7"):
             await action.execute({**GOAL, "mode": 0}, ToldHandle())  # type: ignore[arg-type]
         with pytest.raises(InputError, match="from 0 to 7"):
             await action.execute({**GOAL, "mode": 12}, ToldHandle())  # type: ignore[arg-type]

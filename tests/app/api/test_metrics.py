@@ -16,7 +16,7 @@ from virtual_service import VirtualService
 
 from app.api.costly import MAX_REST_S
 from app.api.metrics import CYCLE_BUCKETS_US
-from app.api.middleware.timing import BUCKETS_S, RequestTimes, Timing
+from app.api.middleware.timing import BUCKETS_S, RequestTimes, RequestTiming
 from cobot.ipc.layout import HISTOGRAM_BUCKETS, Intervention, Phase
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -203,7 +203,7 @@ def test_what_ends_without_an_answer_is_counted_too(path: str, status: int) -> N
     async def ask() -> None:
         scope = {"type": "http", "method": "GET", "path": path}
         try:
-            await Timing(_answer, times)(scope, None, send)  # type: ignore[arg-type]
+            await RequestTiming(_answer, times)(scope, None, send)  # type: ignore[arg-type]
         except (RuntimeError, asyncio.CancelledError):
             assert status != 204
 
@@ -222,7 +222,7 @@ def test_times_are_in_the_bucket_whose_bound_they_do_not_exceed() -> None:
 
 def test_measuring_a_request_costs_next_to_nothing() -> None:
     """Some microseconds, of the hundreds that a request takes: bound for a busy computer."""
-    timing = Timing(_answer, RequestTimes())
+    timing = RequestTiming(_answer, RequestTimes())
 
     async def send(_: Any) -> None: ...
 

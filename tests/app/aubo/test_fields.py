@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from app.aubo.fields import MAX_ITEMS, Field, argument
+from app.aubo.fields import MAX_ITEMS, ServiceField, argument
 from cobot.errors import InputError
 
 SEED = 20261122
@@ -30,10 +30,10 @@ def test_an_integer_is_taken_if_it_fits_into_its_type(kind: str, format_: str) -
     for bits in range(70):
         for value in (2**bits - 1, 2**bits, -(2**bits), -(2**bits) - 1, dice.randrange(2**70) >> bits):
             if fits(format_, value):
-                assert argument(Field("n", kind, ""), {"n": value}) == value
+                assert argument(ServiceField("n", kind, ""), {"n": value}) == value
             else:
                 with pytest.raises(InputError, match=f"n: does not fit into an {kind}"):
-                    argument(Field("n", kind, ""), {"n": value})
+                    argument(ServiceField("n", kind, ""), {"n": value})
 
 
 @pytest.mark.parametrize(
@@ -57,23 +57,23 @@ def test_an_integer_is_taken_if_it_fits_into_its_type(kind: str, format_: str) -
 )
 def test_what_is_of_another_kind_is_refused_with_its_place(kind: str, value: Any, sentence: str) -> None:
     with pytest.raises(InputError) as caught:
-        argument(Field("it", kind, ""), {"it": value})
+        argument(ServiceField("it", kind, ""), {"it": value})
     assert str(caught.value).startswith(sentence)
 
 
 def test_what_ros_sends_for_nothing_is_the_default() -> None:
-    speed = Field("v", "float64", "", 0.25)
+    speed = ServiceField("v", "float64", "", 0.25)
     assert argument(speed, {}) == argument(speed, {"v": 0.0}) == 0.25
     assert argument(speed, {"v": 0.5}) == 0.5
-    assert argument(Field("v", "float64", ""), {}) == 0.0
-    frame = Field("f", "float64[]", "", [1.0, 2.0])
+    assert argument(ServiceField("v", "float64", ""), {}) == 0.0
+    frame = ServiceField("f", "float64[]", "", [1.0, 2.0])
     first = argument(frame, {"f": []})
     first.append(3.0)  # a list of one's own
     assert argument(frame, {}) == [1.0, 2.0]
 
 
 def test_json_is_a_string_on_the_wire_and_data_in_here() -> None:
-    field = Field("it", "json", "")
+    field = ServiceField("it", "json", "")
     assert field.ros_type == "string"
     for value in ({"a": [1, None, "é"]}, [], 3.5, None):
         assert argument(field, {"it": json.dumps(value)}) == value

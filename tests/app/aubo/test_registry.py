@@ -18,7 +18,7 @@ import pytest
 
 from app.aubo import classes, http, registry
 from app.aubo.interfaces import PACKAGE, interface_definitions
-from app.aubo.registry import REGISTRY, Answer, Int64, Json, Origin, call, service
+from app.aubo.registry import REGISTRY, CallOrigin, Int64, Json, VendorAnswer, call, service
 from cobot.codes import Code
 from cobot.errors import LimitError, NotSupportedError
 from cobot.ros.messages import Messages
@@ -35,7 +35,7 @@ def empty(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     registry._type_names.cache_clear()
 
 
-def asked(method: str, **arguments: Any) -> Answer:
+def asked(method: str, **arguments: Any) -> VendorAnswer:
     return asyncio.run(call(ROBOT, "Test", method, arguments))
 
 
@@ -62,7 +62,7 @@ GOOD: dict[str, Any] = {"flag": True, "count": 3, "size": 1, "text": "é", "item
 @pytest.mark.usefixtures("empty")
 def test_a_call_gets_what_the_request_says_and_answers_with_code_zero() -> None:
     service("Test")(echo)
-    assert asked("echo", **GOOD) == Answer(0, "", '[true,3,1.0,"\\u00e9",[1.0,2.5]]')
+    assert asked("echo", **GOOD) == VendorAnswer(0, "", '[true,3,1.0,"\\u00e9",[1.0,2.5]]')
     found = registry.REGISTRY["Test", "echo"]
     assert (found.doc, found.type_name, found.result.doc) == (
         "Give back what came in.",
@@ -176,10 +176,10 @@ def test_an_error_has_its_code_and_an_integer_result_repeats_it(caplog: pytest.L
     failing("text", LimitError("too far"), str)
     failing("list", LimitError("too far"), list[float])
     failing("broken", ZeroDivisionError("secret"), int)
-    assert asked("limit") == Answer(Code.LIMIT, "too far", 11)
-    assert asked("unsupported") == Answer(Code.NOT_SUPPORTED, "no such thing", 60)
-    assert asked("text") == Answer(Code.LIMIT, "too far", "")
-    assert asked("list") == Answer(Code.LIMIT, "too far", [])
+    assert asked("limit") == VendorAnswer(Code.LIMIT, "too far", 11)
+    assert asked("unsupported") == VendorAnswer(Code.NOT_SUPPORTED, "no such thing", 60)
+    assert asked("text") == VendorAnswer(Code.LIMIT, "too far", "")
+    assert asked("list") == VendorAnswer(Code.LIMIT, "too far", [])
     with caplog.at_level(logging.ERROR):
         answer = asked("broken")
     assert answer.code == Code.ERROR
@@ -192,14 +192,14 @@ def test_a_service_that_asks_for_the_origin_gets_it_whoever_calls() -> None:
     seen = []
 
     @service("Test")
-    async def move(robot: Any, origin: Origin) -> None:
+    async def move(robot: Any, origin: CallOrigin) -> None:
         """Move."""
         seen.append(origin)
 
-    origin = Origin("somebody", 2, "token")
-    assert asyncio.run(call(ROBOT, "Test", "move", {}, origin)) == Answer(0, "", 0)
+    origin = CallOrigin("somebody", 2, "token")
+    assert asyncio.run(call(ROBOT, "Test", "move", {}, origin)) == VendorAnswer(0, "", 0)
     assert asked("move").code == 0
-    assert seen == [origin, Origin("Test/move", 3)]
+    assert seen == [origin, CallOrigin("Test/move", 3)]
 
 
 @pytest.mark.usefixtures("empty")

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from app.graph.action_server import MAX_KEPT, MAX_RUNNING
-from app.graph.actions import GoalHandle, GoalStatus, Rejected
+from app.graph.actions import GoalHandle, GoalStatus, RejectedGoalError
 from app.graph.graph import GRAPH_TOPIC, Graph
 from cobot.errors import CobotError, ConflictError, ExecutionError, InputError, NotFoundError
 from cobot.ros.messages import Messages
@@ -36,7 +36,7 @@ class Count:
 
     async def execute(self, goal: dict[str, Any], handle: GoalHandle) -> dict[str, Any]:
         if goal["until"] < 0:
-            raise Rejected("until must not be negative")
+            raise RejectedGoalError("until must not be negative")
         handle.accept()
         handle.accept()
         for now in range(goal["until"]):
@@ -409,7 +409,7 @@ def test_a_careless_action_harms_nobody() -> None:
 
         action = Scripted(silent)
         graph.add_action(action)
-        with pytest.raises(Rejected, match="has not accepted the goal"):
+        with pytest.raises(RejectedGoalError, match="has not accepted the goal"):
             await graph.send_goal("/scripted", new_id(), {})
         for script in (undecided, babbling):
             action._script = script

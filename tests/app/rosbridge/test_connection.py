@@ -18,11 +18,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.graph.actions import GoalHandle, GoalStatus, Rejected
+from app.graph.actions import GoalHandle, GoalStatus, RejectedGoalError
 from app.graph.graph import GRAPH_TOPIC, Graph
 from app.rosbridge import connection as connections
 from app.rosbridge import outbox
-from app.rosbridge.connection import MAX_LATCHED, Connection
+from app.rosbridge.connection import MAX_LATCHED, RosbridgeConnection
 from app.rosbridge.operations import OPERATIONS
 from app.rosbridge.rosapi import DEFINITIONS, add_rosapi
 from cobot.errors import ExecutionError, InputError
@@ -31,7 +31,7 @@ from cobot.ros.messages import Messages
 STRING = "std_msgs/msg/String"
 
 
-class Client(Connection):
+class Client(RosbridgeConnection):
     """A connection whose texts are read at once."""
 
     def ask(self, op: str, **content: Any) -> None:
@@ -61,7 +61,7 @@ class Waiting:
 
     async def execute(self, goal: dict[str, Any], handle: GoalHandle) -> dict[str, Any]:
         if not goal["good"]:
-            raise Rejected("the goal is not good")
+            raise RejectedGoalError("the goal is not good")
         handle.accept()
         handle.feedback({"now": 1})
         await handle.cancel_requested.wait()

@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from app.rosbridge.fragments import MAX_INCOMPLETE, PIECE, Assembly, in_pieces
+from app.rosbridge.fragments import MAX_INCOMPLETE, PIECE, MessageAssembly, in_pieces
 from app.rosbridge.operations import Fragment
 from cobot.errors import InputError
 
@@ -30,14 +30,14 @@ def test_any_text_comes_back_from_its_pieces_in_any_order() -> None:
         pieces = [Fragment.model_validate(json.loads(piece)) for piece in sent]
         assert all(len(piece.data) <= size for piece in pieces)
         dice.shuffle(pieces)
-        assembly = Assembly(10**6)
+        assembly = MessageAssembly(10**6)
         found = [assembly.add(piece) for piece in [*pieces[:-1], pieces[0], pieces[-1]]]
         assert found == [None] * (len(found) - 1) + [text]
     assert list(in_pieces("x" * 1000, None, "name")) == ["x" * 1000]
 
 
 def test_a_piece_that_contradicts_those_before_it_ends_the_message() -> None:
-    assembly = Assembly(10**6)
+    assembly = MessageAssembly(10**6)
     for wrong in (fragment(1, 3), fragment(2, 2)):
         assembly.add(fragment(0, 2))
         with pytest.raises(InputError, match="does not fit a message of 2"):
@@ -46,12 +46,12 @@ def test_a_piece_that_contradicts_those_before_it_ends_the_message() -> None:
 
 
 def test_what_is_held_is_bounded() -> None:
-    assembly = Assembly(3 * PIECE)
+    assembly = MessageAssembly(3 * PIECE)
     assembly.add(fragment(0, 9, ""))
     assembly.add(fragment(1, 9, ""))
     with pytest.raises(InputError, match=f"incomplete messages hold more than {3 * PIECE} characters"):
         assembly.add(fragment(2, 9, "x" * PIECE))
-    crowded = Assembly(10**6)
+    crowded = MessageAssembly(10**6)
     for number in range(MAX_INCOMPLETE):
         crowded.add(fragment(0, 2, name=str(number)))
     with pytest.raises(InputError, match=f"more than {MAX_INCOMPLETE} messages are incomplete"):

@@ -18,11 +18,11 @@ import pytest
 from folders import ROOT
 
 from app.services import keys as module
-from app.services.keys import KEPT_S, Answer, Keys
+from app.services.keys import KEPT_S, Keys, StoredAnswer
 from cobot.clock import SYSTEM
 from cobot.errors import UnavailableError
 
-DONE = Answer(200, "application/json", None, b'{"success":true}')
+DONE = StoredAnswer(200, "application/json", None, b'{"success":true}')
 
 
 class Wall:
@@ -94,7 +94,9 @@ def test_a_hundred_thousand_keys_leave_a_bounded_store(file: Path, wall: Any, mo
         for number in range(300):
             wall.now_s += 1e-3
             await keys.note(b"%d" % number, b"r", "job")
-            await keys.answer(b"%d" % number, Answer(200, "t", None, bytes(1000 if number < 200 else 5000)))
+            await keys.answer(
+                b"%d" % number, StoredAnswer(200, "t", None, bytes(1000 if number < 200 else 5000))
+            )
         assert await keys.note(b"299", b"r", "job") is not None, "the newest is there"
         assert await keys.note(b"0", b"r", "job") is None, "the oldest is not"
         keys.close()

@@ -20,13 +20,13 @@ from fastapi import FastAPI
 from node_rig import DEFINITIONS, NodeRig
 from ros_peer import Peer, until
 
-from app.graph.actions import GoalHandle, GoalStatus, Rejected
+from app.graph.actions import GoalHandle, GoalStatus, RejectedGoalError
 from app.graph.graph import Graph, Message
 from app.rosbridge import router as rosbridge
 from cobot.access.roles import Role
 from cobot.codes import Code
 from cobot.dds import gateway as gateway_module
-from cobot.dds.gateway import Gateway
+from cobot.dds.gateway import DdsGateway
 from cobot.errors import PermissionDenied
 from cobot.ros.failures import FjtError
 from cobot.ros.messages import Messages
@@ -49,7 +49,7 @@ class Counting:
 
     async def execute(self, goal: Message, handle: GoalHandle) -> Message:
         if goal["until"] < 0:
-            raise Rejected("nobody counts backwards")
+            raise RejectedGoalError("nobody counts backwards")
         handle.accept()
         reached = 0
         while reached < goal["until"] or not self.go_on.is_set():
@@ -139,7 +139,7 @@ class Bench:
         self._reserved.bind(("127.0.0.1", self.port))
         self.rig = NodeRig(domain)
         url = f"http://127.0.0.1:{self.port}"
-        self.gateway = self.rig.do(lambda: Gateway(self.rig.node, url, {"/iiwa/status"}))
+        self.gateway = self.rig.do(lambda: DdsGateway(self.rig.node, url, {"/iiwa/status"}))
         self.running = asyncio.run_coroutine_threadsafe(self.gateway.run(), self.rig.loop)
         self.peer = Peer(domain, Messages(DEFINITIONS))
 
@@ -435,7 +435,7 @@ class Nodes:
 @pytest.mark.parametrize("role", [Role.OBSERVER, Role.OPERATOR])
 def test_who_may_only_look_is_not_listened_to(role: Role) -> None:
     node = Nodes()
-    gateway = Gateway(cast(Any, node), "http://localhost:1", set(), "", role)
+    gateway = DdsGateway(cast(Any, node), "http://localhost:1", set(), "", role)
     topics = [
         {"name": "/iiwa/joint_cmd", "type": STRING, "publishers": 0, "subscribers": 1},
         {"name": "/iiwa/status", "type": STRING, "publishers": 1, "subscribers": 0},

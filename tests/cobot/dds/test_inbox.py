@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cobot.dds.inbox import MAX_BYTES, Inbox, Losses
+from cobot.dds.inbox import MAX_BYTES, LossCounter, SampleInbox
 
 
 def sample(number: int, size: int = 1) -> Any:
@@ -27,7 +27,7 @@ def test_samples_come_in_order_and_in_the_event_loop() -> None:
             if each.number == 4999:
                 done.set()
 
-        inbox = Inbox("/demo", asyncio.get_running_loop(), deliver)
+        inbox = SampleInbox("/demo", asyncio.get_running_loop(), deliver)
         thread = threading.Thread(target=lambda: [inbox.put(sample(number)) for number in range(5000)])
         thread.start()
         await asyncio.wait_for(done.wait(), 60.0)
@@ -42,7 +42,9 @@ def test_samples_come_in_order_and_in_the_event_loop() -> None:
 def test_what_is_too_much_is_lost_and_counted(size: int, kept: int) -> None:
     async def test() -> None:
         heard: list[int] = []
-        inbox = Inbox("/demo", asyncio.get_running_loop(), lambda each: heard.append(each.number), most=10)
+        inbox = SampleInbox(
+            "/demo", asyncio.get_running_loop(), lambda each: heard.append(each.number), most=10
+        )
         large = sample(0, size)
         for number in range(15):
             inbox.put(SimpleNamespace(number=number, payload=large.payload))  # type: ignore[arg-type]
@@ -57,7 +59,7 @@ def test_what_is_too_much_is_lost_and_counted(size: int, kept: int) -> None:
 
 
 def test_losses_are_told_when_their_number_doubles(caplog: pytest.LogCaptureFixture) -> None:
-    losses = Losses("messages of /demo came too fast")
+    losses = LossCounter("messages of /demo came too fast")
     with caplog.at_level(logging.WARNING, "cobot.ros2"):
         for _ in range(20):
             losses.add()

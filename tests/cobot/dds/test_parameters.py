@@ -13,7 +13,7 @@ from ros_peer import Peer
 
 from cobot.config import Settings
 from cobot.dds.options import options
-from cobot.dds.parameters import Kind, Parameters
+from cobot.dds.parameters import Parameters, ParameterType
 
 MANUAL = {
     "ament_prefix_env",
@@ -94,12 +94,21 @@ def test_all_options_of_the_manual_are_parameters(tool: Tool) -> None:
 
 def test_values_have_their_types(tool: Tool, settings: Settings) -> None:
     got = tool.get("domin_id", "localhost_only", "debug", "fjt_time", "rmw_imp", "nothing")
-    types = [Kind.INTEGER, Kind.INTEGER, Kind.BOOL, Kind.DOUBLE, Kind.STRING, Kind.NOT_SET]
+    types = [
+        ParameterType.INTEGER,
+        ParameterType.INTEGER,
+        ParameterType.BOOL,
+        ParameterType.DOUBLE,
+        ParameterType.STRING,
+        ParameterType.NOT_SET,
+    ]
     assert [each["type"] for each in got] == types
     assert (got[0]["integer_value"], got[1]["integer_value"]) == (settings.ros.domain_id, 1)
     names = {"names": ["debug", "fjt_mode", "nothing"]}
     packed = tool.call("get_parameter_types", "GetParameterTypes", names)["types"]
-    assert tool.peer.messages.octets(packed) == bytes([Kind.BOOL, Kind.INTEGER, Kind.NOT_SET])
+    assert tool.peer.messages.octets(packed) == bytes(
+        [ParameterType.BOOL, ParameterType.INTEGER, ParameterType.NOT_SET]
+    )
 
 
 def test_descriptions_tell_what_may_be_set(tool: Tool) -> None:
@@ -111,7 +120,7 @@ def test_descriptions_tell_what_may_be_set(tool: Tool) -> None:
     assert rate["floating_point_range"] == [{"from_value": 1.0, "to_value": 1000.0, "step": 0.0}]
     assert [mode["read_only"], domain["read_only"]] == [False, True]
     assert "ros.domain_id" in domain["additional_constraints"]
-    assert (nothing["name"], nothing["type"]) == ("nothing", Kind.NOT_SET)
+    assert (nothing["name"], nothing["type"]) == ("nothing", ParameterType.NOT_SET)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from node_rig import NodeRig
 from rosbags.typesys import Stores, get_typestore
 
 from cobot.config import Settings
-from cobot.dds.telemetry import JointStates, Telemetry
+from cobot.dds.telemetry import JointStateWriter, Telemetry
 from cobot.ipc.shm import RobotMemory
 from cobot.ipc.state_fields import state_dtype
 from cobot.robot.description import RobotDescription
@@ -37,7 +37,7 @@ def test_a_template_gives_the_bytes_of_the_serialiser(dof: int, frame: str) -> N
         "velocity": zeros,
         "effort": zeros,
     }
-    states = JointStates(Messages().to_cdr(JOINT_STATES, empty), dof)
+    states = JointStateWriter(Messages().to_cdr(JOINT_STATES, empty), dof)
     for _ in range(20):
         state = np.zeros((), state_dtype(dof))
         for name in ("position", "velocity", "effort"):
@@ -179,7 +179,9 @@ def test_joint_states_of_the_template_are_those_of_the_hub(
     state["position"] = np.linspace(-1.0, 1.0, 7)
     state["measured_monotonic_ns"] = time.monotonic_ns()
     messages = Messages()
-    template = JointStates(messages.to_cdr(JOINT_STATES, made.joint_state(np.zeros((), state_dtype(7)))), 7)
+    template = JointStateWriter(
+        messages.to_cdr(JOINT_STATES, made.joint_state(np.zeros((), state_dtype(7)))), 7
+    )
     ours = messages.from_cdr(JOINT_STATES, template.cdr(state, 5))
     graphs = made.joint_state(state)
     assert ours["header"]["frame_id"] == graphs["header"]["frame_id"]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from cobot.fleet.hub import _is_open, _worst
-from cobot.fleet.messages import Answer
+from cobot.fleet.messages import CommandAnswer
 
 
-def answer(code: str, robot: str = "arm") -> Answer:
-    return Answer(id="12345678", cell="cell", robot=robot, code=code, text="")
+def answer(code: str, robot: str = "arm") -> CommandAnswer:
+    return CommandAnswer(id="12345678", cell="cell", robot=robot, code=code, text="")
 
 
 @pytest.mark.parametrize("codes", [("ok", "execution"), ("execution", "ok")])

@@ -18,7 +18,7 @@ from cobot.grippers import GripperError, GripperState, HeldObject
 from cobot.grippers.modbus import crc, framed, is_whole
 from cobot.grippers.protocol import Grasp
 from cobot.grippers.robotiq.driver import RobotiqGripper, RobotiqOptions
-from cobot.grippers.robotiq.registers import Activation, Detection, Request, Status
+from cobot.grippers.robotiq.registers import Activation, Detection, Request, RobotiqStatus
 from cobot.grippers.robotiq.rig import RobotiqRig
 from cobot.grippers.robotiq.simulator import Simulator, run_simulator
 from cobot.grippers.robotiq.slave import Fingers, Slave
@@ -85,8 +85,8 @@ def test_checksums_are_those_of_another_implementation(data: bytes) -> None:
 def test_registers_are_read_as_they_were_written() -> None:
     request = Request(True, True, 200, 128, 64)
     assert Request.of(request.words) == request
-    status = Status(True, True, Activation.COMPLETE, Detection.STOPPED_CLOSING, 0, 255, 120, 0.4)
-    assert Status.of(status.words) == status
+    status = RobotiqStatus(True, True, Activation.COMPLETE, Detection.STOPPED_CLOSING, 0, 255, 120, 0.4)
+    assert RobotiqStatus.of(status.words) == status
 
 
 def test_it_grasps_holds_and_releases(simulator: Simulator, way: str) -> None:

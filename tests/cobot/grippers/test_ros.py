@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from cobot.grippers import GripperError
 from cobot.grippers.contract.suite import NoPoints
 from cobot.grippers.ros import RosGripper, RosOptions
-from cobot.grippers.ros.link import Heard
+from cobot.grippers.ros.link import DriverState
 
 NEEDED = {"action": "/hand/cmd", "joint": "jaw", "open_position": 0.0, "open_width": 0.08}
 KNUCKLE = {**NEEDED, "closed_position": 0.8, "max_effort": 12.0, "force": [5.0, 40.0]}
@@ -24,7 +24,7 @@ class Link:
     """A link that a test speaks on, and its clock."""
 
     def __init__(self) -> None:
-        self.heard = Heard()
+        self.heard = DriverState()
         self.seconds = 10.0
         self.sent: list[dict[str, Any]] = []
         self.cancelled = 0

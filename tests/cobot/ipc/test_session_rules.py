@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cobot.client.wire import Kind, header, packed, record
+from cobot.client.wire import FrameKind, header, packed, record
 from cobot.errors import InputError, LayoutError
 from cobot.ipc.layout import Stream, chunk_dtype, info_dtype, setpoint_dtype
 from cobot.ipc.session_rules import check_chunk, check_session, check_setpoint, nominal_session
@@ -122,8 +122,8 @@ def test_a_chunk_is_checked_as_far_as_it_is_filled(wrong: dict[str, Any]) -> Non
 
 
 def test_a_frame_is_unpacked_as_it_was_packed() -> None:
-    frame = packed(Kind.SETPOINT, 2**63, setpoint(joints=1.5))
-    assert header(frame) == (Kind.SETPOINT, 2**63)
+    frame = packed(FrameKind.SETPOINT, 2**63, setpoint(joints=1.5))
+    assert header(frame) == (FrameKind.SETPOINT, 2**63)
     np.testing.assert_array_equal(record(frame, DOF)["joints"], 1.5)
     record(frame, DOF)["joints"] = 0.0  # it is a copy
     with pytest.raises(InputError, match="a record setpoint has"):

@@ -28,7 +28,7 @@ from cobot.client import Client
 from cobot.errors import CobotError, InputError, MotionStopped, UnavailableError
 from cobot.lua_functions import FUNCTIONS
 from cobot.runner.lua_program import Program
-from cobot.runner.lua_sandbox import Limits, Stopping, run_apart
+from cobot.runner.lua_sandbox import LuaLimits, Stopping, run_apart
 from cobot.runner.runner import say
 
 ARRIVED = {"success": True, "message": "", "code": None, "motion_id": 7, "duration_s": 0.1}
@@ -106,12 +106,12 @@ def run(
     source: str | bytes,
     service: Service | None = None,
     url: str = "http://127.0.0.1:1",
-    limits: Limits | None = None,
+    limits: LuaLimits | None = None,
 ) -> list[str]:
     """What the program has said."""
     said: list[str] = []
     with Client("http://robot", transport=httpx.MockTransport(service or Service())) as client:
-        program = Program(client, url, limits or Limits(), said.append)
+        program = Program(client, url, limits or LuaLimits(), said.append)
         text = source.encode() if isinstance(source, str) else source
         run_apart(lambda: program.run(text, "test.lua"), program.watch)
     return said
@@ -467,20 +467,20 @@ BUSY = [
 @pytest.mark.parametrize("source", BUSY)
 def test_a_program_that_never_waits_ends_at_its_limit(source: str) -> None:
     with pytest.raises(InputError, match=r"more than 3000000 instructions without waiting|stack overflow"):
-        run(source, limits=Limits(instructions=3_000_000))
+        run(source, limits=LuaLimits(instructions=3_000_000))
 
 
 def test_the_limit_names_the_line_that_was_running() -> None:
     with pytest.raises(InputError, match=r"^test\.lua:3: more than"):
         run(
             "local function f()\n  pcall(function()\n while true do end end) end f()",
-            limits=Limits(instructions=100_000),
+            limits=LuaLimits(instructions=100_000),
         )
 
 
 def test_waiting_gives_a_program_new_instructions() -> None:
     source = "for i = 1, 20 do for k = 1, 100000 do end sleep(0) end textmsg('done')"
-    assert run(source, limits=Limits(instructions=1_000_000)) == ["done"]
+    assert run(source, limits=LuaLimits(instructions=1_000_000)) == ["done"]
 
 
 @pytest.mark.parametrize(
@@ -496,12 +496,12 @@ def test_waiting_gives_a_program_new_instructions() -> None:
 )
 def test_memory_is_limited(source: str) -> None:
     with pytest.raises(InputError, match=r"not enough memory|stack overflow|too many"):
-        run(source, limits=Limits(memory_bytes=16 << 20))
+        run(source, limits=LuaLimits(memory_bytes=16 << 20))
 
 
 def test_a_program_goes_on_after_a_refused_allocation() -> None:
     source = "textmsg(pcall(string.rep, 'x', 1e9)) textmsg(#('x'):rep(1000000))"
-    said = run(source, limits=Limits(memory_bytes=16 << 20))
+    said = run(source, limits=LuaLimits(memory_bytes=16 << 20))
     assert said[0].startswith("false not enough memory")
     assert said[1] == "1000000"
 
@@ -510,7 +510,7 @@ def test_a_program_goes_on_after_a_refused_allocation() -> None:
 def test_a_program_that_is_told_to_end_ends(source: str) -> None:
     """Whatever catches errors in it. The deadline only fails when it does not end at all."""
     with Client("http://robot", transport=httpx.MockTransport(Service())) as client:
-        program = Program(client, "http://127.0.0.1:1", Limits(instructions=0), lambda _: None)
+        program = Program(client, "http://127.0.0.1:1", LuaLimits(instructions=0), lambda _: None)
         outcome: list[BaseException] = []
 
         def work() -> None:

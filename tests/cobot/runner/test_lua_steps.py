@@ -13,7 +13,7 @@ from cobot.client import Client
 from cobot.client.pallets import places
 from cobot.errors import CobotError, ExecutionError, InputError
 from cobot.runner.lua_program import Program
-from cobot.runner.lua_sandbox import Limits, Stopping, run_apart
+from cobot.runner.lua_sandbox import LuaLimits, Stopping, run_apart
 
 ARRIVED = {"success": True, "message": "", "code": None, "motion_id": 7, "duration_s": 0.1}
 
@@ -49,7 +49,7 @@ def run(source: str, service: Service, **options: Any) -> list[str]:
     """What the program has said."""
     said: list[str] = []
     with Client("http://robot", transport=httpx.MockTransport(service)) as client:
-        program = Program(client, "http://127.0.0.1:1", Limits(), said.append, **options)
+        program = Program(client, "http://127.0.0.1:1", LuaLimits(), said.append, **options)
         run_apart(lambda: program.run(source.encode(), "test.lua"), program.watch)
     return said
 
@@ -174,7 +174,7 @@ def test_a_mistake_of_the_program_is_not_retried(service: Service) -> None:
 
 def test_nothing_catches_the_end_of_a_program(service: Service) -> None:
     with Client("http://robot", transport=httpx.MockTransport(service)) as client:
-        program = Program(client, "http://127.0.0.1:1", Limits(), lambda _: None)
+        program = Program(client, "http://127.0.0.1:1", LuaLimits(), lambda _: None)
         begun = threading.Event()
         program._steps._paused_s = lambda: begun.set() or 0.0  # type: ignore[func-returns-value]
         ended: list[str] = []

@@ -14,7 +14,7 @@ from cobot.ipc.layout import Command, MotionResult
 from cobot.motions.requests import MotionRequest
 from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.timing.path import Path as JointPath
+from cobot.planners.timing.path import JointCurve as JointPath
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory

@@ -9,7 +9,7 @@ import numpy as np
 
 from cobot.motions.requests import MotionRequest
 from cobot.planners import WaypointRequest, plan, plan_waypoints
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
@@ -93,7 +93,7 @@ def _curve(robot: RobotDescription, home: Array) -> Trajectory:
     random = np.random.default_rng(5)
     points = np.vstack([home, home + random.uniform(-0.3, 0.3, (4, 7))])
     limits = robot.limits.scaled(0.8, 0.8, 1.0)
-    return time_optimal(robot, Path.through(np.linspace(0.0, 1.0, 5), points), limits).trajectory
+    return time_optimal(robot, JointCurve.through(np.linspace(0.0, 1.0, 5), points), limits).trajectory
 
 
 def _zigzag(

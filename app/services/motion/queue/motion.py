@@ -20,7 +20,7 @@ from app.services.motion.queue.jobs import QueueJobs, report_stops
 from app.services.motion.queue.line import QueueLine
 from app.services.motion.queue.moves import PLAN_TIMEOUT_S, Left, MovePlanner, QueuedMove, passed
 from app.services.motion.queue.placement import QueueSignals
-from app.services.motion.queue.runs import Run, Runs
+from app.services.motion.queue.runs import QueueRun, Runs
 from app.services.rights.claims import Claim
 from app.services.rights.job import Job
 from app.services.state.link import RobotLink
@@ -105,13 +105,15 @@ class QueueMotion:
             return None
         self._joining, self._phase = list(chain), _Phase.STARTING
         try:
-            return await self._run(claim, line, Run(stretch, moves), radii)
+            return await self._run(claim, line, QueueRun(stretch, moves), radii)
         finally:
             self.moves += self._joining
             self._joining, self._dropped, self._runs.all = [], [], []
             self._phase = _Phase.NONE
 
-    async def _run(self, claim: Claim, line: QueueLine, running: Run, radii: Sequence[float]) -> Left | None:
+    async def _run(
+        self, claim: Claim, line: QueueLine, running: QueueRun, radii: Sequence[float]
+    ) -> Left | None:
         """Start a planned motion and follow it to its end; see `execute`."""
         try:
             if not await self._start(claim, running):
@@ -134,7 +136,7 @@ class QueueMotion:
             return alone(legs[0])
         return await self._planner.begin_stretch(claim, legs, radii)
 
-    async def _start(self, claim: Claim, running: Run) -> bool:
+    async def _start(self, claim: Claim, running: QueueRun) -> bool:
         """Have it started; False if a move was dropped so early that nothing has moved."""
         try:
             placement = await self._signals.place_first(running, self._joining)
@@ -312,7 +314,7 @@ class QueueMotion:
                 return
             self._joining = list(chain)
             both = [*running.moves, *moves]
-            after = Run(longer, both[len(both) - len(longer.ends_s) :])
+            after = QueueRun(longer, both[len(both) - len(longer.ends_s) :])
             self._runs.all.append(after)
             placement = await self._signals.place_next(after, [*self.moves, *chain])
             if self._dropped:

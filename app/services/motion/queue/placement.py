@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from app.services.motion.execution import MotionService
 from app.services.motion.queue.moves import QueuedMove
-from app.services.motion.queue.runs import Run
+from app.services.motion.queue.runs import QueueRun
 from app.services.motion.queue.signals import later
 from app.services.motion.signal_follower import SignalFollower
 from app.services.rights.signal_results import NO_RESULTS, SignalResults
@@ -89,12 +89,12 @@ class QueueSignals:
         for follower in self._followers:
             follower.note_rest(tcp)
 
-    async def place_first(self, run: Run, moves: Sequence[QueuedMove]) -> Placement:
+    async def place_first(self, run: QueueRun, moves: Sequence[QueuedMove]) -> Placement:
         """Place the signals of the moves of a motion that is about to begin."""
         self._motion_id = 0
         return await self._place(Placement(), run, moves, 0.0)
 
-    async def place_next(self, run: Run, moves: Sequence[QueuedMove]) -> Placement:
+    async def place_next(self, run: QueueRun, moves: Sequence[QueuedMove]) -> Placement:
         """Place them on the trajectory that the motion is about to go on with.
 
         Args:
@@ -139,7 +139,7 @@ class QueueSignals:
                 follower.go_on_with(placed, self._motion_id, self._placement.times_s[move.number][0])
 
     async def _place(
-        self, before: Placement, run: Run, moves: Sequence[QueuedMove], offset_s: float
+        self, before: Placement, run: QueueRun, moves: Sequence[QueuedMove], offset_s: float
     ) -> Placement:
         signalling = [move for move in moves if move.signals]
         if not signalling:
@@ -156,7 +156,7 @@ class QueueSignals:
 
 
 def _times_s(
-    before: Placement, run: Run, offset_s: float, signalling: Sequence[QueuedMove]
+    before: Placement, run: QueueRun, offset_s: float, signalling: Sequence[QueuedMove]
 ) -> dict[int, list[float]]:
     """When each move with signals begins, and each of its legs ends.
 

@@ -13,7 +13,7 @@ from cobot.motions.stretches import Stretch
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class QueueRun:
     """A trajectory that the real-time loop has or is about to have.
 
     Attributes:
@@ -33,9 +33,9 @@ class Runs:
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
-        self.all: list[Run] = []
+        self.all: list[QueueRun] = []
 
-    def place(self) -> tuple[Run, float]:
+    def place(self) -> tuple[QueueRun, float]:
         """The present run, and the path time of the arm on it."""
         with contextlib.suppress(UnavailableError):
             state = self._link.state()

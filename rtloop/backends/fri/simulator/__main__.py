@@ -27,7 +27,7 @@ from rtloop.backends.fri.messages import (
 )
 from rtloop.backends.fri.options import an_ipv4_address
 from rtloop.backends.fri.outputs import point_of
-from rtloop.backends.fri.simulator.arm import SimulatedArm
+from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.network import MAX_DELAY, Network
 from rtloop.backends.fri.simulator.options import NEEDED_CONTROL, CabinetOptions
@@ -102,7 +102,7 @@ def _server(chosen: argparse.Namespace) -> CabinetServer:
         tuple(chosen.io),
     )
     start = np.array(robot.positions[settings.robot.start_position].joints)
-    cabinet = Cabinet(SimulatedArm(settings, robot.limits, start, options.control_mode), options)
+    cabinet = Cabinet(CabinetArm(settings, robot.limits, start, options.control_mode), options)
     network = Network(chosen.seed, chosen.loss, chosen.reorder, chosen.delay)
     return CabinetServer(
         cabinet,

@@ -18,7 +18,7 @@ STIFFNESS_SHARE = 0.2
 DAMPING_RATIO = 0.7
 
 
-class SimulatedArm:
+class CabinetArm:
     """The simulated arm.
 
     Attributes:

@@ -18,14 +18,14 @@ from rtloop.backends.fri.encoding import encode_monitoring
 from rtloop.backends.fri.messages import (
     FRAMED_VERSION,
     MONITORING_ID,
-    Command,
+    CommandMessage,
     CommandMode,
     ControlMode,
     DriveState,
-    Header,
+    FriHeader,
     IoDirection,
     IoValue,
-    Monitoring,
+    MonitoringMessage,
     OperationMode,
     OverlayType,
     Quality,
@@ -34,8 +34,8 @@ from rtloop.backends.fri.messages import (
     ahead,
 )
 from rtloop.backends.fri.outputs import point_of
-from rtloop.backends.fri.simulator.arm import SimulatedArm
-from rtloop.backends.fri.simulator.connection import Connection
+from rtloop.backends.fri.simulator.arm import CabinetArm
+from rtloop.backends.fri.simulator.connection import ClientConnection
 from rtloop.backends.fri.simulator.options import CabinetOptions
 from rtloop.backends.fri.simulator.reflexes import check_command, check_echo, check_overlay, usable
 from rtloop.results import ACCEPTED, Accepted, Rejected
@@ -67,9 +67,9 @@ class Cabinet:
         io: its inputs and outputs, by name.
     """
 
-    def __init__(self, arm: SimulatedArm, options: CabinetOptions) -> None:
+    def __init__(self, arm: CabinetArm, options: CabinetOptions) -> None:
         self.arm, self.options = arm, options
-        self.connection = Connection(options.period_ms, options.multiplier)
+        self.connection = ClientConnection(options.period_ms, options.multiplier)
         self.period_s = options.period_ms * 1e-3
         self.state = SessionState.IDLE
         self.safety = SafetyState.NORMAL_OPERATION
@@ -217,7 +217,7 @@ class Cabinet:
         ready = self._drives == DriveState.ACTIVE and not self._velocity.any()
         return ready and self._periods >= STAGE_PERIODS
 
-    def _take(self, command: Command, elapsed: int) -> None:
+    def _take(self, command: CommandMessage, elapsed: int) -> None:
         """Process a command for a motion that waits or runs; `elapsed` is the number of periods since the
         last."""
         if not usable(command, self.options.command_mode, self.arm.limits.dof):
@@ -266,7 +266,7 @@ class Cabinet:
         target = np.clip(target, self.arm.limits.min_position, self.arm.limits.max_position)
         self.arm.advance(target, self._velocity, self.options.period_ms)
 
-    def _write_io(self, command: Command) -> None:
+    def _write_io(self, command: CommandMessage) -> None:
         for value in command.io:
             known = self.io.get(value.name)
             if known is None or known.direction != IoDirection.OUTPUT or known.type != value.type:
@@ -281,7 +281,7 @@ class Cabinet:
             else:
                 known.value = value.value
 
-    def _message(self) -> Monitoring:
+    def _message(self) -> MonitoringMessage:
         arm, old = self.arm, self.options.version == "1.x"
         measured = arm.measured
         off = float(np.abs(measured.position - arm.setpoint).max())
@@ -289,8 +289,8 @@ class Cabinet:
         setpoint = tuple(arm.setpoint.tolist())
         mode = self.options.command_mode
         overlay = OverlayType.CARTESIAN if mode == CommandMode.CARTESIAN_POSE else OverlayType.JOINT
-        return Monitoring(
-            Header(MONITORING_ID, self._sequence, self.connection.newest or 0),
+        return MonitoringMessage(
+            FriHeader(MONITORING_ID, self._sequence, self.connection.newest or 0),
             state=self.state,
             quality=self.quality,
             send_period_ms=self.options.period_ms,

@@ -20,7 +20,7 @@ MIN_CLOSE_AFTER = 10
 _COUNTER = 1 << 32
 
 
-class Connection:
+class ClientConnection:
     """Attributes:
     reflected: the newest of the cabinet's messages that an answer belongs to.
     newest: the client's newest message.

@@ -49,7 +49,7 @@ class ControlRequest(StrictModel):
     io: dict[str, float] = Field(default_factory=dict)
 
 
-class Control:
+class ControlServer:
     """Clients of the control interface, served between two periods."""
 
     def __init__(

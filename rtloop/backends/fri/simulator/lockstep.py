@@ -9,8 +9,8 @@ from cobot.robot.srdf import load_named_positions
 from cobot.types import Array, JointLimits
 from rtloop.backends.fri.backend import FriBackend
 from rtloop.backends.fri.codec import decode_command
-from rtloop.backends.fri.messages import Command, IoDirection, IoType, IoValue, OperationMode
-from rtloop.backends.fri.simulator.arm import SimulatedArm
+from rtloop.backends.fri.messages import CommandMessage, IoDirection, IoType, IoValue, OperationMode
+from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.options import CabinetOptions
@@ -24,7 +24,7 @@ RESTART_S = 1.0
 
 
 class LockStep:
-    """A `Channel` whose other end is a cabinet: each wait is its next period.
+    """A `PacketChannel` whose other end is a cabinet: each wait is its next period.
 
     Attributes:
         time_s: the cabinet's, which the backend uses as its own.
@@ -89,14 +89,16 @@ class FriRig:
         start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
         io = tuple(IoValue(f"Cell.{each.name}", each, IoDirection.OUTPUT) for each in IoType)
         cell = CabinetOptions(period_ms=round(settings.rt.period_s * 1e3), io=io)
-        arm = SimulatedArm(settings, limits, np.array(start), cell.control_mode)
+        arm = CabinetArm(settings, limits, np.array(start), cell.control_mode)
         self._channel = LockStep(Cabinet(arm, cell), Network())
 
     @property
     def wire(self) -> list[Array]:
         """The positions of all answers."""
         decoded = map(decode_command, self._channel.answers)
-        return [np.array(each.position) for each in decoded if isinstance(each, Command) and each.position]
+        return [
+            np.array(each.position) for each in decoded if isinstance(each, CommandMessage) and each.position
+        ]
 
     def backend(self) -> FriBackend:
         for _ in range(round(RESTART_S / self._channel.cabinet.period_s)):

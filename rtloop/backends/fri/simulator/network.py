@@ -9,7 +9,7 @@ from random import Random
 
 from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.encoding import encode_monitoring
-from rtloop.backends.fri.messages import Monitoring
+from rtloop.backends.fri.messages import MonitoringMessage
 
 MAX_DELAY = 100
 """Periods that answers may be late."""
@@ -31,7 +31,7 @@ class Network:
         self.loss, self.reorder, self.delay = loss, reorder, delay
         self.drop = self.lost = 0
         self.spoil = ""
-        self._known: Monitoring | None = None
+        self._known: MonitoringMessage | None = None
         self._random = Random(seed)
         self._out: deque[tuple[int, bytes]] = deque()
         self._back: deque[tuple[int, bytes]] = deque()
@@ -51,7 +51,7 @@ class Network:
     def spoil_packet(self, packet: bytes) -> bytes:
         """What is left of a packet that arrives at the client."""
         message = decode_monitoring(packet) if self.spoil else None
-        if not isinstance(message, Monitoring):
+        if not isinstance(message, MonitoringMessage):
             self._known = None
             return packet
         known = self._known = self._known or message

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.types import Array
-from rtloop.backends.fri.messages import Command, CommandMode, OperationMode
-from rtloop.backends.fri.simulator.arm import SimulatedArm
+from rtloop.backends.fri.messages import CommandMessage, CommandMode, OperationMode
+from rtloop.backends.fri.simulator.arm import CabinetArm
 from rtloop.results import ACCEPTED, Accepted, Rejected
 
 ECHO_RAD = 1e-3
@@ -24,7 +24,7 @@ T1_M_S = 0.25
 """Speed of the TCP in T1: the reduced speed of ISO 10218-1."""
 
 
-def usable(command: Command, mode: CommandMode, dof: int) -> bool:
+def usable(command: CommandMessage, mode: CommandMode, dof: int) -> bool:
     """Whether a command has everything that the overlay needs."""
     return (
         len(command.position) == dof
@@ -33,7 +33,7 @@ def usable(command: Command, mode: CommandMode, dof: int) -> bool:
     )
 
 
-def check_overlay(command: Command, mode: CommandMode) -> Accepted | Rejected:
+def check_overlay(command: CommandMessage, mode: CommandMode) -> Accepted | Rejected:
     """Whether the overlay is accepted; a motion with another one ends. Torques are clamped to the drives'
     limits."""
     if mode == CommandMode.TORQUE and not np.isfinite(command.torque).all():
@@ -48,7 +48,7 @@ def check_overlay(command: Command, mode: CommandMode) -> Accepted | Rejected:
     return ACCEPTED
 
 
-def check_echo(arm: SimulatedArm, position: Array) -> Accepted | Rejected:
+def check_echo(arm: CabinetArm, position: Array) -> Accepted | Rejected:
     """Whether a motion that waits may begin."""
     off = np.abs(position - arm.setpoint)
     if not np.isfinite(off).all():
@@ -63,7 +63,7 @@ def check_echo(arm: SimulatedArm, position: Array) -> Accepted | Rejected:
 
 
 def check_command(
-    arm: SimulatedArm,
+    arm: CabinetArm,
     position: Array,
     velocity: Array,
     last_velocity: Array,

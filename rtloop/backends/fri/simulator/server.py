@@ -12,9 +12,9 @@ from typing import Any
 
 from rtloop.backends.fri.codec import MAX_PACKET
 from rtloop.backends.fri.simulator.cabinet import Cabinet
-from rtloop.backends.fri.simulator.control import Control
+from rtloop.backends.fri.simulator.control import ControlServer
 from rtloop.backends.fri.simulator.network import Network
-from rtloop.backends.fri.simulator.times import Times
+from rtloop.backends.fri.simulator.times import DurationCounter
 
 MAX_WAIT_S = 0.02
 """Time between two checks of the control interface while the server waits for a late answer."""
@@ -98,14 +98,14 @@ class CabinetServer:
         self._socket.setblocking(False)
         if sys.platform == "linux":
             self._socket.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
-        self._control = Control(control_port, cabinet, network, self._times)
-        self._answer_times = Times()
+        self._control = ControlServer(control_port, cabinet, network, self._times)
+        self._answer_times = DurationCounter()
         self._sender: tuple[str, int] | None = None
         self._sender_s = 0.0
         self._two = False  # whether a second sender has been reported
         self._deaf = True  # no answer yet, or none since the patience ran out
         self._sent_s = time.monotonic()
-        self._lateness = Times()
+        self._lateness = DurationCounter()
 
     @property
     def port(self) -> int:

@@ -12,7 +12,7 @@ STEP = 0.02
 BUCKETS = math.ceil(math.log(MAX_TIME_S / MIN_TIME_S) / STEP) + 1
 
 
-class Times:
+class DurationCounter:
     """Counters of durations.
 
     Attributes:

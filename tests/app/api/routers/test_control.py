@@ -15,7 +15,7 @@ import pytest
 from asgi_client import Socket
 from virtual_service import VirtualService
 
-from app.services.clients import CLIENT, Client
+from app.services.clients import CLIENT, RequestClient
 from cobot.codes import Code
 from cobot.errors import ConflictError
 
@@ -323,7 +323,7 @@ def test_a_sequence_moves_for_who_has_started_it_and_its_speed_ends_with_it(run:
     ownership = run.app.state.services.ownership
     with pytest.raises(ConflictError, match="under the control of anonymous"):
         ownership.claim_for_sequence("sequence 1", "secret")
-    before = CLIENT.set(Client("anonymous", "127.0.0.1", frozenset({token})))
+    before = CLIENT.set(RequestClient("anonymous", "127.0.0.1", frozenset({token})))
     ownership.claim_for_sequence("sequence 1", "secret")
     CLIENT.reset(before)
     body, own = {"joints": AWAY, "speed": 1.0}, {"X-Motion-Token": "secret"}

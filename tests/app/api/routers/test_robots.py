@@ -18,7 +18,7 @@ from app.main import create_app
 from app.services.rights.stopping import Stopped, together
 from cobot.addresses import address, path_at
 from cobot.config import load_settings
-from cobot.ipc.device_record import Device
+from cobot.ipc.device_record import DeviceReport
 from cobot.robot.description import RobotDescription
 from cobot.robot.device import Capabilities, DeviceStatus
 
@@ -30,7 +30,7 @@ robots:
 
 DEVICE = (
     "mujoco",
-    Device(Capabilities(impedance=True), DeviceStatus(operation_mode="T1"), 0.5, "", drives_off=False),
+    DeviceReport(Capabilities(impedance=True), DeviceStatus(operation_mode="T1"), 0.5, "", drives_off=False),
 )
 
 

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from app.services.clients import CLIENT, Client
+from app.services.clients import CLIENT, RequestClient
 from app.services.devices.channels import BUFFER_BYTES, MAX_OPEN, Channel, Channels
 from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, LimitError, NotFoundError
 
@@ -64,7 +64,7 @@ def test_what_a_program_leaves_open_is_closed_when_it_ends_and_nothing_else() ->
     async def test() -> None:
         channels, lines = Channels("socket"), [Line() for _ in range(5)]
         channels.add("by hand", lines[0].channel)
-        own = CLIENT.set(Client("anonymous", sequence="first"))
+        own = CLIENT.set(RequestClient("anonymous", sequence="first"))
         for name, line in zip(("left open", "closed", "passed on"), lines[1:], strict=False):
             channels.add(name, line.channel)
         channels.close("closed")
@@ -78,7 +78,7 @@ def test_what_a_program_leaves_open_is_closed_when_it_ends_and_nothing_else() ->
         assert channels.get("passed on") is lines[3].channel
         with pytest.raises(NotFoundError, match="open are: by hand, passed on"):
             channels.get("left open")
-        late = CLIENT.set(Client("anonymous", sequence="first"))
+        late = CLIENT.set(RequestClient("anonymous", sequence="first"))
         with pytest.raises(ConflictError, match="program that this request belongs to has ended"):
             channels.add("late", lines[4].channel)
         CLIENT.reset(late)

@@ -17,7 +17,7 @@ import pytest
 
 from app.services.events.pacing import AT_ONCE
 from app.services.events.ring import BURST, CAPACITY_BYTES, LOG_BURST, PER_S, Events
-from app.services.reports.listener import Listener, Wanted
+from app.services.reports.listener import EventFilter, Listener
 from cobot.errors import InputError
 
 
@@ -94,7 +94,7 @@ def test_who_reads_gets_every_event_once_and_in_order_whatever_is_published_mean
 
     async def read() -> None:
         bench = Bench()
-        listener = Listener(bench.events, Wanted(), "0")
+        listener = Listener(bench.events, EventFilter(), "0")
         seen: list[int] = []
         while bench.events.newest < 3000:
             bench.publish(rng.randrange(1, 300))
@@ -111,7 +111,7 @@ def test_who_reads_gets_every_event_once_and_in_order_whatever_is_published_mean
 def test_a_slow_one_is_told_which_events_it_has_lost_and_gets_the_others() -> None:
     async def read() -> None:
         bench = Bench(capacity=50)
-        slow, quick = (Listener(bench.events, Wanted(), "0") for _ in range(2))
+        slow, quick = (Listener(bench.events, EventFilter(), "0") for _ in range(2))
         assert numbers(await quick.next()) == []
         bench.publish(40)
         assert numbers(await quick.next()) == list(range(1, 41))
@@ -134,7 +134,7 @@ def test_who_comes_back_after_a_restart_is_told_so_and_gets_what_there_is() -> N
     async def read() -> None:
         bench = Bench()
         bench.publish(3)
-        listener = Listener(bench.events, Wanted(), "deadbeef-4711")
+        listener = Listener(bench.events, EventFilter(), "deadbeef-4711")
         hello, lost, *others = await listener.next()
         assert (hello.type, lost.type) == ("hello", "lost")
         assert json.loads(lost.text)["data"] == {"why": "restarted", "count": None}
@@ -149,7 +149,7 @@ def test_a_crowd_is_told_a_few_at_a_time_and_everybody_in_the_end() -> None:
 
     async def read() -> None:
         bench = Bench()
-        crowd = [Listener(bench.events, Wanted({"mode"})) for _ in range(50)]
+        crowd = [Listener(bench.events, EventFilter({"mode"})) for _ in range(50)]
         for each in crowd:
             await each.next()
         heard: list[int] = []
@@ -175,7 +175,7 @@ def test_a_crowd_is_told_a_few_at_a_time_and_everybody_in_the_end() -> None:
 def test_it_hears_what_it_wants_and_what_is_about_all_robots() -> None:
     async def read() -> None:
         bench = Bench()
-        listener = Listener(bench.events, Wanted({"motion", "service"}, {"left"}))
+        listener = Listener(bench.events, EventFilter({"motion", "service"}, {"left"}))
         bench.publish(1, "motion", "left")
         bench.publish(1, "motion", "right")
         bench.publish(1, "mode", "left")
@@ -193,7 +193,7 @@ def test_it_hears_what_it_wants_and_what_is_about_all_robots() -> None:
 def test_the_end_of_the_service_is_the_last_event() -> None:
     async def read() -> None:
         bench = Bench()
-        listener = Listener(bench.events, Wanted())
+        listener = Listener(bench.events, EventFilter())
         bench.events.close()
         bench.events.close()
         *_, last = await listener.next()
@@ -209,7 +209,7 @@ def test_who_hears_nothing_is_told_where_it_stands(monkeypatch: pytest.MonkeyPat
 
     async def read() -> None:
         bench = Bench()
-        listener = Listener(bench.events, Wanted({"fault"}))
+        listener = Listener(bench.events, EventFilter({"fault"}))
         await listener.next()
         bench.publish(7)
         (alive,) = await listener.next()

@@ -11,7 +11,7 @@ import pytest
 from rig import Rig, no_tokens
 
 from app.services.programs.sequences import LINE_BYTES, LINE_CHARACTERS, SequenceOrder, SequenceService
-from app.services.programs.steps import Steps
+from app.services.programs.steps import RunnerInstructions
 from app.services.rights.ownership import Ownership
 from app.services.state.link import RobotLink
 from cobot.errors import UnavailableError
@@ -132,7 +132,7 @@ def test_while_a_program_is_paused_it_begins_no_step_and_its_time_does_not_count
             return []
 
     async def run() -> None:
-        service._steps = Steps(write_end, None, lambda held: None)
+        service._steps = RunnerInstructions(write_end, None, lambda held: None)
         reported = asyncio.StreamReader()
         reading = asyncio.create_task(service._read_progress(reported))
         ownership.speed_override._asked = True  # as `pause` does before the arm comes to rest

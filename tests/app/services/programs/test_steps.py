@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from app.services.programs.steps import NEXT, Steps
+from app.services.programs.steps import NEXT, RunnerInstructions
 from cobot.errors import ConflictError, InputError
 
 
@@ -19,7 +19,7 @@ class Bench:
         self._read_end, write_end = os.pipe()
         os.set_blocking(self._read_end, False)
         self.held: list[bool] = []
-        self.steps = Steps(write_end, first, self.held.append, hold=hold)
+        self.steps = RunnerInstructions(write_end, first, self.held.append, hold=hold)
 
     def answers(self) -> list[int | None]:
         try:

@@ -29,7 +29,7 @@ from app.services.rights.claims import Caller
 from app.services.rights.job import ENDS, Job, JobKind, JobRecord
 from app.services.rights.job_book import KEPT, JobBook
 from app.services.rights.ownership import Ownership
-from app.services.rights.signal_results import ActionResult, SignalResults
+from app.services.rights.signal_results import ActionOutcome, SignalResults
 from cobot.errors import CollisionError, ExecutionError, MotionStopped, UnavailableError
 from cobot.findings import Finding
 
@@ -186,7 +186,7 @@ def test_of_a_motion_whose_end_was_not_seen_the_actions_are_told_as_far_as_they_
 ) -> None:
     file = tmp_path / "arm.jobs.jsonl"
     bench = Bench(file)
-    known = ActionResult("actions[0]", "set glue to 1", "0 s after the start", 0.0)
+    known = ActionOutcome("actions[0]", "set glue to 1", "0 s after the start", 0.0)
     rejected = replace(known, action="actions[1]", path_time_s=0.1, problem="the valve block is off")
     actions = (replace(known, fired=True, path_time_s=0.0), rejected, replace(known, action="actions[2]"))
     with bench.motion() as claim:

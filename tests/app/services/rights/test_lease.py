@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from app.services.clients import Client
+from app.services.clients import RequestClient
 from app.services.rights.lease import KEPT_ENDS, ControlLease
 from cobot.errors import ConflictError
 
@@ -34,24 +34,24 @@ def bench() -> Bench:
     return Bench()
 
 
-def showing(name: str, token: str) -> Client:
+def showing(name: str, token: str) -> RequestClient:
     """Another request of somebody who shows a token."""
-    return Client(name, "10.0.0.9", frozenset({token}))
+    return RequestClient(name, "10.0.0.9", frozenset({token}))
 
 
 def test_who_has_taken_it_or_shows_its_token_may_move_and_nobody_else(bench: Bench) -> None:
-    anna = Client("anna", "10.0.0.1")
-    bench.lease.require(Client("ben"))
+    anna = RequestClient("anna", "10.0.0.1")
+    bench.lease.require(RequestClient("ben"))
     token = bench.lease.take(anna, 30.0).token
     bench.lease.require(anna)
     bench.lease.require(showing("anna", token))
-    for other in (Client("ben"), Client("anna", "10.0.0.1"), showing("anna", "another")):
+    for other in (RequestClient("ben"), RequestClient("anna", "10.0.0.1"), showing("anna", "another")):
         with pytest.raises(ConflictError, match=r"under the control of anna from 10\.0\.0\.1, for 30 s"):
             bench.lease.require(other)
 
 
 def test_it_expires_unless_something_moves(bench: Bench) -> None:
-    token = bench.lease.take(Client("anna"), 30.0).token
+    token = bench.lease.take(RequestClient("anna"), 30.0).token
     bench.now_s += 29.0
     bench.lease.renew()
     bench.now_s += 29.0
@@ -62,13 +62,13 @@ def test_it_expires_unless_something_moves(bench: Bench) -> None:
     bench.moving = False
     assert bench.lease.current is None
     assert bench.ends == 1
-    bench.lease.require(Client("ben"))
+    bench.lease.require(RequestClient("ben"))
     with pytest.raises(ConflictError, match="control that anna had has expired: nothing has moved for 30 s"):
         bench.lease.require(showing("anna", token))
 
 
 def test_taking_it_again_renews_it_and_keeps_the_token(bench: Bench) -> None:
-    token = bench.lease.take(Client("anna"), 30.0).token
+    token = bench.lease.take(RequestClient("anna"), 30.0).token
     bench.now_s += 20.0
     again = bench.lease.take(showing("anna", token), 5.0)
     assert (again.token, again.until_s) == (token, bench.now_s + 5.0)
@@ -76,8 +76,8 @@ def test_taking_it_again_renews_it_and_keeps_the_token(bench: Bench) -> None:
 
 
 def test_who_has_lost_it_is_told_to_whom_for_as_long_as_it_shows_its_token(bench: Bench) -> None:
-    first = bench.lease.take(Client("anna"), 30.0).token
-    ben = Client("ben", "10.0.0.2")
+    first = bench.lease.take(RequestClient("anna"), 30.0).token
+    ben = RequestClient("ben", "10.0.0.2")
     bench.lease.take(ben, 30.0)
     for _ in range(2):
         with pytest.raises(ConflictError, match=r"that anna had was taken over by ben from 10\.0\.0\.2"):
@@ -89,17 +89,17 @@ def test_who_has_lost_it_is_told_to_whom_for_as_long_as_it_shows_its_token(bench
 
 
 def test_only_its_holder_gives_it_back(bench: Bench) -> None:
-    token = bench.lease.take(Client("anna"), 30.0).token
+    token = bench.lease.take(RequestClient("anna"), 30.0).token
     with pytest.raises(ConflictError, match="under the control of anna"):
-        bench.lease.release(Client("ben"))
+        bench.lease.release(RequestClient("ben"))
     bench.lease.release(showing("anna", token))
-    bench.lease.release(Client("ben"))
+    bench.lease.release(RequestClient("ben"))
     with pytest.raises(ConflictError, match="anna had was released"):
         bench.lease.release(showing("anna", token))
 
 
 def test_it_ends_with_the_connection_that_has_taken_it(bench: Bench) -> None:
-    anna, ben = Client("anna"), Client("ben")
+    anna, ben = RequestClient("anna"), RequestClient("ben")
     bench.lease.take(anna, 30.0)
     bench.lease.drop_client(ben)
     assert bench.lease.holds(anna)
@@ -108,7 +108,7 @@ def test_it_ends_with_the_connection_that_has_taken_it(bench: Bench) -> None:
 
 
 def test_not_more_than_so_many_ends_are_remembered(bench: Bench) -> None:
-    tokens = [bench.lease.take(Client(f"client {n}"), 30.0).token for n in range(KEPT_ENDS + 20)]
+    tokens = [bench.lease.take(RequestClient(f"client {n}"), 30.0).token for n in range(KEPT_ENDS + 20)]
     assert len(bench.lease._ends) == KEPT_ENDS
     bench.lease.require_not_lost(showing("client 0", tokens[0]))
     with pytest.raises(ConflictError):

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from rig import Rig
 
-from app.api.stream_frames import OpenSession, state_frame
+from app.api.stream_frames import SessionFrame, state_frame
 from app.services.motion.execution import MotionService
 from app.services.motion.planning import PlanningService
 from app.services.rights.ownership import Ownership
@@ -59,12 +59,12 @@ def streams(rig: Rig, link: RobotLink, robot: RobotDescription) -> Iterator[Stre
 def test_what_rtloop_drives_is_heard_of_when_it_says_so(rig: Rig, streams: StreamService) -> None:
     """The service may have begun before: until then a session is refused, not divided by a period of 0."""
     with pytest.raises(NotReadyError, match="has not said yet what it drives"):
-        OpenSession(type="session").record(streams.info)
+        SessionFrame(type="session").record(streams.info)
     info = rig.memory.info
     info.data["period_s"], info.data["stiffness"] = 0.002, 400.0
     info.publish()
     assert float(streams.info["period_s"]) == 0.002
-    assert OpenSession(type="session").record(streams.info)["stiffness"].tolist() == [400.0] * 7
+    assert SessionFrame(type="session").record(streams.info)["stiffness"].tolist() == [400.0] * 7
 
 
 def request(streams: StreamService, **values: Any) -> np.ndarray:

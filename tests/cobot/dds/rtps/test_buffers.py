@@ -6,14 +6,14 @@ import random
 
 import pytest
 
-from cobot.dds.rtps import Limits, MalformedError, Statistics
+from cobot.dds.rtps import MalformedError, ParticipantLimits, ParticipantStatistics
 from cobot.dds.rtps.history import Change, History
 from cobot.dds.rtps.inbound import Inbound
-from cobot.dds.rtps.reassembly import Assembly
-from cobot.dds.rtps.submessages import Fragment
+from cobot.dds.rtps.reassembly import SampleAssembly
+from cobot.dds.rtps.submessages import DataFragment
 from cobot.dds.rtps.writer_proxy import Arrival, WriterProxy
 
-SMALL = Limits(payload=1000, buffered_per_writer=2000, buffered=5000, window=50)
+SMALL = ParticipantLimits(payload=1000, buffered_per_writer=2000, buffered=5000, window=50)
 
 
 def proxy_with(inbound: Inbound, number: int = 0, *, reliable: bool = True) -> WriterProxy:
@@ -25,7 +25,7 @@ def proxy_with(inbound: Inbound, number: int = 0, *, reliable: bool = True) -> W
 
 @pytest.fixture
 def inbound() -> Inbound:
-    return Inbound(SMALL, Statistics())
+    return Inbound(SMALL, ParticipantStatistics())
 
 
 def arrival(payload: bytes = b"") -> Arrival:
@@ -116,7 +116,7 @@ def test_when_all_is_taken_who_holds_most_loses_it(inbound: Inbound) -> None:
 def test_bytes_are_given_back_with_what_held_them(inbound: Inbound) -> None:
     proxy = proxy_with(inbound)
     accepted(proxy, 5, 300)
-    proxy.assemble(7, Fragment(1, 1, 100, 300), None, memoryview(bytes(100)), 0.0)
+    proxy.assemble(7, DataFragment(1, 1, 100, 300), None, memoryview(bytes(100)), 0.0)
     assert inbound.used > 600
     proxy.begin_at(8)
     assert (inbound.used, proxy.held) == (0, 0)
@@ -125,14 +125,14 @@ def test_bytes_are_given_back_with_what_held_them(inbound: Inbound) -> None:
 def test_a_sample_larger_than_the_limit_is_passed_over(inbound: Inbound) -> None:
     proxy = proxy_with(inbound)
     accepted(proxy, 2)
-    assert proxy.assemble(1, Fragment(1, 1, 1000, 1001), None, memoryview(bytes(1000)), 0.0) is None
+    assert proxy.assemble(1, DataFragment(1, 1, 1000, 1001), None, memoryview(bytes(1000)), 0.0) is None
     assert [number for number, _ in proxy.drain()] == [2]
 
 
 def test_a_best_effort_writer_holds_one_incomplete_sample(inbound: Inbound) -> None:
     proxy = proxy_with(inbound, reliable=False)
     for sequence in range(1, 1000):
-        proxy.assemble(sequence, Fragment(1, 1, 100, 300), None, memoryview(bytes(100)), 0.0)
+        proxy.assemble(sequence, DataFragment(1, 1, 100, 300), None, memoryview(bytes(100)), 0.0)
     assert inbound.used < 310
 
 
@@ -143,56 +143,56 @@ def test_fragments_in_any_order_make_the_sample() -> None:
         count = -(-len(payload) // size)
         order = list(range(count))
         chance.shuffle(order)
-        assembly = Assembly(Fragment(1, 1, size, len(payload)), None)
+        assembly = SampleAssembly(DataFragment(1, 1, size, len(payload)), None)
         for position, index in enumerate(order):
             assert assembly.missing(256)[:1] == [min(order[position:]) + 1]
             piece = memoryview(payload[index * size : (index + 1) * size])
-            complete = assembly.add(Fragment(index + 1, 1, size, len(payload)), piece)
+            complete = assembly.add(DataFragment(index + 1, 1, size, len(payload)), piece)
             assert complete == (position == count - 1)
         assert assembly.payload() == payload
 
 
 def test_several_fragments_may_come_in_one_submessage() -> None:
-    assembly = Assembly(Fragment(1, 2, 4, 10), None)
-    assert not assembly.add(Fragment(2, 2, 4, 10), memoryview(b"efghij"))
+    assembly = SampleAssembly(DataFragment(1, 2, 4, 10), None)
+    assert not assembly.add(DataFragment(2, 2, 4, 10), memoryview(b"efghij"))
     assert assembly.missing(256) == [1]
-    assert assembly.add(Fragment(1, 1, 4, 10), memoryview(b"abcd"))
+    assert assembly.add(DataFragment(1, 1, 4, 10), memoryview(b"abcd"))
     assert assembly.payload() == b"abcdefghij"
 
 
 @pytest.mark.parametrize(
     "fragment",
     [
-        Fragment(0, 1, 4, 10),
-        Fragment(4, 1, 4, 10),
-        Fragment(3, 2, 4, 10),
-        Fragment(1, 0, 4, 10),
-        Fragment(1, 1, 5, 10),
-        Fragment(1, 1, 4, 11),
-        Fragment(1, 3, 4, 10),
+        DataFragment(0, 1, 4, 10),
+        DataFragment(4, 1, 4, 10),
+        DataFragment(3, 2, 4, 10),
+        DataFragment(1, 0, 4, 10),
+        DataFragment(1, 1, 5, 10),
+        DataFragment(1, 1, 4, 11),
+        DataFragment(1, 3, 4, 10),
     ],
 )
-def test_fragments_that_do_not_fit_are_malformed(fragment: Fragment) -> None:
+def test_fragments_that_do_not_fit_are_malformed(fragment: DataFragment) -> None:
     with pytest.raises(MalformedError):
-        Assembly(Fragment(1, 1, 4, 10), None).add(fragment, memoryview(b"abcd"))
+        SampleAssembly(DataFragment(1, 1, 4, 10), None).add(fragment, memoryview(b"abcd"))
 
 
 @pytest.mark.parametrize(
-    "fragment", [Fragment(1, 1, 0, 10), Fragment(1, 1, 4, 0), Fragment(1, 1, 1, 1 << 20)]
+    "fragment", [DataFragment(1, 1, 0, 10), DataFragment(1, 1, 4, 0), DataFragment(1, 1, 1, 1 << 20)]
 )
-def test_samples_that_cannot_be_cut_like_that_are_malformed(fragment: Fragment) -> None:
+def test_samples_that_cannot_be_cut_like_that_are_malformed(fragment: DataFragment) -> None:
     with pytest.raises(MalformedError):
-        Assembly(fragment, None)
+        SampleAssembly(fragment, None)
 
 
 def test_a_history_keeps_its_depth() -> None:
-    history = History(3, Limits())
+    history = History(3, ParticipantLimits())
     gone = [history.add(Change(number, b"x", b"", 0.0)) for number in range(1, 6)]
     assert ([change.sequence for change in history], sum(gone)) == ([3, 4, 5], 2)
 
 
 def test_a_history_keeps_no_more_bytes_than_it_may_but_always_the_newest() -> None:
-    history = History(None, Limits(history=1000))
+    history = History(None, ParticipantLimits(history=1000))
     for number in range(1, 10):
         history.add(Change(number, bytes(400), b"", 0.0))
     assert [change.sequence for change in history] == [8, 9]
@@ -201,7 +201,7 @@ def test_a_history_keeps_no_more_bytes_than_it_may_but_always_the_newest() -> No
 
 
 def test_a_change_replaces_the_one_of_the_same_key() -> None:
-    history = History(None, Limits())
+    history = History(None, ParticipantLimits())
     for number, key in enumerate((b"a", b"b", b"a"), 1):
         history.add(Change(number, b"", b"", 0.0, key=key))
     assert [change.sequence for change in history] == [2, 3]

@@ -6,10 +6,10 @@ import random
 from dataclasses import replace
 
 from cobot.dds.rtps.history import Change, History
-from cobot.dds.rtps.types import Limits
+from cobot.dds.rtps.types import ParticipantLimits
 
 SEED = 20261122
-LIMITS = Limits()
+LIMITS = ParticipantLimits()
 
 
 def change(sequence: int, size: int = 10, key: bytes | None = None) -> Change:

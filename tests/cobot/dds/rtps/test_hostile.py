@@ -11,7 +11,7 @@ import psutil
 from cobot_run import until
 from rtps_peer import Peer, number_of, numbered
 
-from cobot.dds.rtps import Guid, Limits, Participant, Qos
+from cobot.dds.rtps import Guid, Participant, ParticipantLimits, Qos
 from cobot.dds.rtps import submessages as sub
 from cobot.dds.rtps.announcements import (
     PARTICIPANT_WRITER,
@@ -25,7 +25,9 @@ from cobot.dds.rtps.types import PARTICIPANT_ENTITY, UNKNOWN_ENTITY
 Start = Callable[[], Peer]
 Join = Callable[..., Participant]
 KEEP_ALL = Qos(depth=None)
-LIMITS = Limits(buffered_per_writer=4 << 20, buffered=8 << 20, participants=20, endpoints_per_participant=30)
+LIMITS = ParticipantLimits(
+    buffered_per_writer=4 << 20, buffered=8 << 20, participants=20, endpoints_per_participant=30
+)
 PUBLICATIONS_WRITER, PUBLICATIONS_READER = bytes((0, 0, 3, 0xC2)), bytes((0, 0, 3, 0xC7))
 ROUNDS = 20_000
 

@@ -17,14 +17,14 @@ from cobot_run import until
 from cobot.dds.rtps import (
     ClosedError,
     Guid,
-    Limits,
     NetworkError,
     Participant,
-    PayloadError,
+    ParticipantLimits,
     Qos,
     Reader,
     Sample,
     SampleIdentity,
+    SampleTooLargeError,
     Writer,
 )
 from cobot.dds.rtps import submessages as sub
@@ -140,7 +140,7 @@ def test_both_ends_in_a_bad_network_lose_nothing(join: Join) -> None:
 
 
 def test_a_callback_that_blocks_holds_up_neither_the_wire_nor_memory(join: Join) -> None:
-    here, there = join(), join(limits=Limits(undelivered=2000))
+    here, there = join(), join(limits=ParticipantLimits(undelivered=2000))
     go_on = threading.Event()
     got: list[int] = []
 
@@ -261,14 +261,14 @@ def test_a_participant_can_be_closed_in_a_callback(join: Join) -> None:
 
 
 def test_a_sample_beyond_the_limit_is_refused_by_the_writer(join: Join) -> None:
-    writer = join(limits=Limits(payload=100)).create_writer("topic", "Type", Qos())
-    with pytest.raises(PayloadError, match=r"101 bytes on 'topic', at most 100"):
+    writer = join(limits=ParticipantLimits(payload=100)).create_writer("topic", "Type", Qos())
+    with pytest.raises(SampleTooLargeError, match=r"101 bytes on 'topic', at most 100"):
         writer.write(bytes(101))
 
 
 def test_a_sample_beyond_the_readers_limit_is_passed_over(join: Join) -> None:
     got: list[int] = []
-    there = join(limits=Limits(payload=100_000))
+    there = join(limits=ParticipantLimits(payload=100_000))
     writer, _ = pair(join(), there, lambda sample: got.append(number_of(sample)))
     for number, size in enumerate((0, 200_000, 0)):
         writer.write(payload(number) + bytes(size))

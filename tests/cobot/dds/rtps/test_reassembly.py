@@ -9,17 +9,17 @@ from typing import Any
 import pytest
 
 from cobot.dds.rtps.errors import MalformedError
-from cobot.dds.rtps.reassembly import MAX_FRAGMENTS, Assembly
-from cobot.dds.rtps.submessages import Fragment
+from cobot.dds.rtps.reassembly import MAX_FRAGMENTS, SampleAssembly
+from cobot.dds.rtps.submessages import DataFragment
 
 SEED = 20261122
 
 
-def fragment(first: int, count: int, size: int, total: int) -> Fragment:
+def fragment(first: int, count: int, size: int, total: int) -> DataFragment:
     """Only what the assembly looks at; the rest is empty."""
     told: dict[str, Any] = {"first": first, "count": count, "size": size, "total": total}
-    names = inspect.signature(Fragment).parameters
-    return Fragment(**{name: told.get(name) for name in names})
+    names = inspect.signature(DataFragment).parameters
+    return DataFragment(**{name: told.get(name) for name in names})
 
 
 def test_a_sample_is_whole_when_all_its_fragments_are_there_and_not_before() -> None:
@@ -27,7 +27,7 @@ def test_a_sample_is_whole_when_all_its_fragments_are_there_and_not_before() -> 
     for _ in range(300):
         size, sample = dice.randrange(1, 9), dice.randbytes(dice.randrange(1, 60))
         count = -(-len(sample) // size)
-        assembly = Assembly(fragment(1, 1, size, len(sample)), None)
+        assembly = SampleAssembly(fragment(1, 1, size, len(sample)), None)
         assert (assembly.count, assembly.total) == (count, len(sample))
         there: set[int] = set()
         while len(there) < count:
@@ -57,7 +57,7 @@ def test_a_sample_is_whole_when_all_its_fragments_are_there_and_not_before() -> 
 def test_fragments_that_do_not_fit_are_malformed(
     first: int, count: int, size: int, total: int, sentence: str
 ) -> None:
-    assembly = Assembly(fragment(1, 1, 4, 20), None)
+    assembly = SampleAssembly(fragment(1, 1, 4, 20), None)
     with pytest.raises(MalformedError, match=sentence):
         assembly.add(fragment(first, count, size, total), memoryview(b"abcd"))
 
@@ -72,4 +72,4 @@ def test_fragments_that_do_not_fit_are_malformed(
 )
 def test_what_cannot_be_a_sample_is_malformed(size: int, total: int, sentence: str) -> None:
     with pytest.raises(MalformedError, match=sentence):
-        Assembly(fragment(1, 1, size, total), None)
+        SampleAssembly(fragment(1, 1, size, total), None)

@@ -90,7 +90,7 @@ def test_a_sample_survives_the_wire_with_at_most_three_zeros_more(payload: bytes
 def test_a_fragment_survives_the_wire() -> None:
     fragment = sub.data_fragment(READER, WRITER, 1, b"", b"abcdefgh", 2, 4)
     data = sub.read_data(only(fragment))
-    assert data.fragment == sub.Fragment(first=2, count=1, size=4, total=8)
+    assert data.fragment == sub.DataFragment(first=2, count=1, size=4, total=8)
     assert data.payload == b"efgh"
 
 

@@ -17,7 +17,7 @@ from cobot.motions.requests import MotionRequest
 from cobot.motions.stretches import Leg
 from cobot.planners.blending.going_over import LimitedPath
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.robot.description import RobotDescription
 from cobot.trajectory_parts import cut
 from cobot.types import PlannerName, Scaling, Synchronization
@@ -46,5 +46,5 @@ def test_a_window_uses_more_of_an_effort_than_plans_do_but_not_all_of_it(
     max_effort = 10.0 * robot.limits.max_effort
     max_effort[SHOULDER] = needed / share
     leg = Leg(motion, replace(robot.limits, max_effort=max_effort), None)
-    course = LimitedPath.of(robot, [leg], [Path.straight(START, GOAL)], [])
+    course = LimitedPath.of(robot, [leg], [JointCurve.straight(START, GOAL)], [])
     assert course.holds(robot, law, window) is holds

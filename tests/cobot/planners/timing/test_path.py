@@ -10,7 +10,7 @@ from cobot.errors import InputError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.search.spline import control_spline
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.robot.description import RobotDescription
 from cobot.types import PlannerName, Scaling
 
@@ -21,7 +21,10 @@ PLACES = np.linspace(0.0, 1.0, 301)
 def test_a_path_through_points_is_scipys_spline_with_its_derivatives(points: int) -> None:
     random = np.random.default_rng(points)
     rows, parameters = random.normal(size=(points, 7)), np.linspace(0.0, 1.0, points)
-    path, spline = Path.through(parameters, rows), make_interp_spline(parameters, rows, k=min(5, points - 1))
+    path, spline = (
+        JointCurve.through(parameters, rows),
+        make_interp_spline(parameters, rows, k=min(5, points - 1)),
+    )
     np.testing.assert_allclose(path.at(parameters), rows, atol=1e-12)
     for order, found in enumerate(path.derivatives(PLACES[:-1])):
         expected = spline(PLACES[:-1], order)
@@ -30,7 +33,7 @@ def test_a_path_through_points_is_scipys_spline_with_its_derivatives(points: int
 
 def test_a_clamped_spline_keeps_its_ends() -> None:
     points = np.random.default_rng(1).normal(size=(14, 7))
-    path = Path.of_spline(control_spline(points))
+    path = JointCurve.of_spline(control_spline(points))
     np.testing.assert_allclose(path.at(np.array([0.0, path.length])), points[[0, -1]], atol=1e-12)
     np.testing.assert_allclose(path.at(PLACES), control_spline(points)(PLACES), atol=1e-12)
 
@@ -40,7 +43,7 @@ def test_the_path_of_a_motion_is_where_the_motion_was(robot: RobotDescription) -
     goal[[0, 4]] += 1.0, -0.3
     request = MotionRequest(start, goal, PlannerName.PTP, Scaling(1.0))
     motion = plan_ptp(robot, request, goal)
-    path = Path.of_trajectory(motion)
+    path = JointCurve.of_trajectory(motion)
     along = motion.sample(np.linspace(0.0, motion.duration_s, 20_000))
     for point in path.at(path.length * PLACES):
         assert np.linalg.norm(along - point, axis=1).min() < 3e-4
@@ -59,4 +62,4 @@ def test_the_path_of_a_motion_is_where_the_motion_was(robot: RobotDescription) -
 )
 def test_what_is_no_path_is_refused(breakpoints: list[float], coefficients: np.ndarray, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Path(np.array(breakpoints), coefficients)
+        JointCurve(np.array(breakpoints), coefficients)

@@ -24,7 +24,7 @@ from cobot.planners import MotionRequest, plan
 from cobot.planners.effort_reserve import PLANNED_EFFORT
 from cobot.planners.search.spline import control_spline, resampled
 from cobot.planners.timing.coordinates import Coordinates
-from cobot.planners.timing.path import Path
+from cobot.planners.timing.path import JointCurve
 from cobot.planners.timing.time_law import Timed, time_optimal, with_room
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
@@ -54,13 +54,15 @@ def planned_limits(robot: RobotDescription) -> JointLimits:
     return robot.limits.scaled(1.0, PLANNED_ACCELERATION, Scaling(1.0).jerk)
 
 
-def random_path(robot: RobotDescription, random: np.random.Generator, points: int, spread: float) -> Path:
+def random_path(
+    robot: RobotDescription, random: np.random.Generator, points: int, spread: float
+) -> JointCurve:
     middle = random.uniform(0.4 * robot.limits.min_position, 0.4 * robot.limits.max_position)
     steps = random.normal(size=(points, robot.limits.dof)) * spread
-    return Path.through(np.linspace(0.0, 1.0, points), middle + np.cumsum(steps, axis=0))
+    return JointCurve.through(np.linspace(0.0, 1.0, points), middle + np.cumsum(steps, axis=0))
 
 
-def random_paths(robot: RobotDescription, count: int = 12) -> list[Path]:
+def random_paths(robot: RobotDescription, count: int = 12) -> list[JointCurve]:
     random = np.random.default_rng(SEED)
     sizes = zip(random.integers(6, 10, count), random.uniform(0.15, 0.6, count), strict=True)
     return [random_path(robot, random, int(points), float(spread)) for points, spread in sizes]
@@ -80,7 +82,7 @@ def require_limits(trajectory: Trajectory, limits: JointLimits) -> float:
 
 
 def least_duration_s(
-    path: Path, limits: JointLimits, extra: tuple[Array, Array, Array] | None = None
+    path: JointCurve, limits: JointLimits, extra: tuple[Array, Array, Array] | None = None
 ) -> float:
     """By toppra, under velocities and accelerations; `extra` is one more coordinate and its two limits."""
     places = np.linspace(0.0, path.length, 400)
@@ -153,7 +155,7 @@ def test_a_short_line_takes_as_long_as_another_optimiser_finds_under_the_same_li
     goal = Pose(here.position + 0.1 * across / np.linalg.norm(across), here.quaternion)
     line = plan(robot, MotionRequest(start, goal, PlannerName.LIN, Scaling(1.0)))
     assert line is not None
-    path = Path.of_trajectory(line)
+    path = JointCurve.of_trajectory(line)
     timed = time_optimal(robot, path, limits)
     best_s = Optimiser(path, with_room(robot, limits), 40).shortest_s(timed.progress)
     assert 0.98 * best_s < timed.trajectory.duration_s < 1.01 * best_s
@@ -171,7 +173,7 @@ def test_a_straight_line_takes_as_long_as_ruckig_in_phase(
     for name in ("velocity", "acceleration", "jerk"):
         setattr(problem, f"max_{name}", [float((getattr(limits, f"max_{name}") / np.abs(way)).min())])
     ruckig.Ruckig(1).calculate(problem, solution)
-    timed = time_optimal(robot, Path.straight(start, start + way), limits)
+    timed = time_optimal(robot, JointCurve.straight(start, start + way), limits)
     require_limits(timed.trajectory, limits)
     assert 0.9999 < timed.trajectory.duration_s / solution.duration < 1.01
 
@@ -196,7 +198,7 @@ def test_a_line_is_slow_only_where_a_joint_has_to_be(robot: RobotDescription) ->
     assert motion is not None
     assert require_limits(motion, planned_limits(robot)) > 0.99
     assert motion.duration_s < 1.3
-    path, tcp = Path.of_trajectory(motion), robot.cartesian_limits
+    path, tcp = JointCurve.of_trajectory(motion), robot.cartesian_limits
     length = np.linalg.norm(np.asarray(goal.position) - robot.model.forward(start).position)
     assert motion.duration_s <= 1.25 * max(
         least_duration_s(path, robot.limits), length / tcp.max_linear_velocity
@@ -211,7 +213,7 @@ def test_what_a_line_deviates_in_orientation_is_no_coordinate_but_stays_within_t
     goal = Pose(here.position + np.array([-0.05, -0.1, 0.1]), here.quaternion)
     line = plan(robot, MotionRequest(start, goal, PlannerName.LIN, Scaling(1.0)))
     assert line is not None
-    path, tcp = Path.of_trajectory(line), robot.cartesian_limits
+    path, tcp = JointCurve.of_trajectory(line), robot.cartesian_limits
     assert len(Coordinates(robot.model, path, robot.limits, tcp).max_jerk) == 7 + 1
     times = np.linspace(0.0, line.duration_s, 400)
     twists = robot.model.chain.twists(line.sample(times), line.sample(times, 1))[:, 3:]
@@ -322,7 +324,7 @@ def test_a_spline_nearer_to_its_corners_takes_little_longer(robot: RobotDescript
     for _ in range(3):
         corners = random.uniform(0.4 * limits.min_position, 0.4 * limits.max_position, (4, limits.dof))
         few, many = (
-            time_optimal(robot, Path.of_spline(control_spline(resampled(corners, points))), limits)
+            time_optimal(robot, JointCurve.of_spline(control_spline(resampled(corners, points))), limits)
             for points in (12, 192)
         )
         assert many.trajectory.duration_s < 1.5 * few.trajectory.duration_s
@@ -332,7 +334,7 @@ def test_what_the_drives_cannot_even_hold_is_refused_with_the_joint_and_the_plac
     robot: RobotDescription,
 ) -> None:
     stretched = np.array([0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0, 0.0])
-    path = Path.straight(stretched, stretched + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    path = JointCurve.straight(stretched, stretched + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     message = r"joint\d needs \d+\.?\d* N·m to hold the arm at \d+ % of the path, its limit is \d+ N·m"
     with pytest.raises(PlanningError, match=message):
         time_optimal(carrying(robot, 40.0), path, planned_limits(robot))

@@ -32,7 +32,7 @@ from rtloop.backends import (
 from rtloop.backends.franka import FrankaBackend, kinematics
 from rtloop.backends.franka.bridge import Bridge
 from rtloop.backends.franka.link import Knock
-from rtloop.backends.franka.stand_in import START, Arm
+from rtloop.backends.franka.stand_in import START, FrankaStandIn
 from rtloop.backends.franka.stand_in_library import NetworkException, RobotMode
 from rtloop.backends.franka.words import MAX_ERRORS, explained, in_words, present, said
 
@@ -46,7 +46,7 @@ PERIOD_S = 0.001
 
 @pytest.fixture(autouse=True)
 def installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pylibfranka", Arm().library)
+    monkeypatch.setitem(sys.modules, "pylibfranka", FrankaStandIn().library)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def fr3(franka: Settings) -> RobotDescription:
 
 @pytest.fixture
 def rig(franka: Settings, fr3: RobotDescription) -> Iterator[Rig]:
-    arm = Arm()
+    arm = FrankaStandIn()
     device = FrankaBackend(franka, fr3.limits, library=arm.library, knock=arm.knock)
     made = Rig(franka, fr3, backend=device)
     made.device, made.arm = device, arm
@@ -247,7 +247,7 @@ def test_a_model_of_another_arm_is_refused(
     franka: Settings, fr3: RobotDescription, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Oracle of the right one: the kinematics that Franka Robotics publishes, in the stand-in."""
-    arm = Arm()
+    arm = FrankaStandIn()
     backend = FrankaBackend(franka, fr3.limits, library=arm.library, knock=arm.knock)
     arm.q = np.array([0.4, 0.3, -0.5, -1.9, 0.6, 1.2, 0.9])
     backend.open(arm.q)
@@ -378,7 +378,7 @@ def test_its_state_is_shown_in_words(rig: Rig) -> None:
 def test_what_keeps_it_from_opening_is_said(
     fr3: RobotDescription, options: dict[str, object], said: str
 ) -> None:
-    arm = Arm()
+    arm = FrankaStandIn()
     arm.real_time = False
     knock = Knock if options["address"] != "robot.test" else arm.knock
     backend = FrankaBackend(franka_settings(**options), fr3.limits, library=arm.library, knock=knock)

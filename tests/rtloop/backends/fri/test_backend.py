@@ -20,16 +20,16 @@ from cobot.robot.tool import Tool
 from cobot.types import Array
 from rtloop.backends import BackendError, Measured, Paced, Reporting, Stepwise, TorqueControlled
 from rtloop.backends.fri import FriBackend
-from rtloop.backends.fri.beat import Entry
+from rtloop.backends.fri.beat import CommandTransition
 from rtloop.backends.fri.codec import decode_command, decode_monitoring
 from rtloop.backends.fri.encoding import encode_command, encode_monitoring
 from rtloop.backends.fri.messages import (
     COMMAND_ID,
     MONITORING_ID,
-    Command,
+    CommandMessage,
     CommandMode,
-    Header,
-    Monitoring,
+    FriHeader,
+    MonitoringMessage,
     OperationMode,
     Quality,
     SessionState,
@@ -92,9 +92,9 @@ class Driven:
             self.cycle()
 
 
-def answered_by(packet: bytes) -> Command:
+def answered_by(packet: bytes) -> CommandMessage:
     answer = decode_command(packet)
-    assert isinstance(answer, Command)
+    assert isinstance(answer, CommandMessage)
     return answer
 
 
@@ -137,7 +137,7 @@ def test_echoes_the_interpolator_while_the_motion_waits(make: Make) -> None:
     driven.cycle()
     driven.cycle()
     answer = decode_command(driven.channel.answers[-1])
-    assert isinstance(answer, Command)
+    assert isinstance(answer, CommandMessage)
     assert answer.position == tuple(driven.cabinet.arm.setpoint.tolist())
 
 
@@ -190,8 +190,8 @@ def test_answers_are_framed_as_the_controllers_messages_are(make: Make) -> None:
     driven.enable()
     answers = [decode_command(each) for each in driven.channel.answers]
     assert answers
-    assert all(isinstance(each, Command) and each.framed for each in answers)
-    plain = encode_command(Command(Header(COMMAND_ID, 1, driven.cabinet.sequence), (0.0,) * 7))
+    assert all(isinstance(each, CommandMessage) and each.framed for each in answers)
+    plain = encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, driven.cabinet.sequence), (0.0,) * 7))
     driven.cabinet.answer(plain)
     assert driven.cabinet.events[-1] == ("a command without the frame of FRI 2.7, this cabinet uses FRI 2.7")
 
@@ -200,7 +200,7 @@ def test_a_message_of_another_version_in_a_session_is_refused_by_name(make: Make
     driven = make(CabinetOptions(version="2.7"))
     driven.enable()
     message = decode_monitoring(driven.cabinet.packet())
-    assert isinstance(message, Monitoring)
+    assert isinstance(message, MonitoringMessage)
     driven.channel.injected = [encode_monitoring(replace(message, framed=False))] * 3
     driven.swing(3)
     assert "in a session of FRI 2.7: all messages of a session have one version" in driven.backend._refused
@@ -213,7 +213,10 @@ def test_says_that_nobody_is_there_and_what_else_came(settings: Settings, robot:
         BackendError, match="no packet on UDP port 30200: is the controller's program running"
     ):
         backend.open(np.zeros(7))
-    channel.off, channel.cabinet.packet = False, lambda: encode_command(Command(Header(COMMAND_ID, 1, 1)))
+    channel.off, channel.cabinet.packet = (
+        False,
+        lambda: encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, 1))),
+    )
     with pytest.raises(BackendError, match="What has come is a message 0x34001 instead of 0x245142"):
         backend.open(np.zeros(7))
 
@@ -459,7 +462,7 @@ def test_packets_that_pile_up_get_a_cycle_each(make: Make, period_ms: int, pause
     driven = make(CabinetOptions(period_ms))
     driven.enable()
     path = driven.command[0, 0]
-    for _ in range(int(Entry.FADE_S / driven.cabinet.period_s)):
+    for _ in range(int(CommandTransition.FADE_S / driven.cabinet.period_s)):
         driven.cycle()
     first, step = driven.cabinet.sequence, 0.5 * driven.cabinet.period_s
     driven.channel.answers.clear()
@@ -508,7 +511,7 @@ def test_packets_that_are_refused_are_not_called_silence(make: Make) -> None:
     """And what was refused before the network failed is not its cause."""
     driven = make()
     driven.enable()
-    six = Monitoring(Header(MONITORING_ID, 1, 0), measured_position=(0.0,) * 6)
+    six = MonitoringMessage(FriHeader(MONITORING_ID, 1, 0), measured_position=(0.0,) * 6)
     driven.channel.injected = [encode_monitoring(six)]
     driven.cycle()
     driven.channel.off = True
@@ -681,13 +684,13 @@ def test_what_was_commanded_last_is_held_while_the_quality_is_low(make: Make) ->
     driven.channel.answers.clear()
     packet = driven.cabinet._message
 
-    def poor() -> Monitoring:
+    def poor() -> MonitoringMessage:
         return replace(packet(), quality=Quality.FAIR)
 
     driven.cabinet._message = poor
     driven.cycle()
     answer = decode_command(driven.channel.answers[-1])
-    assert isinstance(answer, Command)
+    assert isinstance(answer, CommandMessage)
     np.testing.assert_allclose(answer.position, driven.cabinet.arm.setpoint, atol=5e-3)
     assert abs(answer.position[0] - begun) > 0.05
     assert "takes commands from GOOD on" in driven.problems[-1]

@@ -16,7 +16,7 @@ from rtloop.backends import BackendError, Measured
 from rtloop.backends.fri import FriBackend
 from rtloop.backends.fri.channel import RELEASE_S, UdpChannel
 from rtloop.backends.fri.encoding import encode_monitoring
-from rtloop.backends.fri.messages import MONITORING_ID, Header, Monitoring, Quality, SessionState
+from rtloop.backends.fri.messages import MONITORING_ID, FriHeader, MonitoringMessage, Quality, SessionState
 
 WAIT_S = 20.0
 
@@ -53,8 +53,8 @@ class Clock:
 
 def monitoring(sequence: int, position: float = 0.0) -> bytes:
     return encode_monitoring(
-        Monitoring(
-            Header(MONITORING_ID, sequence, 0),
+        MonitoringMessage(
+            FriHeader(MONITORING_ID, sequence, 0),
             state=SessionState.MONITORING_READY,
             quality=Quality.GOOD,
             send_period_ms=5,

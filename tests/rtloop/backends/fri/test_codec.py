@@ -16,15 +16,15 @@ from rtloop.backends.fri.encoding import encode_command, encode_monitoring
 from rtloop.backends.fri.messages import (
     COMMAND_ID,
     MONITORING_ID,
-    Command,
+    CommandMessage,
     CommandMode,
     ControlMode,
     DriveState,
-    Header,
+    FriHeader,
     IoDirection,
     IoType,
     IoValue,
-    Monitoring,
+    MonitoringMessage,
     OperationMode,
     OverlayType,
     Quality,
@@ -47,8 +47,8 @@ def io_values(draw: st.DrawFn) -> IoValue:
 
 
 MONITORING = st.builds(
-    Monitoring,
-    header=st.builds(Header, st.just(MONITORING_ID), COUNTER, COUNTER),
+    MonitoringMessage,
+    header=st.builds(FriHeader, st.just(MONITORING_ID), COUNTER, COUNTER),
     state=st.sampled_from(SessionState),
     quality=st.sampled_from(Quality),
     send_period_ms=st.integers(0, 2**32 - 1),
@@ -73,14 +73,14 @@ MONITORING = st.builds(
     external_force=st.one_of(st.just(()), st.lists(VALUE, min_size=6, max_size=6).map(tuple)),
 )
 COMMAND = st.builds(
-    Command,
-    header=st.builds(Header, st.just(COMMAND_ID), COUNTER, COUNTER),
+    CommandMessage,
+    header=st.builds(FriHeader, st.just(COMMAND_ID), COUNTER, COUNTER),
     position=ROW,
     torque=ROW,
     wrench=st.one_of(st.just(()), st.lists(VALUE, min_size=6, max_size=6).map(tuple)),
     io=st.lists(io_values(), max_size=10),
 )
-HEADER = Header(MONITORING_ID, 5, 4)
+HEADER = FriHeader(MONITORING_ID, 5, 4)
 
 
 def oracle(*, packed: bool = False) -> Any:
@@ -88,7 +88,7 @@ def oracle(*, packed: bool = False) -> Any:
     return fri_messages(packed=packed)
 
 
-def filled(message: Any, ours: Monitoring) -> Any:
+def filled(message: Any, ours: MonitoringMessage) -> Any:
     """The same in Google's message."""
     header = message.header
     header.messageIdentifier, header.sequenceCounter = ours.header.identifier, ours.header.sequence
@@ -137,7 +137,7 @@ def fill_io(message: Any, value: IoValue) -> None:
 @settings(deadline=None, max_examples=100)
 @given(ours=MONITORING)
 @pytest.mark.parametrize("packed", [False, True])
-def test_reads_what_googles_protobuf_has_written(packed: bool, ours: Monitoring) -> None:
+def test_reads_what_googles_protobuf_has_written(packed: bool, ours: MonitoringMessage) -> None:
     message = filled(oracle(packed=packed).FRIMonitoringMessage(), ours)
     message.endOfMessageData.messageLength = 3
     assert decode_monitoring(message.SerializeToString()) == ours
@@ -145,7 +145,7 @@ def test_reads_what_googles_protobuf_has_written(packed: bool, ours: Monitoring)
 
 @settings(deadline=None, max_examples=100)
 @given(ours=MONITORING)
-def test_googles_protobuf_reads_what_the_simulator_writes(ours: Monitoring) -> None:
+def test_googles_protobuf_reads_what_the_simulator_writes(ours: MonitoringMessage) -> None:
     messages = oracle()
     read = messages.FRIMonitoringMessage.FromString(encode_monitoring(ours))
     assert decode_monitoring(read.SerializeToString()) == ours
@@ -154,7 +154,7 @@ def test_googles_protobuf_reads_what_the_simulator_writes(ours: Monitoring) -> N
 
 @settings(deadline=None, max_examples=100)
 @given(ours=COMMAND)
-def test_googles_protobuf_reads_our_commands_as_they_are(ours: Command) -> None:
+def test_googles_protobuf_reads_our_commands_as_they_are(ours: CommandMessage) -> None:
     read = oracle().FRICommandMessage.FromString(encode_command(ours))
     assert list(read.commandData.jointPosition.value) == list(ours.position)
     assert list(read.commandData.jointTorque.value) == list(ours.torque)
@@ -169,48 +169,50 @@ def test_googles_protobuf_reads_our_commands_as_they_are(ours: Command) -> None:
 
 @settings(deadline=None, max_examples=100)
 @given(ours=MONITORING)
-def test_a_monitoring_message_comes_back_as_it_was(ours: Monitoring) -> None:
+def test_a_monitoring_message_comes_back_as_it_was(ours: MonitoringMessage) -> None:
     assert decode_monitoring(encode_monitoring(ours)) == ours
 
 
 @settings(deadline=None, max_examples=100)
 @given(ours=COMMAND)
-def test_a_command_comes_back_as_it_was(ours: Command) -> None:
+def test_a_command_comes_back_as_it_was(ours: CommandMessage) -> None:
     assert decode_command(encode_command(ours)) == ours
 
 
 @settings(deadline=None, max_examples=500)
 @given(packet=st.binary(max_size=400))
 def test_random_bytes_are_refused_in_words(packet: bytes) -> None:
-    assert isinstance(decode_monitoring(packet), Monitoring | str)
-    assert isinstance(decode_command(packet), Command | str)
+    assert isinstance(decode_monitoring(packet), MonitoringMessage | str)
+    assert isinstance(decode_command(packet), CommandMessage | str)
 
 
 @settings(deadline=None, max_examples=50)
 @given(ours=MONITORING, seed=st.integers(0, 2**32 - 1))
-def test_damaged_packets_are_refused_in_words(ours: Monitoring, seed: int) -> None:
+def test_damaged_packets_are_refused_in_words(ours: MonitoringMessage, seed: int) -> None:
     whole, rng = encode_monitoring(ours), random.Random(seed)
     for _ in range(20):
         packet = bytearray(whole)
         for _ in range(rng.randrange(9)):
             packet[rng.randrange(len(packet))] = rng.randrange(256)
         found = decode_monitoring(bytes(packet[: len(packet) - rng.randrange(40)]))
-        assert isinstance(found, Monitoring | str)
+        assert isinstance(found, MonitoringMessage | str)
         assert found
 
 
 def test_says_what_is_wrong_with_a_packet() -> None:
-    assert "instead of 0x245142" in str(decode_monitoring(encode_command(Command(Header(COMMAND_ID, 1, 1)))))
+    assert "instead of 0x245142" in str(
+        decode_monitoring(encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, 1))))
+    )
     assert "header is not whole" in str(decode_monitoring(b""))
     assert f"at most {MAX_BYTES}" in str(decode_monitoring(bytes(MAX_BYTES + 1)))
-    odd = Monitoring(HEADER, joints=7, measured_position=(0.0,) * 6)
+    odd = MonitoringMessage(HEADER, joints=7, measured_position=(0.0,) * 6)
     assert decode_monitoring(encode_monitoring(odd)) == (
         "no monitoring message of FRI: values of 6 joints, the robot has 7"
     )
 
 
 def test_a_state_that_nobody_knows_is_named() -> None:
-    packet = encode_monitoring(Monitoring(HEADER, state=SessionState.COMMANDING_ACTIVE))
+    packet = encode_monitoring(MonitoringMessage(HEADER, state=SessionState.COMMANDING_ACTIVE))
     assert packet.count(b"\x22\x08\x08\x04") == 1
     assert "session state 9" in str(
         decode_monitoring(packet.replace(b"\x22\x08\x08\x04", b"\x22\x08\x08\x09"))
@@ -219,13 +221,13 @@ def test_a_state_that_nobody_knows_is_named() -> None:
 
 def test_the_versions_are_told_apart() -> None:
     seven = (0.0,) * 7
-    assert Monitoring(HEADER, commanded_position=seven).version == "1.x"
-    assert Monitoring(HEADER, measured_pose=seven).version == "2.x"
-    assert Monitoring(HEADER).version == ""
+    assert MonitoringMessage(HEADER, commanded_position=seven).version == "1.x"
+    assert MonitoringMessage(HEADER, measured_pose=seven).version == "2.x"
+    assert MonitoringMessage(HEADER).version == ""
 
 
 def test_what_is_not_finite_is_left_to_the_session() -> None:
-    message = Monitoring(HEADER, joints=1, measured_position=(math.nan,))
+    message = MonitoringMessage(HEADER, joints=1, measured_position=(math.nan,))
     found = decode_monitoring(encode_monitoring(message))
-    assert isinstance(found, Monitoring)
+    assert isinstance(found, MonitoringMessage)
     assert math.isnan(found.measured_position[0])

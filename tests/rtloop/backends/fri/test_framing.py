@@ -14,17 +14,23 @@ from hypothesis import strategies as st
 from rtloop.backends.fri.codec import MAX_BYTES, MAX_PACKET, decode_command, decode_monitoring
 from rtloop.backends.fri.encoding import encode_command, encode_monitoring
 from rtloop.backends.fri.framing import frame
-from rtloop.backends.fri.messages import COMMAND_ID, MONITORING_ID, Command, Header, Monitoring
+from rtloop.backends.fri.messages import (
+    COMMAND_ID,
+    MONITORING_ID,
+    CommandMessage,
+    FriHeader,
+    MonitoringMessage,
+)
 
 SEVEN = (0.25,) * 7
-MESSAGE = Monitoring(
-    Header(MONITORING_ID, 5, 4),
+MESSAGE = MonitoringMessage(
+    FriHeader(MONITORING_ID, 5, 4),
     joints=7,
     measured_position=SEVEN,
     external_force=(1.0, -2.0, 3.0, 0.1, 0.2, -0.3),
     framed=True,
 )
-ANSWER = Command(Header(COMMAND_ID, 8, 5), position=SEVEN, framed=True)
+ANSWER = CommandMessage(FriHeader(COMMAND_ID, 8, 5), position=SEVEN, framed=True)
 BARE = encode_monitoring(replace(MESSAGE, framed=False))
 
 
@@ -50,7 +56,7 @@ def test_a_framed_message_of_googles_protobuf_is_read() -> None:
     content = message.SerializeToString()
     found = decode_monitoring(fixed32(len(content)) + content + fixed32(zlib.crc32(content)))
     assert found == MESSAGE
-    assert isinstance(found, Monitoring)
+    assert isinstance(found, MonitoringMessage)
     assert found.version == "2.7"
 
 

@@ -12,7 +12,7 @@ from cobot.robot.io_points import IoKind, IoPoint
 from rtloop.backends import BackendError, HasIo, Measured
 from rtloop.backends.fri import FriBackend
 from rtloop.backends.fri.codec import decode_command
-from rtloop.backends.fri.messages import Command, IoDirection, IoType, IoValue, SessionState
+from rtloop.backends.fri.messages import CommandMessage, IoDirection, IoType, IoValue, SessionState
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.options import CabinetOptions
 
@@ -48,7 +48,7 @@ class Cell:
         """The outputs of all answers since the last call."""
         commands = [decode_command(each) for each in self.channel.answers]
         self.channel.answers.clear()
-        return [io.name for each in commands if isinstance(each, Command) for io in each.io]
+        return [io.name for each in commands if isinstance(each, CommandMessage) for io in each.io]
 
 
 @pytest.fixture

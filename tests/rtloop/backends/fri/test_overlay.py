@@ -16,7 +16,7 @@ from cobot.ipc.layout import Stream
 from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode
 from rtloop.backends.fri.codec import decode_command
-from rtloop.backends.fri.messages import Command
+from rtloop.backends.fri.messages import CommandMessage
 from rtloop.streaming.overlay import MAX_WRENCH
 
 STIFF = {"stiffness": 0.0, "cartesian_stiffness": 0.0}
@@ -26,9 +26,9 @@ class Overlaid(FriStream):
     """With what its cabinet was sent, and where that has brought its arm."""
 
     @property
-    def sent(self) -> Command:
+    def sent(self) -> CommandMessage:
         command = decode_command(self.channel.answers[-1])
-        assert isinstance(command, Command)
+        assert isinstance(command, CommandMessage)
         return command
 
     @property
@@ -77,7 +77,7 @@ def test_torques_rise_and_fall_without_a_jump_and_never_beyond_the_drives(rig: O
     rig.end_stream()
     rig.step(200)
     sent = [decode_command(each) for each in rig.channel.answers]
-    torque = np.array([each.torque for each in sent if isinstance(each, Command)])[:, 0]
+    torque = np.array([each.torque for each in sent if isinstance(each, CommandMessage)])[:, 0]
     most = rig.limits.max_effort[0]
     assert torque.max() == pytest.approx(most)
     assert np.abs(np.diff(torque)).max() == pytest.approx(most * 0.005 / 0.1)

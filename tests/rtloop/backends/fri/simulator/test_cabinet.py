@@ -15,20 +15,20 @@ from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import (
     COMMAND_ID,
-    Command,
+    CommandMessage,
     CommandMode,
-    Header,
+    FriHeader,
     IoDirection,
     IoType,
     IoValue,
-    Monitoring,
+    MonitoringMessage,
     OperationMode,
     Quality,
     SafetyState,
     SessionState,
 )
 from rtloop.backends.fri.simulator.cabinet import Cabinet
-from rtloop.backends.fri.simulator.connection import Connection
+from rtloop.backends.fri.simulator.connection import ClientConnection
 from rtloop.backends.fri.simulator.options import NEEDED_CONTROL, CabinetOptions
 
 ENOUGH = 300
@@ -43,14 +43,14 @@ class Client:
         self.add = np.zeros(7)
         self.laid: dict[str, tuple[float, ...]] = {}
         self.silent = False
-        self.seen: Monitoring | None = None
+        self.seen: MonitoringMessage | None = None
 
     def period(self) -> None:
         packet = self.cabinet.packet()
         if not packet:
             return
         message = decode_monitoring(packet)
-        assert isinstance(message, Monitoring)
+        assert isinstance(message, MonitoringMessage)
         self.seen = message
         if self.silent or message.state == SessionState.IDLE:
             return
@@ -58,8 +58,8 @@ class Client:
         position: tuple[float, ...] = ()
         if message.ipo_position:
             position = tuple((np.array(message.ipo_position) + self.add).tolist())
-        header = Header(COMMAND_ID, self.sequence, message.header.sequence)
-        self.cabinet.answer(encode_command(Command(header, position, **self.laid)))
+        header = FriHeader(COMMAND_ID, self.sequence, message.header.sequence)
+        self.cabinet.answer(encode_command(CommandMessage(header, position, **self.laid)))
 
     def until(self, state: SessionState) -> None:
         for _ in range(ENOUGH):
@@ -250,8 +250,8 @@ def test_an_output_that_is_no_number_of_its_kind_is_not_set(
     output = wire.bytes_field(1, b"Out") + wire.number_field(2, kind) + wire.number_field(3, 1)
     output = wire.bytes_field(2, wire.bytes_field(5, output + wire.double_field(5, value)))
     client.cabinet.packet()
-    header = Header(COMMAND_ID, client.sequence + 1, client.cabinet.sequence)
-    client.cabinet.answer(encode_command(Command(header)) + output)
+    header = FriHeader(COMMAND_ID, client.sequence + 1, client.cabinet.sequence)
+    client.cabinet.answer(encode_command(CommandMessage(header)) + output)
     client.silent = True
     client.period()
     assert text in client.cabinet.events[-1]
@@ -262,8 +262,10 @@ def test_answers_of_the_past_and_of_the_future_do_not_count(make: Make) -> None:
     client = make()
     client.until(SessionState.COMMANDING_ACTIVE)
     ahead = client.cabinet.sequence + 5
-    client.cabinet.answer(encode_command(Command(Header(COMMAND_ID, 10_000, ahead), (9.0,) * 7)))
-    client.cabinet.answer(encode_command(Command(Header(COMMAND_ID, 1, client.cabinet.sequence), (9.0,) * 7)))
+    client.cabinet.answer(encode_command(CommandMessage(FriHeader(COMMAND_ID, 10_000, ahead), (9.0,) * 7)))
+    client.cabinet.answer(
+        encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, client.cabinet.sequence), (9.0,) * 7))
+    )
     client.period()
     assert client.cabinet.state == SessionState.COMMANDING_ACTIVE
 
@@ -273,7 +275,7 @@ def test_answers_of_the_past_and_of_the_future_do_not_count(make: Make) -> None:
     [(1, Quality.EXCELLENT), (10, Quality.GOOD), (2, Quality.FAIR), (1000, Quality.POOR)],
 )
 def test_quality_is_what_share_of_the_messages_is_answered(every: int, quality: Quality) -> None:
-    connection = Connection(period_ms=5, multiplier=1)
+    connection = ClientConnection(period_ms=5, multiplier=1)
     for number in range(100):
         answered = every == 1 or (number % every == 0) != (every == 10)
         if answered and every != 1000:
@@ -283,7 +285,7 @@ def test_quality_is_what_share_of_the_messages_is_answered(every: int, quality: 
 
 
 def test_answers_that_are_a_period_late_are_worth_half() -> None:
-    connection = Connection(period_ms=5, multiplier=1)
+    connection = ClientConnection(period_ms=5, multiplier=1)
     for number in range(100):
         if number:
             connection.take_answer(number, number - 1, number)

@@ -12,7 +12,7 @@ from lockstep_fri import made_cabinet
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from rtloop.backends.fri.messages import IoDirection, IoType, IoValue
-from rtloop.backends.fri.simulator.control import Control
+from rtloop.backends.fri.simulator.control import ControlServer
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.options import CabinetOptions
 
@@ -60,18 +60,18 @@ def test_drops_the_next_ones_only() -> None:
 
 
 @pytest.fixture
-def control(settings: Settings, robot: RobotDescription) -> Iterator[Control]:
+def control(settings: Settings, robot: RobotDescription) -> Iterator[ControlServer]:
     options = CabinetOptions(io=(IoValue("Tool.Open", IoType.BOOLEAN, IoDirection.INPUT),))
-    control = Control(0, made_cabinet(settings, robot, options), Network(), lambda: {"more": 1})
+    control = ControlServer(0, made_cabinet(settings, robot, options), Network(), lambda: {"more": 1})
     yield control
     control.close()
 
 
-def asked(control: Control, **request: Any) -> dict[str, Any]:
+def asked(control: ControlServer, **request: Any) -> dict[str, Any]:
     return control.answer(json.dumps(request).encode())
 
 
-def test_control_says_how_it_is_and_does_what_it_is_told(control: Control) -> None:
+def test_control_says_how_it_is_and_does_what_it_is_told(control: ControlServer) -> None:
     assert asked(control)["state"] == "IDLE"
     assert asked(control, safety_stop=1)["safety"] == "SAFETY_STOP_LEVEL_1"
     assert asked(control, safety_stop=-1)["safety"] == "NORMAL_OPERATION"
@@ -94,5 +94,5 @@ def test_control_says_how_it_is_and_does_what_it_is_told(control: Control) -> No
         (b'{"io": {"Tool.Open": 1e400}}', "Tool.Open is boolean: 0 or 1, got inf"),
     ],
 )
-def test_control_refuses_in_words(control: Control, line: bytes, text: str) -> None:
+def test_control_refuses_in_words(control: ControlServer, line: bytes, text: str) -> None:
     assert text.lower() in control.answer(line)["error"].lower()

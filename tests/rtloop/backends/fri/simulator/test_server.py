@@ -13,7 +13,7 @@ from lockstep_fri import made_cabinet
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from rtloop.backends.fri.encoding import encode_command
-from rtloop.backends.fri.messages import COMMAND_ID, Command, Header
+from rtloop.backends.fri.messages import COMMAND_ID, CommandMessage, FriHeader
 from rtloop.backends.fri.simulator import server as module
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.server import CabinetServer
@@ -31,7 +31,7 @@ def test_a_client_is_known_by_name_and_by_address(
             server._begin_period()
             server._begin_period()  # the first one opens the session
             sequence = cabinet.sequence
-            answer = encode_command(Command(Header(COMMAND_ID, 1, sequence), (0.0,) * 7))
+            answer = encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, sequence), (0.0,) * 7))
             client.sendto(answer, ("127.0.0.1", server.port))
             server._take()
             assert cabinet.connection.reflected == sequence
@@ -55,7 +55,9 @@ def test_it_sends_from_the_port_that_a_connected_client_elsewhere_hears(
             server._begin_period()
             server._begin_period()
             assert client.recv(4096)
-            client.send(encode_command(Command(Header(COMMAND_ID, 1, cabinet.sequence), (0.0,) * 7)))
+            client.send(
+                encode_command(CommandMessage(FriHeader(COMMAND_ID, 1, cabinet.sequence), (0.0,) * 7))
+            )
             server._take()
             assert cabinet.connection.reflected == cabinet.sequence
         finally:
@@ -125,8 +127,10 @@ class HeldUp:
             self.now_s += timeout_s
             return [], [], []
         self.now_s = self._answers_s
-        header = Header(COMMAND_ID, self.sent, self.server._cabinet.sequence)
-        self._client.sendto(encode_command(Command(header, (0.0,) * 7)), ("127.0.0.1", self.server.port))
+        header = FriHeader(COMMAND_ID, self.sent, self.server._cabinet.sequence)
+        self._client.sendto(
+            encode_command(CommandMessage(header, (0.0,) * 7)), ("127.0.0.1", self.server.port)
+        )
         return [self], [], []
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rtloop.backends.fri.simulator.times import MAX_TIME_S, Times
+from rtloop.backends.fri.simulator.times import MAX_TIME_S, DurationCounter
 
 
 def test_percentiles_are_as_exact_as_they_say() -> None:
     durations = np.random.default_rng(5).lognormal(-7.0, 1.5, 20_000)
-    times = Times()
+    times = DurationCounter()
     for duration in durations:
         times.add(float(duration))
     shares = times.shares()
@@ -21,7 +21,7 @@ def test_percentiles_are_as_exact_as_they_say() -> None:
 
 
 def test_what_is_out_of_range_counts_at_its_end() -> None:
-    times = Times()
+    times = DurationCounter()
     assert times.shares() == {}
     for duration in (-1.0, 0.0, 1e6):
         times.add(duration)
