@@ -17,7 +17,8 @@ from benchmarks.table import Row, percentiles, row
 from benchmarks.web import address
 from cobot import Mode, Robot
 from cobot.errors import UnavailableError
-from cobot.ipc.shm import FOLDER, RobotMemory
+from cobot.ipc.memory_file import FOLDER
+from cobot.ipc.shm import RobotMemory
 
 STEP_RAD = 1e-8
 """So little that it is reached within one cycle: what changes after a command has changed through it."""

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from benchmarks.service import background
 from benchmarks.table import Row, row
 from benchmarks.torn_writer import RECORD, mapped
+from cobot.ipc.memory_file import FOLDER
 from cobot.ipc.seqlock import Block
-from cobot.ipc.shm import FOLDER
 
 WORD = 8
 

@@ -10,7 +10,8 @@ from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, InputError, TornReadError, UnavailableError
 from cobot.ipc.first_target import FirstTarget
 from cobot.ipc.layout import Stream, record_of, text
-from cobot.ipc.shm import MemoryRole, RobotMemory, robots_running
+from cobot.ipc.memory_file import robots_running
+from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.stream_writer import StreamWriter
 from cobot.types import LoopMode
 

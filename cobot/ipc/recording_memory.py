@@ -12,6 +12,7 @@ import numpy as np
 
 from cobot.errors import LayoutError, SharedMemoryError, UnavailableError
 from cobot.ipc.layout import text
+from cobot.ipc.memory_file import FOLDER, REMEDIES
 from cobot.ipc.records import (
     FRESH_BYTES,
     HEADER,
@@ -24,7 +25,7 @@ from cobot.ipc.records import (
 )
 from cobot.ipc.ring import Ring
 from cobot.ipc.seqlock import Block, checksum
-from cobot.ipc.shm import FOLDER, MAX_DOF, REMEDIES, encoded
+from cobot.ipc.shm import MAX_DOF, encoded
 from cobot.ipc.state_fields import LAYOUT_VERSION
 
 _PAGE = 4096

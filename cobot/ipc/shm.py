@@ -2,8 +2,8 @@
 
 A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
 
-    header      constant: magic, layout version, dof, period, names; the supervisor repairs it if it is
-    damaged state       rtloop writes, every cycle
+    header      constant: magic, layout version, dof, period, names; the supervisor repairs a damaged one
+    state       rtloop writes, every cycle
     statistics  rtloop writes, some times a second
     acks        rtloop writes, one entry per command
     heartbeat   the service writes, from its event loop
@@ -23,23 +23,17 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     point_head, points  the streaming client writes: a ring of servo points; points that rtloop has not read
                 are not overwritten
 
-Every block has one writer (`cobot.ipc.seqlock`); only the outside counters have several. Byte-range locks on
-the file ensure this. A lock ends with its process, and a process that is denied a lock learns the pid of its
-holder.
+Every block has one writer (`cobot.ipc.seqlock`); only the outside counters have several. Locks on the file
+ensure this (`cobot.ipc.memory_file`).
 """
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import mmap
 import os
-import struct
 import time
 import zlib
-from collections import Counter, defaultdict
 from dataclasses import dataclass
-from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +70,18 @@ from cobot.ipc.layout import (
     setpoint_dtype,
     text,
 )
+from cobot.ipc.memory_file import (
+    REMEDIES,
+    MemoryRole,
+    add_user,
+    close_file,
+    create_file,
+    holder,
+    lock,
+    path_of,
+    remove_user,
+    unlock,
+)
 from cobot.ipc.seqlock import Block, SharedCounter, checksum
 from cobot.ipc.signal_record import fill_signals
 from cobot.ipc.state_fields import GRIPPER_RECORD, LAYOUT_VERSION, state_dtype
@@ -84,30 +90,11 @@ from cobot.motions.signals import NO_PLACED, Placed
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
-FOLDER = Path("/dev/shm")
+__all__ = ["MAX_DOF", "MemoryRole", "RobotMemory", "Slot", "encoded", "memory_bytes"]
+
 MAX_DOF = 16
-REMEDIES = {
-    errno.ENOSPC: "; make room there, enlarge it (docker run --shm-size), or lower rt.trajectory_capacity",
-    errno.ENOMEM: "; raise the limit of memory (ulimit -v), or lower rt.trajectory_capacity",
-    errno.EFBIG: "; raise the limit of the size of files (ulimit -f), or lower rt.trajectory_capacity",
-}
 MEND_S = 1.0
 """Time in which a running supervisor repairs a damaged header, s."""
-_users: Counter[Path] = Counter()
-_closed: defaultdict[Path, list[int]] = defaultdict(list)
-"""Per file: how many memories this process has open, and the descriptors of those that it has closed."""
-
-
-class MemoryRole(IntEnum):
-    """The user of a memory; the value is the byte of the file that the role locks."""
-
-    SUPERVISOR = 0
-    RTLOOP = 1
-    SERVICE = 2
-    READER = 3  # locks nothing, writes nothing
-    STREAM = 4  # a client that streams targets; `take` adds it to the role that has mapped the memory
-
-
 _RTLOOP, _SERVICE, _STREAM = "rtloop", "the service", "the streaming client"
 """Writers of the blocks, as errors name them."""
 
@@ -180,7 +167,7 @@ class RobotMemory:
         self.url = text(header["url"])
         capacity = int(header["capacity"])
         self._map = mmap.mmap(descriptor, _file_size(self.dof, capacity))
-        _users[path] += 1
+        add_user(path)
         self._offset = _PAGE
         self.state = self._block(state_dtype(self.dof), "state", _RTLOOP)
         self.statistics = self._block(STATISTICS, "statistics", _RTLOOP)
@@ -223,9 +210,9 @@ class RobotMemory:
             ConflictError: another supervisor, or a remaining process of one, uses it; with its pid.
             SharedMemoryError: no space in /dev/shm, or no permission.
         """
-        path, size = _path(robot), _file_size(dof, capacity)
+        path, size = path_of(robot), _file_size(dof, capacity)
         try:
-            descriptor = _new_file(path, robot)
+            descriptor = create_file(path, robot)
         except OSError as exc:
             raise SharedMemoryError(
                 f"{path}: {exc.strerror}; if it is another user's, stop their cobot and remove it, or set "
@@ -260,7 +247,7 @@ class RobotMemory:
                 cobot.
             ConflictError: the role is taken.
         """
-        path = _path(robot)
+        path = path_of(robot)
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
         except FileNotFoundError as exc:
@@ -270,14 +257,14 @@ class RobotMemory:
         try:
             raw = _checked_header(path, descriptor)
             if role is not MemoryRole.READER:
-                _lock(descriptor, role, robot)
+                lock(descriptor, role, robot)
             return cls(path, descriptor, role, raw)
         except OSError as exc:
             os.close(descriptor)
             remedy = REMEDIES.get(exc.errno or 0, "")
             raise SharedMemoryError(f"{path}: cannot be mapped: {exc.strerror}{remedy}") from exc
         except (LayoutError, ConflictError):
-            _let_go(path, descriptor)
+            close_file(path, descriptor)
             raise
 
     def mend_header(self) -> bool:
@@ -297,12 +284,12 @@ class RobotMemory:
         Raises:
             ConflictError: another process has it, with its pid.
         """
-        _lock(self._descriptor, role, self.robot)
+        lock(self._descriptor, role, self.robot)
         self._roles.add(role)
 
     def release(self, role: MemoryRole) -> None:
         self._roles.discard(role)
-        fcntl.fcntl(self._descriptor, fcntl.F_SETLK, _flock(fcntl.F_UNLCK, role))
+        unlock(self._descriptor, role)
 
     def close(self) -> None:
         """Release the locks. The mapping itself ends with the last array that views it."""
@@ -310,8 +297,8 @@ class RobotMemory:
             return
         for role in tuple(self._roles):
             self.release(role)
-        _users[self.path] -= 1
-        _let_go(self.path, self._descriptor)
+        remove_user(self.path)
+        close_file(self.path, self._descriptor)
         self._descriptor = -1
 
     def unlink(self) -> None:
@@ -341,112 +328,14 @@ class RobotMemory:
         return Slot(head, times, coefficients)
 
 
-def robots_running() -> list[str]:
-    """The names of this computer's robots that have a supervisor or a real-time process, or whose memory this
-    process has open, because the kernel does not report a process's own locks."""
-    found = []
-    for path in sorted(FOLDER.glob("cobot-*")):
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-        except OSError:  # another user's file, or not a robot's
-            continue
-        roles = MemoryRole.SUPERVISOR, MemoryRole.RTLOOP
-        if _users[path] or any(_holder(descriptor, role) for role in roles):
-            found.append(path.name.removeprefix("cobot-"))
-        _let_go(path, descriptor)
-    return found
-
-
 def memory_bytes(dof: int, capacity: int) -> int:
     """Bytes that a robot needs in /dev/shm."""
     return _file_size(dof, capacity)
 
 
-def user_of(robot: str, role: MemoryRole) -> int:
-    """The pid of the process with a role in a robot's memory, 0 for none."""
-    try:
-        descriptor = os.open(_path(robot), os.O_RDWR | os.O_CLOEXEC)
-    except OSError:
-        return 0
-    try:
-        return _holder(descriptor, role)
-    finally:
-        os.close(descriptor)
-
-
-def is_gone(pid: int) -> bool:
-    """Whether a process no longer exists."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    except PermissionError:  # another user's process exists
-        pass
-    return False
-
-
 def encoded(message: str, size: int = np.dtype(TEXT).itemsize) -> bytes:
     """Encode a message for a text field: cut between characters, with unencodable characters escaped."""
     return message.encode("utf-8", "backslashreplace")[:size].decode("utf-8", "ignore").encode()
-
-
-def _let_go(path: Path, descriptor: int) -> None:
-    """Close a descriptor once this process no longer uses the file: when a process closes any descriptor of a
-    file, POSIX releases all its locks on it.
-    """
-    _closed[path].append(descriptor)
-    if not _users[path]:
-        for each in _closed.pop(path):
-            os.close(each)
-
-
-def _new_file(path: Path, robot: str) -> int:
-    """The descriptor of an empty file, locked for the supervisor.
-
-    The file of a killed run is removed, not reused: another process may still have it mapped, and truncating
-    it would kill that process by SIGBUS.
-
-    Raises:
-        ConflictError: another supervisor, or a remaining process of one, uses it; with its pid.
-        OSError: the system denies access.
-    """
-    while True:
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-        except FileExistsError:
-            _remove_stale(path, robot)
-            continue
-        _lock(descriptor, MemoryRole.SUPERVISOR, robot)
-        if _is_at(path, descriptor):
-            return descriptor
-        os.close(descriptor)  # another supervisor removed it as stale before it was locked
-
-
-def _remove_stale(path: Path, robot: str) -> None:
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
-    except FileNotFoundError:
-        return
-    try:
-        _lock(descriptor, MemoryRole.SUPERVISOR, robot)
-        for role in (MemoryRole.RTLOOP, MemoryRole.SERVICE, MemoryRole.STREAM):
-            _refuse_if_locked(descriptor, role, robot)
-        if _is_at(path, descriptor):
-            path.unlink()
-    finally:
-        os.close(descriptor)
-
-
-def _is_at(path: Path, descriptor: int) -> bool:
-    """Whether this descriptor belongs to the file at this path."""
-    try:
-        return os.path.samestat(path.stat(), os.fstat(descriptor))
-    except FileNotFoundError:
-        return False
-
-
-def _path(robot: str) -> Path:
-    return FOLDER / f"cobot-{robot}"
 
 
 def _file_size(dof: int, capacity: int) -> int:
@@ -482,7 +371,7 @@ def _checked_header(path: Path, descriptor: int) -> bytes:
             _require_layout(path, descriptor, raw)
             return raw
         except LayoutError:
-            if time.monotonic() > deadline_s or not _holder(descriptor, MemoryRole.SUPERVISOR):
+            if time.monotonic() > deadline_s or not holder(descriptor, MemoryRole.SUPERVISOR):
                 raise
         time.sleep(0.02)
 
@@ -505,28 +394,3 @@ def _require_layout(path: Path, descriptor: int, raw: bytes) -> None:
 
 def _header_checksum(raw: bytes) -> int:
     return checksum(bytearray(raw[: HEADER.itemsize - 8]))
-
-
-def _flock(kind: int, role: MemoryRole) -> bytes:
-    return struct.pack("hhqqi4x", kind, os.SEEK_SET, int(role), 1, 0)
-
-
-def _holder(descriptor: int, role: MemoryRole) -> int:
-    """The pid that holds a role's lock, 0 for none."""
-    answer = fcntl.fcntl(descriptor, fcntl.F_GETLK, _flock(fcntl.F_WRLCK, role))
-    kind, _, _, _, pid = struct.unpack("hhqqi4x", answer)
-    return 0 if kind == fcntl.F_UNLCK else int(pid)
-
-
-def _refuse_if_locked(descriptor: int, role: MemoryRole, robot: str) -> None:
-    pid = _holder(descriptor, role)
-    if pid:
-        raise ConflictError(f"robot {robot!r} is in use: pid {pid} runs as its {role.name.lower()}")
-
-
-def _lock(descriptor: int, role: MemoryRole, robot: str) -> None:
-    try:
-        fcntl.fcntl(descriptor, fcntl.F_SETLK, _flock(fcntl.F_WRLCK, role))
-    except OSError as exc:
-        pid = _holder(descriptor, role)
-        raise ConflictError(f"robot {robot!r} is in use: pid {pid} runs as its {role.name.lower()}") from exc

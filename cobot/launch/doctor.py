@@ -26,8 +26,9 @@ from typing import TextIO
 
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
+from cobot.ipc.memory_file import FOLDER, user_of
 from cobot.ipc.recording_memory import ring_bytes
-from cobot.ipc.shm import FOLDER, MemoryRole, memory_bytes, user_of
+from cobot.ipc.shm import MemoryRole, memory_bytes
 from cobot.launch.check import check
 from cobot.launch.process import RUN_MODULE
 from cobot.robot.limits import load_joint_limits

@@ -28,7 +28,7 @@ import yaml
 from cobot.cell import cell_file, load_cell
 from cobot.config import SECTIONS_OF_A_ROBOT, Settings
 from cobot.errors import ConfigError, SharedMemoryError
-from cobot.ipc.shm import FOLDER
+from cobot.ipc.memory_file import FOLDER
 
 SETTINGS = "settings.yaml"
 PROCESSES = "processes.json"

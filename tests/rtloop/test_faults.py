@@ -19,7 +19,7 @@ from rig import Rig
 from benchmarks.soak import Soak
 from cobot.config import Settings
 from cobot.errors import SharedMemoryError
-from cobot.ipc import shm
+from cobot.ipc import memory_file
 from cobot.ipc.layout import RING, Command, Interpolation, Intervention
 from cobot.ipc.shm import RobotMemory
 from cobot.ipc.stream_writer import StreamWriter
@@ -203,7 +203,7 @@ def test_memory_that_was_made_needs_no_more_room(rig: WatchedRig) -> None:
 def test_a_shared_memory_without_room_is_refused_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shm, "FOLDER", tmp_path)
+    monkeypatch.setattr(memory_file, "FOLDER", tmp_path)
     with pytest.raises(SharedMemoryError, match="cannot allocate"):
         RobotMemory.create("huge", 7, 0.001, 10**12)  # more than any disk holds
     assert list(tmp_path.iterdir()) == []

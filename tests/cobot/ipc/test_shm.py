@@ -20,8 +20,9 @@ from hypothesis import strategies as st
 
 from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
 from cobot.ipc.layout import HEADER, POINTS, RING
+from cobot.ipc.memory_file import robots_running
 from cobot.ipc.seqlock import Block
-from cobot.ipc.shm import MemoryRole, RobotMemory, encoded, robots_running
+from cobot.ipc.shm import MemoryRole, RobotMemory, encoded
 from cobot.ipc.state_fields import LAYOUT_VERSION
 from cobot.trajectory import from_hermite
 
