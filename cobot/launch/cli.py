@@ -136,6 +136,7 @@ def _new_robot(chosen: argparse.Namespace) -> int:
         srdf=chosen.srdf,
         group=chosen.group,
         hulls=chosen.hulls,
+        skip_missing_meshes=chosen.skip_missing_meshes,
         xacro=dict(chosen.xacro),
     )
     folder = chosen.output or Path(chosen.file.name.split(".")[0])

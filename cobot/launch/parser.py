@@ -223,6 +223,11 @@ def _add_new_robot(commands: Any) -> None:
     new.add_argument(
         "--hulls", action="store_true", help="take the convex hull of each mesh, never several solids"
     )
+    new.add_argument(
+        "--skip-missing-meshes",
+        action="store_true",
+        help="leave out shapes whose mesh does not exist; nothing keeps them from touching",
+    )
     new.add_argument("--base", metavar="BODY", help="the base frame")
     new.add_argument(
         "--tcp", metavar="SITE", help="site or link that is the TCP; chooses one of several arms"

@@ -124,18 +124,22 @@ def write_limits(limits: JointLimits, file: Path) -> None:
 def pairs_that_touch(
     robot: RobotModel, disabled: list[tuple[str, str]], guessed: list[str]
 ) -> list[tuple[str, str]]:
-    """The pairs of bodies within 5 mm of each other at every sample, without the disabled pairs."""
+    """The pairs of links within 5 mm of each other at every sample, without the disabled pairs.
+
+    A solid of the surroundings counts by its own name, and only if no sample is inside it.
+    """
     checker = CollisionChecker(robot, MARGIN_M, map(frozenset, disabled))
-    touching = checker.clearance.distances(_samples(robot.limits), MARGIN_M) < MARGIN_M
+    distances = checker.clearance.distances(_samples(robot.limits), MARGIN_M)
+    touching = distances < MARGIN_M
     bodies = robot.mj.geom_bodyid
-    of_bodies: dict[
-        tuple[int, ...], NDArray[np.bool_]
-    ] = {}  # Of two bodies any shapes may touch, not always the same.
-    for pair in np.flatnonzero(touching.any(axis=0)):
-        both = tuple(sorted(int(bodies[geom]) for geom in checker.pairs[pair]))
-        of_bodies[both] = touching[:, pair] | of_bodies.get(both, np.zeros(len(touching), bool))
-    found = [both for both, touch in of_bodies.items() if touch.all()]
-    pairs = [(robot.mj.body(first).name, robot.mj.body(second).name) for first, second in sorted(found)]
+    of_links: dict[tuple[str, str], NDArray[np.bool_]] = {}
+    for pair in np.flatnonzero(touching.any(axis=0)):  # Of two links any shapes may touch.
+        by_body = sorted(checker.pairs[pair], key=lambda geom: int(bodies[geom]))
+        inside = 0 in bodies[by_body] and distances[:, pair].min() < 0.0
+        both = checker.name(by_body[0]), checker.name(by_body[1])
+        found = touching[:, pair] & (not inside)
+        of_links[both] = found | of_links.get(both, np.zeros(len(touching), bool))
+    pairs = [both for both, touch in of_links.items() if touch.all()]
     also = ", which the SRDF does not disable" if disabled else ""
     guessed += [
         f"{first} and {second} may touch: they do in each of {SAMPLES} positions{also}"

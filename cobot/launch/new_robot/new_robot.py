@@ -34,7 +34,7 @@ from cobot.launch.robot_file.saving import compiled, save
 from cobot.launch.robot_file.telescope import find_telescopes
 from cobot.launch.robot_file.tree import JointTree, MovingJoint
 from cobot.launch.robot_file.urdf import read_joints, read_urdf
-from cobot.launch.robot_file.urdf_checks import check_urdf
+from cobot.launch.robot_file.urdf_checks import check_urdf, drop_points
 from cobot.launch.robot_file.urdf_limits import check_driven, check_supported, soft_limits
 from cobot.launch.robot_file.visuals import Visuals
 from cobot.launch.robot_file.worker import Worker
@@ -78,6 +78,7 @@ class NewRobot:
         srdf, group: an SRDF, and its group of driven joints.
         packages: folders of the packages of package://NAME/..., or folders that contain them.
         hulls: whether each mesh collides as its convex hull, even if that fills free space.
+        skip_missing_meshes: whether shapes whose mesh does not exist are left out.
         xacro: values of the arguments of a xacro file.
         guessed: sentences, filled in by `write`.
     """
@@ -92,6 +93,7 @@ class NewRobot:
     srdf: Path | None = None
     group: str | None = None
     hulls: bool = False
+    skip_missing_meshes: bool = False
     xacro: Mapping[str, str] = field(default_factory=dict)
     guessed: list[str] = field(default_factory=list)
     _last_link: str = ""
@@ -153,8 +155,10 @@ class NewRobot:
         guesses.report_odd_world(mj, self.guessed)
         touching = guesses.pairs_that_touch(robot, semantics.pairs, self.guessed)
         pairs = [*semantics.pairs, *touching]
+        links = {body.name for body in spec.bodies}
         for first, second in pairs:
-            spec.add_exclude(bodyname1=first, bodyname2=second)
+            if {first, second} <= links:  # Not a solid of the surroundings, which is no body of its own.
+                spec.add_exclude(bodyname1=first, bodyname2=second)
         collision = CollisionChecker(robot, guesses.MARGIN_M, map(frozenset, pairs))
         holding = examine(robot, collision, limits)
         self.guessed += efforts.reduce_friction(spec, robot, limits, holding)
@@ -194,6 +198,7 @@ class NewRobot:
             collect_meshes(self.file, spec, folder)
             names = [joint.name for joint in spec.joints]
             return _Source(spec, mjcf_rates(spec), names, None, Tree.of_mjcf(spec))
+        self.guessed += drop_points(self.file, root)
         check_urdf(self.file, root)
         self._soft_limits = soft_limits(self.file, root)
         rates = urdf_rates(self.file, root)
@@ -205,7 +210,15 @@ class NewRobot:
         }
         names = [str(joint.get("name")) for joint in root.findall("joint")]
         tree, stated = Tree.of_urdf(root), set_aside(self.file, root)
-        meshes = Meshes(self.file, self.packages, folder, worker, not self.hulls, self.guessed)
+        meshes = Meshes(
+            self.file,
+            self.packages,
+            folder,
+            worker,
+            self.guessed,
+            split=not self.hulls,
+            skip_missing=self.skip_missing_meshes,
+        )
         self._chain(root, read_joints(self.file, root, still), names, tree)
         spec = read_urdf(self.file, root, meshes)
         return _Source(spec, rates, names, stated, tree)

@@ -65,13 +65,14 @@ class Tree:
 
     @classmethod
     def of_mjcf(cls, spec: mujoco.MjSpec) -> Tree:
-        """A body without joints is fixed by one without a name."""
+        """A body without joints is fixed by one without a name. A solid of the world counts as a link."""
         joints = [
             FileJoint(joint.name if joint else "", body.parent.name, body.name, joint is not None)
             for body in spec.bodies[1:]
             for joint in list(body.joints) or [None]
         ]
-        return cls(tuple(joints), frozenset(body.name for body in spec.bodies[1:]))
+        links = [*spec.bodies[1:], *spec.worldbody.geoms]
+        return cls(tuple(joints), frozenset(each.name for each in links if each.name))
 
     def above(self, link: str) -> list[FileJoint]:
         """The joints from a link up to the root."""

@@ -12,13 +12,16 @@ from cobot.robot.quaternion import Quaternion, exp, normalised, product, rotated
 
 
 def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
-    """Remove all other joints and what refers to them, and all actuators, sensors and keys.
+    """Remove all other joints and what refers to them, and all actuators, sensors and keys. Mocap bodies
+    stay where they are.
 
     Returns:
         Where each of the other joints stays, rad or m.
     """
     for element in (*spec.actuators, *spec.sensors, *spec.keys):
         spec.delete(element)
+    for body in spec.bodies:
+        body.mocap = False
     tree = JointTree(spec)
     resting = tree.resting(bool(spec.compiler.degree))
     left = {name: node for name, node in tree.nodes.items() if name not in kept}

@@ -1,4 +1,4 @@
-"""Mesh files: STL (binary and text), OBJ, DAE, GLB, glTF and MuJoCo's MSH, in metres, z up as ROS has them.
+"""Mesh files: STL (binary and text), OBJ, PLY, DAE, GLB, glTF and MuJoCo's MSH, in metres, z up as ROS has them.
 
 This runs in the process of `worker_main`, whose memory and time are bounded.
 """
@@ -15,7 +15,6 @@ from cobot.errors import InputError
 from cobot.robot.mesh import Indices
 from cobot.types import Array
 
-FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".msh")
 MAX_BYTES = 300_000_000
 MAX_TRIANGLES = 2_000_000
 MAX_LOOK_TRIANGLES = 500_000

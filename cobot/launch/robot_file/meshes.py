@@ -15,11 +15,15 @@ from cobot.launch.robot_file.packages import find_package
 from cobot.launch.robot_file.worker import Worker, absolute
 from cobot.xml_file import numbers, shown, where
 
-FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".msh")
+FORMATS = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".msh")
 LARGE_M, SMALL_M = 10.0, 1e-3
 """Sizes of a link beyond these are another unit's."""
 SPLIT_TIMEOUT_S = 60.0
 """For decomposing one mesh; then its hull is taken."""
+
+
+class MissingMeshError(ConfigError):
+    """The file of a mesh, or its package, does not exist."""
 
 
 class Meshes:
@@ -28,16 +32,25 @@ class Meshes:
     Attributes:
         folder: the folder that is made; the files are in `SUBFOLDER`.
         split: whether a mesh becomes several solids where its hull would be wrong.
+        skip_missing: whether shapes whose mesh does not exist are left out.
         said: sentences for the user.
     """
 
     SUBFOLDER = "meshes"
 
     def __init__(
-        self, file: Path, packages: Sequence[Path], folder: Path, worker: Worker, split: bool, said: list[str]
+        self,
+        file: Path,
+        packages: Sequence[Path],
+        folder: Path,
+        worker: Worker,
+        said: list[str],
+        *,
+        split: bool,
+        skip_missing: bool,
     ) -> None:
         self.file, self.packages, self.folder = file, packages, folder
-        self.split, self.said = split, said
+        self.split, self.skip_missing, self.said = split, skip_missing, said
         self._worker = worker
         self._made: dict[tuple[Path, tuple[float, ...]], list[Path]] = {}
 
@@ -47,7 +60,13 @@ class Meshes:
         Raises:
             ConfigError: names the line, the link and the user's path.
         """
-        path = find_mesh(self.file, mesh, link, self.packages)
+        try:
+            path = find_mesh(self.file, mesh, link, self.packages)
+        except MissingMeshError as exc:
+            if self.skip_missing:
+                self.said.append(f"{link}: mesh {shown(mesh.get('filename') or '')} is missing and left out")
+                return []
+            raise MissingMeshError(f"{exc}; or leave out such shapes with --skip-missing-meshes") from exc
         scale = numbers(self.file, mesh, "scale", f"link {link!r}", 3, (1.0, 1.0, 1.0))
         key = path.resolve(), scale
         if key not in self._made:
@@ -101,7 +120,7 @@ def find_mesh(file: Path, mesh: Element, link: str, packages: Sequence[Path]) ->
     try:
         path = located(file, mesh.get("filename") or "", packages)
     except ConfigError as exc:
-        raise mesh_error(file, mesh, link, str(exc)) from exc
+        raise type(exc)(str(mesh_error(file, mesh, link, str(exc)))) from exc
     if path.suffix.lower() not in FORMATS:
         formats = ", ".join(FORMATS)
         raise mesh_error(
@@ -143,7 +162,9 @@ def collect_meshes(file: Path, spec: mujoco.MjSpec, folder: Path) -> None:
             continue
         path = source / shape.file
         if not path.is_file():
-            raise ConfigError(f"{file}: mesh {shape.name or path.stem!r}: the file {path} does not exist")
+            raise ConfigError(
+                f"{file}: mesh {shape.name or path.stem!r}: the file {path} does not exist; copy it there"
+            )
         shape.name = shape.name or path.stem
         shape.file = f"{index}_{path.name}"
         try:
@@ -158,20 +179,21 @@ def located(file: Path, name: str, packages: Sequence[Path]) -> Path:
     """The file that a URDF names: relative to it, absolute, or in a package.
 
     Raises:
-        ConfigError: the name and where it was looked for, without the file and the link.
+        ConfigError: the name and where it was looked for, without the file and the link; MissingMeshError
+            if it does not exist.
     """
     if "\0" in name or len(name) > 1000:
         raise ConfigError(f"{shown(name)} is not a file name")
     if not name.startswith("package://"):
         path = file.parent / name.removeprefix("file://")
         if not path.is_file():
-            raise ConfigError(f"{path} does not exist")
+            raise MissingMeshError(f"{path} does not exist; copy it there, or correct its name in the file")
         return path
     package, _, inner = name.removeprefix("package://").partition("/")
     try:
-        path = find_package(package, file, packages) / inner
+        path = find_package(package, file, packages, inner) / inner
     except ConfigError as exc:
-        raise ConfigError(f"{name}: {exc}") from exc
+        raise MissingMeshError(f"{name}: {exc}") from exc
     if not path.is_file():
-        raise ConfigError(f"{name}: {path} does not exist")
+        raise MissingMeshError(f"{name}: {path} does not exist; copy it there, or give its package's folder")
     return path

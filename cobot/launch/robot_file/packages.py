@@ -11,15 +11,17 @@ from cobot.errors import ConfigError
 MANIFEST = "package.xml"
 
 
-def find_package(name: str, file: Path, given: Sequence[Path]) -> Path:
+def find_package(name: str, file: Path, given: Sequence[Path], inner: str = "") -> Path:
     """The folder of a package.
 
     A package is found by the name of its folder or of its manifest: in the given folders and those directly
-    below them, then among the folders that the file is in and the packages next to its own.
+    below them, next to the file, then among the folders that the file is in and the packages next to its own.
 
     Args:
         file: the robot's file.
         given: folders of packages, or folders that hold packages.
+        inner: a file in the package. A given folder that contains it and has no manifest is the package,
+            whatever the folder's name is.
 
     Raises:
         ConfigError: the package is not there; says what to do.
@@ -30,6 +32,9 @@ def find_package(name: str, file: Path, given: Sequence[Path]) -> Path:
         for place in (folder, *_packages_below(folder)):
             if _name(place) == name:
                 return place
+    for folder in given:
+        if inner and (folder / inner).is_file() and not (folder / MANIFEST).is_file():
+            return folder
     looked = f" ({', '.join(map(str, given))})" if given else ""
     raise ConfigError(
         f"there is no package {name!r} in the folders given{looked} or next to the file: add "
@@ -39,6 +44,8 @@ def find_package(name: str, file: Path, given: Sequence[Path]) -> Path:
 
 def _candidates(name: str, file: Path, given: Sequence[Path]) -> Iterator[Path]:
     yield from given
+    if (file.parent / name).is_dir():  # package://meshes/..., after a tool has removed the package's name.
+        yield file.parent
     for folder in file.resolve().parents:
         if (folder / MANIFEST).is_file() or folder.name == name:
             yield folder

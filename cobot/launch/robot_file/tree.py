@@ -240,9 +240,13 @@ def _unit(joint: mujoco.MjsJoint, degrees: bool) -> float:
 
 
 def _tied(spec: mujoco.MjSpec) -> Iterator[str]:
-    """The bodies that the file ties to another one, which closes a loop."""
+    """The bodies that the file ties to another one, which closes a loop. A mocap body is none: it is a handle
+    by which a program pulls the arm.
+    """
     for each in spec.equalities:
         if each.type in LOOPS:
-            for name in (each.name1, each.name2):
-                site = spec.site(name) if each.objtype == mujoco.mjtObj.mjOBJ_SITE else None
-                yield site.parent.name if site else name
+            names = [each.name1, each.name2]
+            if each.objtype == mujoco.mjtObj.mjOBJ_SITE:
+                names = [site.parent.name if (site := spec.site(name)) else name for name in names]
+            if not any((body := spec.body(name)) and body.mocap for name in names):
+                yield from names

@@ -39,6 +39,26 @@ def check_urdf(file: Path, root: Element) -> None:
     _check_tree(file, links, joints)
 
 
+def drop_points(file: Path, root: Element) -> list[str]:
+    """Remove each <collision> whose shape is a point, as of a placeholder; returns a sentence for each.
+
+    Raises:
+        ConfigError: a dimension is not a number.
+    """
+    said = []
+    for link in root.findall("link"):
+        of = f"link {link.get('name')!r}"
+        for collision in link.findall("collision"):
+            shape = collision.find("geometry/*")
+            if shape is None or shape.tag not in SHAPES:
+                continue
+            sizes = [numbers(file, shape, dimension, of, count) for dimension, count in SHAPES[shape.tag]]
+            if not any(map(any, sizes)):
+                link.remove(collision)
+                said.append(f"{link.get('name')}: a <{shape.tag}> of size 0 is left out")
+    return said
+
+
 def listed(names: list[str]) -> str:
     """Names for a message: all, or the first few and how many there are."""
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""

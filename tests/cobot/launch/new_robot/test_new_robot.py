@@ -228,6 +228,33 @@ def test_links_of_which_always_some_shapes_touch_may_touch(tmp_path: Path) -> No
     assert robot.collision.is_free(np.zeros(3))
 
 
+@pytest.mark.parametrize("name", ["floor", ""])
+def test_a_floor_that_a_turning_base_is_always_near_may_touch_that_link_alone(
+    tmp_path: Path, name: str
+) -> None:
+    """Oracle: the drawing. The lower link is 3 mm above the floor in each posture, the upper one can reach
+    it, and another solid of the surroundings is not allowed to be touched.
+    """
+    floor = f'<geom name="{name}" type="plane" size="1 1 .1"/>'.replace('name="" ', "")
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        f'<mujoco><compiler angle="radian"/><worldbody>{floor}<geom name="post" pos=".12 0 .053" size=".02"/>'
+        '<body name="base"><body name="one" pos="0 0 .053"><joint name="j" range="-1.5 1.5"/>'
+        '<geom size=".05"/><body name="two" pos="0 0 .1"><joint name="k" axis="0 1 0" range="-3 3"/>'
+        '<geom type="capsule" size=".02" fromto="0 0 .1 0 0 .3"/><site name="tcp" pos="0 0 .3"/></body></body>'
+        "</body></worldbody></mujoco>"
+    )
+    new = NewRobot(file)
+    new.write(tmp_path / "made")
+    told = name or "the surroundings"
+    assert f"{told} and one may touch: they do in each of 500 positions" in new.guessed
+    robot = load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml"))
+    assert robot.collision.is_free(np.zeros(2))
+    touching = {each.first for each in robot.collision.contacts(np.array([0.0, 2.9]))}
+    assert touching == {told}
+    assert frozenset(("one", "post")) in {frozenset(robot.collision.names(pair)) for pair in range(3)}
+
+
 def test_no_acceleration_is_guessed_from_a_velocity_that_is_a_placeholder(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(urdf(ARMS["ur"]).replace('velocity="1.5"', 'velocity="10000"', 1))

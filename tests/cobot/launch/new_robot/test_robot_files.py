@@ -25,7 +25,8 @@ from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import PlannerName, Pose, Scaling
 from rtloop.backends import Measured, make_backend
 
-BALL = '<collision><geometry><sphere radius="0.03"/></geometry></collision>'
+SPHERE = '<sphere radius="0.03"/>'
+BALL = f"<collision><geometry>{SPHERE}</geometry></collision>"
 FINGER = (
     '<link name="{0}"><inertial><mass value="0.2"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" '
     'iyz="0"/></inertial></link><joint name="{0}_joint" type="prismatic"><parent link="link5"/>'
@@ -208,9 +209,62 @@ def test_packages_are_found_in_or_as_the_folders_given(tmp_path: Path, given: st
     assert robot.model.mj.nmesh == 1
 
 
+def test_a_folder_that_is_given_is_the_package_whatever_its_name(tmp_path: Path) -> None:
+    """The way out of the error. A folder with a manifest is only the package that the manifest names."""
+    folder = tmp_path / "clone-main"
+    stl(folder / "meshes" / "a.stl")
+    text = urdf(ARMS["ur"]).replace(SPHERE, '<mesh filename="package://parts/meshes/a.stl"/>', 1)
+    assert made_of(tmp_path / "arm.urdf", text, packages=[folder]).model.mj.nmesh == 1
+    (folder / "package.xml").write_text("<package><name>others</name></package>")
+    with pytest.raises(ConfigError, match="there is no package 'parts'"):
+        NewRobot(tmp_path / "arm.urdf", packages=[folder]).write(tmp_path / "second")
+
+
+def test_a_package_without_its_name_is_found_next_to_the_file(tmp_path: Path) -> None:
+    """Tools that copy a URDF out of its package leave package://meshes/a.stl."""
+    stl(tmp_path / "meshes" / "a.stl")
+    text = urdf(ARMS["ur"]).replace(SPHERE, '<mesh filename="package://meshes/a.stl"/>', 1)
+    assert made_of(tmp_path / "arm.urdf", text).model.mj.nmesh == 1
+
+
+@pytest.mark.parametrize("name", ["package://parts/a.stl", "a.stl"])
+def test_a_mesh_that_is_missing_is_left_out_by_the_option_that_is_offered(tmp_path: Path, name: str) -> None:
+    text = urdf(ARMS["ur"]).replace(SPHERE, f'<mesh filename="{name}"/>', 1)
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises(
+        ConfigError, match=r"arm\.urdf:1: link 'link0': mesh .* leave out such shapes with --skip-missing-mes"
+    ):
+        NewRobot(tmp_path / "arm.urdf").write(tmp_path / "arm")
+    assert main(["new-robot", str(tmp_path / "arm.urdf"), "--output", str(tmp_path / "arm"),
+                 "--skip-missing-meshes"]) == 0  # fmt: skip
+    new = NewRobot(tmp_path / "arm.urdf", skip_missing_meshes=True)
+    new.write(tmp_path / "second")
+    assert f"link0: mesh '{name}' is missing and left out" in new.guessed
+    assert "no collision shape, so nothing keeps them from touching: link0" in new.guessed
+
+
+def test_a_shape_that_is_a_point_is_left_out_and_said(tmp_path: Path) -> None:
+    points = ('<sphere radius="0.00"/>', '<box size="0 0 0"/>', '<cylinder radius="0" length="0"/>')
+    text = urdf(ARMS["ur"])
+    for point in points:
+        text = text.replace(SPHERE, point, 1)
+    (tmp_path / "arm.urdf").write_text(text)
+    new = NewRobot(tmp_path / "arm.urdf")
+    new.write(tmp_path / "arm")
+    said = [sentence for sentence in new.guessed if "of size 0" in sentence]
+    assert said == [
+        "link0: a <sphere> of size 0 is left out",
+        "link1: a <box> of size 0 is left out",
+        "link2: a <cylinder> of size 0 is left out",
+    ]
+    (tmp_path / "arm.urdf").write_text(text.replace(points[1], '<box size="0.1 0 0.1"/>'))
+    with pytest.raises(ConfigError, match=r"link 'link1': size of <box> is '0\.1 0 0\.1'; it must be above 0"):
+        NewRobot(tmp_path / "arm.urdf").write(tmp_path / "second")
+
+
 def test_a_package_that_is_in_no_folder_given_is_named_with_the_folders(tmp_path: Path) -> None:
     text = urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', '<mesh filename="package://parts/a.stl"/>', 1)
-    stl(tmp_path / "others" / "a.stl")
+    stl(tmp_path / "others" / "b.stl")
     with pytest.raises(
         ConfigError,
         match=r"package://parts/a\.stl: there is no package .parts. .*others\) .*folder of parts or",

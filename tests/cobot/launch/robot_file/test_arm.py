@@ -285,6 +285,18 @@ def test_the_rod_of_a_palletiser_that_closes_a_loop_keeps_its_mass_and_loses_its
     assert not mj.geom_contype[mj.body("rod").geomadr[0]]
 
 
+@pytest.mark.parametrize("tied", ['body1="handle" body2="j4"', 'site1="hold" site2="pinch_site"'])
+def test_a_mocap_body_that_pulls_the_arm_closes_no_loop_and_stands_still(tmp_path: Path, tied: str) -> None:
+    """Simulations of learning move an arm without actuators by such a handle."""
+    handle = '<body name="handle" mocap="true" pos="0 0 2"><geom size=".05"/><site name="hold"/></body>'
+    text = mjcf(f"<equality><weld {tied}/></equality>").replace("<worldbody>", f"<worldbody>{handle}")
+    robot, said = made_of(tmp_path / "arm.xml", text)
+    assert robot.limits.names == tuple(f"j{index}" for index in range(5))
+    mj = robot.model.mj
+    assert (mj.nmocap, mj.neq, mj.body_weldid[mj.body("handle").id]) == (0, 0, 0)
+    assert "handle: mass" not in said
+
+
 def test_joints_of_the_arm_that_one_tendon_moves_are_named(tmp_path: Path) -> None:
     tendon = (
         '<tendon><fixed name="t"><joint joint="j1" coef="1"/><joint joint="j3" coef="1"/></fixed></tendon>'

@@ -47,6 +47,13 @@ def as_obj() -> bytes:
     return "\n".join(lines).encode()
 
 
+def as_ply() -> bytes:
+    head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    lines = [f"{x} {y} {z}" for x, y, z in CORNERS] + [f"3 {a} {b} {c}" for a, b, c in FACES]
+    faces = "element face 4\nproperty list uchar int vertex_indices\nend_header\n"
+    return (head + faces + "\n".join(lines)).encode()
+
+
 def as_dae(metres: float = 1.0, head: str = "") -> bytes:
     places = " ".join(map(str, (CORNERS / metres).ravel()))
     indices = " ".join(map(str, FACES.ravel()))
@@ -98,21 +105,21 @@ def as_gltf(uri: str) -> bytes:
 
 
 @pytest.mark.parametrize(
-    "kind", ["text.stl", "binary.STL", "a.obj", "metres.dae", "inches.dae", "a.msh", "a.glb", "a.gltf"]
+    "kind", ["text.stl", "binary.STL", "a.obj", "a.ply", "metres.dae", "inches.dae", "a.msh", "a.glb", "a.gltf"]
 )
 def test_each_format_gives_the_corners_that_were_written(tmp_path: Path, kind: str) -> None:
     (tmp_path / "buffer.bin").write_bytes(CORNERS.astype("<f4").tobytes() + FACES.astype("<u4").tobytes())
     contents = {
         "text.stl": as_text_stl(), "binary.STL": as_binary_stl(), "a.obj": as_obj(), "metres.dae": as_dae(),
         "inches.dae": as_dae(0.0254), "a.msh": as_msh(), "a.glb": as_glb_file(tmp_path),
-        "a.gltf": as_gltf("buffer.bin"),
+        "a.gltf": as_gltf("buffer.bin"), "a.ply": as_ply(),
     }  # fmt: skip
     (tmp_path / kind).write_bytes(contents[kind])
     vertices, triangles = read_mesh(tmp_path / kind)
     found = np.unique(np.round(vertices[triangles].reshape(-1, 3), 6), axis=0)
     np.testing.assert_allclose(found, np.unique(np.round(CORNERS, 6), axis=0), atol=1e-6)
     assert len(triangles) == 4
-    if kind in ("text.stl", "binary.STL", "a.obj", "metres.dae"):
+    if kind in ("text.stl", "binary.STL", "a.obj", "a.ply", "metres.dae"):
         other = coal.MeshLoader().load(str(tmp_path / kind), np.ones(3))
         other.computeLocalAABB()
         np.testing.assert_allclose(vertices.max(axis=0), other.aabb_local.max_, atol=1e-6)
@@ -140,6 +147,7 @@ def made_with(folder: Path, mesh: str, content: bytes, **options: object) -> New
         ("a.dae", b"PK\3\4zipped", "is not COLLADA: its first character is not <"),
         ("a.dae", as_dae(head='<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]>'), "has a DOCTYPE"),
         ("a.gltf", as_gltf("../../../../etc/passwd"), "cannot be read"),
+        ("a.ply", as_ply().replace(b"vertex 4", b"vertex 900000000000"), "has no triangles|cannot be read"),
         ("a.msh", b"\xff" * 16, "is not a mesh of MuJoCo"),
     ],
 )
