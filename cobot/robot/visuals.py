@@ -36,7 +36,7 @@ class Visual(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=False)
 
     link: str
-    shape: Literal["box", "sphere", "cylinder", "mesh"]
+    shape: Literal["box", "sphere", "cylinder", "capsule", "mesh"]
     position: Annotated[list[Finite], Field(min_length=3, max_length=3)]
     quaternion: Annotated[list[Finite], Field(min_length=4, max_length=4)]
     color: Annotated[list[Share], Field(min_length=4, max_length=4)] | None = None

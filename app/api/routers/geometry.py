@@ -115,7 +115,7 @@ class VisualShown(PoseIn):
     """One `<visual>` of the robot's file, in the frame of its link."""
 
     link: str = Field(description="The name of the body in /robot/geometry.")
-    shape: str = Field(description="box, sphere, cylinder or mesh.")
+    shape: str = Field(description="box, sphere, cylinder, capsule or mesh.")
     size: list[float] = Field(
         description="m: a box's edges; a radius; radius and length; of a mesh its scale along x, y, z."
     )

@@ -1,4 +1,4 @@
-"""Mesh files: STL (binary and text), OBJ, PLY, DAE, GLB, glTF and MuJoCo's MSH, in metres, z up as ROS has them.
+"""Mesh files: STL (binary and text), OBJ, PLY, DAE, GLB, glTF and MuJoCo's MSH, in metres, z up as in ROS.
 
 This runs in the process of `worker_main`, whose memory and time are bounded.
 """

@@ -94,4 +94,6 @@ class Visuals:
             return None
         colour = material.find("color")
         colour = self._colours.get(material.get("name")) if colour is None else colour
-        return None if colour is None else list(numbers(self._file, colour, "rgba", of, 4))
+        if colour is None:
+            return None
+        return [min(max(share, 0.0), 1.0) for share in numbers(self._file, colour, "rgba", of, 4)]

@@ -241,8 +241,8 @@ def test_a_floor_that_a_turning_base_is_always_near_may_touch_that_link_alone(
         f'<mujoco><compiler angle="radian"/><worldbody>{floor}<geom name="post" pos=".12 0 .053" size=".02"/>'
         '<body name="base"><body name="one" pos="0 0 .053"><joint name="j" range="-1.5 1.5"/>'
         '<geom size=".05"/><body name="two" pos="0 0 .1"><joint name="k" axis="0 1 0" range="-3 3"/>'
-        '<geom type="capsule" size=".02" fromto="0 0 .1 0 0 .3"/><site name="tcp" pos="0 0 .3"/></body></body>'
-        "</body></worldbody></mujoco>"
+        '<geom type="capsule" size=".02" fromto="0 0 .1 0 0 .3"/><site name="tcp" pos="0 0 .3"/></body>'
+        "</body></body></worldbody></mujoco>"
     )
     new = NewRobot(file)
     new.write(tmp_path / "made")

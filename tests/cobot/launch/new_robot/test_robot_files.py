@@ -258,7 +258,9 @@ def test_a_shape_that_is_a_point_is_left_out_and_said(tmp_path: Path) -> None:
         "link2: a <cylinder> of size 0 is left out",
     ]
     (tmp_path / "arm.urdf").write_text(text.replace(points[1], '<box size="0.1 0 0.1"/>'))
-    with pytest.raises(ConfigError, match=r"link 'link1': size of <box> is '0\.1 0 0\.1'; it must be above 0"):
+    with pytest.raises(
+        ConfigError, match=r"link 'link1': size of <box> is '0\.1 0 0\.1'; it must be above 0"
+    ):
         NewRobot(tmp_path / "arm.urdf").write(tmp_path / "second")
 
 

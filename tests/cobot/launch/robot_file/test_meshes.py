@@ -21,6 +21,7 @@ from cobot.launch.robot_file.convex import solids
 from cobot.launch.robot_file.mesh_reading import as_glb, read_mesh
 from cobot.launch.robot_file.worker import Worker, absolute
 from cobot.robot.description import load_robot
+from cobot.robot.visuals import visuals_of
 
 CORNERS = np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.06, 0], [0, 0, 0.07]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -105,7 +106,8 @@ def as_gltf(uri: str) -> bytes:
 
 
 @pytest.mark.parametrize(
-    "kind", ["text.stl", "binary.STL", "a.obj", "a.ply", "metres.dae", "inches.dae", "a.msh", "a.glb", "a.gltf"]
+    "kind",
+    ["text.stl", "binary.STL", "a.obj", "a.ply", "metres.dae", "inches.dae", "a.msh", "a.glb", "a.gltf"],
 )
 def test_each_format_gives_the_corners_that_were_written(tmp_path: Path, kind: str) -> None:
     (tmp_path / "buffer.bin").write_bytes(CORNERS.astype("<f4").tobytes() + FACES.astype("<u4").tobytes())
@@ -234,6 +236,21 @@ def test_solids_are_switched_off_and_a_convex_mesh_stays_one(tmp_path: Path) -> 
         robot = load_robot(load_settings(tmp_path / name / "made" / "cobot-setting.yaml"))
         assert least <= robot.model.mj.nmesh <= most
         assert any("convex solids" in sentence for sentence in new.guessed) == (most > 1)
+
+
+def test_each_shape_and_colour_of_a_visual_is_one_that_check_accepts(tmp_path: Path) -> None:
+    shapes = ('capsule radius="0.1" length="0.2"', 'cylinder radius="0.1" length="0.2"',
+              'sphere radius="0.1"', 'box size="1 2 3"')  # fmt: skip
+    seen = "".join(
+        f'<visual><geometry><{shape}/></geometry><material name=""><color rgba="255 -1 0.5 1"/></material>'
+        "</visual>"
+        for shape in shapes
+    )
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]).replace("<collision>", f"{seen}<collision>", 1))
+    NewRobot(tmp_path / "arm.urdf").write(tmp_path / "made")
+    found = visuals_of(tmp_path / "made" / "model.xml").visuals
+    assert [each.shape for each in found] == [shape.split()[0] for shape in shapes]
+    assert [each.color for each in found] == [[1.0, 0.0, 0.5, 1.0]] * 4
 
 
 def test_visuals_are_kept_beside_the_model_and_change_nothing_in_it(tmp_path: Path) -> None:
