@@ -113,13 +113,12 @@ def _choose(file: Path, robot: RobotModel, collision: CollisionChecker, base: st
     if best is not None:
         share = held(robot, robot.limits, best).share
         return best, f"joints at multiples of 45°; holding it takes {100.0 * share:.0f} % of a drive"
-    best = choice.nearest_free()
+    best, touching = choice.nearest_free(), choice.touches_most()
+    way_out = "if they may, disable the pair in an SRDF (--srdf), otherwise correct their shapes"
     if best is None:
-        raise ConfigError(
-            f"{file}: it touches itself in each of {SAMPLES} positions, {choice.touches_most()}; if they "
-            "may, disable the pair in an SRDF (--srdf), otherwise correct their shapes"
-        )
-    return best, "the free position nearest to 0; no posture with simple angles is free and can be held"
+        raise ConfigError(f"{file}: it touches itself in each of {SAMPLES} positions, {touching}; {way_out}")
+    why = "the free position nearest to 0; no posture with simple angles is free and can be held"
+    return best, why + (f"; of {SAMPLES} positions, {touching} touch; {way_out}" if touching else "")
 
 
 class _Choice:
@@ -191,12 +190,13 @@ class _Choice:
         return min(holds or free, key=lambda joints: float(np.abs(joints - zero).max()), default=None)
 
     def touches_most(self) -> str:
-        """The pair that touches in most of the random positions."""
+        """The pair that touches in most of the random positions; "" if none does."""
         pairs: Counter[tuple[str, str]] = Counter()
         for joints in self._random():
             pairs.update({(each.first, each.second) for each in self._collision.contacts(joints)})
-        (first, second), count = pairs.most_common(1)[0]
-        return f"{first} and {second} in {count} of them"
+        return "".join(
+            f"{first} and {second} in {count} of them" for (first, second), count in pairs.most_common(1)
+        )
 
     def _random(self) -> Array:
         low, high = self._limits.min_position, self._limits.max_position

@@ -111,6 +111,28 @@ def test_the_same_file_gives_the_same_home(tmp_path: Path) -> None:
     assert all(first == second for first, second in pairwise(homes))
 
 
+def test_of_an_arm_without_a_simple_free_posture_the_pair_is_named_that_touches_most(tmp_path: Path) -> None:
+    """A cover that overlaps the base except for angles of the first joint between 0.1 and 0.7 rad."""
+    robot, _ = made(tmp_path / "arm.urdf", urdf(ARMS["ur"]))
+
+    class Touching(CollisionChecker):
+        def __init__(self) -> None: ...
+
+        def is_free(self, joints: Array) -> bool:
+            return 0.1 < float(joints[0]) < 0.7
+
+        def contacts(self, joints: Array) -> list[Contact]:
+            return [] if self.is_free(joints) else [Contact("base_link", "cover", -0.2)]
+
+    said: list[str] = []
+    found = home_posture.positions(Path("arm.urdf"), robot.model, Touching(), "base_link", {}, said)
+    assert 0.1 < found["home"][0] < 0.7
+    assert "; of 500 positions, base_link and cover in 4" in said[0]
+    assert said[0].endswith(
+        "touch; if they may, disable the pair in an SRDF (--srdf), otherwise correct their shapes"
+    )
+
+
 def test_of_an_arm_that_is_never_free_the_pair_is_named_that_touches_most(tmp_path: Path) -> None:
     """Which pair touches depends on the position, so none of them is one that always does."""
     robot, _ = made(tmp_path / "arm.urdf", urdf(ARMS["ur"]))

@@ -190,6 +190,13 @@ def test_pairs_that_may_touch_are_those_of_the_srdf_in_checks_and_in_the_simulat
     mujoco.mj_forward(mj, data)
 
 
+def test_an_srdf_may_have_pairs_alone(tmp_path: Path) -> None:
+    """As the way out says that is printed for links that touch."""
+    robot, _ = made(tmp_path, '<disable_collisions link1="link0" link2="link2" reason="Default"/>')
+    assert frozenset(("link0", "link2")) in robot.collision.disabled
+    assert robot.limits.names == NAMES
+
+
 def test_states_that_cannot_be_are_left_out_with_the_reason(tmp_path: Path) -> None:
     beyond = state("home", "manipulator", 0.0, 3.0, 0.0, 0.0, 0.0, 0.0)
     short = state("short", "manipulator", 0.0, 0.0)
