@@ -120,7 +120,7 @@ def _authenticator(
     if ros_token:
         tokens.grant(ROS, rights_of_ros(settings.ros, settings.web), ros_token)
     if fleet_token:
-        tokens.grant(FLEET, Role.OPERATOR if settings.fleet.certificates else Role.OBSERVER, fleet_token)
+        tokens.grant(FLEET, Role.PROGRAMMER if settings.fleet.certificates else Role.OBSERVER, fleet_token)
     return tokens
 
 

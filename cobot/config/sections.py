@@ -178,6 +178,7 @@ class AcceptedCommands(Section):
     program: LeastRole
     speed: LeastRole
     control: LeastRole
+    roll_out: LeastRole
 
 
 class FleetSection(Section):

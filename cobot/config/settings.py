@@ -90,6 +90,11 @@ class Settings(Section):
         return (self.kept or self.logs) / f"{self.robot.name}.positions.json"
 
     @property
+    def bundle_file(self) -> Path:
+        """File with the newest bundle and what it has replaced, which the cell's process writes."""
+        return (self.kept or self.logs) / f"{self.robot.name}.bundle.json"
+
+    @property
     def tool_file(self) -> Path:
         """File with the tool on the robot's flange, which the service writes."""
         return (self.kept or self.logs) / f"{self.robot.name}.tool.json"

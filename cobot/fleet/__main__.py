@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
@@ -41,6 +42,7 @@ All cells of a plant in one place: docs/fleet.md.
   cobot fleet stop CELL ...   stop the robots of these cells; --zone Z, --all: of a zone, of all
   cobot fleet run CELL ... --program ID   start a stored program of the cells
   cobot fleet pause|resume|speed|control CELL ...
+  cobot fleet roll-out FOLDER CELL ...    programs and positions: one cell first, then in waves
   cobot fleet certificate FOLDER hub|cell NAME ...   make certificates: TLS, and commands other than stops"""
 
 
@@ -51,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.action is None:
         parser.print_help()
         return EXIT_USAGE
-    if "cells" in chosen and sum(map(bool, (chosen.cells, chosen.all, chosen.zone))) != 1:
+    if "zone" in chosen and sum(map(bool, (chosen.cells, chosen.all, chosen.zone))) != 1:
         parser.error(f"{chosen.action}: give the names of cells, --zone, or --all")
     try:
         return int(chosen.run(chosen))
@@ -113,6 +115,18 @@ def _parser() -> argparse.ArgumentParser:
     which.add_argument("--release", dest="what", action="store_const", const="release")
     control.add_argument("--force", action="store_true", help="take it from another client")
     control.set_defaults(run=_control)
+    roll_out = actions.add_parser(
+        "roll-out", parents=[url], help="bring programs and positions to cells: one first, then in waves"
+    )
+    roll_out.add_argument("folder", type=Path, metavar="FOLDER", help="with programs/ and positions.json")
+    roll_out.add_argument("cells", nargs="+", metavar="CELL[/ROBOT]")
+    roll_out.add_argument("--name", type=_name, help="of the bundle; default: the folder's name")
+    roll_out.add_argument("--version", required=True, metavar="V", help="of the bundle, such as 1.4")
+    roll_out.add_argument("--wave", type=int, default=5, metavar="N", help="cells at a time; default: 5")
+    roll_out.add_argument(
+        "--watch", type=float, default=5.0, metavar="S", help="after each wave, in seconds; default: 5"
+    )
+    roll_out.set_defaults(run=_roll_out)
     add_certificate(actions)
     return parser
 
@@ -142,6 +156,7 @@ def _concerns(robot: dict[str, Any]) -> list[str]:
     said = [f"gone, last heard {robot['age_s']:.0f} s ago"] if not robot["alive"] else []
     said += ["two cells use this name: give each its own fleet.cell"] if robot["used_twice"] else []
     said += [robot["reason"]] if robot["reason"] and robot["state"] in ("estop", "fault", "silent") else []
+    said += [f"changed since the roll-out: {', '.join(robot['drift'])}"] if robot["drift"] else []
     return said + list(robot["problems"])
 
 
@@ -237,6 +252,35 @@ def _command(chosen: argparse.Namespace, action: dict[str, Any] | None) -> int:
     return EXIT_OK if good and all(robot["code"] == "ok" for robot in robots) else EXIT_FAILED
 
 
+def _roll_out(chosen: argparse.Namespace) -> int:
+    """Roll out, and print what happens until it has ended. Ctrl-C rolls back."""
+    from cobot.fleet.bundles import bundle_of
+
+    content = bundle_of(chosen.folder, chosen.name or chosen.folder.resolve().name, chosen.version)
+    bundle = _ask(chosen, "POST", "/bundles", content)["bundle"]
+    pairs = [each.partition("/") for each in chosen.cells]
+    robots = [{"cell": cell, "robot": robot or "*"} for cell, _, robot in pairs]
+    wish = {"bundle": bundle, "robots": robots, "wave": chosen.wave, "watch_s": chosen.watch}
+    path = f"/roll-outs/{_ask(chosen, 'POST', '/roll-outs', wish)['id']}"
+    printed = 0
+    while True:
+        try:
+            found = _ask(chosen, "GET", path)
+            for line in found["lines"][printed:]:
+                print(line, flush=True)
+            printed = len(found["lines"])
+            if found["state"] != "running":
+                break
+            time.sleep(WATCH_S)
+        except KeyboardInterrupt:
+            _ask(chosen, "POST", f"{path}/cancel")
+    if chosen.json:
+        print(json.dumps(found, indent=1))
+    else:
+        print(f"{found['title']}: {found['state'].replace('_', ' ')}")
+    return EXIT_OK if found["state"] == "done" else EXIT_FAILED
+
+
 def _targets(chosen: argparse.Namespace) -> list[str]:
     """The paths of those whom a command concerns."""
     if chosen.all:
@@ -258,7 +302,8 @@ def _ask(
         response = httpx.request(
             method,
             chosen.url.rstrip("/") + path,
-            json=body,
+            json=None if isinstance(body, bytes) else body,
+            content=body if isinstance(body, bytes) else None,
             headers=headers,
             timeout=timeout_s,
             verify=tls_context(True),

@@ -57,6 +57,7 @@ PERIOD_S = 0.1
 UNCHANGED_S = 1.0
 """Interval at which a state is published again while nothing changes, in seconds."""
 TIME_TIMEOUT_S = 1.0
+FETCH_S = 10.0
 SYNCHRONIZE_S = 10.0
 WORKERS = 8
 """Number of commands that a robot works on at the same time: the first one, and retries that wait for it."""
@@ -72,6 +73,9 @@ SETTING_OF = {
     "speed": "speed",
     "take_control": "control",
     "release_control": "control",
+    "stage": "roll_out",
+    "activate": "roll_out",
+    "roll_back": "roll_out",
 }
 """The setting below `fleet.accept` for each kind of command."""
 
@@ -89,7 +93,7 @@ class FleetRobot:
         self._cell = cell
         self._arm = ArmWatch(self.name, settings.web.stale_after_s)
         self._service = ServiceWatch(url, self.name, token) if url else None
-        self._commands = ServiceCommands(url, self.name, token) if url else None
+        self._commands = ServiceCommands(url, settings, token, cell.fetch_bundle) if url else None
         self._published_s = 0.0
         self.workers = ThreadPoolExecutor(WORKERS)  # its own: an arm that does not rest delays no other
         self.state = self._look()
@@ -99,6 +103,10 @@ class FleetRobot:
         service = {} if self._service is None else self._service.found
         if found["state"] in ("ready", "moving") and self._service is not None and self._service.paused:
             found["state"] = "paused"
+        if self._commands is not None:
+            bundles = self._commands.bundles
+            versions = {each["id"]: each["version"] for each in service.get("programs", ())}
+            found |= {"bundle": bundles.title, "drift": bundles.drift(versions) if versions else []}
         return FleetState(robot=self.name, **self._cell.facts, **service, **found)
 
     def update(self) -> FleetState | None:
@@ -145,6 +153,12 @@ class FleetRobot:
             raise
         finally:
             record_beside(self.settings, who, FROM, self.wish(command), outcome, command=command.id)
+
+    def recover(self) -> None:
+        """Roll back a bundle whose activation was interrupted, once the service answers."""
+        if self._commands is not None:
+            with contextlib.suppress(CobotError):
+                self._commands.recover()
 
     def wish(self, command: FleetCommand) -> str:
         """What a command wants, for the audit."""
@@ -220,6 +234,17 @@ class FleetCell:
         self._workers.shutdown(wait=False, cancel_futures=True)
         for robot in self.robots.values():
             robot.close()
+
+    def fetch_bundle(self, name: str) -> bytes | None:
+        """The content of a bundle; None if the hub does not have it."""
+        import zenoh
+
+        if self._session is None:
+            return None
+        with contextlib.suppress(zenoh.ZError):
+            for content in payloads(self._session.get(self._keys.bundle(name), timeout=FETCH_S)):
+                return content
+        return None
 
     def ask_time(self) -> HubTime | None:
         """The hub's time; None if it does not answer."""
@@ -396,6 +421,7 @@ class FleetCell:
     def _synchronize(self) -> None:
         for robot in self.robots.values():
             robot.book.synchronize()
+            robot.recover()
 
     def _tell_problem(self, problem: str) -> None:
         if problem != self._problem:

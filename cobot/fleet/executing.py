@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Callable
 
 from cobot.addresses import address
 from cobot.client.rest import Client
+from cobot.config import Settings
 from cobot.errors import ConflictError
+from cobot.fleet.bundles import RobotBundles
 from cobot.fleet.messages import (
+    ActivateBundle,
     FleetAction,
     PauseProgram,
     ReleaseFleetControl,
     ResumeProgram,
+    RollBackBundle,
     SetSpeed,
+    StageBundle,
     StartProgram,
     StopArm,
     TakeFleetControl,
@@ -26,10 +32,17 @@ PROGRAM = "sequence"
 
 
 class ServiceCommands:
-    """Commands to one robot of the cell's service, from any thread, one at a time."""
+    """Commands to one robot of the cell's service, from any thread, one at a time.
 
-    def __init__(self, url: str, robot: str, token: str) -> None:
-        self._client = Client(address(url, robot), token=token or None)
+    Args:
+        fetch: see `RobotBundles`.
+    """
+
+    def __init__(
+        self, url: str, settings: Settings, token: str, fetch: Callable[[str], bytes | None]
+    ) -> None:
+        self._client = Client(address(url, settings.robot.name), token=token or None)
+        self.bundles = RobotBundles(settings, self._client, fetch)
         self._control = contextlib.ExitStack()
         self._lock = threading.Lock()
 
@@ -61,8 +74,19 @@ class ServiceCommands:
                 case ReleaseFleetControl():
                     self._control.close()
                     return "the fleet does not have control"
+                case StageBundle():
+                    return self.bundles.stage(action.bundle)
+                case ActivateBundle():
+                    return self.bundles.activate(action.bundle)
+                case RollBackBundle():
+                    return self.bundles.roll_back(action.bundle)
                 case StopArm():
                     raise AssertionError("a stop does not need the service")
+
+    def recover(self) -> None:
+        """See `RobotBundles.recover`."""
+        with self._lock:
+            self.bundles.recover()
 
     def close(self) -> None:
         """Give control back, and close the connection."""

@@ -8,7 +8,7 @@ import secrets
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,7 @@ from cobot.fleet.messages import (
     written,
 )
 from cobot.fleet.names import FleetKeys, parts
+from cobot.fleet.roll_outs import RollOuts
 
 if TYPE_CHECKING:
     import zenoh
@@ -43,6 +44,8 @@ MAX_ROBOTS = 10_000
 """Maximum number of robots that are kept."""
 STOP = StopArm(kind="stop")
 RETRY_S = 0.1
+ROLL_OUT_S = 20.0
+"""Deadline of the commands of a roll-out, in seconds."""
 ASK_S = 2.0
 NOT_STOPPED = "the arm is NOT known to be stopped: use its emergency stop"
 NOT_KNOWN = "look at the cell before you try again"
@@ -116,6 +119,7 @@ class Hub:
         self._signer = Signer(certificates) if certificates else None
         self._session: zenoh.Session = open_hub(fleet, listen, list(connect), certificates)
         self.hosts = [] if self._signer is None else self._signer.hosts
+        self.roll_outs = RollOuts()
         self.counts: Counter[tuple[str, str]] = Counter()
         try:
             self._declare()
@@ -282,10 +286,55 @@ class Hub:
         self._declared = [
             session.liveliness().declare_token(keys.hub(self.instance)),
             session.declare_queryable(keys.time, lambda query: query.reply(keys.time, written(self.time()))),
+            session.declare_queryable(keys.bundle("*"), self._give_bundle),
             session.declare_subscriber(keys.of("*", "*", "state"), self._take_state),
             session.declare_subscriber(keys.of("*", "*", "event"), self._take_event),
             session.liveliness().declare_subscriber(keys.alive("*", "*"), self._take_presence, history=True),
         ]
+
+    def roll_out(
+        self,
+        bundle: str,
+        who: str,
+        role: RoleName,
+        robots: Sequence[tuple[str, str]],
+        wave: int,
+        watch_s: float,
+    ) -> dict[str, Any]:
+        """Begin to roll a bundle out. See `RollOuts.begin`.
+
+        Args:
+            robots: pairs of cell and robot; "*" is the only robot of a cell.
+
+        Raises:
+            NotFoundError, BusyError, InputError: see `RollOuts.begin`; or a robot is unknown, or there are
+                several in a cell.
+        """
+        named = [self._only(cell, robot) for cell, robot in robots]
+        twice = sorted({robot for robot in named if named.count(robot) > 1})
+        if twice:
+            raise InputError(f"{'/'.join(twice[0])} is named twice")
+
+        def send(action: FleetAction, cell: str, robot: str) -> dict[str, Any]:
+            return self.command(action, who, role, cell, robot, deadline_s=ROLL_OUT_S)[0]
+
+        def states() -> dict[tuple[str, str], str]:
+            return {(each["cell"], each["robot"]): each["state"] for each in self.cells()}
+
+        return self.roll_outs.begin(bundle, who, named, wave, watch_s, send, states)
+
+    def _only(self, cell: str, robot: str) -> tuple[str, str]:
+        found = self.robots_of(cell, None if robot == "*" else robot)
+        if len(found) > 1:
+            names = ", ".join(each["robot"] for each in found)
+            raise InputError(f"the cell {cell} has several robots: {names}; name one of them")
+        return cell, str(found[0]["robot"])
+
+    def _give_bundle(self, query: zenoh.Query) -> None:
+        key = str(query.key_expr)
+        content = self.roll_outs.content(key.rpartition("/")[2])
+        if content is not None:
+            query.reply(key, content)
 
     def _take_presence(self, sample: zenoh.Sample) -> None:
         import zenoh

@@ -97,8 +97,8 @@ def _rights(keys: FleetKeys, cells: Sequence[str]) -> dict[str, Any]:
 
     hears = ["query", "declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
     shared = [
-        rule("asks-time", into, ["query"], keys.time),
-        rule("tells-time", out, ["reply"], keys.time),
+        rule("asks-hub", into, ["query"], keys.time, keys.bundle("*")),
+        rule("hub-answers", out, ["reply"], keys.time, keys.bundle("*")),
         rule("asks-cells", out, hears, keys.of("*", "*", "**"), keys.alive("*", "*")),
     ]
     own = [

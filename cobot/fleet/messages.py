@@ -29,6 +29,7 @@ Text = Annotated[str, Field(max_length=2000)]
 Program = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 Target = Annotated[str, Field(pattern=r"^([A-Za-z0-9_-]{1,48}|\*)$")]
 """Name of a cell or robot, or * for all."""
+Hash = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Seconds = Annotated[float, Field(ge=0.0, le=1e12, allow_inf_nan=False)]
 StateWord = Literal["ready", "moving", "paused", "stopping", "estop", "fault", "silent"]
 
@@ -51,6 +52,8 @@ class FleetState(StrictModel):
         problems: what the service reports as wrong, and why the service does not answer.
         panel: address of the cell's own panel; "" if it has none.
         programs: the stored programs, so that one can be chosen.
+        bundle: name, version and hash of the newest bundle.
+        drift: programs of that bundle that somebody has changed since.
     """
 
     cell: Name
@@ -70,6 +73,8 @@ class FleetState(StrictModel):
     problems: list[Text] = Field(default_factory=list)
     panel: Text = ""
     programs: list[FleetProgram] = Field(default_factory=list, max_length=MAX_PROGRAMS)
+    bundle: Text = ""
+    drift: list[Text] = Field(default_factory=list)
 
 
 class RobotEvent(StrictModel):
@@ -140,8 +145,38 @@ class ReleaseFleetControl(StrictModel):
     kind: Literal["release_control"]
 
 
+class StageBundle(StrictModel):
+    """Fetch a bundle from the hub, and check it. Nothing changes."""
+
+    kind: Literal["stage"]
+    bundle: Hash
+
+
+class ActivateBundle(StrictModel):
+    """Store the programs and positions of a staged bundle."""
+
+    kind: Literal["activate"]
+    bundle: Hash
+
+
+class RollBackBundle(StrictModel):
+    """Restore what a bundle has replaced."""
+
+    kind: Literal["roll_back"]
+    bundle: Hash
+
+
 FleetAction = Annotated[
-    StopArm | StartProgram | PauseProgram | ResumeProgram | SetSpeed | TakeFleetControl | ReleaseFleetControl,
+    StopArm
+    | StartProgram
+    | PauseProgram
+    | ResumeProgram
+    | SetSpeed
+    | TakeFleetControl
+    | ReleaseFleetControl
+    | StageBundle
+    | ActivateBundle
+    | RollBackBundle,
     Field(discriminator="kind"),
 ]
 

@@ -6,6 +6,7 @@
     cobot/FLEET/CELL/ROBOT/command    a query that stops the robot, or does something else
     cobot/FLEET/CELL/INSTANCE         the liveliness token of a cell's process
     cobot/FLEET/@hub/time             the time of the fleet: the answer to a query
+    cobot/FLEET/@hub/bundles/HASH     the content of a bundle: the answer to a query
     cobot/FLEET/@hub/INSTANCE         the liveliness token of a hub
 
 A chunk that begins with @ matches no wildcard, so the hub is never taken for a cell.
@@ -38,6 +39,10 @@ class FleetKeys:
     @property
     def time(self) -> str:
         return f"{PREFIX}/{self.fleet}/{HUB}/time"
+
+    def bundle(self, name: str) -> str:
+        """The content of a bundle; `*` for all of them."""
+        return f"{PREFIX}/{self.fleet}/{HUB}/bundles/{name}"
 
     def hub(self, instance: str) -> str:
         """The liveliness token of a hub."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -17,17 +18,19 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from cobot.access.authentication import Authenticator
 from cobot.access.roles import RoleName
 from cobot.addresses import CLIENT_NAME
-from cobot.errors import AuthenticationError, CobotError, InputError, NotFoundError
+from cobot.errors import AuthenticationError, BusyError, CobotError, ConflictError, InputError, NotFoundError
+from cobot.fleet.bundles import MAX_BUNDLE_BYTES
 from cobot.fleet.hub import STOP, Hub
-from cobot.fleet.messages import DEADLINE_S, FleetAction, Id, StateWord
+from cobot.fleet.messages import DEADLINE_S, FleetAction, Hash, Id, Name, StateWord, Target
 from cobot.fleet.metrics import CONTENT_TYPE, metrics_of
 from cobot.strict import StrictModel, sentences
 
 PAGE = Path(__file__).parent / "page"
 FILES = ("fleet.js", "fleet.css", "words.json")
-STATUS = {NotFoundError: 404, InputError: 422, AuthenticationError: 401}
+STATUS = {NotFoundError: 404, InputError: 422, AuthenticationError: 401, ConflictError: 409, BusyError: 409}
 CSP = "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 GONE = "gone"
+log = logging.getLogger("cobot.fleet")
 TARGETS = ("", "/zones/{zone}", "/cells/{cell}", "/cells/{cell}/robots/{robot}")
 """Whom a command may concern: all, a zone, a cell, a robot."""
 
@@ -48,6 +51,28 @@ class FleetOrder(FleetStop):
     """The body of any command."""
 
     action: FleetAction
+
+
+class RobotName(StrictModel):
+    """A robot of the fleet; without a name, the only one of its cell."""
+
+    cell: Name
+    robot: Target = "*"
+
+
+class WishedRollOut(StrictModel):
+    """What to roll out, and where.
+
+    Attributes:
+        robots: in this order; the first one is a wave of its own.
+        wave: number of robots in each of the following waves.
+        watch_s: how long the robots of a wave are watched before the next one, in seconds.
+    """
+
+    bundle: Hash
+    robots: Annotated[list[RobotName], Field(min_length=1, max_length=10_000)]
+    wave: Annotated[int, Field(ge=1, le=1000)] = 5
+    watch_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +155,7 @@ def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) ->
     _add_reading(app, hub, person)
     for target in TARGETS:
         _add_commands(app, hub, person, target)
+    _add_roll_outs(app, hub, person)
     _add_page(app)
     return app
 
@@ -181,6 +207,46 @@ def _add_commands(app: FastAPI, hub: Hub, person: Any, target: str) -> None:
     @app.post(f"{target}/commands")
     def command(request: Request, wish: FleetOrder, who: Person = person) -> dict[str, Any]:
         return send(request, wish, wish.action, who)
+
+
+def _add_roll_outs(app: FastAPI, hub: Hub, person: Any) -> None:
+    @app.post("/bundles")
+    async def add(request: Request, who: Person = person) -> dict[str, Any]:
+        content = await _content(request)
+        name, bundle = hub.roll_outs.add(content)
+        log.info("%s has sent the bundle %s", who.name, bundle.title)
+        return {"bundle": name, "title": bundle.title}
+
+    @app.post("/roll-outs")
+    def begin(wish: WishedRollOut, who: Person = person) -> dict[str, Any]:
+        robots = [(each.cell, each.robot) for each in wish.robots]
+        return hub.roll_out(wish.bundle, who.name, who.role, robots, wish.wave, wish.watch_s)
+
+    @app.get("/roll-outs", dependencies=[person])
+    def roll_outs() -> dict[str, Any]:
+        return {"roll_outs": hub.roll_outs.all()}
+
+    @app.get("/roll-outs/{roll_out}", dependencies=[person])
+    def roll_out_(roll_out: str) -> dict[str, Any]:
+        return hub.roll_outs.get(roll_out)
+
+    @app.post("/roll-outs/{roll_out}/cancel", dependencies=[person])
+    def cancel(roll_out: str) -> dict[str, Any]:
+        return hub.roll_outs.cancel(roll_out)
+
+
+async def _content(request: Request) -> bytes:
+    """The body.
+
+    Raises:
+        InputError: it is larger than a bundle may be.
+    """
+    content = bytearray()
+    async for piece in request.stream():
+        content += piece
+        if len(content) > MAX_BUNDLE_BYTES:
+            raise InputError(f"the bundle has more than {MAX_BUNDLE_BYTES} bytes")
+    return bytes(content)
 
 
 def _add_page(app: FastAPI) -> None:

@@ -24,12 +24,14 @@ from fleets import FLEET, Hub, free_port
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
 from cobot.client import Client
+from cobot.config import load_settings
 from cobot.fleet.__main__ import main
 
 if importlib.util.find_spec("zenoh") is None:
     pytest.skip("Zenoh is not installed: it is in the extra fleet", allow_module_level=True)
 import zenoh
 
+from cobot.fleet.bundles import Installed
 from cobot.fleet.certificates import issue_cell, issue_hub, make_authority
 
 HOME = [0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -63,7 +65,7 @@ def hub(folder: Path, tokens: dict[str, str]) -> Iterator[Hub]:
 def cell(hub: Hub, folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     fleet = (
         f"{{name: {FLEET}, cell: one, zone: north, connect: ['{hub.address}'], "
-        f"certificates: {folder}/cells/one, accept: {{speed: admin}}}}"
+        f"certificates: {folder}/cells/one, accept: {{speed: admin, roll_out: operator}}}}"
     )
     run = Run(tmp_path_factory.mktemp("cell"), clock="realtime", more=f"fleet: {fleet}\n")
     with answering(run) as started:
@@ -330,3 +332,105 @@ def test_the_page_asks_for_a_token_and_starts_a_program(
             page.set_to("#language", language)
             wait_on(f"document.documentElement.lang === '{language}'")
             assert page.run("!document.body.innerText.match(/undefined|take_control/)")
+
+
+@pytest.fixture
+def bundle(tmp_path: Path) -> Path:
+    """A folder with a new program, another version of a stored one, and a position."""
+    folder = tmp_path / "seams"
+    (folder / "programs").mkdir(parents=True)
+    (folder / "programs" / "slow.json").write_text(json.dumps(SLOW).replace("0.02", "0.03"))
+    (folder / "programs" / "seam.lua").write_text("move_named('home')")
+    (folder / "positions.json").write_text(json.dumps({"seam": [0.1, *HOME[1:]]}))
+    return folder
+
+
+@pytest.fixture
+def roll_out(hub: Hub, folder: Path, tokens: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setenv("COBOT_CERTIFICATE", str(folder / "ca.pem"))
+    given = ("--version", "1.4", "--watch", "0.2", "--url", hub.url, "--token", tokens["ada"])
+    return lambda bundle: main(["roll-out", str(bundle), "one", *given])
+
+
+def programs_of(client: Client) -> dict[str, str]:
+    return {each["id"]: client.program(each["id"])["text"] for each in client.programs()}
+
+
+def test_a_bundle_is_rolled_out_watched_for_drift_and_rolled_back(
+    hub: Hub, client: Client, bundle: Path, roll_out: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = programs_of(client)
+    assert roll_out(bundle) == 0, capsys.readouterr()
+    assert "activated seams 1.4" in capsys.readouterr().out
+    assert set(programs_of(client)) == {*before, "seam"}
+    assert "0.03" in programs_of(client)["slow"]
+    assert {"name": "seam", "joints": [0.1, *HOME[1:]]}.items() <= client.positions()[-1].items()
+    shown = until(lambda: hub.robot("one")["bundle"] and hub.robot("one"))
+    assert shown["bundle"].startswith("seams 1.4 (")
+    assert roll_out(bundle) == 0
+    assert "is active already" in capsys.readouterr().out
+    base = client.program("seam")["version"]
+    client.save_program("seam", "Seam", "move_named('ready')", kind="lua", base=base)
+    until(lambda: hub.robot("one")["drift"] == ["seam"])
+    name = hub.http.get("/roll-outs").json()["roll_outs"][-1]["bundle"]
+    assert order(hub, "roll_back", action={"bundle": name})["text"] == "rolled back seams 1.4"
+    assert programs_of(client) == before
+    assert "seam" not in [each["name"] for each in client.positions()]
+    assert order(hub, "roll_back", action={"bundle": name})["code"] == "conflict"
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "words"),
+    [
+        ("programs/slow.json", "{", "program slow: "),
+        ("programs/seam.lua", "move_named('home'", "program seam: "),
+        ("positions.json", '{"seam": [0.1]}', "position seam: has 1 joints, this robot has 7"),
+        ("positions.json", '{"seam": [9, 0, 0, 0, 0, 0, 0]}', "position seam"),
+        ("positions.json", '{"home": [0, 0, 0, 0, 0, 0, 0]}', "is part of the robot's SRDF"),
+    ],
+)
+def test_a_bundle_that_does_not_fit_changes_nothing(
+    client: Client,
+    bundle: Path,
+    roll_out: Any,
+    capsys: pytest.CaptureFixture[str],
+    file: str,
+    text: str,
+    words: str,
+) -> None:
+    before = programs_of(client), client.positions()
+    (bundle / file).write_text(text)
+    assert roll_out(bundle) == 1
+    out = capsys.readouterr().out
+    assert words in out, out
+    assert "seams 1.4: refused" in out
+    assert (programs_of(client), client.positions()) == before
+
+
+def test_nothing_is_activated_while_a_program_runs(
+    hub: Hub, client: Client, bundle: Path, roll_out: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = programs_of(client)
+    assert start_slow(hub)["code"] == "ok"
+    assert roll_out(bundle) == 1
+    assert "the arm must rest" in capsys.readouterr().out
+    assert programs_of(client) == before
+
+
+def test_a_killed_cell_undoes_what_it_had_begun(hub: Hub, cell: Run, client: Client) -> None:
+    """The state on disk is what a kill between two programs leaves."""
+    child = cell.child("cobot.fleet.cell")
+    assert child is not None
+    client.save_program("half", "Half", SLOW)
+    begun = Installed(
+        bundle="0" * 64,
+        title="half 1",
+        versions={},
+        programs_before={"half": None},
+        positions_before={},
+        complete=False,
+    )
+    load_settings(cell.config).bundle_file.write_text(begun.model_dump_json())
+    child.kill()
+    until(lambda: "half" not in programs_of(client))
+    until(lambda: not load_settings(cell.config).bundle_file.exists())

@@ -5,7 +5,7 @@ const COMMAND_TIMEOUT_MS = 15000; // the hub waits for cells for up to 8 s
 const SPEEDS = [10, 25, 50, 75, 100];
 const TOKEN = "cobot.fleet.token";
 const STATES = ["ready", "moving", "paused", "stopping", "estop", "fault", "silent", "gone"];
-const FIELDS = ["robot", "zone", "mode", "job", "program", "control", "speed_override", "backend", "version", "age"];
+const FIELDS = ["robot", "zone", "mode", "job", "program", "control", "speed_override", "backend", "bundle", "version", "age"];
 const byId = (id) => document.getElementById(id);
 const words = await (await fetch("page/words.json")).json();
 const tiles = new Map();
@@ -105,6 +105,7 @@ function valueOf(robot, field) {
 function faultsOf(robot) {
   const found = robot.used_twice ? [word("used_twice")] : [];
   if (robot.reason && ["estop", "fault", "silent"].includes(robot.state)) found.push(robot.reason);
+  if (robot.drift.length) found.push(word("drift").replace("{programs}", robot.drift.join(", ")));
   return [...found, ...robot.problems].join("\n");
 }
 

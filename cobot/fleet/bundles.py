@@ -1,0 +1,360 @@
+"""Bundles of programs and named positions, as a cell stages, activates and rolls them back.
+
+A bundle is named by the SHA-256 of its content. The hub signs that name in its command, so the content can
+come from anywhere. What a bundle replaces is kept in a file before anything changes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import subprocess
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from cobot.client.rest import Client
+from cobot.config import Settings
+from cobot.errors import (
+    CobotError,
+    ConflictError,
+    InputError,
+    NotFoundError,
+    UnavailableError,
+)
+from cobot.fleet.messages import Hash, Name, Program, Text
+from cobot.launch.process import RUN_MODULE
+from cobot.robot.kept import keep, read_kept
+from cobot.robot.limits import check_positions, load_joint_limits
+from cobot.strict import StrictModel, sentences
+
+MAX_BUNDLE_BYTES = 8 * 2**20
+CHECK_S = 30.0
+SHORT = 8
+"""Number of characters of a hash that are shown."""
+log = logging.getLogger("cobot.fleet")
+Position = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
+BUSY = ("queued", "planning", "running", "paused")
+
+
+class BundleProgram(StrictModel):
+    """A stored program: a sequence file or a Lua program as text."""
+
+    id: Program
+    label: Annotated[str, Field(min_length=1, max_length=64)]
+    kind: Literal["sequence", "lua"]
+    text: Annotated[str, Field(max_length=400_000)]
+
+
+class BundlePosition(StrictModel):
+    """A named position: joint angles, rad (m for a linear joint)."""
+
+    name: Position
+    joints: Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=1, max_length=64)]
+    label: Text = ""
+    description: Text = ""
+
+
+class Bundle(StrictModel):
+    """What is rolled out together."""
+
+    name: Name
+    version: Annotated[str, Field(pattern=r"^[A-Za-z0-9._+-]{1,48}$")]
+    programs: Annotated[list[BundleProgram], Field(default_factory=list, max_length=100)]
+    positions: Annotated[list[BundlePosition], Field(default_factory=list, max_length=1000)]
+
+    @property
+    def title(self) -> str:
+        return f"{self.name} {self.version}"
+
+
+class Installed(StrictModel):
+    """The newest bundle of a robot, and what it has replaced.
+
+    Attributes:
+        versions: of its programs, as the service has stored them.
+        programs_before, positions_before: as they were; null for those that did not exist.
+        complete: whether all of it is active. An interrupted activation is rolled back at the next start.
+    """
+
+    bundle: Hash
+    title: Text
+    versions: dict[str, int]
+    programs_before: dict[str, BundleProgram | None]
+    positions_before: dict[str, BundlePosition | None]
+    complete: bool
+
+
+def read_bundle(content: bytes) -> Bundle:
+    """
+    Raises:
+        InputError: it is not a bundle.
+    """
+    if len(content) > MAX_BUNDLE_BYTES:
+        raise InputError(f"the bundle has {len(content)} bytes, allowed are {MAX_BUNDLE_BYTES}")
+    try:
+        bundle = Bundle.model_validate_json(content)
+    except ValidationError as exc:
+        raise InputError(f"the bundle is not valid: {sentences(exc.errors())}") from exc
+    for what, names in (
+        ("program", [each.id for each in bundle.programs]),
+        ("position", [each.name for each in bundle.positions]),
+    ):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"the bundle has the {what} {twice[0]!r} twice")
+    return bundle
+
+
+def hash_of(content: bytes) -> str:
+    """The name of a bundle."""
+    return sha256(content).hexdigest()
+
+
+class RobotBundles:
+    """The bundles of one robot of a cell. One method at a time.
+
+    Args:
+        fetch: asks the hub for the content of a bundle; None if the hub does not have it.
+    """
+
+    def __init__(self, settings: Settings, client: Client, fetch: Callable[[str], bytes | None]) -> None:
+        self._settings, self._client, self._fetch = settings, client, fetch
+        self._file = settings.bundle_file
+        self._staged: dict[str, Bundle] = {}
+        self.installed = self._read()
+
+    @property
+    def title(self) -> str:
+        """Name, version and hash of the newest bundle; "" without one."""
+        found = self.installed
+        return f"{found.title} ({found.bundle[:SHORT]})" if found is not None and found.complete else ""
+
+    def drift(self, versions: dict[str, int]) -> list[str]:
+        """The programs of the newest bundle that have changed since.
+
+        Args:
+            versions: the newest version of each stored program.
+        """
+        known = {} if self.installed is None or not self.installed.complete else self.installed.versions
+        return sorted(name for name, version in known.items() if versions.get(name) != version)
+
+    def stage(self, name: str) -> str:
+        """Fetch a bundle and check it completely. Nothing changes.
+
+        Raises:
+            UnavailableError: the hub does not have it.
+            InputError: it is not the bundle that was meant, is not valid, or does not fit this robot.
+        """
+        content = self._fetch(name)
+        if content is None:
+            raise UnavailableError(f"the hub does not have the bundle {name[:SHORT]}; send it again")
+        if hash_of(content) != name:
+            raise InputError(f"the content is not that of the bundle {name[:SHORT]}: its hash differs")
+        bundle = read_bundle(content)
+        self._check(bundle)
+        self._staged = {name: bundle}
+        return f"staged {bundle.title}: {len(bundle.programs)} programs, {len(bundle.positions)} positions"
+
+    def activate(self, name: str) -> str:
+        """Store what the staged bundle has. The arm must rest. If it fails, all is as before.
+
+        Raises:
+            ConflictError: it is not staged, or something runs.
+            CobotError: the service does not accept a part of it; the message says which.
+        """
+        bundle = self._staged.get(name)
+        if bundle is None:
+            raise ConflictError(f"the bundle {name[:SHORT]} is not staged here; stage it first")
+        if self._is_active(name):
+            return f"{bundle.title} is active already"
+        self._require_rest()
+        self._keep(self._before(name, bundle))
+        try:
+            versions = {each.id: self._save(each, bundle.title) for each in bundle.programs}
+            for position in bundle.positions:
+                self._teach(position)
+        except CobotError as exc:
+            self._undo()
+            raise type(exc)(f"{exc}; all is as before") from exc
+        assert self.installed is not None
+        self._keep(self.installed.model_copy(update={"versions": versions, "complete": True}))
+        self._staged = {}
+        return f"activated {bundle.title}"
+
+    def _is_active(self, name: str) -> bool:
+        if self.installed is None or self.installed.bundle != name or not self.installed.complete:
+            return False
+        return not self.drift({each["id"]: each["version"] for each in self._client.programs()})
+
+    def roll_back(self, name: str) -> str:
+        """Restore what a bundle has replaced.
+
+        Raises:
+            ConflictError: it is not the newest bundle, or something runs.
+        """
+        if self.installed is None or self.installed.bundle != name:
+            raise ConflictError(f"the bundle {name[:SHORT]} is not the newest one here; nothing was changed")
+        self._require_rest()
+        title = self.installed.title
+        self._undo()
+        return f"rolled back {title}"
+
+    def recover(self) -> None:
+        """Roll an activation back that was interrupted, when the service answers.
+
+        Raises:
+            CobotError: the service does not accept it yet.
+        """
+        if self.installed is not None and not self.installed.complete:
+            self._undo()
+
+    def _check(self, bundle: Bundle) -> None:
+        limits = load_joint_limits(self._settings.web.joint_limits)
+        fixed = {each["name"] for each in self._client.positions() if not each["taught"]}
+        for position in bundle.positions:
+            if position.name in fixed:
+                raise InputError(
+                    f"position {position.name}: is part of the robot's SRDF; choose another name"
+                )
+            if len(position.joints) != len(limits.names):
+                raise InputError(
+                    f"position {position.name}: has {len(position.joints)} joints, this robot has "
+                    f"{len(limits.names)}"
+                )
+            check_positions(limits, np.array(position.joints), f"position {position.name}: joint angle")
+        with TemporaryDirectory(prefix="cobot-bundle-") as folder:
+            for program in bundle.programs:
+                file = Path(folder) / f"{program.id}.{'lua' if program.kind == 'lua' else 'json'}"
+                file.write_text(program.text, encoding="utf-8")
+            for file in sorted(Path(folder).iterdir()):
+                self._check_program(file)
+
+    @staticmethod
+    def _check_program(file: Path) -> None:
+        command = [*RUN_MODULE, "cobot.runner", "check", str(file)]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=CHECK_S, check=False)
+        except subprocess.TimeoutExpired as exc:
+            raise InputError(f"program {file.stem}: could not be checked within {CHECK_S:g} s") from exc
+        if done.returncode:
+            said = (done.stderr or done.stdout).strip().replace(f"{file.parent}/", "")
+            raise InputError(f"program {file.stem}: {said[:1000]}")
+
+    def _require_rest(self) -> None:
+        running = self._client.jobs(1, *BUSY)
+        if running:
+            raise ConflictError(f"{running[0]['request']} has not ended; the arm must rest")
+
+    def _before(self, name: str, bundle: Bundle) -> Installed:
+        programs: dict[str, BundleProgram | None] = {}
+        for program in bundle.programs:
+            try:
+                old = self._client.program(program.id)
+            except NotFoundError:
+                programs[program.id] = None
+            else:
+                programs[program.id] = BundleProgram.model_validate(
+                    {field: old[field] for field in BundleProgram.model_fields}
+                )
+        known = {each["name"]: each for each in self._client.positions()}
+        fields = list(BundlePosition.model_fields)
+        positions = {
+            each.name: BundlePosition.model_validate({field: known[each.name][field] for field in fields})
+            if each.name in known
+            else None
+            for each in bundle.positions
+        }
+        return Installed(
+            bundle=name,
+            title=bundle.title,
+            versions={},
+            programs_before=programs,
+            positions_before=positions,
+            complete=False,
+        )
+
+    def _save(self, program: BundleProgram, note: str) -> int:
+        try:
+            base = int(self._client.program(program.id)["version"])
+        except NotFoundError:
+            base = None
+        saved = self._client.save_program(
+            program.id, program.label, program.text, kind=program.kind, note=note, base=base
+        )
+        return int(saved["version"])
+
+    def _teach(self, position: BundlePosition) -> None:
+        self._client.teach_position(
+            position.name, position.joints, position.description, label=position.label
+        )
+
+    def _undo(self) -> None:
+        assert self.installed is not None
+        for name, program in self.installed.programs_before.items():
+            if program is not None:
+                self._save(program, f"before {self.installed.title}")
+            else:
+                with contextlib.suppress(NotFoundError):
+                    self._client.delete_program(name)
+        for name, position in self.installed.positions_before.items():
+            if position is not None:
+                self._teach(position)
+            else:
+                with contextlib.suppress(NotFoundError):
+                    self._client.forget_position(name)
+        self._file.unlink(missing_ok=True)
+        self.installed = None
+
+    def _keep(self, installed: Installed) -> None:
+        keep(self._file, installed.model_dump_json().encode(), "the bundle")
+        self.installed = installed
+
+    def _read(self) -> Installed | None:
+        try:
+            return Installed.model_validate_json(read_kept(self._file))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValidationError) as exc:
+            log.error("%s: cannot be read, so its bundle cannot be rolled back: %s", self._file, exc)
+            return None
+
+
+def bundle_of(folder: Path, name: str, version: str) -> bytes:
+    """The content of a bundle: the sequence files and Lua programs in `programs/`, and `positions.json`.
+
+    Args:
+        folder: `positions.json` is an object with the joint angles of each name.
+
+    Raises:
+        InputError: it has no programs and no positions, or cannot be read.
+    """
+    try:
+        files = sorted(each for each in (folder / "programs").glob("*") if each.suffix in (".json", ".lua"))
+        programs = [
+            {
+                "id": file.stem,
+                "label": file.stem,
+                "kind": "lua" if file.suffix == ".lua" else "sequence",
+                "text": file.read_text(encoding="utf-8"),
+            }
+            for file in files
+        ]
+        found = folder / "positions.json"
+        named = json.loads(found.read_text(encoding="utf-8")) if found.exists() else {}
+    except (OSError, ValueError) as exc:
+        raise InputError(f"{folder}: cannot be read: {exc}") from exc
+    if not isinstance(named, dict):
+        raise InputError(f"{found}: must be an object with the joint angles of each name")
+    if not programs and not named:
+        raise InputError(f"{folder}: has no programs/*.json, programs/*.lua or positions.json")
+    positions = [{"name": each, "joints": joints} for each, joints in named.items()]
+    content = json.dumps({"name": name, "version": version, "programs": programs, "positions": positions})
+    read_bundle(content.encode())
+    return content.encode()

@@ -1,0 +1,232 @@
+"""A bundle reaches many cells: one first, then the others in waves, and back in all of them if one fails."""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+from cobot.errors import BusyError, ConflictError, InputError, NotFoundError
+from cobot.fleet.bundles import Bundle, hash_of, read_bundle
+from cobot.fleet.messages import ActivateBundle, FleetAction, RollBackBundle, StageBundle
+
+MAX_BUNDLES = 20
+MAX_ROLL_OUTS = 100
+WATCH_S = 0.5
+WRONG = ("fault", "estop", "silent", "gone")
+"""States of a robot that end a roll-out."""
+Send = Callable[[FleetAction, str, str], dict[str, Any]]
+"""Sends an action to a cell and a robot. Returns the answer with `code` and `text`."""
+log = logging.getLogger("cobot.fleet")
+
+
+@dataclass(slots=True)
+class RollOut:
+    """One roll-out.
+
+    Attributes:
+        waves: pairs of cell and robot; the first wave is one robot.
+        state: `refused`: nothing has changed anywhere; `failed`: `done` names the robots that still have it.
+        done: the robots in which the bundle is active.
+        lines: what has happened, for people.
+    """
+
+    id: str
+    bundle: str
+    title: str
+    who: str
+    waves: list[list[tuple[str, str]]]
+    state: Literal["running", "done", "refused", "rolled_back", "failed"] = "running"
+    done: list[tuple[str, str]] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)
+    cancelled: bool = False
+
+    def tell(self, line: str) -> None:
+        log.info("roll-out %s: %s", self.title, line)
+        self.lines.append(line)
+
+
+class RollOuts:
+    """The bundles and roll-outs of a hub. One roll-out runs at a time."""
+
+    def __init__(self) -> None:
+        self._bundles: dict[str, bytes] = {}
+        self._roll_outs: dict[str, RollOut] = {}
+        self._lock = threading.Lock()
+
+    def add(self, content: bytes) -> tuple[str, Bundle]:
+        """Keep a bundle. Returns its name.
+
+        Raises:
+            InputError: it is not a bundle.
+        """
+        bundle, name = read_bundle(content), hash_of(content)
+        with self._lock:
+            self._bundles.pop(name, None)
+            self._bundles[name] = content
+            while len(self._bundles) > MAX_BUNDLES:
+                del self._bundles[next(iter(self._bundles))]
+        return name, bundle
+
+    def content(self, name: str) -> bytes | None:
+        return self._bundles.get(name)
+
+    def get(self, name: str) -> dict[str, Any]:
+        """
+        Raises:
+            NotFoundError: there is none with this id.
+        """
+        found = self._roll_outs.get(name)
+        if found is None:
+            raise NotFoundError(
+                f"there is no roll-out {name!r}; there are: {', '.join(self._roll_outs) or 'none'}"
+            )
+        return asdict(found)
+
+    def all(self) -> list[dict[str, Any]]:
+        return [asdict(each) for each in self._roll_outs.values()]
+
+    def cancel(self, name: str) -> dict[str, Any]:
+        """Roll back what has been activated.
+
+        Raises:
+            NotFoundError: there is none with this id.
+            ConflictError: it has ended.
+        """
+        self.get(name)
+        found = self._roll_outs[name]
+        if found.state != "running":
+            raise ConflictError(f"the roll-out {name} has ended: {found.state}")
+        found.cancelled = True
+        return asdict(found)
+
+    def begin(
+        self,
+        bundle: str,
+        who: str,
+        robots: Sequence[tuple[str, str]],
+        wave: int,
+        watch_s: float,
+        send: Send,
+        states: Callable[[], dict[tuple[str, str], str]],
+    ) -> dict[str, Any]:
+        """Begin in a thread.
+
+        Args:
+            robots: pairs of cell and robot, in the order of the roll-out.
+            wave: number of robots in each wave after the first one.
+            watch_s: how long the robots of a wave are watched before the next one.
+            states: the present state of each robot.
+
+        Raises:
+            NotFoundError: the hub does not have the bundle.
+            BusyError: another roll-out runs.
+            InputError: no robots are named.
+        """
+        content = self._bundles.get(bundle)
+        if content is None:
+            raise NotFoundError("the hub does not have this bundle; POST it to /bundles first")
+        if not robots:
+            raise InputError("there are no robots to roll the bundle out to")
+        rest = list(robots[1:])
+        waves = [[robots[0]], *(rest[index : index + wave] for index in range(0, len(rest), wave))]
+        made = RollOut(secrets.token_hex(6), bundle, read_bundle(content).title, who, waves)
+        with self._lock:
+            running = [each for each in self._roll_outs.values() if each.state == "running"]
+            if running:
+                raise BusyError(
+                    f"the roll-out {running[0].id} of {running[0].title} runs; wait for it, or cancel it"
+                )
+            self._roll_outs[made.id] = made
+            while len(self._roll_outs) > MAX_ROLL_OUTS:
+                del self._roll_outs[next(iter(self._roll_outs))]
+        threading.Thread(target=_run, args=(made, watch_s, send, states), daemon=True).start()
+        return asdict(made)
+
+
+def _run(
+    roll_out: RollOut, watch_s: float, send: Send, states: Callable[[], dict[tuple[str, str], str]]
+) -> None:
+    try:
+        problem = _go(roll_out, watch_s, send, states)
+        if problem:
+            roll_out.tell(problem)
+            roll_out.state = _go_back(roll_out, send)
+        else:
+            roll_out.state = "done"
+    except Exception as exc:  # whatever it was, the state says that it has ended
+        log.exception("the roll-out %s ended", roll_out.id)
+        roll_out.tell(f"ended by an error of the hub: {exc}")
+        roll_out.state = "failed"
+
+
+def _go(
+    roll_out: RollOut, watch_s: float, send: Send, states: Callable[[], dict[tuple[str, str], str]]
+) -> str:
+    """Stage everywhere, then activate wave by wave. Returns the problem that ended it, or ""."""
+    everywhere = [robot for wave in roll_out.waves for robot in wave]
+    problem = _all(roll_out, everywhere, StageBundle(kind="stage", bundle=roll_out.bundle), send, [])
+    if problem:
+        return problem
+    activate = ActivateBundle(kind="activate", bundle=roll_out.bundle)
+    for number, wave in enumerate(roll_out.waves, 1):
+        if roll_out.cancelled:
+            return "cancelled"
+        roll_out.tell(f"wave {number} of {len(roll_out.waves)}: {', '.join('/'.join(each) for each in wave)}")
+        problem = _all(roll_out, wave, activate, send, roll_out.done) or _watch(roll_out, watch_s, states)
+        if problem:
+            return problem
+    return ""
+
+
+def _all(
+    roll_out: RollOut,
+    robots: Sequence[tuple[str, str]],
+    action: FleetAction,
+    send: Send,
+    done: list[tuple[str, str]],
+) -> str:
+    """Send an action to robots, all at the same time. Returns the first problem."""
+    problem = ""
+    with ThreadPoolExecutor(min(32, len(robots))) as pool:
+        answers = list(pool.map(lambda robot: send(action, *robot), robots))
+    for robot, answer in zip(robots, answers, strict=True):
+        roll_out.tell(f"{'/'.join(robot)}: {answer['text']}")
+        if answer["code"] == "ok":
+            done.append(robot)
+        else:
+            problem = problem or f"{'/'.join(robot)} has not done it"
+    return problem
+
+
+def _watch(roll_out: RollOut, watch_s: float, states: Callable[[], dict[tuple[str, str], str]]) -> str:
+    end_s = time.monotonic() + watch_s
+    while True:
+        found = states()
+        for robot in roll_out.done:
+            state = found.get(robot, "gone")
+            if state in WRONG:
+                return f"{'/'.join(robot)} is in the state {state}"
+        if roll_out.cancelled:
+            return "cancelled"
+        if time.monotonic() >= end_s:
+            return ""
+        time.sleep(min(WATCH_S, max(0.01, end_s - time.monotonic())))
+
+
+def _go_back(roll_out: RollOut, send: Send) -> Literal["refused", "rolled_back", "failed"]:
+    if not roll_out.done:
+        return "refused"
+    back: list[tuple[str, str]] = []
+    action = RollBackBundle(kind="roll_back", bundle=roll_out.bundle)
+    _all(roll_out, roll_out.done, action, send, back)
+    roll_out.done = [robot for robot in roll_out.done if robot not in back]
+    if not roll_out.done:
+        return "rolled_back"
+    roll_out.tell(f"NOT rolled back: {', '.join('/'.join(each) for each in roll_out.done)}")
+    return "failed"
