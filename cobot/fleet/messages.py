@@ -53,7 +53,7 @@ class FleetState(StrictModel):
         panel: address of the cell's own panel; "" if it has none.
         programs: the stored programs, so that one can be chosen.
         bundle: name, version and hash of the newest bundle.
-        drift: programs of that bundle that somebody has changed since.
+        drift: programs of that bundle that have changed since.
     """
 
     cell: Name
