@@ -10,16 +10,21 @@ import importlib.util
 import json
 import os
 import shutil
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
+import psutil
 import pytest
 from chromium import Page, browsing
 from cobot_run import Run, answering, until
 from fleets import FLEET, Hub, free_port
+from folders import ROOT
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
@@ -434,3 +439,52 @@ def test_a_killed_cell_undoes_what_it_had_begun(hub: Hub, cell: Run, client: Cli
     child.kill()
     until(lambda: "half" not in programs_of(client))
     until(lambda: not load_settings(cell.config).bundle_file.exists())
+
+
+def test_the_example_of_three_cells(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As its header says; and a cell that is killed comes back while the others go on."""
+    example = ROOT / "examples" / "fleet"
+    process = subprocess.Popen(
+        [sys.executable, "-P", str(example / "start.py")],
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    try:
+        assert process.stdout is not None
+        said = next(line for line in process.stdout if line.startswith("export "))
+        for each in said.split()[1:]:
+            monkeypatch.setenv(*each.split("=", 1))
+
+        def robots() -> dict[str, str]:
+            capsys.readouterr()
+            if main(["list", "--json"]):
+                return {}
+            return {each["cell"]: each["state"] for each in json.loads(capsys.readouterr().out)["robots"]}
+
+        until(lambda: robots() == {"one": "ready", "two": "ready", "three": "ready"})
+        cells = ["one", "two", "three"]
+        given = ["--version", "1", "--wave", "2", "--watch", "0"]
+        until(lambda: main(["roll-out", str(example / "seams"), *cells, *given]) == 0)
+        assert "wave 2 of 2: two/arm-two, three/arm-three" in capsys.readouterr().out
+        assert main(["run", "--zone", "south", "--program", "seam"]) == 0
+        assert capsys.readouterr().out.count("started seam, version 1") == 2
+        until(lambda: robots()["two"] == robots()["three"] == "moving")
+        (run,) = (
+            each
+            for each in psutil.Process(process.pid).children()
+            if each.cmdline()[-1].endswith("/three.yaml")
+        )
+        run.kill()
+        until(lambda: robots()["three"] in ("gone", "silent"))
+        assert robots()["one"] == "ready"
+        assert main(["stop", "one", "two"]) == 0
+        until(lambda: robots()["three"] == "ready")
+        assert main(["roll-out", str(example / "seams"), *cells, *given]) == 0
+        assert capsys.readouterr().out.count("is active already") == 3
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60.0)
+        process.stdout.close()

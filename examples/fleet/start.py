@@ -1,0 +1,125 @@
+"""A fleet on this computer: a hub and three cells, each with a simulated arm.
+
+    .venv/bin/python examples/fleet/start.py
+
+It prints the address of the page and a token, and ends with Ctrl-C. Certificates, settings and logs are in a
+folder that is deleted then. In another terminal:
+
+    export COBOT_FLEET=... COBOT_TOKEN=... COBOT_CERTIFICATE=...          (as it prints them)
+    .venv/bin/cobot fleet list
+    .venv/bin/cobot fleet roll-out examples/fleet/seams one two three --version 1 --wave 2
+    .venv/bin/cobot fleet run --all --program seam
+    .venv/bin/cobot fleet stop --all
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+CELLS = ("one", "two", "three")
+COBOT = [sys.executable, "-P", "-m", "cobot"]
+SETTINGS = """\
+robot: {{name: arm-{cell}}}
+logs: {folder}/{cell}
+web: {{port: 0}}
+ros: {{enabled: false}}
+planning: {{workers: 1}}
+fleet:
+  name: hall
+  cell: {cell}
+  zone: {zone}
+  connect: [tls/localhost:{port}]
+  certificates: {folder}/certificates/cells/{cell}
+  accept: {{roll_out: operator}}
+"""
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+def prepare(folder: Path) -> list[list[str]]:
+    """Make certificates, a token and settings. Returns the commands to run."""
+    certificates = folder / "certificates"
+    port, page = free_port(), free_port()
+    for kind, names in (("hub", ("localhost", "127.0.0.1")), ("cell", CELLS)):
+        command = [*COBOT, "fleet", "certificate", str(certificates), kind, *names]
+        subprocess.run(command, check=True, capture_output=True)
+    command = [
+        *COBOT,
+        "token",
+        "create",
+        "ada",
+        "--role",
+        "operator",
+        "--file",
+        f"{certificates}/tokens.json",
+    ]
+    token = subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+    commands = [
+        [
+            *(*COBOT, "fleet", "serve", "--name", "hall", "--certificates", str(certificates)),
+            *("--listen", f"tls/127.0.0.1:{port}", "--port", str(page)),
+        ]
+    ]
+    for cell in CELLS:
+        config = folder / f"{cell}.yaml"
+        zone = "north" if cell == "one" else "south"
+        config.write_text(SETTINGS.format(cell=cell, zone=zone, folder=folder, port=port), encoding="utf-8")
+        commands.append([*COBOT, "run", "--config", str(config)])
+    print(f"the page:  https://localhost:{page} (your browser does not know the certificate; go on to it)")
+    print(f"the token: {token}")
+    print(f"export COBOT_FLEET=https://localhost:{page} COBOT_TOKEN={token}", end=" ")
+    print(f"COBOT_CERTIFICATE={certificates}/ca.pem", flush=True)
+    return commands
+
+
+def watch(commands: Sequence[Sequence[str]], output: BinaryIO) -> int:
+    """Run them all, and start one that was killed again. Returns when one of them fails."""
+    processes = [subprocess.Popen(command, stdout=output, stderr=output) for command in commands]
+    try:
+        while True:
+            time.sleep(0.5)
+            for index, process in enumerate(processes):
+                code = process.poll()
+                if code is None:
+                    continue
+                print(f"ended with {code}: {' '.join(commands[index])}", flush=True)
+                if code >= 0:
+                    return code or 1
+                processes[index] = subprocess.Popen(commands[index], stdout=output, stderr=output)
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(20.0)
+
+
+def main() -> int:
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.default_int_handler)
+    with tempfile.TemporaryDirectory(prefix="cobot-fleet-") as folder:
+        file = Path(folder) / "output.txt"
+        with file.open("wb") as output:
+            code = watch(prepare(Path(folder)), output)
+        if code:
+            print(file.read_text(encoding="utf-8", errors="replace")[-2000:])
+        return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
