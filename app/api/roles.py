@@ -28,6 +28,7 @@ PANEL_PLANNERS, PANEL_LUA = f"{PANEL}/planners.js", f"{PANEL}/lua-functions.js"
 PUBLIC_PATHS = (
     "/",
     PANEL,
+    f"{PANEL}/",
     PANEL_PLANNERS,
     PANEL_LUA,
     THREE,

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
-from fastapi.responses import FileResponse, Response
+from fastapi.responses import FileResponse, RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Message, Receive, Scope, Send
 
@@ -120,6 +120,11 @@ def install(app: FastAPI) -> None:
     @app.get("/", include_in_schema=False)
     async def panel() -> FileResponse:
         return FileResponse(SITE / "index.html", headers=HEADERS)
+
+    @app.get(PANEL, include_in_schema=False)
+    @app.get(f"{PANEL}/", include_in_schema=False)
+    async def by_name() -> RedirectResponse:  # the address that people guess
+        return RedirectResponse("/")
 
     @app.get(THREE, include_in_schema=False)
     async def three(name: str) -> FileResponse:

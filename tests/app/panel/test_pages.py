@@ -121,12 +121,19 @@ def test_without_the_package_of_three_js_the_answer_names_it(
     assert "ifc-console-viewer" in answer.json()["detail"]
 
 
+def test_the_address_that_people_guess_leads_to_the_panel(app: FastAPI) -> None:
+    """Oracle: a person who typed /panel saw an error, because only the panel's files were below it."""
+    for path in ("/panel", "/panel/"):
+        answer = ask(app, path)
+        assert (answer.status_code, answer.headers["location"]) == (307, "/"), path
+        assert ask(app, f"/v1{path}").headers["location"] == "/", path
+
+
 def test_nothing_else_is_served(app: FastAPI) -> None:
     for path in (
         "/panel/../pages.py",
         "/panel/%2e%2e/pages.py",
         "/panel/none.js",
-        "/panel/",
         "/three/web-ifc-api.js",
     ):
         assert ask(app, path).status_code == 404, path
