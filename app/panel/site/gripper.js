@@ -100,13 +100,16 @@ export class Gripper {
 
   // Width, force and what is held, as far as they are known.
   said({ width, force, moving, object, fault }, held) {
-    const parts = [
-      fault,
-      moving ? word("gripper_moving") : "",
+    const values = [
       typeof width === "number" ? `${(MM * width).toFixed(1)} mm` : "",
       typeof force === "number" ? `${force.toFixed(0)} N` : "",
+    ].filter(Boolean).join(", ");
+    const parts = [
+      fault,
       object ? word(`gripper_${object}`, { name: held ?? word("gripper_something") }) : "",
+      moving ? word("gripper_moving") : "",
+      values && word("gripper_measured", { values }),
     ];
-    return parts.filter(Boolean).join(", ");
+    return parts.filter(Boolean).join(" ");
   }
 }

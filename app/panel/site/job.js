@@ -19,8 +19,10 @@ function write(id, text) {
 }
 
 export class Job {
-  constructor(api) {
+  // speeds: shows the override next to the speed.
+  constructor(api, speeds) {
     this.api = api;
+    this.speeds = speeds;
     this.job = null;
     this.timer = 0;
     this.held = this.sending = false; // somebody has a hand on the slider; its value is on its way
@@ -78,6 +80,7 @@ export class Job {
     const text = `${element("override-set").value} %`;
     write("override-shown", text);
     element("override-set").setAttribute("aria-valuetext", text);
+    this.speeds.write();
   }
 
   async setSpeed() {
@@ -114,7 +117,7 @@ export class Job {
     allow(element("step"), idle || (WITH_STEPS.includes(kind) ? "" : "why_no_steps"));
     element("progress").value = going || state === "finished" ? progress : 0;
     write("job", this.job ? word("job_of", { state: word(STATES[state]), owner }) : word("job_none"));
-    write("job-error", error?.detail ?? "");
+    write("job-error", error?.code === "stopped" ? word("job_rest", { percent: Math.round(100 * progress) }) : error?.detail ?? "");
     write("job-left", going && typeof left === "number" ? word("job_left", { seconds: left.toFixed(0) }) : "");
   }
 }

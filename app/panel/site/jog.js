@@ -2,19 +2,20 @@
 // stops the arm when it is told so, or when it hears nothing for 200 ms.
 import { moved } from "./follow.js";
 import { abcOf, stepped, tcpOf } from "./kinematics.js";
-import { word } from "./words.js";
+import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 50;
-const TCP_M_S = 0.25;
-const TCP_RAD_S = 0.5;
-const JOINT_SHARE = 0.5; // of a joint's own speed, at 100 %
+// What 100 % is for planned motions of the TCP, and the limits of jogging: of the TCP, and as a share for a joint.
+const [FULL_M_S, FULL_RAD_S] = [1, 2];
+const [MAX_M_S, MAX_RAD_S, MAX_SHARE] = [0.25, 0.5, 0.5];
 const STEPS = { small: [0.5, 0.001], middle: [2, 0.01], large: [10, 0.05] };
 const element = (id) => document.getElementById(id);
 
 export class Jog {
   // now: {state, geometry}; either may be missing.
-  constructor(api, stream, readouts, now) {
+  constructor(api, stream, readouts, now, speeds) {
     this.api = api;
+    this.speeds = speeds;
     this.stream = stream;
     this.readouts = readouts;
     this.now = now;
@@ -40,6 +41,8 @@ export class Jog {
     document.addEventListener("contextmenu", (event) => {
       if (event.target.closest?.("[data-jog]")) event.preventDefault();
     });
+    for (const each of document.querySelectorAll("[name=jog-how]")) each.addEventListener("change", () => this.hint());
+    inEachLanguage(() => this.hint());
     window.addEventListener("blur", () => this.release());
     window.addEventListener("pagehide", () => this.release());
     document.addEventListener("visibilitychange", () => this.release());
@@ -48,10 +51,21 @@ export class Jog {
     });
   }
 
+  get how() {
+    return document.querySelector("input[name=jog-how]:checked").value;
+  }
+
+  // What a press does.
+  hint() {
+    const [angle, way] = STEPS[this.how] ?? [];
+    this.say(angle ? word("jog_hint_step", { angle, way: 1000 * way }) : word("jog_hint"));
+  }
+
   press(event, button, { held = true } = {}) {
     if (!button || (event.button ?? 0) !== 0) return;
-    const how = document.querySelector("input[name=jog-how]:checked").value;
+    const { how } = this;
     this.release();
+    if (!this.speeds.override) return void this.say(word("jog_override_zero"));
     if (how !== "hold") {
       this.step(button, ...STEPS[how]);
       return;
@@ -74,20 +88,21 @@ export class Jog {
     this.held = null;
     clearInterval(this.timer);
     this.stream.send({ type: "jog" });
-    this.say(word("jog_hint"));
+    this.hint();
   }
 
   send() {
     const { jog, index, sign } = this.held.dataset;
-    const share = (Number(sign) * element("jog-speed").value) / 100;
+    const { share, override } = this.speeds;
+    const velocity = (full, max) => Number(sign) * Math.min(share * full, max) * override;
     const frame = { type: "jog" };
     if (jog === "joint") {
       frame.joints = this.readouts.ranges.map((range, each) =>
-        each === Number(index) ? share * JOINT_SHARE * range.max_velocity : 0,
+        each === Number(index) ? velocity(1, MAX_SHARE) * range.max_velocity : 0,
       );
     } else {
       frame.twist = [0, 0, 0, 0, 0, 0];
-      frame.twist[index] = share * (index < 3 ? TCP_M_S : TCP_RAD_S);
+      frame.twist[index] = index < 3 ? velocity(FULL_M_S, MAX_M_S) : velocity(FULL_RAD_S, MAX_RAD_S);
       frame.frame = element("jog-frame").value;
     }
     if (!this.stream.send(frame)) this.release();
@@ -116,16 +131,19 @@ export class Jog {
     this.pending = true;
     this.say(word("jog_moves"));
     const joints = [...state.commanded_position];
-    const speed = element("jog-speed").value / 200;
+    const speed = Math.min(this.speeds.share, MAX_SHARE);
+    let why = "";
     const [turn, line] = [Number(sign) * angle * (Math.PI / 180), Number(sign) * way];
     try {
       if (jog === "joint") {
         joints[index] += geometry.joints[index].slides ? line : turn;
-        this.say((await moved(this.api, "/move/joints", { joints, speed })) || word("jog_hint"));
+        why = await moved(this.api, "/move/joints", { joints, speed });
       } else {
         const goal = this.beside(tcpOf(geometry, joints), Number(index), turn, line);
-        this.say((await moved(this.api, "/move/pose", { ...goal, planner: "lin", speed })) || word("jog_hint"));
+        why = await moved(this.api, "/move/pose", { ...goal, planner: "lin", speed });
       }
+      if (why) this.say(why);
+      else this.hint();
     } catch (error) {
       this.say(error.message);
     } finally {

@@ -12,6 +12,7 @@ import { Freedrive } from "./freedrive.js";
 import { DeviceIo } from "./device-io.js";
 import { Gripper } from "./gripper.js";
 import { Guide } from "./guide.js";
+import { Halt } from "./halt.js";
 import { Io } from "./io.js";
 import { Job } from "./job.js";
 import { Jog } from "./jog.js";
@@ -19,6 +20,7 @@ import { Lease } from "./lease.js";
 import { Live } from "./live.js";
 import { Log } from "./log.js";
 import { Lua } from "./lua.js";
+import { installMenus } from "./menus.js";
 import { Motions } from "./motions.js";
 import { Names } from "./names.js";
 import { oneAtATime } from "./once.js";
@@ -34,6 +36,7 @@ import { Run } from "./run.js";
 import { RunNow } from "./run-now.js";
 import { Setup } from "./setup.js";
 import { Simulation } from "./simulation.js";
+import { Speed } from "./speed.js";
 import { Status } from "./status.js";
 import { Stored } from "./stored.js";
 import { Stream } from "./stream.js";
@@ -59,7 +62,8 @@ class Panel {
     this.status = new Status(api, this.device, () => this.ownStream, () => this.job.job?.state === "paused");
     this.banner = new Banner(api);
     this.planned = new Planned(() => this.readouts.ranges);
-    this.motions = new Motions(api, (plan) => this.preview(plan), () => this.state);
+    this.speed = new Speed();
+    this.motions = new Motions(api, (plan, still) => this.preview(plan, still), () => this.state, this.speed);
     this.approvals = new Approvals(api, this.motions);
     this.freedrive = new Freedrive(api);
     this.programPage = new ProgramPage(api, this.motions, () => this, this.freedrive);
@@ -74,7 +78,7 @@ class Panel {
       connected: (connected) => this.connected(connected),
       silent: (silent) => this.silent(silent),
     });
-    this.job = new Job(api);
+    this.job = new Job(api, this.speed);
     this.queue = new Queue(api);
     this.lua = new Lua(api, this.programPage);
     this.io = new Io(api);
@@ -91,10 +95,11 @@ class Panel {
     this.pages = new Pages(() => this.turnPage());
     this.log = new Log();
     this.events = new Events(api, (event) => this.hear(event));
-    this.jog = new Jog(api, this.stream, this.readouts, () => this);
+    this.jog = new Jog(api, this.stream, this.readouts, () => this, this.speed);
     this.pull = new Pull(this.stream, () => this);
     this.lease = new Lease(api, this.stream);
     this.guide = new Guide();
+    this.halt = new Halt();
     this.person = new Person(api, (name) => {
       if (name) this.stream.connect();
       this.guide.offer();
@@ -153,6 +158,7 @@ class Panel {
     this.state = null; // states of the robot before may have come until now
     this.stream.open();
     this.log.clear();
+    this.halt.clear();
     this.live.clear();
     this.viewTools.clear();
     this.events.open(); // their first one has all parts look
@@ -233,13 +239,14 @@ class Panel {
 
   hear(event) {
     const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.run, this.runNow, this.names, this.recordings, this.log, this.status, this.setup, this.way, this.stored];
-    for (const each of heard) each.hear(event);
+    for (const each of [...heard, this.halt]) each.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
   }
 
-  // What is planned, as a ghost and as curves; null for nothing.
-  preview(plan) {
+  // What is planned, as a ghost and as curves; null for nothing. still: the time at which the ghost stays, s.
+  preview(plan, still = null) {
     this.view?.preview(plan);
+    if (still !== null) this.view?.hold(still);
     this.planned.show(plan);
     this.drag?.previewed(plan);
   }
@@ -266,6 +273,7 @@ class Panel {
 
 const api = new Api();
 api.onToken = () => location.reload();
+installMenus();
 await installLanguages();
 const panel = new Panel(api);
 window.cobotPanel = panel; // for the browser's console and the tests

@@ -14,8 +14,9 @@ const MADE = "cobot.plans"; // the plans of this tab, also after it was loaded a
 const element = (id) => document.getElementById(id);
 
 export class Motions {
-  constructor(api, preview, state) {
+  constructor(api, preview, state, speeds) {
     this.api = api;
+    this.speeds = speeds;
     this.state = state;
     this.positions = [];
     this.offered = "";
@@ -32,7 +33,6 @@ export class Motions {
     element("rehearse").addEventListener("click", () => this.rehearse());
     element("discard").addEventListener("click", () => this.discard());
     element("motion-speed").addEventListener("change", () => this.again?.());
-    element("motion-speed").addEventListener("input", () => this.writeSpeed());
     element("position-teach").addEventListener("click", () => this.teach());
     element("position-forget").addEventListener("click", () => this.forget());
     element("position-name").addEventListener("input", () => this.mark());
@@ -41,11 +41,6 @@ export class Motions {
       this.say(this.words);
       this.mark();
     });
-    this.writeSpeed();
-  }
-
-  writeSpeed() {
-    element("motion-speed-shown").textContent = `${element("motion-speed").value} %`;
   }
 
   // What the field says, and the position that is shown under this name, if there is one.
@@ -135,7 +130,7 @@ export class Motions {
   }
 
   get speed() {
-    return element("motion-speed").value / 100;
+    return this.speeds.share;
   }
 
   choose(name, label = name) {
@@ -212,6 +207,7 @@ export class Motions {
     this.mark();
     const { asked, name } = this;
     this.say(() => word("moving", { name: name ?? "" }));
+    this.preview(plan, plan.duration_s); // the ghost shows where the arm goes
     const why = await moved(this.api, "/execute", { plan_id: plan.plan_id }).catch((error) => error.message);
     if (asked !== this.asked) return; // somebody looks at another plan by now
     this.discard();

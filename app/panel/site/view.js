@@ -9,6 +9,7 @@ import { Drawn, drawnPart } from "./shapes.js";
 const [PLANNED, RUNNING] = [0x12a150, 0xc2410c];
 const TRACED = 0x7c3aed;
 const MAX_TRACED = 2000; // points, 80 s of motion
+const SAME_RAD = 0.01; // rad or m: a ghost that is where the arm is hides it
 const UP = new THREE.Vector3(0, 0, 1);
 // Where the camera is, from the middle of an arm whose box has this diagonal, m.
 const VIEWS = { iso: [1.55, -1.5, 0.65], front: [2.25, 0, 0.1], top: [0.001, 0, 2.3] };
@@ -262,7 +263,9 @@ export class View {
     const next = Math.max(1, path.findIndex((point) => point.time_s >= time));
     const [before, after] = [path[next - 1], path[next]];
     const share = (time - before.time_s) / (after.time_s - before.time_s || 1);
-    this.ghost.place(before.joints.map((value, joint) => value + share * (after.joints[joint] - value)));
+    const joints = before.joints.map((value, joint) => value + share * (after.joints[joint] - value));
+    this.ghost.place(joints);
+    this.ghost.root.visible = !this.joints || joints.some((value, joint) => Math.abs(value - this.joints[joint]) > SAME_RAD);
   }
 
   draw() {

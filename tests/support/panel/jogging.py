@@ -11,6 +11,7 @@ from cobot_run import WAIT_S, until
 from panel.page import (
     HOME,
     MOVED_RAD,
+    SIZE,
     Panel,
     away,
     button,
@@ -18,6 +19,7 @@ from panel.page import (
     is_at,
     newest,
     set_to,
+    size,
     tcp_at,
 )
 
@@ -122,11 +124,14 @@ def test_steps_move_by_just_that_and_do_not_add_up_what_is_measured_beside_it(pa
 
 
 def test_a_held_button_asks_for_the_speed_that_the_slider_says_and_the_arm_moves(panel: Panel) -> None:
-    """Oracle: half of the joint's limit at 100 %. That the arm reaches what is asked for is tested where the
-    clock is virtual, in tests/app/services/streaming/test_jog.py: a busy computer lets go before that.
+    """The one speed of the panel, and the override that scales it. Oracle: the limit of the joint, and the
+    override of the service. That the arm reaches what is asked for is tested where the clock is virtual, in
+    tests/app/services/streaming/test_jog.py: a busy computer lets go before that.
     """
     limit = panel.page.run("cobotPanel.readouts.ranges[0].max_velocity")
-    set_to(panel, "#jog-speed", "10")
+    set_to(panel, "#motion-speed", "20")
+    set_to(panel, "#override-set", "50")
+    panel.until("document.querySelector('#motion-speed-shown').innerText === '20 % × 50 %'")
     plus = button("joint", 0, 1)
     panel.page.run(
         "(s => { s.send = (frame) => {"
@@ -140,9 +145,40 @@ def test_a_held_button_asks_for_the_speed_that_the_slider_says_and_the_arm_moves
     finally:
         panel.let_go(plus)
         panel.page.run("delete cobotPanel.stream.send")
-        set_to(panel, "#jog-speed", "50")
-    np.testing.assert_allclose(asked, [0.1 * 0.5 * limit, *[0.0] * 6], rtol=1e-12)
+        set_to(panel, "#override-set", "100")
+        set_to(panel, "#motion-speed", "10")
+    np.testing.assert_allclose(asked, [0.2 * 0.5 * limit, *[0.0] * 6], rtol=1e-12)
+    panel.until("document.querySelector('#motion-speed-shown').innerText === '10 %'")
     panel.stays()
+
+
+def test_at_an_override_of_zero_nothing_is_jogged_and_the_page_says_why(panel: Panel) -> None:
+    try:
+        set_to(panel, "#override-set", "0")
+        panel.page.click(button("joint", 0, 1))
+        assert "override in the head is 0 %" in panel.text("#jog-why")
+    finally:
+        set_to(panel, "#override-set", "100")
+    panel.stays()
+
+
+def test_the_hint_says_what_a_press_does(panel: Panel) -> None:
+    for nth, hint in ((2, "0.5° or the TCP by 1 mm"), (4, "10° or the TCP by 50 mm"), (1, "Hold − or +")):
+        panel.page.click(f"#jog-how label:nth-child({nth})")
+        assert hint in panel.text("#jog-why")
+
+
+def test_on_a_phone_the_speed_is_next_to_the_jog_buttons_and_is_the_same(panel: Panel) -> None:
+    size(panel, 390, 844, mobile=True)
+    try:
+        assert panel.page.run("document.querySelector('#motion-speed').offsetParent === null")
+        set_to(panel, "#jog-speed", "25")
+        assert panel.page.run("cobotPanel.speed.share") == 0.25
+        panel.until("document.querySelector('#jog-speed-shown').innerText === '25 %'")
+        set_to(panel, "#jog-speed", "10")
+    finally:
+        size(panel, *SIZE)
+    assert panel.page.run("document.querySelector('#motion-speed').value") == "10"
 
 
 def test_a_finger_holds_a_button_too_and_no_step_is_taken_by_holding_nothing(panel: Panel) -> None:

@@ -126,6 +126,26 @@ def test_motions_are_slowed_paused_and_followed(panel: Panel) -> None:
         until(lambda: speed(panel) == 1.0)
 
 
+def test_while_the_arm_follows_a_plan_the_ghost_stays_at_its_end_and_is_hidden_there(panel: Panel) -> None:
+    """Oracle: the last point of the plan; the arm is there, because the service says so."""
+    set_to(panel, "#motion-speed", "5")
+    planned(panel, "work")
+    goal = panel.page.run("cobotPanel.motions.plan.path.at(-1).joints")
+    shown = "cobotPanel.view.ghost.root.visible"
+    panel.until(f"{shown} && cobotPanel.view.still === null")
+    panel.page.click("#execute")
+    panel.until("cobotPanel.view.still === cobotPanel.view.plan?.duration_s")
+    panel.until(f"{shown} && !document.querySelector('#pause').disabled")
+    panel.page.click("#pause")
+    panel.until("document.querySelector('#pause').innerText === 'Resume'")
+    assert panel.page.run(shown), "the arm is on its way"
+    there = f"(view => (view.show({{position: {goal}}}), view.haunt(), view.ghost.root.visible))"
+    assert not panel.page.run(f"{there}(cobotPanel.view)")
+    panel.page.click("#stop")
+    until(panel.rests)
+    set_to(panel, "#motion-speed", "10")
+
+
 def test_plans_of_others_are_approved_and_taken_back(panel: Panel) -> None:
     planned(panel, "work")
     panel.page.click("#discard")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import httpx
 import pytest
-from cobot_run import until
+from cobot_run import WAIT_S, until
 from streaming_client import StreamClient
 
 from panel.page import (
@@ -27,6 +28,48 @@ def test_stop_is_everywhere(panel: Panel, way: str) -> None:
     until(panel.rests)
     assert panel.run.joints()[0] < 0.5
     assert panel.page.run("document.querySelector('#execute').disabled"), "Space has pressed no other button"
+
+
+def test_after_a_stop_the_page_says_what_has_stopped_by_whom_and_what_to_press_next(panel: Panel) -> None:
+    """Oracle: GET /jobs has who asked for the motion that was stopped, and the share of its path."""
+    slowly(panel)
+    panel.page.click("#stop")
+    until(panel.rests)
+    panel.until("!document.querySelector('#halt').hidden")
+    panel.until("document.querySelector('#halt-what').innerText.startsWith('The motion has ended')")
+    assert panel.text("#halt-who").startswith("Stopped by you at ")
+    assert "press Execute" in panel.text("#halt-next")
+    panel.until("document.querySelector('#job').innerText.startsWith('Stopped')")
+    newest = httpx.get(f"{panel.run.url}/jobs?limit=1", timeout=WAIT_S).json()["jobs"][0]
+    assert panel.text("#job-error") == (
+        f"The arm came to rest after {round(100 * newest['progress'])} % of the path."
+    )
+    panel.page.click("#halt-close")
+    assert panel.page.run("document.querySelector('#halt').hidden")
+    panel.page.run("cobotPanel.halt.clear()")
+    httpx.post(f"{panel.run.url}/stop", timeout=WAIT_S).raise_for_status()
+    panel.until("document.querySelector('#halt-what').innerText.startsWith('Nothing was running')")
+    slowly(panel)
+    panel.until("document.querySelector('#halt').hidden")
+    httpx.post(f"{panel.run.url}/stop", timeout=WAIT_S).raise_for_status()
+    panel.until("document.querySelector('#halt-who').innerText.includes('by an unnamed client')")
+
+
+@pytest.mark.parametrize("menu", ["override-part", "program-menu", "add"])
+def test_escape_closes_a_menu_and_stops_all_the_same(panel: Panel, menu: str) -> None:
+    slowly(panel)
+    panel.page.reveal(f"#{menu} > summary")
+    panel.page.click(f"#{menu} > summary")
+    panel.until(f"document.querySelector('#{menu}').open")
+    panel.page.key("Escape", "Escape")
+    panel.until(f"!document.querySelector('#{menu}').open")
+    until(panel.rests)
+    assert panel.run.joints()[0] < 0.5
+    panel.page.click(f"#{menu} > summary")
+    panel.until(f"document.querySelector('#{menu}').open")
+    panel.page.click("#mode")
+    panel.until(f"!document.querySelector('#{menu}').open")
+    panel.page.click("#tab-move")
 
 
 def test_a_space_in_a_text_field_is_a_space(panel: Panel) -> None:
