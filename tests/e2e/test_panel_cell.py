@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 import trimesh
 import yaml
 from cell_run import EXAMPLE, IN_TRAY, RunOfCell
 from chromium import CHROMIUM, Page, browsing
 from cobot_run import ROOT, WAIT_S, Run, answering, until
+from scipy.spatial.transform import Rotation
 
 BETWEEN = """(() => {
   const { arm } = cobotPanel.view;
@@ -74,12 +76,85 @@ def test_the_gripper_is_commanded_and_the_parts_are_drawn(tmp_path: Path) -> Non
         )
         page.set_to("#language", "de")
         page.run("document.querySelector('#name-form').hidden = true")
+        page.run("cobotPanel.parts.choose('bar')")
         height = "(e => e.scrollHeight - e.clientHeight)(document.querySelector('#side'))"
         until(
             lambda: page.run(height) <= 1, lambda: f"{page.run(height)} px of the page Move are out of sight"
         )
+        lowest = "document.querySelector('#gripper').getBoundingClientRect().bottom"
+        for width_px, height_px in ((1280, 800), (1024, 768)):
+            page.ask(
+                "Emulation.setDeviceMetricsOverride",
+                width=width_px, height=height_px, deviceScaleFactor=1, mobile=False,
+            )  # fmt: skip
+            until(lambda: page.run(lowest) < height_px, lambda: f"{page.run(lowest)} of {height_px} px")  # noqa: B023
         page.click("#gripper-home")
         until(lambda: page.run("document.querySelector('#gripper-why').innerText") == "")
+
+
+SCREEN = """(() => {
+  const { parts, camera, place } = cobotPanel.view;
+  const [, mesh] = [...parts].find(([key]) => key.startsWith("can "));
+  const { x, y } = mesh.position.clone().project(camera);
+  const { left, top, width, height } = place.getBoundingClientRect();
+  return [left + (x + 1) / 2 * width, top + (1 - y) / 2 * height];
+})()"""
+"""Where the can is drawn."""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_a_part_is_chosen_in_the_picture_and_the_arm_goes_above_it_and_to_it_after_execute(
+    tmp_path: Path,
+) -> None:
+    """Oracle: the place of the can in GET /cell, its length in the cell file, and the pose of the service."""
+    with (
+        answering(RunOfCell(tmp_path)) as run,
+        browsing(tmp_path, "--enable-unsafe-swiftshader") as tools,
+    ):
+        page = Page(tools)
+        page.visit(f"{run.url}/")
+        until(
+            lambda: page.run("window.cobotPanel?.view?.parts.size === 3 && cobotPanel.parts.all.length === 5")
+        )
+        page.ask(
+            "Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False
+        )
+        page.run("document.querySelector('#name-form').hidden = true; cobotPanel.guide.show(5)")
+        if page.run("document.querySelector('#view-drag').ariaPressed") == "true":
+            page.click("#view-drag")
+        at = tuple(page.run(SCREEN))
+        page.mouse("mousePressed", at)
+        page.mouse("mouseReleased", at)
+        until(lambda: page.run("cobotPanel.parts.chosen") == "can")
+        assert not page.run("document.querySelector('#cell-list').hidden")
+        row = "#cell-list li:nth-child(3)"
+        can = next(each for each in run.ask("GET", "/cell")["parts"] if each["name"] == "can")
+        shown = [f"{1000 * each:.0f}" for each in can["position"]]
+        assert page.run(f"document.querySelector('{row} span').innerText").split() == shown
+        length = yaml.safe_load(CELL.read_text(encoding="utf-8"))["parts"]["can"]["size_m"][1]
+        page.set_to("#motion-speed", "50")
+
+        def pose() -> list[float]:
+            return list(run.ask("GET", "/robot/pose")["position"].values())
+
+        before = pose()
+        for nth, above in ((2, 0.5 * length + 0.1), (3, 0.0)):
+            page.click(f"{row} button:nth-of-type({nth})")
+            until(lambda: page.run("!document.querySelector('#execute').disabled"))
+            goal = np.add(can["position"], [0.0, 0.0, above])
+            values = (
+                "[...document.querySelectorAll('#tcp input')].slice(0, 3).map((each) => Number(each.value))"
+            )
+            np.testing.assert_allclose(page.run(values), 1000.0 * goal, atol=0.06)
+            np.testing.assert_allclose(pose(), before, atol=1e-4, err_msg="a plan moves nothing")
+            page.click("#execute")
+            until(lambda: page.run("document.querySelector('#plan').innerText") == "The arm has arrived.")
+            before = pose()
+            np.testing.assert_allclose(before, goal, atol=2e-3)
+            turned = Rotation.from_quat(
+                list(run.ask("GET", "/robot/pose")["orientation"]["quaternion"].values())
+            )
+            np.testing.assert_allclose(turned.apply([0.0, 0.0, 1.0]), [0.0, 0.0, -1.0], atol=5e-3)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")

@@ -43,7 +43,7 @@ export class Drag {
     if (!view) return;
     const shown = state && geometry && document.body.dataset.page === "move" && !freedrive.on && element("view-drag").getAttribute("aria-pressed") === "true";
     if (!shown || this.pointer !== null) return void view.showHandles(shown ? undefined : null);
-    const { position, quaternion } = this.target ?? tcpOf(geometry, state.commanded_position);
+    const { position, quaternion } = this.pose(state, geometry);
     view.showHandles({ position, quaternion: element("jog-frame").value === "tool" ? quaternion : [0, 0, 0, 1] });
   }
 
@@ -52,7 +52,7 @@ export class Drag {
     if (event.button !== 0 || !event.isPrimary || this.pointer !== null || !view || !state || !geometry) return;
     if (!view.pointing.holdHandle(event)) return;
     event.stopPropagation(); // the camera stays
-    const from = this.target ?? tcpOf(geometry, state.commanded_position);
+    const from = this.pose(state, geometry);
     this.motions.discard(); // which forgets the target
     [this.pointer, this.from, this.target] = [event.pointerId, from, from];
     event.target.setPointerCapture(event.pointerId);
@@ -89,14 +89,29 @@ export class Drag {
     else this.forget();
   }
 
-  async plan() {
+  // Where the TCP is, or is to go next: {position, quaternion}.
+  pose(state, geometry) {
+    return this.target ?? tcpOf(geometry, state.commanded_position);
+  }
+
+  // A target from elsewhere, as if the handles had been dragged there.
+  take(target, name, planner) {
+    this.cancel("");
+    this.motions.discard();
+    this.target = target;
+    this.place();
+    this.plan(name, planner);
+    this.now().readouts.aim(target);
+  }
+
+  async plan(name = this.name, planner = "lin") {
     const { target } = this;
     const [[x, y, z], [a, b, c]] = [target.position, abcOf(target.quaternion)];
     this.planning = true;
-    const plan = await this.motions.toPose(this.name, { x, y, z, a, b, c });
+    const plan = await this.motions.toPose(name, { x, y, z, a, b, c }, planner);
     this.planning = false;
     if (!plan || target !== this.target) return void (target === this.target && this.forget());
-    this.motions.again = () => this.plan(); // with another speed
+    this.motions.again = () => this.plan(name, planner); // with another speed
     if (document.activeElement === document.body) element("execute").focus({ preventScroll: true }); // so that Enter runs it
   }
 

@@ -51,6 +51,15 @@ export function tcpOf({ bodies, base, tcp }, joints) {
   return chained(inverse(placed[base]), chained(placed[tcp.body], tcp));
 }
 
+// Upwards, in the base frame. Nothing moves the base.
+export function upOf({ bodies, base }) {
+  let up = [0, 0, 1];
+  const chain = [];
+  for (let index = base; index > 0; index = bodies[index].parent) chain.unshift(bodies[index]);
+  for (const { quaternion: [x, y, z, w] } of [bodies[0], ...chain]) up = rotate([-x, -y, -z, w], up);
+  return up;
+}
+
 function chained(outer, inner) {
   return {
     position: plus(outer.position, rotate(outer.quaternion, inner.position)),

@@ -24,6 +24,7 @@ import { installMenus } from "./menus.js";
 import { Motions } from "./motions.js";
 import { Names } from "./names.js";
 import { oneAtATime } from "./once.js";
+import { Parts } from "./parts.js";
 import { Person } from "./person.js";
 import { Planned } from "./plots.js";
 import { ProgramFiles } from "./program-files.js";
@@ -105,7 +106,8 @@ class Panel {
       this.guide.offer();
     });
     this.way = new Way(api, () => this.view);
-    this.cell = new Cell(api, () => this.view);
+    this.parts = new Parts(api, () => this);
+    this.cell = new Cell(api, () => this.view, (parts) => this.parts.show(parts));
     this.clearance = new Clearance(api, () => this.view);
     this.lookAgain = oneAtATime(() => this.look());
     document.addEventListener("cobot-stop", ({ detail }) => {
@@ -159,6 +161,7 @@ class Panel {
     this.stream.open();
     this.log.clear();
     this.halt.clear();
+    this.parts.clear();
     this.live.clear();
     this.viewTools.clear();
     this.events.open(); // their first one has all parts look
@@ -239,7 +242,7 @@ class Panel {
 
   hear(event) {
     const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.run, this.runNow, this.names, this.recordings, this.log, this.status, this.setup, this.way, this.stored];
-    for (const each of [...heard, this.halt]) each.hear(event);
+    for (const each of [...heard, this.halt, this.parts]) each.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
   }
 

@@ -141,9 +141,8 @@ export class Motions {
     return this.ask(name, () => this.planned("/plan/joints", { joints, speed: this.speed, samples: SAMPLES }));
   }
 
-  // Along a straight line.
-  toPose(name, pose) {
-    return this.ask(name, () => this.planned("/plan/pose", { ...pose, planner: "lin", speed: this.speed, samples: SAMPLES }));
+  toPose(name, pose, planner = "lin") {
+    return this.ask(name, () => this.planned("/plan/pose", { ...pose, planner, speed: this.speed, samples: SAMPLES }));
   }
 
   // Several motions one after the other: parts as POST /robot/plan/sequence takes them.
@@ -198,7 +197,8 @@ export class Motions {
       ? word("closest", { mm: Math.round(1000 * nearest.distance_m), between: nearest.between.join(" – ") })
       : word("closest_none");
     const name = this.name ? word("plan_to", { name: this.name }) : "";
-    return [name, word("takes", { seconds: plan.duration_s.toFixed(1) }), distance, plan.note].filter(Boolean).join(" ");
+    const note = plan.note?.startsWith("auto took ptp") ? "" : plan.note; // the usual case is no news
+    return [name, word("takes", { seconds: plan.duration_s.toFixed(1) }), distance, note].filter(Boolean).join(" ");
   }
 
   async execute() {

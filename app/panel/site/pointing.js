@@ -2,11 +2,13 @@
 import * as THREE from "/three/three.module.min.js";
 
 const PULLED = 0xf5b400;
+const CHOSEN = 0x0b5cad;
 
 export class Pointing {
   constructor(view) {
     this.view = view;
-    this.marked = this.pulled = null;
+    this.marked = this.pulled = this.box = null;
+    this.chosen = ""; // the part or object that is outlined
   }
 
   // The ray from the camera through a pointer.
@@ -45,6 +47,37 @@ export class Pointing {
     this.view.handles.mark(handle);
     this.view.place.style.cursor = handle ? "grab" : "";
     this.view.draw();
+  }
+
+  // The name of the part of the cell or the object of the scene under a pointer; "" for none.
+  pickThing(event) {
+    const { arm, parts, geometry } = this.view;
+    if (!arm) return "";
+    const { origin, direction } = this.ray(event);
+    const caster = new THREE.Raycaster(origin, direction);
+    const [met] = caster.intersectObjects([arm.root, ...parts.values()]).filter(({ object }) => object.isMesh && object.visible);
+    if (!met) return "";
+    for (const [key, mesh] of parts) if (mesh === met.object) return key.split(" ")[0];
+    const body = geometry.bodies[arm.groups.indexOf(met.object.parent)];
+    return body?.part === "scene" ? body.name : "";
+  }
+
+  // Outlines a part of the cell or an object of the scene; "" for none.
+  choose(name) {
+    this.chosen = name;
+    this.view.draw();
+  }
+
+  // Where the chosen one is now, before a picture is drawn.
+  outline() {
+    const { arm, parts, geometry } = this.view;
+    const part = [...parts].find(([key]) => key.split(" ")[0] === this.chosen)?.[1];
+    const body = arm && !part ? geometry.bodies.findIndex((each) => each.part === "scene" && each.name === this.chosen) : -1;
+    const found = this.chosen ? part ?? arm?.groups[body] : null;
+    if (found && !this.box) this.view.scene.add((this.box = new THREE.BoxHelper(found, CHOSEN)));
+    if (!this.box) return;
+    this.box.visible = Boolean(found);
+    if (found) this.box.setFromObject(found);
   }
 
   // The link under a pointer that the joints move: {link, body, point, target}; point is in its frame, target where

@@ -274,6 +274,7 @@ export class View {
     requestAnimationFrame(() => {
       this.asked = false;
       if (this.plan) this.haunt();
+      this.pointing.outline();
       this.handles.fit(this.camera);
       this.renderer.render(this.scene, this.camera);
       this.drawGizmo();

@@ -155,6 +155,9 @@ def test_a_held_button_asks_for_the_speed_that_the_slider_says_and_the_arm_moves
 def test_at_an_override_of_zero_nothing_is_jogged_and_the_page_says_why(panel: Panel) -> None:
     try:
         set_to(panel, "#override-set", "0")
+        override = f"{panel.run.url}/robot/speed_override"
+        until(lambda: httpx.get(override, timeout=WAIT_S).json()["fraction"] == 0.0)
+        panel.until("!cobotPanel.job.sending && cobotPanel.speed.override === 0")
         panel.page.click(button("joint", 0, 1))
         assert "override in the head is 0 %" in panel.text("#jog-why")
     finally:

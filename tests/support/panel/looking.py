@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 
 import httpx
 import numpy as np
 import pytest
 from cobot_run import WAIT_S, until
+from scipy.spatial.transform import Rotation
 
 from panel.page import HOME, SIZE, Panel, commanded, is_at, set_to, size, slowly, tcp_at
 
@@ -127,6 +129,50 @@ def test_the_clearance_is_a_line_between_the_nearest_points(panel: Panel) -> Non
         finally:
             http.post("/scene", json={"clear": True}).raise_for_status()
     panel.until(f"!{shown}.includes('ball')")
+
+
+def test_a_target_above_a_solid_is_over_its_highest_point_and_points_down(panel: Panel) -> None:
+    """Oracle: SciPy's rotations of the solid's corners and of the axes of the tool."""
+    rng = np.random.default_rng(29)
+    for _ in range(20):
+        tool, turned = Rotation.random(2, random_state=rng)
+        size = rng.uniform(0.02, 0.3, 3)
+        part = json.dumps({"shape": "box", "size": size.tolist(), "quaternion": turned.as_quat().tolist()})
+        reach, down = panel.page.run(
+            "import('/panel/parts.js').then((all) => "
+            f"[all.reachOf({part}, [0, 0, 1]), all.downwards({tool.as_quat().tolist()}, [0, 0, 1], {part})])"
+        )
+        corners = np.array(list(itertools.product((-0.5, 0.5), repeat=3))) * size
+        assert reach == pytest.approx(turned.apply(corners)[:, 2].max(), abs=1e-9)
+        made = Rotation.from_quat(down)
+        np.testing.assert_allclose(made.apply([0, 0, 1]), [0, 0, -1], atol=1e-9)
+        flat = next(edge for edge in turned.as_matrix().T if abs(edge[2]) < 0.7)[:2]
+        sine = np.cross([*flat, 0.0], made.apply([1, 0, 0]))[2] / np.linalg.norm(flat)
+        angle = np.degrees(np.arcsin(np.clip(sine, -1, 1)))
+        assert min(abs(angle), abs(abs(angle) - 90.0)) < 1e-4, "the fingers are in line with an edge"
+
+
+def test_objects_of_the_scene_are_listed_and_the_arm_can_go_above_them(panel: Panel) -> None:
+    """Oracle: the place that the scene was given, and the end of what the service plans."""
+    ball = {"shape": "sphere", "radius": 0.05, "x": 0.55, "y": 0.2, "z": 0.2}
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        try:
+            http.post("/scene", json={"objects": {"ball": ball}}).raise_for_status()
+            panel.until("!document.querySelector('#places-of').hidden")
+            panel.page.click("#places-of label:nth-child(2)")
+            panel.page.click("#cell-list li button:nth-of-type(1)")
+            panel.until("cobotPanel.view.pointing.box?.visible")
+            assert panel.text("#cell-list span").split() == ["550", "200", "200"]
+            panel.page.click("#cell-list li button:nth-of-type(2)")
+            panel.until("!document.querySelector('#execute').disabled")
+            end = panel.page.run("cobotPanel.motions.plan.path.at(-1).position")
+            np.testing.assert_allclose(end, [0.55, 0.2, 0.35], atol=1e-4)
+            assert panel.text("#plan").startswith("To ball + 100 mm.")
+            panel.page.click("#discard")
+            panel.page.click("#places-of label:nth-child(1)")
+        finally:
+            http.post("/scene", json={"clear": True}).raise_for_status()
+    panel.until("document.querySelector('#places-of').hidden")
 
 
 def test_a_typed_value_is_planned_and_a_second_enter_runs_it(panel: Panel) -> None:
