@@ -223,7 +223,7 @@ def _services(
         approvals=Approvals(robot, link.clock, plans, settings.mcp),
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,
-        stored=StoredPrograms(settings.programs_folder, link),
+        stored=StoredPrograms(settings.programs_folder, link, cell.programs if cell else ()),
         studies=studies,
         stopping=stopping,
         health=HealthService(

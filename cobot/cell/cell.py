@@ -9,11 +9,11 @@ import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import ConfigDict, Field, PrivateAttr, field_validator, model_validator
 
-from cobot.cell.meshes import MeshShape, mesh_shape
+from cobot.cell.meshes import MeshShape, file_beside, mesh_shape
 from cobot.config.section import parse
 from cobot.errors import ConfigError
 from cobot.robot.io_points import IoKind
@@ -26,6 +26,11 @@ MAX_FIXTURES = 64
 MAX_BELTS = 8
 MAX_SWITCHES = 16
 MAX_OUTPUTS = 16
+MAX_EXAMPLES = 16
+MAX_EXAMPLE_BYTES = 400_000
+"""Maximum size of the file of an example program."""
+EXAMPLE_KINDS = {".json": "sequence", ".lua": "lua"}
+"""Kinds of example programs, by the ends of their files."""
 HAND = "hand"
 """Name of the hand, and first part of the names of its inputs and outputs."""
 CUP = "cup"
@@ -275,6 +280,29 @@ class Output(CellEntry):
     kind: Annotated[IoKind, Field(strict=False)]
 
 
+ExampleFile = Annotated[str, Field(max_length=1000, pattern=r"^.*\.(json|lua)$")]
+ExampleLabel = Annotated[str, Field(min_length=1, max_length=100)]
+
+
+class ExampleProgram(NamedTuple):
+    """A program that comes with the cell, for people to run and to copy.
+
+    Attributes:
+        label: name for people.
+        file: its path from the folder of the cell file.
+        text: a sequence file or a Lua program, as it is.
+    """
+
+    label: str
+    file: Path
+    text: str
+
+    @property
+    def kind(self) -> str:
+        """ "sequence" or "lua"."""
+        return EXAMPLE_KINDS[self.file.suffix]
+
+
 Switch = Annotated[LightBarrier | ContactSwitch | Distance, Field(discriminator="type")]
 
 
@@ -283,6 +311,7 @@ class Cell(CellEntry):
 
     Attributes:
         floor_m: height of the floor in the base frame; None: no floor.
+        examples: files of example programs, by their labels.
     """
 
     floor_m: Coordinate | None = 0.0
@@ -293,6 +322,35 @@ class Cell(CellEntry):
     belts: Annotated[dict[Name, Belt], Field(default_factory=dict, max_length=MAX_BELTS)]
     switches: Annotated[dict[Name, Switch], Field(default_factory=dict, max_length=MAX_SWITCHES)]
     outputs: Annotated[dict[Name, Output], Field(default_factory=dict, max_length=MAX_OUTPUTS)]
+    examples: Annotated[dict[ExampleLabel, ExampleFile], Field(default_factory=dict, max_length=MAX_EXAMPLES)]
+    _programs: tuple[ExampleProgram, ...] = PrivateAttr(default=())
+
+    @property
+    def programs(self) -> tuple[ExampleProgram, ...]:
+        """The example programs, once their files have been read."""
+        return self._programs
+
+    def read_examples(self, folder: Path) -> None:
+        """Read the files of the example programs, which are in the folder of the cell file.
+
+        Raises:
+            ConfigError: one is missing, too large, or is not text.
+        """
+        found = []
+        for label, name in self.examples.items():
+            try:
+                content = file_beside(folder, name).read_bytes()
+                if len(content) > MAX_EXAMPLE_BYTES:
+                    raise ConfigError(
+                        f"file: {name} has {len(content)} bytes, allowed are {MAX_EXAMPLE_BYTES}"
+                    )
+                found.append(ExampleProgram(label, Path(name), content.decode()))
+            except ConfigError as exc:
+                raise ConfigError(f"examples: {label}: {exc}") from exc
+            except (OSError, ValueError) as exc:
+                why = getattr(exc, "strerror", None) or "it is not UTF-8 text"
+                raise ConfigError(f"examples: {label}: file: {name}: {why}") from exc
+        self._programs = tuple(found)
 
     @model_validator(mode="after")
     def _has_one_gripper(self) -> Cell:
@@ -320,9 +378,10 @@ class Cell(CellEntry):
 
     @property
     def files(self) -> list[Path]:
-        """The files of its meshes, relative to the folder of the cell file."""
+        """The files of its meshes and examples, relative to the folder of the cell file."""
         solids = (*self.parts.values(), *self.fixtures.values())
-        return sorted({Path(os.path.normpath(each.file)) for each in solids if each.file is not None})
+        names = [*(each.file for each in solids if each.file is not None), *self.examples.values()]
+        return sorted({Path(os.path.normpath(each)) for each in names})
 
     def solids(self) -> Iterator[tuple[str, CellSolid | Belt]]:
         """All fixtures and belts, with their names."""
@@ -345,6 +404,10 @@ def load_cell(path: Path) -> Cell:
                 solid.read_mesh(file.parent)
             except ConfigError as exc:
                 raise ConfigError(f"{file}: {section}.{name}.{exc}") from exc
+    try:
+        cell.read_examples(file.parent)
+    except ConfigError as exc:
+        raise ConfigError(f"{file}: {exc}") from exc
     return cell
 
 

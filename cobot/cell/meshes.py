@@ -52,15 +52,7 @@ def mesh_shape(
         ConfigError: there is no such file, or it cannot be a body of a cell, with the reason.
     """
     try:
-        file = (folder / name).resolve()
-        beyond = Path(name).is_absolute() or ".." in Path(name).parts
-        if beyond or not file.is_relative_to(folder.resolve()):
-            raise ConfigError(
-                f"file: {name} is outside the folder of the cell file; copy it there, and name it "
-                "by its path from there"
-            )
-        if not file.is_file():
-            raise ConfigError(f"file: {folder / name}: no such file")
+        file = file_beside(folder, name)
         status = file.stat()
         if status.st_size > MAX_FILE_BYTES:
             raise ConfigError(
@@ -70,6 +62,24 @@ def mesh_shape(
         return _read(file, status.st_mtime_ns, status.st_size, scale, tolerance_m, hull, max_m)
     except (OSError, ValueError) as exc:
         raise ConfigError(f"file: {name}: {getattr(exc, 'strerror', None) or exc}") from exc
+
+
+def file_beside(folder: Path, name: str) -> Path:
+    """The file that a cell file names by its path from the folder of the cell file.
+
+    Raises:
+        ConfigError: it is missing, or outside the folder.
+    """
+    file = (folder / name).resolve()
+    beyond = Path(name).is_absolute() or ".." in Path(name).parts
+    if beyond or not file.is_relative_to(folder.resolve()):
+        raise ConfigError(
+            f"file: {name} is outside the folder of the cell file; copy it there, and name it "
+            "by its path from there"
+        )
+    if not file.is_file():
+        raise ConfigError(f"file: {folder / name}: no such file")
+    return file
 
 
 @lru_cache(maxsize=128)

@@ -5,6 +5,7 @@ Oracle: GET /robot/gripper and GET /cell.
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ def with_mesh(folder: Path) -> Path:
     """The example's cell with a cube more, which is a mesh."""
     content = yaml.safe_load(CELL.read_text(encoding="utf-8"))
     (folder / "block.stl").write_bytes(trimesh.creation.box([30.0] * 3).export(file_type="stl"))
+    shutil.copy(EXAMPLE / "pick_and_place.json", folder)
     content["parts"]["block"] = {
         "shape": "mesh", "file": "block.stl", "scale": 0.001, "mass_kg": 0.05,
         "position_m": [0.42, -0.42, 0.216],
@@ -176,3 +178,25 @@ def test_the_panel_alone_has_the_cube_picked_counted_and_placed(tmp_path: Path) 
         until(lambda: "the cube is in the tray" in page.run("document.querySelector('#lua-log').innerText"))
         assert run.cube() == IN_TRAY
         assert run.count() == 1
+        # The example is opened as a copy, and runs as it is.
+        (example,) = run.ask("GET", "/programs")
+        until(lambda: page.run("!document.querySelector('#stored-open').disabled"))
+        shown = page.run("document.querySelector('#stored').selectedOptions[0].textContent")
+        assert shown == "Pick and place (Example)"
+        page.reveal("#stored-delete")
+        assert page.run("document.querySelector('#stored-delete').disabled")
+        page.click("#stored-open")
+        until(lambda: page.run("document.querySelector('#program-name').value") == "Pick and place")
+        page.click("#program-save")
+        until(lambda: len(run.ask("GET", "/programs")) == 2)
+        mine, kept = sorted(run.ask("GET", "/programs"), key=lambda each: bool(each["example"]))
+        assert kept == example
+        assert (mine["label"], mine["version"], mine["example"]) == ("Pick and place", 1, False)
+        run.ask("POST", "/cell/reset")
+        page.click("#tab-run")
+        page.click(f"[data-run='{example['id']}']")
+        assert "Example" in page.run(f"document.querySelector(`[data-run='{example['id']}']`).innerText")
+        page.click("#points-run")
+        until(lambda: run.count() == 1)
+        until(lambda: page.run("document.querySelector('#run-why').innerText") == "The program has ended.")
+        assert run.cube() == IN_TRAY

@@ -76,6 +76,9 @@ class StoredProgramAnswer(BaseModel):
     )
     time: str = Field(description="When it was saved, ISO 8601, UTC.")
     note: str = Field(description="What this version is about.")
+    example: bool = Field(
+        description="It comes with the cell of the robot: it can be run and copied, not changed."
+    )
 
 
 class StoredTextAnswer(StoredProgramAnswer):
@@ -86,7 +89,7 @@ class StoredTextAnswer(StoredProgramAnswer):
 
 @router.endpoint("GET /programs", Role.OBSERVER, timeout_s=5.0, responses=responses(422))
 async def programs(request: Request, limit: Limit = None, after: After = None) -> list[StoredProgramAnswer]:
-    """The newest version of each stored program."""
+    """The newest version of each stored program, and the examples of a simulated cell."""
     found = await Call(request).services.stored.all()
     return [_answer(each) for each in page_of(found, lambda each: each.id, limit, after)]
 
@@ -132,7 +135,10 @@ async def save_program(
 
 
 @router.endpoint(
-    "DELETE /programs/{program}", Role.PROGRAMMER, timeout_s=10.0, responses=responses(404, 412, 422, 503)
+    "DELETE /programs/{program}",
+    Role.PROGRAMMER,
+    timeout_s=10.0,
+    responses=responses(404, 409, 412, 422, 503),
 )
 async def delete_program(
     program: Id, request: Request, if_match: IfMatch = None
@@ -193,6 +199,7 @@ def _fields(of: ProgramVersion) -> dict[str, object]:
         "author": of.author,
         "time": of.time,
         "note": saved.note,
+        "example": of.example,
     }
 
 

@@ -30,7 +30,7 @@ export class Run {
   get choices() {
     const { isEmpty, isChanged, document: { label, kind } } = this.page.program;
     const open = { id: OPEN, label: label || word("program_unnamed"), kind, about: word("stored_changed") };
-    const stored = this.stored.list.map((each) => ({ ...each, about: word("stored_as", each) }));
+    const stored = this.stored.list.map((each) => ({ ...each, about: each.example ? word("example") : word("stored_as", each) }));
     return isEmpty || !isChanged ? stored : [open, ...stored];
   }
 

@@ -1,5 +1,6 @@
 // Stored programs: opened and saved here. The service rejects a save over a version that another client has made:
 // the user loads that version or saves under another name. Unsaved changes stay in this browser.
+import { allow } from "./able.js";
 import { idOf } from "./ids.js";
 import { oneAtATime } from "./once.js";
 import { inEachLanguage, named, word } from "./words.js";
@@ -52,10 +53,15 @@ export class Stored {
     this.list = found;
     for (const heard of this.listeners) heard();
     const chosen = element("stored").value;
-    element("stored").replaceChildren(...found.map((each) => new Option(each.kind === "lua" ? `${each.label} (Lua)` : each.label, each.id)));
+    element("stored").replaceChildren(...found.map((each) => new Option(this.title(each), each.id)));
     if (found.some((each) => each.id === chosen)) element("stored").value = chosen;
     await this.choose();
     this.compare();
+  }
+
+  title({ label, kind, example }) {
+    const about = [kind === "lua" ? "Lua" : "", example ? word("example") : ""].filter(Boolean).join(", ");
+    return about ? `${label} (${about})` : label;
   }
 
   // Whether another client has saved or deleted the open program.
@@ -73,7 +79,9 @@ export class Stored {
   // The versions of the one that is chosen; the first is the newest.
   async choose() {
     const id = element("stored").value;
-    for (const each of ["stored", "stored-version", "stored-open", "stored-delete"]) element(each).disabled = !id;
+    for (const each of ["stored", "stored-version", "stored-open"]) element(each).disabled = !id;
+    const isExample = Boolean(this.list.find((each) => each.id === id)?.example);
+    allow(element("stored-delete"), isExample ? "why_example" : id ? "" : "why_none_chosen");
     const versions = id ? await this.api.get(`/programs/${id}/versions`).catch(() => []) : [];
     if (id !== element("stored").value) return;
     const shown = ({ version, author, time }) => `${version} · ${named(author)} · ${new Date(time).toLocaleString(document.documentElement.lang)}`;
@@ -91,6 +99,11 @@ export class Stored {
       const newest = await this.api.get(`/programs/${id}`);
       const found = version ? await this.api.get(`/programs/${id}?version=${version}`) : newest;
       this.conflict = "";
+      if (found.example) {
+        this.program.open({ ...found, id: null, version: null });
+        this.write();
+        return void this.page.say(() => word("example_opened", found));
+      }
       this.program.open({ ...found, version: newest.version });
       if (found.version !== newest.version) this.program.document.saved = "";
       this.write();

@@ -13,7 +13,7 @@ import logging
 import os
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -22,6 +22,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from app.services.clients import CLIENT
 from app.services.state.link import RobotLink
+from cobot.cell import ExampleProgram
 from cobot.clock import utc_now
 from cobot.errors import ChangedError, ConflictError, InputError, NotFoundError, UnavailableError
 from cobot.robot.kept import keep, read_kept
@@ -70,7 +71,8 @@ class ProgramVersion:
 
     Attributes:
         author: name of the client that saved it; without a token its own name in quotes.
-        time: when it was saved, ISO 8601 in UTC.
+        time: when it was saved, ISO 8601 in UTC; of an example, when the service started.
+        example: it comes with the cell of the robot, and can be copied but neither changed nor deleted.
     """
 
     id: str
@@ -78,6 +80,7 @@ class ProgramVersion:
     author: str
     time: str
     saved: ProgramText
+    example: bool = False
 
     @property
     def file_name(self) -> str:
@@ -118,11 +121,15 @@ class StoredPrograms:
 
     Args:
         folder: where they are; created with the first program, private to the user.
+        examples: programs of the robot's cell, which are listed too.
     """
 
-    def __init__(self, folder: Path, link: RobotLink) -> None:
+    def __init__(self, folder: Path, link: RobotLink, examples: Sequence[ExampleProgram] = ()) -> None:
         self._folder = folder
         self._link = link
+        started = utc_now(link.clock).isoformat(timespec="seconds")
+        versions = [_example(each, started) for each in examples]
+        self._examples = {each.id: each for each in versions}
         self._turn = asyncio.Lock()
 
     async def all(self) -> list[ProgramVersion]:
@@ -145,6 +152,8 @@ class StoredPrograms:
             NotFoundError: no such program.
             UnavailableError: one cannot be read.
         """
+        if program in self._examples:
+            return [self._examples[program]]
         numbers = await asyncio.to_thread(self._require, program)
         return await asyncio.to_thread(lambda: [self._read(program, each) for each in reversed(numbers)])
 
@@ -157,11 +166,12 @@ class StoredPrograms:
         Raises:
             ChangedError: another version was saved meanwhile, or the program exists, or it was deleted.
             InputError: impossible id, or the text is not a JSON object.
-            ConflictError: there are too many programs, or their folder is too large.
+            ConflictError: there are too many programs, or their folder is too large; or it is an example.
             UnavailableError: the disk takes nothing; the former version is unchanged.
         """
         if not _ID.fullmatch(program):
             raise InputError(f"program: {shown(program)} is not an id; it has a-z, 0-9, _ and -, at most 64")
+        self._require_no_example(program)
         if saved.kind == "sequence":
             _require_object(saved.text)
         author = CLIENT.get().name
@@ -178,9 +188,18 @@ class StoredPrograms:
         Raises:
             NotFoundError: no such program.
             ChangedError: another version was saved meanwhile.
+            ConflictError: it is an example.
             UnavailableError: the disk does not permit it.
         """
+        self._require_no_example(program)
         self._tell("deleted", await self._alone(lambda: self._delete(program, base)))
+
+    def _require_no_example(self, program: str) -> None:
+        if program in self._examples:
+            raise ConflictError(
+                f"program {shown(program)} is an example of the cell and stays as it is; save yours under "
+                "another id"
+            )
 
     async def _alone(self, work: Callable[[], Result]) -> Result:
         async with self._turn:
@@ -192,8 +211,10 @@ class StoredPrograms:
         )
 
     def _all(self) -> list[ProgramVersion]:
-        found = []
+        found = list(self._examples.values())
         for program in self._ids():
+            if program in self._examples:
+                continue
             try:
                 found.append(self._read(program, None))
             except (NotFoundError, UnavailableError) as exc:  # deleted meanwhile, or damaged
@@ -219,7 +240,10 @@ class StoredPrograms:
         return self._folder / program / f"{version}.json"
 
     def _read(self, program: str, version: int | None) -> ProgramVersion:
-        numbers = self._require(program)
+        example = self._examples.get(program)
+        if example is not None and version in (None, example.version):
+            return example
+        numbers = [example.version] if example else self._require(program)
         number = numbers[-1] if version is None else version
         if number not in numbers:
             raise NotFoundError(
@@ -328,6 +352,12 @@ class StoredPrograms:
 
     def _aside(self, program: str) -> Path:
         return self._folder / f".deleted-{program}"
+
+
+def _example(program: ExampleProgram, started: str) -> ProgramVersion:
+    slug = re.sub(r"[^a-z0-9_-]+", "-", program.file.stem.lower())[:50].strip("-")
+    saved = ProgramText(program.label, program.kind, program.text, "comes with the cell")
+    return ProgramVersion(f"example-{program.kind}-{slug}", 1, "the cell", started, saved, example=True)
 
 
 def _numbers_in(folder: Path) -> list[int]:

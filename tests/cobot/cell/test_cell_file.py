@@ -100,6 +100,28 @@ def test_a_bad_cell_file_is_rejected_with_its_name_and_the_place(
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("none.json", "none.json: no such file"),
+        ("../none.json", "is outside the folder of the cell file"),
+        ("/etc/none.json", "is outside the folder of the cell file"),
+        ("program.py", "examples.Pick: string should match pattern"),
+        ("binary.json", "binary.json: it is not UTF-8 text"),
+        ("large.json", "large.json has 400001 bytes, allowed are 400000"),
+    ],
+)
+def test_a_bad_example_program_is_rejected_with_its_file(tmp_path: Path, file: str, words: str) -> None:
+    (tmp_path / "binary.json").write_bytes(b"\xff")
+    (tmp_path / "large.json").write_bytes(b" " * 400_001)
+    (tmp_path / "program.py").touch()
+    (tmp_path / "cell.yaml").write_text(f"examples: {{Pick: {file}}}\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_cell(tmp_path)
+    assert str(caught.value).startswith(f"{tmp_path / 'cell.yaml'}: examples")
+    assert words in str(caught.value)
+
+
 def test_a_name_that_occurs_twice_in_a_section_is_rejected_with_its_line(tmp_path: Path) -> None:
     file = tmp_path / "cell.yaml"
     file.write_text("outputs:\n  a: {kind: boolean}\n  a: {kind: analog}\n", encoding="utf-8")

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from physical_cell import EXAMPLE
 from plant_service import THE_CELL, ServiceOfPlant
 from streaming_client import Frames
 from virtual_service import VirtualService
@@ -36,6 +37,30 @@ def test_the_parts_are_where_the_plant_has_them_and_a_reset_puts_them_back(run: 
     assert run.positions() == {name: pytest.approx(place, abs=1e-4) for name, place in START.items()}
     run.sleep(0.05)
     assert [each["value"] for each in run.get("/cell").json()["switches"]] == [False, 0]
+
+
+def test_the_example_of_the_cell_is_a_program_that_runs_and_stays_as_it_is(run: ServiceOfPlant) -> None:
+    """Oracle: the file of the example, which is not changed by a save or a deletion."""
+    file = EXAMPLE / "pick_and_place.json"
+    (listed,) = run.get("/programs").json()
+    assert (listed["label"], listed["kind"], listed["example"]) == ("Pick and place", "sequence", True)
+    path = f"/programs/{listed['id']}"
+    text = file.read_text(encoding="utf-8")
+    assert run.get(path).json()["text"] == text
+    assert [each["version"] for each in run.get(f"{path}/versions").json()] == [1]
+    assert run.get(f"{path}?version=2").status_code == 404
+    body = {"label": "Mine", "text": "{}"}
+    for method, content in (("PUT", {"json": body}), ("DELETE", {})):
+        answer = run.ask(method, path, **content)
+        assert answer.status_code == 409
+        assert "is an example of the cell and stays as it is" in answer.json()["detail"]
+    assert run.get(path).json()["text"] == text
+    assert run.ask("PUT", "/programs/mine", json=body | {"text": text}).status_code == 200
+    assert [(each["id"], each["example"]) for each in run.get("/programs").json()] == [
+        ("mine", False),
+        (listed["id"], True),
+    ]
+    assert run.ask("DELETE", "/programs/mine").status_code == 200
 
 
 def test_the_cell_is_not_reset_while_the_arm_moves(run: ServiceOfPlant) -> None:
