@@ -13,16 +13,21 @@ export class PlacedList {
   // kind: "object" or "frame", the beginning of all ids. list: the id of the list.
   // tcp: returns the pose of the TCP in the base frame, null while it is unknown.
   constructor(api, kind, list, tcp) {
-    Object.assign(this, { api, kind, tcp, list: element(list), all: [], chosen: null, words: () => "" });
+    Object.assign(this, { api, kind, tcp, list: element(list), all: [], chosen: null, words: () => "", turn: Promise.resolve() });
     this.place = poseFields(this.part("place"));
     this.part("new").addEventListener("click", () => this.choose(null));
     this.part("here").addEventListener("click", () => this.placeHere());
-    this.part("delete").addEventListener("click", () => this.remove());
+    this.part("delete").addEventListener("click", () => this.afterwards(() => this.remove()));
     element(kind).addEventListener("submit", (event) => {
       event.preventDefault();
-      this.save();
+      this.afterwards(() => this.save());
     });
     inEachLanguage(() => this.write());
+  }
+
+  // When what was asked before has ended: its answer would replace the one of this.
+  afterwards(work) {
+    this.turn = this.turn.then(work, work);
   }
 
   part(name) {

@@ -88,6 +88,8 @@ class RecordingService:
     async def ask(self, action: str, seconds: float | None, timeout_s: float) -> list[str]:
         """Have the recorder `dump` the last seconds, `start` or `stop` a continuous recording.
 
+        It waits for a recorder that `cobot run` has just started.
+
         Returns:
             The names of the files; of one that has been started, what they will begin with.
 
@@ -95,6 +97,9 @@ class RecordingService:
             UnavailableError: it does not run, it hangs, or the disk refuses.
             ConflictError: there is a continuous recording already, or none to stop.
         """
+        asked_s = time.monotonic()
+        await self._await_start(timeout_s)
+        timeout_s -= time.monotonic() - asked_s
         heard_ns = 0
         with contextlib.suppress(TornReadError):
             if (record := self._record()) is not None:
@@ -112,6 +117,13 @@ class RecordingService:
             return list(asking.result()["names"])
         finally:
             asking.cancel()
+
+    async def _await_start(self, timeout_s: float) -> None:
+        """Return when the recorder has begun, or cannot be expected any more."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                while (status := self.status()) is not None and not status.pid and not status.problem:
+                    await asyncio.sleep(LOOK_S)
 
     def _record(self) -> np.ndarray | None:
         """What the recorder says of itself; None where nothing is recorded.

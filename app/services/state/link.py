@@ -243,20 +243,21 @@ class RobotLink:
 
     def device(self) -> tuple[str, DeviceReport] | None:
         """The name of the backend and what it drives; None if that cannot be read."""
-        if self.memory.device.sequence == 0 or not self.memory.device.try_read():
+        if self.memory.device.sequence == 0:
             return None
         try:
-            return text(self.memory.statistics.read()["backend"]), device_of(self.memory.device.data)
+            named = text(self.memory.statistics.read()["backend"])
+            return named, device_of(self.memory.device.read())
         except (TornReadError, ValueError):
             return None
 
     def io(self) -> IoReport | None:
         """What the device has reported of its inputs and outputs; None if that cannot be read."""
-        if self.memory.io.sequence == 0 or not self.memory.io.try_read():
+        if self.memory.io.sequence == 0:
             return None
         try:
-            return report_of(self.memory.io.data)
-        except ValueError:
+            return report_of(self.memory.io.read())  # which tries again while rtloop writes
+        except (TornReadError, ValueError):
             return None
 
     def publish_gripper(self, state: GripperState, read_ns: int) -> None:
@@ -276,9 +277,12 @@ class RobotLink:
 
     def cell(self) -> dict[str, Numbers7] | None:
         """The poses of the parts of a simulated cell in the base frame; None if they cannot be read."""
-        if self.memory.cell.sequence == 0 or not self.memory.cell.try_read():
+        if self.memory.cell.sequence == 0:
             return None
-        record = self.memory.cell.data
+        try:
+            record = self.memory.cell.read()
+        except TornReadError:
+            return None
         count = min(int(record["count"]), CELL_PARTS)
         names = [text(name) for name in record["names"][:count]]
         return dict(zip(names, (tuple(pose) for pose in record["poses"][:count].tolist()), strict=True))
@@ -294,9 +298,12 @@ class RobotLink:
         return self._version("scene_version")
 
     def _version(self, name: str) -> int | None:
-        if self.memory.info.sequence == 0 or not self.memory.info.try_read():
+        if self.memory.info.sequence == 0:
             return None
-        return int(self.memory.info.data[name])
+        try:
+            return int(self.memory.info.read()[name])
+        except TornReadError:
+            return None
 
     def rtloop_pid(self) -> int:
         """Raises as `statistics`, which it does not copy, because each look at a state asks for it."""
