@@ -188,6 +188,7 @@ class FleetSection(Section):
     connect: list[ZenohEndpoint]
     certificates: Annotated[Location | None, AfterValidator(values.for_its_hub)]
     accept: AcceptedCommands
+    recordings: bool
     on_loss: Literal["continue", "stop"]
     loss_s: Annotated[float, Field(ge=1.0, le=3600.0)]
     panel: PanelUrl | None

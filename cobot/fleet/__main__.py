@@ -20,7 +20,7 @@ import httpx
 from cobot.addresses import CLIENT_NAME, check_url
 from cobot.client.tls import TOKEN_VARIABLE, advice, tls_context
 from cobot.codes import ERROR_OF, Code
-from cobot.errors import CobotError, UnavailableError
+from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.fleet.messages import DEADLINE_S, REST_S
 from cobot.fleet.serving import add_certificate, add_serve
 from cobot.foreign import plain_lines
@@ -31,6 +31,9 @@ URL_VARIABLE = "COBOT_FLEET"
 DEFAULT_URL = "http://127.0.0.1:8070"
 TIMEOUT_S = 5.0
 WATCH_S = 0.5
+FILE_S = 30.0
+PARTIAL, COMPLETE = 206, 416
+"""Status of the rest of a file, and of a file that has no rest."""
 COLUMNS = ("cell", "robot", "state", "mode", "job", "program", "control", "version")
 DESCRIPTION = """\
 All cells of a plant in one place: docs/fleet.md.
@@ -43,6 +46,7 @@ All cells of a plant in one place: docs/fleet.md.
   cobot fleet run CELL ... --program ID   start a stored program of the cells
   cobot fleet pause|resume|speed|control CELL ...
   cobot fleet roll-out FOLDER CELL ...    programs and positions: one cell first, then in waves
+  cobot fleet pull FOLDER    copy recordings from the hub, which has fetched them from the cells
   cobot fleet certificate FOLDER hub|cell NAME ...   make certificates: TLS, and commands other than stops"""
 
 
@@ -127,6 +131,10 @@ def _parser() -> argparse.ArgumentParser:
         "--watch", type=float, default=5.0, metavar="S", help="after each wave, in seconds; default: 5"
     )
     roll_out.set_defaults(run=_roll_out)
+    pull = actions.add_parser("pull", parents=[url], help="copy recordings from the hub to this computer")
+    pull.add_argument("folder", type=Path, metavar="FOLDER")
+    pull.add_argument("cells", nargs="*", metavar="CELL", help="default: all")
+    pull.set_defaults(run=_pull)
     add_certificate(actions)
     return parser
 
@@ -281,6 +289,68 @@ def _roll_out(chosen: argparse.Namespace) -> int:
     return EXIT_OK if found["state"] == "done" else EXIT_FAILED
 
 
+def _pull(chosen: argparse.Namespace) -> int:
+    """Copy what is not here yet. What was interrupted goes on where it ended."""
+    found = _ask(chosen, "GET", "/recordings")["recordings"]
+    wanted = [each for each in found if not chosen.cells or each["cell"] in chosen.cells]
+    new = 0
+    for each in wanted:
+        names = [_plain(each[name]) for name in ("cell", "robot", "name")]
+        file = chosen.folder.joinpath(*names)
+        if not file.exists():
+            _download(chosen, f"/recordings/{'/'.join(quote(name, safe='') for name in names)}", file)
+            new += 1
+            print("/".join(names), flush=True)
+    print(f"{new} new, {len(wanted) - new} already here")
+    return EXIT_OK
+
+
+def _plain(name: str) -> str:
+    """A name of a file or folder.
+
+    Raises:
+        InputError: it would lead elsewhere.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]*", name):
+        raise InputError(f"the hub's recording has an invalid name: {name!r}")
+    return name
+
+
+def _download(chosen: argparse.Namespace, path: str, file: Path) -> None:
+    """
+    Raises:
+        UnavailableError: the hub does not answer; the next call goes on.
+        InputError: the file cannot be written.
+    """
+    part = file.with_name(f"{file.name}.part")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+        with os.fdopen(os.open(part, flags, 0o600), "ab") as out:
+            headers = _headers(chosen) | {"Range": f"bytes={out.tell()}-"}
+            url = chosen.url.rstrip("/") + path
+            with httpx.stream(
+                "GET", url, headers=headers, timeout=30.0, verify=tls_context(True)
+            ) as response:
+                if response.status_code == 416:  # it is complete
+                    pass
+                elif response.status_code != 206:
+                    raise UnavailableError(f"{path}: the hub answers {response.status_code}")
+                else:
+                    for piece in response.iter_bytes():
+                        out.write(piece)
+        part.rename(file)
+    except httpx.HTTPError as exc:
+        raise UnavailableError(f"{path}: {str(exc) or type(exc).__name__}; the next call goes on") from exc
+    except OSError as exc:
+        raise InputError(f"{file}: cannot be written: {exc.strerror}") from exc
+
+
+def _headers(chosen: argparse.Namespace) -> dict[str, str]:
+    token = {"Authorization": f"Bearer {chosen.token}"} if chosen.token else {}
+    return {CLIENT_NAME: quote(_user(), safe="")} | token
+
+
 def _targets(chosen: argparse.Namespace) -> list[str]:
     """The paths of those whom a command concerns."""
     if chosen.all:
@@ -295,16 +365,13 @@ def _ask(
     chosen: argparse.Namespace, method: str, path: str, body: object = None, timeout_s: float = TIMEOUT_S
 ) -> dict[str, Any]:
     check_url(chosen.url)
-    headers = {CLIENT_NAME: quote(_user(), safe="")}
-    if chosen.token:
-        headers["Authorization"] = f"Bearer {chosen.token}"
     try:
         response = httpx.request(
             method,
             chosen.url.rstrip("/") + path,
             json=None if isinstance(body, bytes) else body,
             content=body if isinstance(body, bytes) else None,
-            headers=headers,
+            headers=_headers(chosen),
             timeout=timeout_s,
             verify=tls_context(True),
         )

@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from importlib.metadata import version
@@ -44,6 +44,7 @@ from cobot.fleet.messages import (
     written,
 )
 from cobot.fleet.names import FleetKeys, own_cell_name, parts
+from cobot.fleet.recordings import GivenRecordings
 from cobot.fleet.watching import ArmWatch, EventWatch, ServiceWatch
 from cobot.launch.process import Niceness, be, die_with_parent, in_words
 from cobot.launch.stop import stop
@@ -95,6 +96,8 @@ class FleetRobot:
         self._service = ServiceWatch(url, self.name, token) if url else None
         self._commands = ServiceCommands(url, settings, token, cell.fetch_bundle) if url else None
         self._published_s = 0.0
+        self.recordings = GivenRecordings(settings.recording_folder) if settings.fleet.recordings else None
+        self.files = ThreadPoolExecutor(1)  # a large file is read while commands are executed
         self.workers = ThreadPoolExecutor(WORKERS)  # its own: an arm that does not rest delays no other
         self.state = self._look()
 
@@ -171,6 +174,7 @@ class FleetRobot:
         if self._commands is not None:
             self._commands.close()
         self.workers.shutdown(wait=False, cancel_futures=True)
+        self.files.shutdown(wait=False, cancel_futures=True)
         self._arm.close()
 
 
@@ -195,6 +199,7 @@ class FleetCell:
             "configuration": sha256(settings.model_dump_json().encode()).hexdigest()[:16],
             "panel": section.panel or url,
             "zone": section.zone or "",
+            "recordings": section.recordings,
         }
         self._verifier = Verifier(section.certificates) if section.certificates else None
         self._session: zenoh.Session | None = None
@@ -342,6 +347,15 @@ class FleetCell:
             declare(events, lambda query: query.reply(events, _list_of(list(robot.events)))),
             declare(command, lambda query: self._receive(query, robot, command)),
         ]
+        given = robot.recordings
+        if given is not None:
+            listed, piece = self._key(robot, "recordings"), self._key(robot, "recording")
+            self._declared += [
+                declare(
+                    listed, lambda query: robot.files.submit(_give, query, listed, lambda _: given.listing())
+                ),
+                declare(piece, lambda query: robot.files.submit(_give, query, piece, given.answer)),
+            ]
 
     def _receive(self, query: zenoh.Query, robot: FleetRobot, key: str) -> None:
         """Give a command to a thread: it takes as long as the arm needs."""
@@ -450,6 +464,17 @@ class FleetCell:
 def _claimed(who: str) -> str:
     """A name that proves nothing, in quotes, which names of tokens cannot have."""
     return who if who == ANONYMOUS else '"' + who.replace('"', "") + '"'
+
+
+def _give(query: zenoh.Query, key: str, answer: Callable[[bytes], bytes]) -> None:
+    """Answer a question about recordings."""
+    with query:
+        try:
+            query.reply(key, answer(bytes(query.payload or b"")))
+        except CobotError as exc:
+            log.warning("%s: %s", key, exc)
+        except Exception:
+            log.exception("%s", key)
 
 
 def _list_of(events: Iterable[RobotEvent]) -> bytes:

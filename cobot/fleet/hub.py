@@ -35,6 +35,7 @@ from cobot.fleet.messages import (
     written,
 )
 from cobot.fleet.names import FleetKeys, parts
+from cobot.fleet.recordings import RecordingPuller, RecordingStore
 from cobot.fleet.roll_outs import RollOuts
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ MAX_ROBOTS = 10_000
 """Maximum number of robots that are kept."""
 STOP = StopArm(kind="stop")
 RETRY_S = 0.1
+FILE_S = 30.0
+"""Timeout of a piece of a recording, and of the hash of a large one, in seconds."""
 ROLL_OUT_S = 20.0
 """Deadline of the commands of a roll-out, in seconds."""
 ASK_S = 2.0
@@ -96,6 +99,7 @@ class Hub:
         connect: routers that the hub joins.
         certificates: folder of the fleet's certificates. With it, connections are encrypted, both sides show
             their certificates, and commands are signed.
+        recordings: where recordings of the cells are kept; None: none are fetched.
 
     Raises:
         ConfigError: a certificate cannot be used.
@@ -109,6 +113,7 @@ class Hub:
         listen: list[str],
         connect: Iterable[str] = (),
         certificates: Path | None = None,
+        recordings: RecordingStore | None = None,
     ) -> None:
         self.fleet = fleet
         self.instance = secrets.token_hex(8)
@@ -126,9 +131,30 @@ class Hub:
         except BaseException:
             self._session.close()
             raise
+        self.recordings = recordings
+        self._puller = RecordingPuller(recordings, self._giving, self._ask_file) if recordings else None
 
     def close(self) -> None:
+        if self._puller is not None:
+            self._puller.close()
         self._session.close()
+
+    def _giving(self) -> list[tuple[str, str]]:
+        return [
+            (each["cell"], each["robot"]) for each in self.cells() if each["alive"] and each["recordings"]
+        ]
+
+    def _ask_file(self, cell: str, robot: str, last: str, question: bytes | None) -> bytes | None:
+        import zenoh
+
+        key = self._keys.of(cell, robot, last)
+        with contextlib.suppress(zenoh.ZError):
+            background = zenoh.Priority.BACKGROUND
+            for content in payloads(
+                self._session.get(key, payload=question, timeout=FILE_S, priority=background)
+            ):
+                return content
+        return None
 
     def time(self) -> HubTime:
         return HubTime(epoch=self.instance, time_s=time.monotonic())

@@ -53,6 +53,7 @@ class FleetState(StrictModel):
         panel: address of the cell's own panel; "" if it has none.
         programs: the stored programs, so that one can be chosen.
         bundle: name, version and hash of the newest bundle.
+        recordings: whether the hub may fetch recordings.
         drift: programs of that bundle that have changed since.
     """
 
@@ -74,6 +75,7 @@ class FleetState(StrictModel):
     panel: Text = ""
     programs: list[FleetProgram] = Field(default_factory=list, max_length=MAX_PROGRAMS)
     bundle: Text = ""
+    recordings: bool = False
     drift: list[Text] = Field(default_factory=list)
 
 

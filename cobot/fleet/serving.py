@@ -52,6 +52,19 @@ def add_serve(actions: Any) -> None:
     serve.add_argument(
         "--tokens", type=Path, metavar="FILE", help="with certificates; default: FOLDER/tokens.json"
     )
+    serve.add_argument(
+        "--recordings",
+        type=Path,
+        metavar="FOLDER",
+        help="fetch the recordings of cells with fleet.recordings to FOLDER/CELL/ROBOT",
+    )
+    serve.add_argument(
+        "--recordings-gb",
+        type=float,
+        default=20.0,
+        metavar="GB",
+        help="size of all of them: the oldest are deleted; default: 20",
+    )
     serve.set_defaults(run=_serve)
 
 
@@ -102,6 +115,7 @@ def _serve(chosen: argparse.Namespace) -> int:
     import uvicorn
 
     from cobot.fleet.hub import Hub
+    from cobot.fleet.recordings import RecordingStore
     from cobot.fleet.web import make_app
 
     require_zenoh("cobot fleet serve")
@@ -115,9 +129,14 @@ def _serve(chosen: argparse.Namespace) -> int:
         tokens = Authenticator(TokenFile(chosen.tokens or folder / "tokens.json"))
     elif chosen.tokens is not None:
         raise ConfigError("--tokens: tokens are for encrypted connections; give --certificates too")
+    store = None
+    if chosen.recordings is not None:
+        if not 0.001 <= chosen.recordings_gb <= 1e6:
+            raise InputError(f"--recordings-gb: is {chosen.recordings_gb:g}, allowed is 0.001 to 1000000")
+        store = RecordingStore(chosen.recordings, int(chosen.recordings_gb * 1e9))
     listener = _listener(chosen.host, chosen.port)
     try:
-        hub = Hub(chosen.name, listen, chosen.connect, folder)
+        hub = Hub(chosen.name, listen, chosen.connect, folder, store)
     except BaseException:
         listener.close()
         raise

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 from urllib.parse import unquote
@@ -23,6 +23,7 @@ from cobot.fleet.bundles import MAX_BUNDLE_BYTES
 from cobot.fleet.hub import STOP, Hub
 from cobot.fleet.messages import DEADLINE_S, FleetAction, Hash, Id, Name, StateWord, Target
 from cobot.fleet.metrics import CONTENT_TYPE, metrics_of
+from cobot.fleet.recordings import RecordingStore
 from cobot.strict import StrictModel, sentences
 
 PAGE = Path(__file__).parent / "page"
@@ -156,6 +157,7 @@ def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) ->
     for target in TARGETS:
         _add_commands(app, hub, person, target)
     _add_roll_outs(app, hub, person)
+    _add_recordings(app, hub, person)
     _add_page(app)
     return app
 
@@ -233,6 +235,21 @@ def _add_roll_outs(app: FastAPI, hub: Hub, person: Any) -> None:
     @app.post("/roll-outs/{roll_out}/cancel", dependencies=[person])
     def cancel(roll_out: str) -> dict[str, Any]:
         return hub.roll_outs.cancel(roll_out)
+
+
+def _add_recordings(app: FastAPI, hub: Hub, person: Any) -> None:
+    def store() -> RecordingStore:
+        if hub.recordings is None:
+            raise NotFoundError("this hub fetches no recordings: `cobot fleet serve --recordings FOLDER`")
+        return hub.recordings
+
+    @app.get("/recordings", dependencies=[person])
+    def recordings() -> dict[str, Any]:
+        return {"recordings": [asdict(each) for each in store().all()]}
+
+    @app.get("/recordings/{cell}/{robot}/{file}", dependencies=[person])
+    def recording(cell: str, robot: str, file: str) -> Response:
+        return FileResponse(store().path(cell, robot, file), media_type="application/octet-stream")
 
 
 async def _content(request: Request) -> bytes:

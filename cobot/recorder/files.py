@@ -80,6 +80,9 @@ class RecordingFile:
             "monotonic_to_wall_ns": str(self._ahead_ns),
         }
         self._writer.add_metadata("cobot", robot | about)
+        # By this record Foxglove assigns a recording to a device, and recognises one that it has already.
+        device = {"deviceName": memory.robot, "key": f"{memory.robot}-{self.path.stem}"}
+        self._writer.add_metadata("foxglove", device)
         for topic in TOPICS:
             if topic != GRIPPER:
                 self._channel(topic)

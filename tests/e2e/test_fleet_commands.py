@@ -7,6 +7,7 @@ of another cell, which knows only docs/fleet.md; Chromium.
 from __future__ import annotations
 
 import importlib.util
+import io
 import json
 import os
 import shutil
@@ -25,6 +26,7 @@ from chromium import Page, browsing
 from cobot_run import Run, answering, until
 from fleets import FLEET, Hub, free_port
 from folders import ROOT
+from mcap.reader import make_reader
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
@@ -60,8 +62,8 @@ def tokens(folder: Path) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def hub(folder: Path, tokens: dict[str, str]) -> Iterator[Hub]:
-    started = Hub(folder, tokens["ada"])
+def hub(folder: Path, tokens: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hub]:
+    started = Hub(folder, tokens["ada"], tmp_path_factory.mktemp("recordings"))
     yield started
     started.close()
 
@@ -70,7 +72,8 @@ def hub(folder: Path, tokens: dict[str, str]) -> Iterator[Hub]:
 def cell(hub: Hub, folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     fleet = (
         f"{{name: {FLEET}, cell: one, zone: north, connect: ['{hub.address}'], "
-        f"certificates: {folder}/cells/one, accept: {{speed: admin, roll_out: operator}}}}"
+        f"certificates: {folder}/cells/one, recordings: true, "
+        "accept: {speed: admin, roll_out: operator}}"
     )
     run = Run(tmp_path_factory.mktemp("cell"), clock="realtime", more=f"fleet: {fleet}\n")
     with answering(run) as started:
@@ -439,6 +442,43 @@ def test_a_killed_cell_undoes_what_it_had_begun(hub: Hub, cell: Run, client: Cli
     child.kill()
     until(lambda: "half" not in programs_of(client))
     until(lambda: not load_settings(cell.config).bundle_file.exists())
+
+
+def test_recordings_come_home_over_a_kill_of_the_hub(
+    hub: Hub,
+    cell: Run,
+    client: Client,
+    folder: Path,
+    tokens: dict[str, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    source = load_settings(cell.config).recording_folder
+    until(lambda: client.recordings()["recorder"]["alive"])
+    names = client.record("dump", 1.0)
+    hub.end(signal.SIGKILL)
+    names += client.record("dump", 1.0)
+    hub.start()
+    assert hub.recordings is not None
+    home = hub.recordings / "one" / cell.name
+    for name in names:
+        until(lambda: (home / name).exists())  # noqa: B023 - it is done before the next one
+        assert (home / name).read_bytes() == (source / name).read_bytes()
+    reader = make_reader(io.BytesIO((home / names[0]).read_bytes()))
+    about = {each.name: each.metadata for each in reader.iter_metadata()}
+    assert about["foxglove"] == {"deviceName": cell.name, "key": f"{cell.name}-{Path(names[0]).stem}"}
+    monkeypatch.setenv("COBOT_CERTIFICATE", str(folder / "ca.pem"))
+    given = ["pull", str(tmp_path / "here"), "one", "--url", hub.url, "--token", tokens["ada"]]
+    part = tmp_path / "here" / "one" / cell.name / f"{names[0]}.part"
+    part.parent.mkdir(parents=True)
+    part.write_bytes((source / names[0]).read_bytes()[:1000])  # of a call that was interrupted
+    assert main(given) == 0
+    assert (part.parent / names[0]).read_bytes() == (source / names[0]).read_bytes()
+    assert main(given) == 0
+    assert "0 new" in capsys.readouterr().out
+    refused = hub.http.get(f"/recordings/one/{cell.name}/..%2F..%2F..%2Ftokens.json")
+    assert refused.status_code == 404
 
 
 def test_the_example_of_three_cells(

@@ -29,10 +29,13 @@ class Hub:
     Args:
         certificates: folder of the fleet; None: neither TLS nor tokens.
         token: of the person who asks.
+        recordings: folder for the recordings of cells.
     """
 
-    def __init__(self, certificates: Path | None = None, token: str = "") -> None:
-        self.certificates = certificates
+    def __init__(
+        self, certificates: Path | None = None, token: str = "", recordings: Path | None = None
+    ) -> None:
+        self.certificates, self.recordings = certificates, recordings
         self.zenoh_port, self.port = free_port(), free_port()
         trusted = certificates and ssl.create_default_context(cafile=certificates / "ca.pem")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
@@ -49,6 +52,8 @@ class Hub:
         options = ["--name", FLEET, "--listen", self.address, "--port", str(self.port)]
         if self.certificates is not None:
             options += ["--certificates", str(self.certificates)]
+        if self.recordings is not None:
+            options += ["--recordings", str(self.recordings)]
         return [sys.executable, "-P", "-m", "cobot", "fleet", "serve", *options]
 
     @property

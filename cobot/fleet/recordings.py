@@ -1,0 +1,261 @@
+"""Recordings come home: a cell gives pieces of its files, and the hub puts them together.
+
+Only the hub asks, one piece at a time, so a slow link delays no command. A file of the hub is complete when
+its SHA-256 is the one that the cell has computed; until then it is NAME.part, which goes on where it ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from hashlib import file_digest
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from cobot.errors import CobotError, InputError, NotFoundError, UnavailableError
+from cobot.fleet.messages import read
+from cobot.strict import StrictModel, sentences
+
+PIECE_BYTES = 512 * 1024
+PULL_S = 2.0
+"""Interval at which the hub looks for new recordings, in seconds."""
+MAX_LISTED = 10_000
+SUFFIX, PART, TAKEN = ".mcap", ".part", "taken.txt"
+RecordingName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,150}\.mcap$")]
+log = logging.getLogger("cobot.fleet")
+
+
+class ListedRecording(StrictModel):
+    """A complete recording of a cell: its name, and its size in bytes."""
+
+    name: RecordingName
+    size: Annotated[int, Field(ge=0)]
+
+
+class RecordingPiece(StrictModel):
+    """What the hub asks for: the piece from this byte on, or the hash of the whole file."""
+
+    name: RecordingName
+    offset: Annotated[int, Field(ge=0)] | None = None
+
+
+LISTED = TypeAdapter(list[ListedRecording])
+
+
+class GivenRecordings:
+    """The recordings of one robot of a cell."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def listing(self, _: bytes = b"") -> bytes:
+        """All complete recordings, the oldest first, as JSON."""
+        found = []
+        for path in sorted(self._folder.glob(f"*{SUFFIX}"), key=_age):
+            with contextlib.suppress(OSError, ValidationError):
+                found.append(ListedRecording(name=path.name, size=path.stat().st_size).model_dump())
+        return json.dumps(found[-MAX_LISTED:]).encode()
+
+    def answer(self, content: bytes) -> bytes:
+        """A piece, or the SHA-256 of the file as hexadecimal text.
+
+        Raises:
+            InputError: it is not a valid question.
+            NotFoundError: there is no such recording.
+        """
+        asked = read(RecordingPiece, content)
+        try:
+            with (self._folder / asked.name).open("rb") as file:
+                if asked.offset is None:
+                    return file_digest(file, "sha256").hexdigest().encode()
+                file.seek(asked.offset)
+                return file.read(PIECE_BYTES)
+        except OSError as exc:
+            raise NotFoundError(f"there is no recording {asked.name}: {exc.strerror}") from exc
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """A recording at the hub."""
+
+    cell: str
+    robot: str
+    name: str
+    size: int
+
+
+class RecordingStore:
+    """The recordings of a fleet on the hub's disk: FOLDER/CELL/ROBOT/NAME.
+
+    Args:
+        max_bytes: of all files; the oldest complete ones are deleted for new ones.
+
+    Raises (constructor):
+        UnavailableError: the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path, max_bytes: int) -> None:
+        self._folder, self._max_bytes = folder, max_bytes
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        except OSError as exc:
+            raise UnavailableError(f"--recordings: {folder}: {exc.strerror}") from exc
+
+    def all(self) -> list[Taken]:
+        """All complete recordings, the oldest first."""
+        found = []
+        for path in sorted(self._folder.glob(f"*/*/*{SUFFIX}"), key=_age):
+            with contextlib.suppress(OSError):
+                cell, robot = path.parts[-3:-1]
+                found.append(Taken(cell, robot, path.name, path.stat().st_size))
+        return found
+
+    def path(self, cell: str, robot: str, name: str) -> Path:
+        """
+        Raises:
+            NotFoundError: there is no such recording.
+        """
+        for each in self.all():
+            if (each.cell, each.robot, each.name) == (cell, robot, name):
+                return self._folder / cell / robot / name
+        raise NotFoundError(f"the hub has no recording {cell}/{robot}/{name}")
+
+    def take(
+        self, cell: str, robot: str, listing: bytes, ask: Callable[[RecordingPiece], bytes | None]
+    ) -> int:
+        """Fetch what is new. Returns the number of recordings that were completed.
+
+        Args:
+            ask: asks the cell; None if it does not answer.
+
+        Raises:
+            InputError: the listing is not valid.
+            UnavailableError: the disk is full, or the connection was lost; the next call goes on.
+        """
+        try:
+            found = LISTED.validate_json(listing)
+        except ValidationError as exc:
+            raise InputError(f"the recordings of {cell}/{robot}: {sentences(exc.errors())}") from exc
+        folder = self._folder / cell / robot
+        completed = 0
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            known = self._known(folder)
+            for each in found:
+                if each.name not in known and self._make_room(each.size):
+                    completed += self._fetch(folder, each, ask)
+        except OSError as exc:
+            raise UnavailableError(f"{folder}: {exc.strerror}; recordings stay in their cells") from exc
+        return completed
+
+    def _fetch(
+        self, folder: Path, recording: ListedRecording, ask: Callable[[RecordingPiece], bytes | None]
+    ) -> bool:
+        part = folder / f"{recording.name}{PART}"
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+        with os.fdopen(os.open(part, flags, 0o600), "r+b") as file:
+            while (offset := file.seek(0, os.SEEK_END)) < recording.size:
+                piece = ask(RecordingPiece(name=recording.name, offset=offset))
+                if not piece:
+                    raise UnavailableError(f"{recording.name}: the cell does not answer; it goes on later")
+                file.write(piece[: recording.size - offset])
+                file.flush()
+            expected = ask(RecordingPiece(name=recording.name))
+            if expected is None:
+                raise UnavailableError(f"{recording.name}: the cell does not answer; it goes on later")
+            file.seek(0)
+            right = file_digest(file, "sha256").hexdigest().encode() == expected
+            os.fsync(file.fileno())
+        if not right:
+            part.unlink()  # the file in the cell is another one now, or the disk has changed a byte
+            log.warning("%s: its hash differs; it is fetched again", part)
+            return False
+        part.rename(folder / recording.name)
+        with (folder / TAKEN).open("a", encoding="ascii") as taken:
+            taken.write(f"{recording.name}\n")
+        return True
+
+    @staticmethod
+    def _known(folder: Path) -> set[str]:
+        """What was taken, also if it has been deleted since to make room."""
+        names = {path.name for path in folder.glob(f"*{SUFFIX}")}
+        with contextlib.suppress(FileNotFoundError):
+            names |= set((folder / TAKEN).read_text(encoding="ascii", errors="replace").split())
+        return names
+
+    def _make_room(self, size: int) -> bool:
+        """Delete the oldest recordings. False if this one alone is too large."""
+        if size > self._max_bytes:
+            return False
+        kept = self.all()
+        total = sum(each.size for each in kept)
+        for each in kept:
+            if total + size <= self._max_bytes:
+                break
+            (self._folder / each.cell / each.robot / each.name).unlink(missing_ok=True)
+            log.info("deleted the recording %s/%s/%s to make room", each.cell, each.robot, each.name)
+            total -= each.size
+        return True
+
+
+class RecordingPuller:
+    """Fetches recordings in a thread, one robot after the other.
+
+    Args:
+        robots: the cells and robots that give their recordings now.
+        ask: sends a question to the key of a robot; None without an answer.
+    """
+
+    def __init__(
+        self,
+        store: RecordingStore,
+        robots: Callable[[], Iterable[tuple[str, str]]],
+        ask: Callable[[str, str, str, bytes | None], bytes | None],
+    ) -> None:
+        self.store = store
+        self._robots, self._ask = robots, ask
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recordings", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join(5.0)
+
+    def _run(self) -> None:
+        while not self._ended.wait(PULL_S):
+            for cell, robot in self._robots():
+                try:
+                    self._pull(cell, robot)
+                except CobotError as exc:
+                    log.warning("recordings of %s/%s: %s", cell, robot, exc)
+                except Exception:
+                    log.exception("recordings of %s/%s", cell, robot)
+
+    def _pull(self, cell: str, robot: str) -> None:
+        listing = self._ask(cell, robot, "recordings", None)
+        if listing is None:
+            return
+
+        def ask(question: RecordingPiece) -> bytes | None:
+            if self._ended.is_set():
+                return None
+            return self._ask(cell, robot, "recording", question.model_dump_json().encode())
+
+        completed = self.store.take(cell, robot, listing, ask)
+        if completed:
+            log.info("%d recordings of %s/%s are here", completed, cell, robot)
+
+
+def _age(path: Path) -> Any:
+    try:
+        return path.stat().st_mtime_ns, path.name
+    except OSError:
+        return 0, path.name
