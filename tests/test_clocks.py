@@ -24,6 +24,7 @@ WALL = {
     "cobot/access/tokens.py": "when a token was made, and the date on which it ends",
     "cobot/audit.py": "time stamps of entries",
     "cobot/clock.py": "the one place that services ask",
+    "cobot/fleet/certificates.py": "when a certificate begins and ends",
     "cobot/ipc/shm.py": "when the memory was made",
     "cobot/launch/backup/backup.py": "when a backup was made",
     "cobot/launch/backup/support.py": "when a support bundle was made",
