@@ -15,9 +15,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 LOOK_S, MAX_S = 2.0, 15.0
-"""Memory is looked at so often, and less and less often while it stays larger whatever is done about it."""
+"""Interval between two looks at the memory, s. It grows to the second value while freeing has no effect."""
 GROWTH = 1.05
-"""By this factor it may grow before something is done about it, which takes some milliseconds."""
+"""Factor by which the memory may grow before it is freed, which takes some milliseconds."""
 ARENAS = 2
 _M_ARENA_MAX = -8
 _libc = ctypes.CDLL(None)

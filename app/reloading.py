@@ -148,7 +148,7 @@ class Reloading:
             log.warning("reload: needs a restart: %s", "; ".join(answer.needs_restart))
 
     def _read(self) -> _Read:
-        """In a thread: it may take a tenth of a second."""
+        """Read the new configuration. Call it in a thread, because it may take a tenth of a second."""
         try:
             new = load_settings(self._source)
             endpoints = load_endpoints(new.web.endpoints, ENDPOINTS)

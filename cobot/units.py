@@ -8,14 +8,14 @@ DEGREES_FROM_RAD = 9.5
 """No angle is more than one and a half turns: a larger one is likely to be in degrees."""
 MAX_POSE_ANGLE_RAD = DEGREES_FROM_RAD
 DEGREES_TO_RAD = 720.0
-"""Above two turns in degrees a number is no angle in any unit."""
+"""Limit of an angle in degrees: two turns. A larger number is not an angle in any unit."""
 MILLIMETRES_FROM_M = 50.0
 """No slide of an arm is that long: a larger position is likely to be in millimetres."""
 MAX_TIP_M = 10.0
 """No tool is longer: a larger coordinate of its tip is likely to be in millimetres."""
 MILLIMETRES_TO_M = 1e4
 FAR_M = 10.0
-"""No TCP gets so far: a coordinate beyond this that is out of reach is likely to be in millimetres."""
+"""Largest reach of a TCP, m. A coordinate beyond it that is out of reach is likely to be in millimetres."""
 DEGREES = "these look like degrees, angles are in rad"
 
 

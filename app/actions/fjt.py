@@ -61,7 +61,7 @@ WATCH_S = 0.01
 FEEDBACK_EVERY = round(FEEDBACK_S / WATCH_S)
 READY_S = 1.0
 THERE_S = 0.5
-"""A goal whose only point is where the arm is already (to the tolerance of the start) takes so long, s."""
+"""Duration of a goal whose only point is the arm's present position, within the tolerance of the start, s."""
 PLAN_S = 30.0
 
 log = logging.getLogger("cobot.fjt")

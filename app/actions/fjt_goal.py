@@ -212,7 +212,7 @@ def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
     values = np.array(rows, dtype=np.float64)
     if not np.isfinite(values).all():
         index, joint = np.argwhere(~np.isfinite(values))[0]
-        raise GoalError(f"points[{index}]: {name}[{joint}] is no finite number")
+        raise GoalError(f"points[{index}]: {name}[{joint}] is not a finite number")
     return np.asarray(values[:, order])
 
 

@@ -167,7 +167,7 @@ def answer_to(error: CobotError, explain: Explain | None = None) -> JSONResponse
 
 
 def tell(request: Request, explain: Explain) -> None:
-    """Have the answer to a request, which will be an error, say so much of it."""
+    """Set the explanation that the error answer to this request contains."""
     request.state.explain = explain
 
 
@@ -227,7 +227,7 @@ def _allowed(request: Request) -> str:
 
 
 def _meant(request: Request) -> str:
-    """The path that a wrong one may stand for: with single slashes, in small letters, or one much like it."""
+    """A suggestion for a wrong path: it with single slashes, in lower case, or a similar existing one."""
     path = request.scope["path"]
     if len(path) > MAX_GUESSED:
         return ""

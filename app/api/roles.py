@@ -69,7 +69,7 @@ def endpoint_of(route: BaseRoute) -> str:
         return f"{' '.join(sorted(route.methods or ()))} {route.path}"
     if isinstance(route, Route | Mount):
         return route.path
-    raise TypeError(f"{route} is no route that a role could be given")
+    raise TypeError(f"{route} is not a route that can have a role")
 
 
 def guard(routes: Iterable[BaseRoute], table: Mapping[str, Role]) -> None:

@@ -90,4 +90,4 @@ def _decoded(text: str) -> bytes:
     try:
         return base64.b64decode(text, validate=True)
     except binascii.Error as exc:
-        raise InputError(f"file: is no base64: {exc}") from exc
+        raise InputError(f"file: is not base64: {exc}") from exc

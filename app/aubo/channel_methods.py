@@ -107,7 +107,7 @@ async def read_byte(channel: Channel, timeout: float = TIMEOUT_S) -> int:
 
 
 async def read_byte_list(channel: Channel, number: int, timeout: float = TIMEOUT_S) -> list[int]:
-    """Read so many bytes; what has come stays when they are not all there in time.
+    """Read a number of bytes. If not all arrive in time, those that have arrived stay for the next call.
 
     Args:
         number: from 1 to 65536.
@@ -120,7 +120,7 @@ async def read_byte_list(channel: Channel, number: int, timeout: float = TIMEOUT
 
 
 async def read_binary_integer(channel: Channel, number: int, timeout: float = TIMEOUT_S) -> list[int]:
-    """Read so many integers of four bytes, the highest first.
+    """Read a number of integers of four bytes, highest byte first.
 
     Args:
         number: from 1 to 1000.
@@ -135,7 +135,7 @@ async def read_binary_integer(channel: Channel, number: int, timeout: float = TI
 
 
 async def read_ascii_float(channel: Channel, number: int, timeout: float = TIMEOUT_S) -> list[float]:
-    """Read so many numbers that come as text in parentheses, as "(1.5, -2, 3e2)".
+    """Read a number of values that arrive as text in parentheses, such as "(1.5, -2, 3e2)".
 
     Args:
         number: from 1 to 1000.
@@ -149,7 +149,7 @@ async def read_ascii_float(channel: Channel, number: int, timeout: float = TIMEO
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError as exc:
-        raise DeviceError(f"{channel.name}: {shown(text)} is no list of numbers") from exc
+        raise DeviceError(f"{channel.name}: {shown(text)} is not a list of numbers") from exc
     if len(values) != number:
         raise DeviceError(f"{channel.name}: {number} numbers were due, {len(values)} came")
     return values

@@ -33,7 +33,7 @@ EMPTY: dict[str, Any] = {"bool": False, "int32": 0, "int64": 0, "float64": 0.0, 
 MAX_INTEGER = {"int32": 2**31 - 1, "int64": 2**63 - 1}
 REQUIRED: Any = inspect.Parameter.empty
 MAX_ITEMS = 65_536
-"""A list may have so many items: each is checked on the event loop, which motions wait for as well."""
+"""Maximum number of items of a list. Each is checked on the event loop, and motions wait meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ def _require_unicode(place: str, text: str) -> None:
     try:
         text.encode()
     except UnicodeEncodeError as exc:
-        raise InputError(f"{place}: is no valid Unicode: {exc.reason}") from exc
+        raise InputError(f"{place}: is not valid Unicode: {exc.reason}") from exc
 
 
 def _parsed(name: str, text: str) -> Any:

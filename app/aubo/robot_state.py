@@ -216,7 +216,7 @@ async def is_steady(robot: Services) -> bool:
 
 @service("RobotState")
 async def is_power_on(robot: Services) -> bool:
-    """Whether the drives obey: they do, but for a fault.
+    """Whether the drives are on: always, except in a fault.
 
     Returns:
         False in a fault.

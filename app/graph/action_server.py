@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 MAX_RUNNING = 16
 MAX_KEPT = 64
 KEPT_S = 900.0
-"""The newest `MAX_KEPT` results are kept for so long, for clients that ask late, s."""
+"""Time for which the newest `MAX_KEPT` results are kept for clients that ask late, s."""
 
 ASKER: ContextVar[object] = ContextVar("asker", default=None)
 """On whose behalf the present task asks for goals: `ActionServer.abandon` ends them when that has gone."""

@@ -21,7 +21,7 @@ UNSENT_BYTES = 4096
 SLICE_BYTES = 1024
 """Maximum number of bytes that the parser gets at once: at most some 170 frames, about two milliseconds."""
 MAX_FRAGMENTS = 1024
-"""A message may come in so many frames."""
+"""Maximum number of frames of a message."""
 TOO_BIG = 1009
 
 

@@ -20,7 +20,7 @@ from cobot.ros.messages import Message
 MAX_BYTES = 32 * 2**20
 """A client that lets answers of more than this pile up is disconnected."""
 MAX_OPTIONAL = 256
-"""While so many messages wait for a client, feedback and status are left out."""
+"""Number of waiting messages of a client from which feedback and status are left out."""
 MAX_PER_TOPIC = 100
 """Maximum number of subscriptions or advertisements of one topic by a client; they differ by their ids."""
 DEFAULT_QUEUE = 100

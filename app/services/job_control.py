@@ -26,7 +26,7 @@ from cobot.types import RESTING
 log = logging.getLogger("cobot.jobs")
 
 ENDS_S = 1.0
-"""A motion that has come to its end is a job that has ended within so long."""
+"""Maximum time from the end of a motion to the end of its job, s."""
 
 
 class JobService:

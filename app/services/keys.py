@@ -146,7 +146,7 @@ class Keys:
             if isinstance(exc, sqlite3.OperationalError):  # such as a full disk, with which the file is good
                 raise
             damaged = self._path.with_name(self._path.name + DAMAGED)
-            log.warning("%s: is no store of keys (%s): moved to %s", self._path, exc, damaged.name)
+            log.warning("%s: is not a store of keys (%s): moved to %s", self._path, exc, damaged.name)
             os.replace(self._path, damaged)
             for rest in ("-wal", "-shm"):
                 self._path.with_name(self._path.name + rest).unlink(missing_ok=True)

@@ -54,7 +54,7 @@ def _section(value: object, info: ValidationInfo, what: str) -> object:
         )
     nameless = [key for key in content if not isinstance(key, str)]
     if nameless:
-        raise ValueError(f"the key {shown(nameless[0])} is no text: an option of the {what} has a name")
+        raise ValueError(f"the key {shown(nameless[0])} is not a text: an option of the {what} has a name")
     options = {key: each for key, each in content.items() if key not in ("type", "folder")}
     folder = resolve(str(content.get("folder", ".")), (info.context or {})["folder"])
     return {"type": content["type"], "options": options, "folder": folder}

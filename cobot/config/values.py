@@ -32,7 +32,7 @@ def _an_ipv4_address(value: str) -> str:
     try:
         IPv4Address(value)
     except ValueError as exc:
-        raise ValueError(f"{shown(value)} is no IPv4 address, such as 192.168.0.20") from exc
+        raise ValueError(f"{shown(value)} is not an IPv4 address, such as 192.168.0.20") from exc
     return value
 
 
@@ -48,21 +48,21 @@ def _a_host(value: str) -> str:
 def _an_origin(value: str) -> str:
     if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^/?#\s@*A-Z]+", value):
         raise ValueError(
-            f"{shown(value)} is no origin of pages, such as https://app.example or http://localhost:3000: "
-            "a scheme, a host in lower case, and its port if it is not the usual one"
+            f"{shown(value)} is not an origin of pages, such as https://app.example or "
+            "http://localhost:3000: a scheme, a host in lower case, and its port if it is not the usual one"
         )
     return value
 
 
 def _a_zenoh_endpoint(value: str) -> str:
     if not re.fullmatch(r"(tcp|tls)/([A-Za-z0-9._-]+|\[[0-9a-f:.]+\]):[0-9]{1,5}", value):
-        raise ValueError(f"{shown(value)} is no address of a hub, such as tls/hall-3.example:7447")
+        raise ValueError(f"{shown(value)} is not the address of a hub, such as tls/hall-3.example:7447")
     return value
 
 
 def _a_panel(value: str) -> str:
     if not re.fullmatch(r"https?://[^\s<>\"']+", value):
-        raise ValueError(f"{shown(value)} is no address of a panel, such as http://cell-3.example:8007")
+        raise ValueError(f"{shown(value)} is not the address of a panel, such as http://cell-3.example:8007")
     return value
 
 

@@ -75,7 +75,7 @@ class TwoPositions:
         self._drive(goal)
 
     def _adopt(self, goal: FingerGoal, since_s: float = math.inf) -> None:
-        """Go on as if this had been commanded so long ago."""
+        """Continue as if this goal had been commanded `since_s` ago."""
         self.goal, self._begun_s = goal, self._clock.now_s() - since_s
 
     def _drive(self, goal: FingerGoal) -> None:

@@ -170,5 +170,5 @@ class VacuumGripper(TwoPositions):
 
     @property
     def _longest_s(self) -> float:
-        """A release takes so long."""
+        """Duration of a release, s."""
         return max(self._options.release_time_s, self._blow_time_s)

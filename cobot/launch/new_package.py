@@ -28,8 +28,8 @@ def check_name(name: str, taken: Mapping[str, str], what: str, suffix: str) -> N
     """
     if len(name) > MAX_LENGTH or not NAME.fullmatch(name):
         raise ConfigError(
-            f"{name[:80]!r} is no name for a {what}: small letters, digits and single underscores, a letter "
-            f"first, at most {MAX_LENGTH}, such as my_{suffix}"
+            f"{name[:80]!r} is not a name for a {what}: small letters, digits and single underscores, a "
+            f"letter first, at most {MAX_LENGTH}, such as my_{suffix}"
         )
     if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in sys.stdlib_module_names:
         raise ConfigError(f"{name!r} is a word of Python: choose another name, such as {name}_{suffix}")

@@ -286,4 +286,4 @@ def _xacro_argument(argument: str) -> tuple[str, str]:
 def _port(argument: str) -> int:
     if argument.isdecimal() and int(argument) <= 65535:
         return int(argument)
-    raise argparse.ArgumentTypeError(f"{argument!r} is no port: give a number from 0 to 65535")
+    raise argparse.ArgumentTypeError(f"{argument!r} is not a port: give a number from 0 to 65535")

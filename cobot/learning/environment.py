@@ -65,7 +65,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         rate_hz: of the actions, 1 to 500.
         task: what is to be done; without it `Reach`.
         cameras: that belong to the observations.
-        spread_rad: a start is so far from the start position at most, each joint.
+        spread_rad: maximum distance of each joint from the start position at a start.
         max_velocity_rad_s: of a relative action of 1.
         speed: on the way to a start, on a service.
         render_mode: None, or rgb_array: what the first camera sees, or `cameras.FRONT` without one.

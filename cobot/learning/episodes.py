@@ -202,7 +202,7 @@ def read_episode(path: Path) -> Episode:
     try:
         return _read(io.BytesIO(content))
     except UNREADABLE as exc:
-        raise InputError(f"{path}: is no whole episode of cobot: {exc}") from exc
+        raise InputError(f"{path}: is not a whole episode of cobot: {exc}") from exc
 
 
 def _types() -> Any:

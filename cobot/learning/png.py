@@ -19,7 +19,7 @@ def pixels_of_png(content: bytes) -> np.ndarray:
         ValueError: it is damaged, or another kind of PNG.
     """
     if not content.startswith(SIGNATURE):
-        raise ValueError("a picture in it is no PNG")
+        raise ValueError("a picture in it is not a PNG")
     place, head, data = len(SIGNATURE), b"", bytearray()
     while place + 12 <= len(content):
         (length,) = struct.unpack_from(">I", content, place)

@@ -1,4 +1,4 @@
-"""What repeats itself is counted, not repeated: so many of a kind in an interval, then their number."""
+"""Repeated messages: in an interval, a limited number of each kind passes, and then their count."""
 
 from __future__ import annotations
 

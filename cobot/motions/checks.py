@@ -102,11 +102,11 @@ def _require_one(traits: PlannerTraits, request: MotionRequest, given: list[str]
 def _check_arc(arc: Arc) -> None:
     """Require an arc to turn, about a direction."""
     if arc.angle_rad == 0.0:
-        raise InputError("angle: is 0 rad, which is no arc, with or without a rise; for a line there is lin")
+        raise InputError("angle: is 0 rad, so there is no arc, even with a rise; for a line use lin")
     if arc.axis is not None and not math.hypot(*arc.axis) > MIN_AXIS_LENGTH:
         length = math.hypot(*arc.axis)
         raise InputError(
-            f"axis: has a length of {length:g}, which is no direction; above {MIN_AXIS_LENGTH:g} is"
+            f"axis: has a length of {length:g}, so it has no direction; above {MIN_AXIS_LENGTH:g} is"
         )
 
 

@@ -16,7 +16,7 @@ from cobot.types import Array, JointLimits
 PLANNED_EFFORT = 0.98
 """Maximum share of the effort limits in planned motions; `allowed_shares` has the exception."""
 TRANSITION_EFFORT = 0.99
-"""Maximum share while the present motion is joined with a further one on the same path. Both may already use
+"""Maximum share of the effort limits where a motion is joined with the next one. Both may already use
 `PLANNED_EFFORT`. Without a margin above it the join would often fail, and the arm would stop between them."""
 MAX_HOLDING_EFFORT = 0.999
 """Share of an effort limit above which holding the arm still leaves no effort for a motion."""

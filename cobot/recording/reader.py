@@ -39,7 +39,7 @@ class Cycles:
         position, velocity, effort: measured, rad, rad/s, N·m, shape (n, dof).
         commanded, commanded_effort: rad, N·m, shape (n, dof).
         modes: of `cobot.types.LoopMode`, shape (n,).
-        missing: so many cycles between the first and the last one are not there.
+        missing: number of missing cycles between the first and the last one.
     """
 
     robot: str
@@ -67,7 +67,7 @@ def read_recording(path: Path) -> Cycles:
 
 
 def read_path(path: Path, samples: int) -> RecordedPath:
-    """Where the arm was, at so many of its cycles, and all events.
+    """The path of the arm at `samples` of its cycles, and all events.
 
     Raises:
         InputError: as `read_recording`; or the file is too large for that.
@@ -81,7 +81,7 @@ def _understood(path: Path, read: Callable[[Path], Result]) -> Result:
     except OSError as exc:
         raise InputError(f"{path}: {exc.strerror or exc}") from exc
     except UNREADABLE as exc:
-        raise InputError(f"{path}: is no whole recording of cobot: {exc}") from exc
+        raise InputError(f"{path}: is not a whole recording of cobot: {exc}") from exc
 
 
 def _types() -> Typestore:

@@ -86,7 +86,8 @@ class RecordingStore:
         """
         if not _NAME.fullmatch(name):
             raise InputError(
-                f"name: {shown(name)} is no name of a recording, as {run_name('iiwa', 0, 'fault')}{SUFFIX}"
+                f"name: {shown(name)} is not the name of a recording, such as "
+                f"{run_name('iiwa', 0, 'fault')}{SUFFIX}"
             )
         file = self.folder / name
         if file.is_symlink() or not file.is_file():

@@ -112,7 +112,7 @@ class Scalar:
             try:
                 length = len(value.encode())
             except UnicodeEncodeError as exc:
-                raise InputError(f"{path}: is no valid Unicode: {exc.reason}") from exc
+                raise InputError(f"{path}: is not valid Unicode: {exc.reason}") from exc
             if self._bound and length > self._bound:
                 raise InputError(f"{path}: has {length} bytes, the limit is {self._bound}")
         return value

@@ -170,7 +170,7 @@ class Program:
         names = text(class_, "the class"), text(method, "the method")
         for name in names:
             if not name.isidentifier():
-                raise InputError(f"{shown(name)} is no name of a class or a method")
+                raise InputError(f"{shown(name)} is not the name of a class or a method")
         fields = {} if arguments is None else plain(arguments, "the arguments")
         if fields == []:  # an empty table is both
             fields = {}

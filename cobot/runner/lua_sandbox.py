@@ -21,7 +21,7 @@ from cobot.foreign import plain_error
 
 PRELUDE = Path(__file__).with_name("sandbox.lua")
 INTERVAL = 100_000
-"""The limits are looked at after so many instructions: about a millisecond."""
+"""Number of instructions between two checks of the limits: about a millisecond."""
 END_S = 0.3
 """How long a program that was told to end is waited for: it sees it within milliseconds, if at all."""
 MAX_ERROR_BYTES = 10_000
@@ -86,7 +86,11 @@ class ProgramWatch:
         return ready()
 
     def sleep(self, seconds: float) -> None:
-        """Wait for so long."""
+        """Wait.
+
+        Raises:
+            Stopping: the program has to end.
+        """
         deadline_s = time.monotonic() + seconds
         self.wait(lambda: time.monotonic() >= deadline_s, min(seconds, threading.TIMEOUT_MAX))
 

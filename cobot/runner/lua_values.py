@@ -26,7 +26,7 @@ def text(value: object, name: str) -> str:
     try:
         return value.decode("utf-8")
     except UnicodeDecodeError as exc:
-        raise InputError(f"{name} is no UTF-8 text: {exc.reason} at byte {exc.start + 1}") from exc
+        raise InputError(f"{name} is not UTF-8 text: {exc.reason} at byte {exc.start + 1}") from exc
 
 
 def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:

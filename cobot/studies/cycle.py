@@ -51,7 +51,8 @@ class CycleStudy(RobotStudy):
         for place in places:
             if not 1 <= place < len(self.program) or places.count(place) > 1:
                 raise ValueError(
-                    f"orders: {place} occurs twice or is no move of the program, 1 to {len(self.program) - 1}"
+                    f"orders: {place} occurs twice or is not a move of the program, "
+                    f"1 to {len(self.program) - 1}"
                 )
         for number, move in enumerate(self.program):
             if move.within_m is not None and (move.pose is None or number == 0):

@@ -27,7 +27,7 @@ class MapColumns(NamedTuple):
 
     Attributes:
         metrics: names of the columns that may colour it, the chosen one first.
-        every: one of so many places is in the columns.
+        every: the columns have one place of this many.
     """
 
     columns: Columns
@@ -37,7 +37,7 @@ class MapColumns(NamedTuple):
 
 
 def map_columns(study: Study, columns: Columns, max_points: int) -> MapColumns | None:
-    """What a map shows of a study's results, at most so many places; None if they are no places."""
+    """A map of a study's results with at most `max_points` places; None if the results have no places."""
     if not study.maps or not columns or "share" not in columns:
         return None
     known = has_result(columns)
@@ -56,7 +56,7 @@ def map_columns(study: Study, columns: Columns, max_points: int) -> MapColumns |
 def write_maps(
     study: Study, folder: ResultsFolder, answer: dict[str, object], columns: Columns
 ) -> list[Path]:
-    """Write `map.png` and `map.html`, and return their paths; nothing if the results are no places.
+    """Write `map.png` and `map.html`, and return their paths; nothing if the results have no places.
 
     Raises:
         UnavailableError: the folder cannot be written.

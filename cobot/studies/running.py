@@ -189,7 +189,7 @@ def run_study(
 
 @contextmanager
 def _local_pool(workers: int, niceness: int) -> Iterator[Executor]:
-    """A pool whose running calls end with the block, because their results would be lost."""
+    """A pool of processes. The end of the block ends its running calls, as their results would be lost."""
     pool = LocalPool(workers, niceness)
     try:
         yield pool

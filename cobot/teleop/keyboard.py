@@ -11,7 +11,7 @@ from cobot.errors import InputError, UnavailableError
 from cobot.teleop.hand import JogVelocity
 
 HELD_S = 0.2
-"""A key that has not come again for so long is let go."""
+"""Time without a repetition after which a key counts as released, s."""
 TWISTS = {
     key: tuple(way if axis == each else 0.0 for each in range(6))
     for axis, keys in enumerate(("ws", "ad", "rf", "uo", "ik", "jl"))

@@ -13,7 +13,7 @@ from rtloop.backends import Backend, ImpedanceControlled, TorqueControlled, Wren
 RISE_S = 0.1
 """Time in which a force rises from zero to its maximum, or falls back, so that it does not jump."""
 MAX_WRENCH = np.array([150.0] * 3 + [30.0] * 3)
-"""Maximum, N and N·m: only the surroundings limit the motion that a force causes with compliant drives."""
+"""Maximum force and torque, N and N·m. With compliant drives only the surroundings limit the motion."""
 
 
 class Overlay:

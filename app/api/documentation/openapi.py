@@ -132,7 +132,7 @@ def _table(limits: JointLimits) -> list[Row]:
 
 
 def _present(rows: tuple[Row | None, ...]) -> list[Row]:
-    """The rows of the robots that have so many joints."""
+    """The rows of the robots with this number of joints."""
     return [row for row in rows if row is not None]
 
 

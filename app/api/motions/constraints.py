@@ -40,7 +40,8 @@ def _unit(name: str, given: Direction) -> Array:
     axis = np.array([given.x, given.y, given.z])
     length = float(np.linalg.norm(axis))
     if not 1e-9 < length < np.inf:
-        raise InputError(f"constraints.orientation.{name}: has a length of {length:g}, which is no direction")
+        field = f"constraints.orientation.{name}"
+        raise InputError(f"{field}: has a length of {length:g}, so it has no direction")
     return np.asarray(axis / length)
 
 

@@ -197,6 +197,6 @@ def _unit(field: str, direction: Direction | None) -> tuple[float, float, float]
     length = math.hypot(direction.x, direction.y, direction.z)
     if not length > MIN_AXIS_LENGTH:
         raise InputError(
-            f"{field}: has a length of {length:g}, which is no direction; above {MIN_AXIS_LENGTH:g} is"
+            f"{field}: has a length of {length:g}, so it has no direction; above {MIN_AXIS_LENGTH:g} is"
         )
     return direction.x / length, direction.y / length, direction.z / length

@@ -52,7 +52,7 @@ class ToolTip(RequestModel):
 
 
 class ToolShape(PutObject):
-    """A solid, given by its middle in the flange's frame."""
+    """A solid. Its pose is that of its centre in the flange's frame."""
 
     model_config = _example(
         {"shape": "cylinder", "radius": 0.05, "length": 0.1, "x": 0.0, "y": 0.0, "z": 0.06}

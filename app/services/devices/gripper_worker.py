@@ -32,7 +32,7 @@ BACKOFF_S = (0.1, 3.0)
 FIRST_REPORT_S = 2.0
 """How long a driver that uses the robot's inputs and outputs waits for their first report, s."""
 HUNG_S = 3.0
-"""A driver that has not returned from a call for so long is reported."""
+"""Duration of a call after which its driver is reported as hanging, s."""
 
 log = logging.getLogger("cobot.gripper")
 

@@ -12,7 +12,7 @@ from cobot.errors import InputError, LimitError, NotFoundError
 from cobot.strict import shown
 
 COUNT = 128
-"""Each bank has so many registers of each kind; they are numbered from 0."""
+"""Number of registers of each kind in a bank. They are numbered from 0."""
 BANKS = ("input", "output", "register")
 KINDS: dict[str, Any] = {"bool": False, "int16": 0, "int32": 0, "float": 0.0, "double": 0.0}
 """The kinds of registers, each with the value that it holds at first."""
@@ -163,7 +163,7 @@ class Variables:
         return self._watchdogs.get(name)
 
     def watch(self, name: str, timeout_s: float, action: int) -> None:
-        """Have the action done when the variable is not written for so long; 0 s ends that.
+        """Execute an action whenever the variable is not written for this time. 0 s ends the watch.
 
         Raises:
             InputError: the name is too long.

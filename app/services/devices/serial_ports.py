@@ -127,9 +127,9 @@ def _device(device: str) -> Path:
     except (OSError, ValueError, RuntimeError) as exc:
         raise InputError(f"device: {device!r}: {exc}") from exc
     if about is None or not stat.S_ISCHR(about.st_mode):
-        raise InputError(f"device: {device!r} is no character device below {DEVICES}")
+        raise InputError(f"device: {device!r} is not a character device below {DEVICES}")
     if not _is_serial(os.major(about.st_rdev), os.minor(about.st_rdev)):
-        raise DeviceError(f"{device}: is no serial port, but another kind of device")
+        raise DeviceError(f"{device}: is another kind of device than a serial port")
     return path
 
 

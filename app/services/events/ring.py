@@ -69,9 +69,9 @@ class Event:
     """An event as it is sent.
 
     Attributes:
-        number: counts up from 1 with each start of the service; None of what stands outside of the ring.
+        number: counts up from 1 with each start of the service; None for an event outside of the ring.
         robot: "" for what is about all of them.
-        text: all of it as JSON.
+        text: the whole event as JSON.
     """
 
     number: int | None
@@ -81,7 +81,7 @@ class Event:
 
 
 class Throttle:
-    """Lets a burst pass, and so many a second after it."""
+    """Lets a burst pass, and after it a limited number of events a second."""
 
     def __init__(self, burst: int, per_s: float, now_s: Callable[[], float]) -> None:
         self._burst, self._per_s, self._now_s = burst, per_s, now_s

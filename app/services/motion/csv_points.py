@@ -23,7 +23,7 @@ SEPARATORS = (";", "\t", ",")
 WHITESPACE = " "
 HEADER_BYTES = LINE_CHARACTERS = 65536
 DECIMAL_COMMAS = 1.5
-"""A row with so many times more cells than the header had its numbers cut at decimal commas."""
+"""Ratio of the cells of a row to those of the header from which decimal commas must have cut numbers."""
 NO_DECIMAL_COMMA = "a decimal comma is understood only where semicolons separate the columns: write 0.5"
 ONE_POINT = "write numbers without separators of thousands, and all of them with the same decimal sign"
 _DIGIT = re.compile(rb"[0-9]")
@@ -210,7 +210,7 @@ def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
 
 
 def _lines(text: io.TextIOWrapper) -> Iterator[str]:
-    """None so long that to take it apart would keep the interpreter from all others."""
+    """The lines of a file. A line that would take too long to split is rejected."""
     for number in itertools.count(1):
         line = text.readline(LINE_CHARACTERS + 1)
         if len(line) > LINE_CHARACTERS:

@@ -136,7 +136,7 @@ class PositionService:
         if len(position.joints) != dof:
             return f"has {len(position.joints)} joints, this arm has {dof}"
         if not all(map(math.isfinite, position.joints)):
-            return f"has joints that are no numbers: {shown(position.joints)}"
+            return f"has joints that are not numbers: {shown(position.joints)}"
         return "" if position.name == name else f"is called {shown(position.name)} too"
 
     def _set_aside(self, why: str) -> None:

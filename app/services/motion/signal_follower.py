@@ -147,7 +147,7 @@ class SignalFollower:
                 self._tell("not fired", result)
 
     def note_retraction(self, by_m: float) -> None:
-        """The TCP has gone back so far."""
+        """Record the distance by which the TCP has gone back."""
         if self._contact is not None:
             self._contact = replace(self._contact, retracted_m=by_m)
 

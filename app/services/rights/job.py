@@ -206,13 +206,13 @@ class Job:
         self._planned_s, self._note, self._path_time_s = trajectory.duration_s, trajectory.note, 0.0
 
     def enqueue(self, duration_s: float, note: str) -> None:
-        """It is planned, takes so long at full speed, and waits for its turn."""
+        """Record that the motion is planned and waits for its turn. Its duration is that at full speed."""
         self._planned_s, self._note = duration_s, note
         self.accepted.set()
         self.on_change(self)
 
     def its_turn(self, override: SpeedOverride, motion_id: int | None, left_s: float) -> None:
-        """It is a part of a motion, which has come to it; of that part so much is left."""
+        """Record that the motion of several jobs has come to this one, and the remaining time of its part."""
         self._part_s, self._path_time_s = left_s, 0.0
         self._override = override
         self.start(motion_id)
@@ -223,11 +223,16 @@ class Job:
             self._path_time_s = max(self._part_s - left_s, self._path_time_s)
 
     def at_waypoint(self, done: float, of: int) -> None:
-        """A sequence has so many waypoints behind it, those that are begun as a share."""
+        """Record the progress of a sequence.
+
+        Args:
+            done: number of passed waypoints; a waypoint that has begun counts as a fraction.
+            of: number of all waypoints.
+        """
         self._waypoints = done, of
 
     def hold(self, held: bool) -> None:
-        """A sequence waits at a waypoint, or does no longer."""
+        """Record whether a sequence waits at a waypoint."""
         self._held = held
         self.on_change(self)
 

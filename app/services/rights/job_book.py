@@ -34,7 +34,7 @@ KEPT = 1000
 MAX_BYTES = 4_000_000
 OLDER_FILES = 1
 AGAIN_AFTER = 500
-"""After so many lines those that go on are written once more, before the oldest lines are dropped."""
+"""Number of lines after which unfinished jobs are written again, before the oldest lines are dropped."""
 END_S = 1.0
 MAX_REQUEST = 500
 
@@ -73,7 +73,7 @@ class JobBook:
         self._lines: OrderedDict[str, bytes] = OrderedDict()
         self._written = 0
         self._whole = 0
-        """The file says all that was known after so many changes."""
+        """Number of the change up to which the file is complete."""
         self._told = False
         self.on_change: Callable[[JobRecord], None] = lambda record: None
         self.ending = False

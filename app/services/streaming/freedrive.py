@@ -31,7 +31,7 @@ TIMEOUTS_S = (0.5, 60.0)
 """The shortest and the longest time after which freedrive has to be renewed."""
 TIMEOUT_S = 3.0
 SOFTNESS = 16.0
-"""The springs are so many times as soft as the robot's nominal ones: a quarter of their frequency."""
+"""Ratio of the robot's nominal stiffness to that of the springs: a quarter of the frequency."""
 FOLLOW_S = 0.15
 """A hand that moves the arm steadily is ahead of it by what the springs give way, the way of this time. Less
 would make it lighter, and unstable against something hard: it has to outlast `SMOOTHING_S` and the cycle."""
@@ -170,7 +170,7 @@ class FreedriveService:
         self._task = asyncio.create_task(self._run(session, guidance), name="freedrive")
 
     def renew(self, session: int, timeout_s: float) -> None:
-        """Go on for so long.
+        """Continue for this time.
 
         Args:
             session: its number.

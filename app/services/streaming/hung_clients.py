@@ -21,7 +21,7 @@ log = logging.getLogger("cobot.streams")
 
 @contextlib.asynccontextmanager
 async def watching_clients(link: RobotLink, timeout_s: float) -> AsyncIterator[None]:
-    """While the context lasts, end the session of a client that has been stopped for so long."""
+    """End sessions of clients whose process has been stopped for the timeout, until the context ends."""
     task = asyncio.create_task(_watch(link, timeout_s), name="hung clients")
     try:
         yield

@@ -29,7 +29,7 @@ from cobot.robot.limits import streamed
 from cobot.types import Array
 
 SILENCE_S = 0.2
-"""A client that says nothing for so long has let go."""
+"""Time without a frame of the client after which the jog ends, s."""
 PERIOD_S = 0.02
 """A target follows the last one after this time."""
 MAX_STEP_S = 0.05

@@ -22,8 +22,8 @@ from cobot.servo.protocol import Point, ServoRules
 from cobot.types import Array
 
 FAILURE_COST = 4.0
-"""After inverse kinematics that have failed, none is tried for so many times as long as that took: a stream
-of points out of reach must not keep the service busy."""
+"""Pause after an inverse kinematics that has failed, as a multiple of its duration. Without it, a stream of
+points out of reach would keep the service busy."""
 
 
 class PointInverse:

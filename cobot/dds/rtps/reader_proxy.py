@@ -9,7 +9,7 @@ from cobot.dds.rtps.history import Change
 from cobot.dds.rtps.types import Address
 
 MAX_PIECE = 60_000
-"""One datagram has so many bytes of payload; longer samples are cut into fragments of this size."""
+"""Maximum payload of a datagram in bytes. Longer samples are cut into fragments of this size."""
 
 FIRST_HEARTBEAT_S = 0.02
 """A sample that stays unacknowledged is followed by a heartbeat after this, s, then after twice as long."""

@@ -141,7 +141,7 @@ def capabilities(subject: Subject) -> str:
 
 
 def connect(subject: Subject) -> str:
-    """Connecting and disconnecting move nothing, also twice."""
+    """Nothing moves on connecting and disconnecting, even when each is done twice."""
     subject.prepare()
     before = subject.gripper.state().width
     for _ in range(2):

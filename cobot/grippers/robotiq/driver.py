@@ -38,7 +38,7 @@ from cobot.grippers.robotiq.urcap import PORT, UrcapLink
 from cobot.strict import shown
 
 BEYOND_M = 0.003
-"""A grasp aims so far beyond the narrowest permitted object: the fingers have to press on it."""
+"""Distance by which a grasp aims beyond the narrowest permitted object, m: the fingers must press on it."""
 NEAR = 2
 """Fingers that have stopped so few counts from the commanded position are there, and hold nothing."""
 ACTIVATION_S = 15.0

@@ -28,7 +28,7 @@ from cobot.motions.fields import Finite
 PARALLEL = "ParallelGripperCommand"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 BEYOND_M = 0.003
-"""A grasp aims so far beyond the narrowest permitted object: the fingers have to press on it."""
+"""Distance by which a grasp aims beyond the narrowest permitted object, m: the fingers must press on it."""
 NEAR_M = 0.003
 """Fingers that are no farther from the commanded width are there; a held object moves them no farther."""
 LOOKS, LOOK_S = 50, 0.02
@@ -254,7 +254,7 @@ class RosGripper:
             )
         position = heard.joint[0]
         if not isinstance(position, float | int) or not math.isfinite(position):
-            raise GripperError(f"{options.joint_states}: the position of {options.joint} is no number")
+            raise GripperError(f"{options.joint_states}: the position of {options.joint} is not a number")
         way = options.open_position - options.closed_position
         return min(max((position - options.closed_position) / way, 0.0), 1.0) * options.open_width
 

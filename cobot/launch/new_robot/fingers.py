@@ -29,7 +29,7 @@ LIGHT_KG, LIGHT_M = 0.02, 0.01
 """Mass and radius of the ball that stands for a finger without a mass: it slides, so it needs one."""
 TCP = "between_fingers"
 FROM_TIP_M, FROM_TIP_SHARE = 0.01, 0.25
-"""The TCP is so far from the fingertips, at most this share of the fingers' length."""
+"""Distance of the TCP from the fingertips, m, and its maximum as a share of the fingers' length."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ DENSITIES_KG_M3 = (1.0, 30_000.0)
 MAX_MASS_KG = 10_000.0
 BALL_SHARE, MIN_BALL_M = 0.125, 0.005
 """Radius of the ball that stands for a moving link without a shape: a share of the mean distance between
-joints, and at least so much."""
+joints, and at least the second value, m."""
 NOTHING_KG = 1e-9
 """What MuJoCo gives a link without mass while the shapes are weighed."""
 FROM_GEOM = mujoco.mjtInertiaFromGeom

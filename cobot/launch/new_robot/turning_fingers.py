@@ -162,7 +162,7 @@ def _followed(
             return f"{node.name} does not follow {node.leader} in proportion"
         leader = nodes.get(node.leader)
         if leader is None or leader.name in seen:
-            return f"{node.name} follows {node.leader}, which is no joint of the gripper"
+            return f"{node.name} follows {node.leader}, which is not a joint of the gripper"
         first, slope = node.polynomial[:2]
         offset += ratio * (node.reference(degrees) + first - slope * leader.reference(degrees))
         ratio *= slope

@@ -51,7 +51,7 @@ class ProcessSignals:
         self.hangup = True
 
     def sleep(self, seconds: float) -> None:
-        """Until a signal comes, a child ends, or so much time is over."""
+        """Wait until a signal comes, a child ends, or the time is over."""
         assert self._wake is not None
         with selectors.PollSelector() as selector:  # it needs no descriptor, of which there may be none
             selector.register(self._wake, selectors.EVENT_READ)

@@ -124,7 +124,7 @@ class MonitoringMessage:
 
     Attributes:
         send_period_ms: between two monitoring messages.
-        receive_multiplier: after so many of them the controller expects an answer.
+        receive_multiplier: number of monitoring messages after which the controller expects an answer.
         measured_position, commanded_position, ipo_position: rad.
         measured_torque, commanded_torque, external_torque: N·m.
         ipo_position: where the controller's own interpolator is, on which the overlay is laid.

@@ -146,7 +146,7 @@ def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
             "order the points by their times",
         ),
         (goal([point(HERE, -1.0)]), FjtError.INVALID_GOAL, "must not be negative"),
-        (goal([point([*HERE[:6], math.nan], 1.0)]), FjtError.INVALID_GOAL, r"positions\[6\] is no finite"),
+        (goal([point([*HERE[:6], math.nan], 1.0)]), FjtError.INVALID_GOAL, r"positions\[6\] is not a finite"),
         (goal([{**point(HERE, 1.0), "effort": HERE}]), FjtError.INVALID_GOAL, "effort"),
         (
             goal([point(HERE, 1.0)], stamp=NOW_S - 10.0),

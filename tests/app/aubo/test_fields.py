@@ -46,7 +46,7 @@ def test_an_integer_is_taken_if_it_fits_into_its_type(kind: str, format_: str) -
         ("float64", math.nan, "it: must be finite, got NaN"),
         ("float64", 10**400, "it: must be finite"),
         ("string", None, "it: must be a string, got null"),
-        ("string", "\ud800", "it: is no valid Unicode"),
+        ("string", "\ud800", "it: is not valid Unicode"),
         ("json", "{", "it: is not valid JSON"),
         ("json", '{"a": 1, "a": 2}', "it: is not valid JSON: the key 'a' occurs twice"),
         ("json", "[" * 100_000, "it: is not valid JSON"),

@@ -97,7 +97,7 @@ def test_a_call_gets_what_the_request_says_and_answers_with_code_zero() -> None:
         ({"size": float("nan")}, "size: must be finite, got NaN"),
         ({"size": 10**400}, "size: must be finite"),
         ({"text": 3}, "text: must be a string, got 3"),
-        ({"text": "half \ud800"}, "text: is no valid Unicode: surrogates not allowed"),
+        ({"text": "half \ud800"}, "text: is not valid Unicode: surrogates not allowed"),
         ({"items": [0.0] * 65_537}, "items: may have up to 65536 items, got 65537"),
         ({"items": None}, "items: must be a list, got null"),
         ({"items": [0.0, float("inf")]}, "items[1]: must be finite, got Infinity"),

@@ -212,7 +212,7 @@ def test_a_device_of_another_kind_is_not_even_opened(
 
     async def check() -> None:
         message = await Caller(equipped(), CLASS).fails("serialOpen", Code.DEVICE, device=path)
-        assert message == f"{path}: is no serial port, but another kind of device"
+        assert message == f"{path}: is another kind of device than a serial port"
 
     run(check())
 

@@ -115,7 +115,7 @@ def test_an_answer_that_makes_no_sense_is_an_error_that_shows_it(server: Server)
     async def check() -> None:
         ask, equipment = await connected(server)
         server.send(b"(1, two)(1, 2)other 5\nspeed fast\n")
-        assert "'1, two' is no list" in await ask.fails("socketReadAsciiFloat", Code.DEVICE, number=2)
+        assert "'1, two' is not a list" in await ask.fails("socketReadAsciiFloat", Code.DEVICE, number=2)
         assert "3 numbers were due, 2 came" in await ask.fails("socketReadAsciiFloat", Code.DEVICE, number=3)
         assert "'other 5' came" in await ask.fails("socketGetVar", Code.DEVICE, name="speed")
         assert "'speed fast' came" in await ask.fails("socketGetVar", Code.DEVICE, name="speed")

@@ -93,7 +93,7 @@ def test_a_late_result_of_a_goal_that_was_replaced_is_not_the_new_goals(link: Li
 def test_a_position_that_is_no_number_is_an_error(link: Link, position: Any) -> None:
     made = gripper(link)
     link.hear(position=position)
-    with pytest.raises(GripperError, match="the position of jaw is no number"):
+    with pytest.raises(GripperError, match="the position of jaw is not a number"):
         made.state()
 
 

@@ -249,9 +249,9 @@ def test_no_command_is_wrong_usage_and_shows_the_help(capsys: pytest.CaptureFixt
     [
         (["fly"], "invalid choice: 'fly'"),
         (["check", "--speed", "1"], "unrecognized arguments: --speed 1"),
-        (["run", "--port", "eighty"], "'eighty' is no port: give a number from 0 to 65535"),
-        (["run", "--port", "65536"], "'65536' is no port"),
-        (["run", "--port", "-1"], "'-1' is no port"),
+        (["run", "--port", "eighty"], "'eighty' is not a port: give a number from 0 to 65535"),
+        (["run", "--port", "65536"], "'65536' is not a port"),
+        (["run", "--port", "-1"], "'-1' is not a port"),
         (["run", "--clock", "slow"], "invalid choice: 'slow'"),
     ],
 )

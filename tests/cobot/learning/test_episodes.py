@@ -102,7 +102,7 @@ def test_an_episode_that_breaks_off_leaves_nothing(tmp_path: Path) -> None:
 def test_what_is_no_episode_is_named(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "one.mcap"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"one\.mcap: is no whole episode"):
+    with pytest.raises(InputError, match=r"one\.mcap: is not a whole episode"):
         read_episode(path)
     with pytest.raises(InputError, match="No such file"):
         read_episode(tmp_path / "two.mcap")

@@ -98,7 +98,7 @@ def test_a_damaged_file_is_refused_with_its_name(
     content = recorded[0].read_bytes()
     damaged = tmp_path / "damaged.mcap"
     damaged.write_bytes(content[: int(cut * len(content)) if isinstance(cut, float) else cut])
-    with pytest.raises(InputError, match=r"damaged\.mcap: is no whole recording"):
+    with pytest.raises(InputError, match=r"damaged\.mcap: is not a whole recording"):
         read_recording(damaged)
     with pytest.raises(InputError, match="No such file"):
         read_recording(tmp_path / "none.mcap")

@@ -74,7 +74,7 @@ def test_no_name_leads_out_of_the_folder(tmp_path: Path, bad: str) -> None:
     (tmp_path / "secret").write_text("secret")
     store = filled(tmp_path / "mcap", [name(1)])
     for act in (store.path, store.remove):
-        with pytest.raises(InputError, match="is no name of a recording"):
+        with pytest.raises(InputError, match="is not the name of a recording"):
             act(bad)
     assert (tmp_path / "secret").read_text() == "secret"
     assert [each.name for each in store.all()] == [name(1)]

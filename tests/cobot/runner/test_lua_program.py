@@ -291,10 +291,10 @@ def test_coroutines_work() -> None:
         ("local t = {} t[1] = t to_json(t)", r"nested more than 16 deep"),
         ("to_json({1, a = 2})", r"keys 1, 2, 3 \.\.\. or texts"),
         ("textmsg(('x'):rep(3, ',')) error('mine')", r"test\.lua:1: mine$"),
-        ("error({})", r"an error that is no text: table"),
+        ("error({})", r"an error that is not a text: table"),
         ("local function f() return 1 + {} end\nf()", r"test\.lua:1: attempt to perform arithmetic"),
         ("require('os')", r"there is no module 'os' here; valid is: ros_bind"),
-        ("move_named('\\xff')", r"the name is no UTF-8 text"),
+        ("move_named('\\xff')", r"the name is not UTF-8 text"),
     ],
 )
 def test_errors_name_the_line_and_what_is_wrong(source: str, message: str) -> None:

@@ -45,7 +45,7 @@ def test_data_is_as_json_knows_it_both_ways(literal: str, expected: Any) -> None
         ("{[1] = 1, [3] = 3}", "it must have either the keys 1, 2, 3 ... or texts as keys"),
         ("{1, a = 2}", "it must have either the keys"),
         ("{[true] = 1}", "it must have either the keys"),
-        ("'\\xff'", "it is no UTF-8 text"),
+        ("'\\xff'", "it is not UTF-8 text"),
         ("(function() local t = {}; t[1] = t; return t end)()", f"it is nested more than {DEEPEST} deep"),
     ],
 )

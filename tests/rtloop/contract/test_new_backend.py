@@ -91,9 +91,9 @@ def test_a_name_that_ends_with_arm_says_it_once(tmp_path: Path, name: str, kind:
 @pytest.mark.parametrize(
     ("name", "problem"),
     [
-        ("Sky Crane", "is no name for a backend"),
-        ("../crane", "is no name for a backend"),
-        ("", "is no name for a backend"),
+        ("Sky Crane", "is not a name for a backend"),
+        ("../crane", "is not a name for a backend"),
+        ("", "is not a name for a backend"),
         ("a" * 41, "at most 40"),
         ("crane__two", "single underscores"),
         ("class", "is a word of Python"),

@@ -42,7 +42,7 @@ def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
 def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
     """Whether a motion through these moves may go on through another one.
 
-    rtloop has one condition of each kind, and a place for so many actions.
+    rtloop has one condition of each kind, and a limited number of actions.
     """
     if not before:
         return True

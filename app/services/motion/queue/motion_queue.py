@@ -41,7 +41,7 @@ from cobot.errors import (
 BLEND_WAIT_S = 0.25
 SHORT_S = 1.0
 SHOWN_S = 0.2
-"""An accepted move is shown as under way for so long at least: clients poll, and some moves are none."""
+"""Minimum time for which an accepted move is shown as under way, s. Clients poll, and moves may be short."""
 CAPACITY = 500
 """Maximum number of motions that wait."""
 MAX_NUMBER = 2**31 - 1

@@ -212,7 +212,7 @@ class MovePlanner:
         return move
 
     async def _place(self, move: QueuedMove) -> None:
-        """Find the places of its actions while it is alone.
+        """Find the path times of a move's actions, before the move is joined with others.
 
         Raises:
             InputError: see `place_signals`.

@@ -162,7 +162,7 @@ IO_HELP = "boolean, digital or analog; input or output, as the cabinet sees it; 
 def _endpoint(argument: str) -> tuple[str, int]:
     host, _, port = argument.rpartition(":")
     if not (host and port.isdigit() and 0 < int(port) <= MAX_PORT):
-        raise argparse.ArgumentTypeError(f"{argument!r} is no HOST:PORT with an IPv4 host")
+        raise argparse.ArgumentTypeError(f"{argument!r} is not HOST:PORT with an IPv4 host")
     return host, int(port)
 
 
@@ -183,7 +183,7 @@ def _within(kind: type[Number], least: float, most: float) -> Callable[[str], Nu
             value = None
         if value is None or not least <= value <= most:
             what = "whole number" if kind is int else "number"
-            raise argparse.ArgumentTypeError(f"{argument[:80]!r} is no {what} from {least:g} to {most:g}")
+            raise argparse.ArgumentTypeError(f"{argument[:80]!r} is not a {what} from {least:g} to {most:g}")
         return value
 
     return read
@@ -195,7 +195,7 @@ def _io(argument: str) -> IoValue:
     try:
         found = IoValue(name, IoType[kind.upper()], IoDirection[way.upper()], float(value or 0.0))
     except (KeyError, ValueError) as exc:
-        raise argparse.ArgumentTypeError(f"{argument!r} is no NAME:TYPE:WAY[=VALUE]") from exc
+        raise argparse.ArgumentTypeError(f"{argument!r} is not NAME:TYPE:WAY[=VALUE]") from exc
     if not 0 < len(name.encode()) <= MAX_NAME:
         raise argparse.ArgumentTypeError(f"{argument!r}: a name has 1 to {MAX_NAME} bytes")
     try:

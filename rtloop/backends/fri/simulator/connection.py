@@ -9,7 +9,7 @@ from rtloop.backends.fri.messages import Quality, ahead
 WINDOW = 100
 """Answers that the quality is judged by."""
 MIN_PACKETS = 10
-"""Before so many the quality is POOR."""
+"""Minimum number of packets for a quality better than POOR."""
 LATE = 0.5
 """What an answer that is one period late is worth."""
 EXCELLENT, GOOD, FAIR = 0.95, 0.75, 0.5

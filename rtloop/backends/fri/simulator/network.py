@@ -21,10 +21,10 @@ class Network:
     Attributes:
         loss, reorder: share of the packets that are lost, or come a period later than the next one.
         delay: periods that each answer is late.
-        drop: so many of the next packets to the client are lost.
+        drop: number of the next packets to the client that are lost.
         lost: packets that were lost, of both directions.
         spoil: what becomes of the measured values on their way to the client: "frozen", the same ones come
-            again and again; "nan", they are no numbers; "" for nothing.
+            again and again; "nan", they are not numbers; "" for nothing.
     """
 
     def __init__(self, seed: int = 0, loss: float = 0.0, reorder: float = 0.0, delay: int = 0) -> None:

@@ -18,7 +18,7 @@ MIN_PERIOD_MS, MAX_PERIOD_MS = 1, 100
 class CabinetOptions:
     """Attributes:
     period_ms: between two monitoring messages, 1 to 100.
-    multiplier: after so many of them an answer is expected.
+    multiplier: number of monitoring messages after which an answer is expected.
     version: "1.x", "2.x" or "2.7", which decides the fields of the messages and whether they are framed.
     command_mode: what the overlay of its program takes: positions, wrenches or torques.
     control_mode: of the drives: position, or an impedance.

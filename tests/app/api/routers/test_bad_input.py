@@ -82,7 +82,7 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
     (
         "joints",
         held(orientation={"within_rad": 0.1, "direction": {"x": 0.0, "y": 0.0, "z": 0.0}}),
-        ["constraints.orientation.direction: has a length of 0, which is no direction"],
+        ["constraints.orientation.direction: has a length of 0, so it has no direction"],
     ),
     ("joints", held(joints={"joint1": [1.0, -1.0]}), ["joint1: is 1 to -1 rad, the least angle comes first"]),
     ("joints", held(joints={"joint9": [-1.0, 1.0]}), ["there is no such joint; valid are: joint1"]),
@@ -99,7 +99,7 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
     (
         "arc",
         ARC | {"axis": {"x": 0.0, "y": 0.0, "z": 0.0}},
-        ["axis: has a length of 0, which is no direction"],
+        ["axis: has a length of 0, so it has no direction"],
     ),
     ("arc", ARC | {"constraints": {"joints": {"joint9": [0, 1]}}}, ["there is no such joint"]),
     ("sequence", {"motions": [ARC | {"rise": NAN}]}, ["motions[0].rise", "got NaN"]),

@@ -161,7 +161,7 @@ GOOD = f'"good": {{"name": "good", "group": "taught", "joints": {HOME}, "descrip
         ("{" + GOOD, "invalid JSON", []),
         ("", "invalid JSON", []),
         (f"{{{GOOD}, {entry('0, 0, 0, 0, 0, 0')}}}", "'bad' has 6 joints, this arm has 7", ["good"]),
-        (f"{{{GOOD}, {entry('NaN, 0, 0, 0, 0, 0, 0')}}}", "'bad' has joints that are no numbers", ["good"]),
+        (f"{{{GOOD}, {entry('NaN, 0, 0, 0, 0, 0, 0')}}}", "'bad' has joints that are not numbers", ["good"]),
         (f"{{{GOOD}, {entry('0, 0, 0, 0, 0, 0, 0', 'else')}}}", "'bad' is called 'else' too", ["good"]),
     ],
 )
