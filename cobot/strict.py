@@ -170,7 +170,7 @@ def sentences(errors: Sequence[Mapping[str, Any]], *, ignored: tuple[str, ...] =
 
 
 def without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """For `json.loads(object_pairs_hook=...)`, which on its own silently uses the last of equal keys.
+    """An object without equal keys, for `json.loads(object_pairs_hook=...)`, which would use the last one.
 
     Raises:
         ValueError: a key occurs twice; the arm's target must not depend on which one counts.

@@ -129,8 +129,7 @@ def _recording(robot: str) -> RecordingMemory | None:
 
 def _load_tool(settings: Settings, robot: RobotDescription) -> Tool:
     """The tool with the attached objects, except parts of a cell, because the cell begins again. If the scene
-    cannot be read, only the tool: with that file neither the service, which starts all motions, nor a session
-    starts.
+    cannot be read, the tool alone: then neither the service, which starts all motions, nor a session starts.
     """
     model = robot.model
     tool = tool_file(settings).read_checked(settings.robot.max_payload_kg, model.file_gravity)

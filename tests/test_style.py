@@ -45,6 +45,8 @@ IDIOMS = re.compile(
 """What style.md has a plain word for."""
 FRAGMENT = re.compile(r"(So (long|many|far|much|often|near)|Of|The same|Likewise|And|As|Or|Without|Beyond) ")
 """A caption that begins so only finishes the sentence of the name above it."""
+UNCLEAR = re.compile(r"Those (of|that|with) |One that |(The library's,|Ours:|Theirs:)")
+"""A docstring that begins so does not name its subject."""
 
 
 def is_participle(word: str) -> bool:
@@ -156,6 +158,12 @@ def captions_of(source: str) -> Iterator[str]:
                     yield str(each.value.value)
 
 
+def docstrings_of(source: str) -> Iterator[str]:
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield ast.get_docstring(node) or ""
+
+
 def findings(path: Path) -> Iterator[str]:
     """Each idiom and each fragment of a module, in words."""
     for sentence in sentences_of(path):
@@ -166,6 +174,9 @@ def findings(path: Path) -> Iterator[str]:
     for caption in captions_of(path.read_text(encoding="utf-8")):
         if FRAGMENT.match(caption):
             yield f"{path.relative_to(ROOT)}: the caption {caption[:40]!r}"
+    for docstring in docstrings_of(path.read_text(encoding="utf-8")):
+        if UNCLEAR.match(docstring):
+            yield f"{path.relative_to(ROOT)}: the docstring {docstring[:40]!r}"
 
 
 def test_an_idiom_and_a_fragment_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,6 +186,8 @@ def test_an_idiom_and_a_fragment_are_found(tmp_path: Path, monkeypatch: pytest.M
         'A = 1\n"""So long it waits."""\n# somebody waits\nB = "plain words"\n', encoding="utf-8"
     )
     assert list(findings(module)) == ["module.py: 'somebody'", "module.py: the caption 'So long it waits.'"]
+    module.write_text('def plans():\n    """Those of one robot."""\n', encoding="utf-8")
+    assert list(findings(module)) == ["module.py: the docstring 'Those of one robot.'"]
     compiled = tmp_path / "module.pyx"
     compiled.write_text("cdef int count  # at the most ten\n", encoding="utf-8")
     assert list(findings(compiled)) == ["module.pyx: 'at the most'"]

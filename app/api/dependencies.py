@@ -42,7 +42,7 @@ def robots_of(connection: HTTPConnection) -> dict[str, Services]:
 
 
 def services_of(connection: HTTPConnection) -> Services:
-    """Those of the robot that the path names, by its name or by one of its jobs; else of the default one.
+    """The services of the robot whose name or job is in the path; without one, those of the default robot.
 
     Raises:
         NotFoundError: there is no such robot, with the names of all; or no such job.

@@ -52,13 +52,13 @@ class SessionFrame(RequestModel):
     posture: SomeNumbers | None = None
 
     def record(self, info: np.ndarray) -> np.ndarray:
-        """The session that is asked for; what is not said is nominal.
+        """The record of the requested session; values that are not given are nominal.
 
         Raises:
-            NotReadyError: rtloop has not said yet what it drives.
+            NotReadyError: rtloop has not reported its robot yet.
         """
         if not info["period_s"]:
-            raise NotReadyError("rtloop has not said yet what it drives: try again in a second")
+            raise NotReadyError("the real-time loop has not reported its robot yet: try again in a second")
         request = nominal_session(info)
         request["stream"] = Stream[self.stream.upper()]
         request["interpolation"] = Interpolation[self.interpolation.upper()]

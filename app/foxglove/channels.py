@@ -34,7 +34,7 @@ def _messages(names: tuple[str, ...], base_frame: str, period_s: float) -> Recor
 
 
 class RobotChannels:
-    """Those of one robot, for one client. To be made in a thread, see `_messages`.
+    """The channels of one robot, for one client. Create it in a thread, see `_messages`.
 
     Args:
         has_gripper: whether there is a gripper, which has a topic of its own.

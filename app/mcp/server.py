@@ -54,8 +54,8 @@ plan the next motion after it.
 
 
 class AgentServer(MCPServer[Any]):
-    """The library's, with our tools. It asks for the role before it looks at arguments, says in few words
-    what is wrong with them, and has the audit know of each call, refused ones too.
+    """The MCP library's server with cobot's tools. It checks the role before the arguments, describes wrong
+    arguments briefly, and records each call in the audit, rejected ones too.
     """
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ class AgentServer(MCPServer[Any]):
             self.add_tool(tool, annotations=kind, structured_output=False)
 
     async def list_tools(self) -> list[MCPTool]:
-        """The library's, with the schemas that calls are checked against."""
+        """The library's list, with the schemas that calls are checked against."""
         return [
             each.model_copy(update={"input_schema": self._known[each.name][1].model_json_schema()})
             for each in await super().list_tools()
@@ -160,7 +160,7 @@ def _audit(what: str, **details: object) -> Iterator[None]:
 
 
 def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
-    """What answers requests for `MCP`, each by itself: there are no sessions to be lost or stolen.
+    """Answers requests for `MCP` without sessions, which could be lost or stolen.
 
     `app.api.middleware.access` has checked hosts and clients before, so the library's own check of hosts is
     off.

@@ -80,7 +80,7 @@ class RosbridgeConnection:
         self._latched: dict[str, int] = {}
 
     def prepared(self, content: Any) -> Any:
-        """For `take`: a decoded message, of which what grows with its size is done. For another thread."""
+        """A decoded message for `take`. All work that grows with its size is done here, in another thread."""
         try:
             asked = op.operation(content)
             type_ = self._type_of(asked)

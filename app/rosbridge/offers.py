@@ -24,7 +24,7 @@ ENDED = (GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED)
 
 
 class Offers:
-    """Those of one client."""
+    """What one client advertises: its topics, services and actions."""
 
     def __init__(self, graph: Graph, outbox: Outbox, owner: RosbridgeConnection) -> None:
         self._graph = graph

@@ -135,7 +135,8 @@ class SetLevel(Operation):
 
 
 class Gateway(Operation):
-    """Ours: this client mirrors what there is to another network, see `app.rosbridge.connection`."""
+    """An operation of cobot's own: the client mirrors the graph to another network, see
+    `app.rosbridge.connection`."""
 
 
 OPERATIONS: dict[str, type[Operation]] = {

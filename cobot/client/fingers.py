@@ -75,7 +75,7 @@ class ServedFingers:
 
     @classmethod
     def of(cls, gripper: GripperCommands) -> ServedFingers | None:
-        """Those of a robot; None if it has no gripper, or one without a width, as a suction cup.
+        """The fingers of a robot; None without a gripper, or for one without a width, such as a suction cup.
 
         Raises:
             UnavailableError: the service does not answer.

@@ -78,7 +78,7 @@ class SimulatedFingers:
 
     @classmethod
     def of(cls, settings: Settings, backend: MujocoBackend) -> SimulatedFingers | None:
-        """Those of the settings' cell; None if it has no hand."""
+        """The fingers of the settings' cell; None if it has no hand."""
         hand = hand_of(settings)
         return cls(hand, backend) if hand is not None and isinstance(backend, CellBackend) else None
 

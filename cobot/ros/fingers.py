@@ -50,7 +50,7 @@ class FingerState:
 
     @classmethod
     def of(cls, message: Message) -> FingerState | None:
-        """Those of a message of `message`; None if it has other joints or none."""
+        """The fingers in a message that `message` has made; None if it has other joints or none."""
         values = [message[name] for name in ("position", "velocity", "effort")]
         if tuple(message["name"]) != FINGER_JOINTS or any(not _is_whole(each) for each in values):
             return None

@@ -89,7 +89,7 @@ class Program:
             self._bridge.close()
 
     def _functions(self) -> dict[str, Function]:
-        """For `sandbox.lua`, which gives those that begin with program_ to the program as they are."""
+        """The functions for `sandbox.lua`. It passes those named program_... to the program unchanged."""
         bridge = self._bridge
         return {
             "textmsg": self._textmsg,

@@ -130,7 +130,7 @@ class Channel:
 
 
 class Channels:
-    """Those that are open, by name."""
+    """The open connections to devices, by name."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind

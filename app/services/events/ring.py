@@ -206,7 +206,7 @@ class Events:
         return int(digits), False
 
     def of(self, robot: str) -> RobotEvents:
-        """Those of one robot."""
+        """The events of one robot."""
         return RobotEvents(self, robot)
 
 

@@ -84,7 +84,7 @@ class _Keys:
 
 
 def _keys(header: list[str], joints: Sequence[str]) -> _Keys:
-    """Those with the robot's own names, if the header has one of them; else those with numbers.
+    """The keys with the robot's own joint names, if the header has one of them; else those with numbers.
 
     So `joint_1` of a robot whose joints are joint_0 to joint_5 is never taken for the first one.
     """

@@ -92,11 +92,11 @@ class ForceZero:
 
         Raises:
             NotSupportedError: it does not, with what it measures.
-            UnavailableError: rtloop has not reported what it drives.
+            UnavailableError: rtloop has not reported its robot.
         """
         named = self._link.device()
         if named is None:
-            raise UnavailableError("rtloop has not reported yet what it drives")
+            raise UnavailableError("the real-time loop has not reported its robot yet: try again in a second")
         backend, device = named
         row = ROWS.get(quantity)
         if row and (problem := device.capabilities.does_not_measure(backend, what, row)):

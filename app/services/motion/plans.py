@@ -184,7 +184,7 @@ class PlanService:
             self._drawing.release()
 
     def list_valid(self) -> list[Plan]:
-        """Those that can be run, the oldest first."""
+        """The plans that can be run, the oldest first."""
         self._forget()
         return list(self._plans.values())
 
@@ -321,7 +321,7 @@ class PlanService:
             raise ConflictError(f"{exc}; give `start` to plan meanwhile") from exc
 
     def _forget(self) -> None:
-        """Those that are too many or too old."""
+        """Remove the plans that are too many or too old."""
         oldest_s = self._clock.now_s() - self.lifetime_s
         while self._plans:
             first = next(iter(self._plans.values()))

@@ -53,7 +53,7 @@ class PositionService:
         return self._problem if self._aside is not None and self._aside.exists() else ""
 
     def all(self) -> list[NamedPosition]:
-        """Those of the SRDF first. One that has come into it since it was taught is that of the SRDF."""
+        """All positions, those of the SRDF first. They replace taught ones with the same name."""
         own = self._robot.positions
         taught = [each for name, each in self._goals.taught.items() if name not in own]
         return [*own.values(), *taught]

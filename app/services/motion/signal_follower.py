@@ -187,7 +187,7 @@ class SignalFollower:
 
 
 def planned_results(placed: Placed) -> SignalResults:
-    """Those of a motion that has not begun."""
+    """The results of a motion that has not begun."""
     actions = sorted(placed.actions, key=lambda each: each.number)
     return SignalResults(tuple(_pending(each) for each in actions))
 

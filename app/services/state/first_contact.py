@@ -18,7 +18,7 @@ async def acknowledge_contact(link: RobotLink, *, payload_checked: bool) -> str:
     """
     named = link.device()
     if named is None:
-        raise UnavailableError("rtloop has not said yet what it drives")
+        raise UnavailableError("the real-time loop has not reported its robot yet: try again in a second")
     found = named[1].unacknowledged
     if not found:
         return ""

@@ -28,7 +28,7 @@ class IoService:
         """
         named = self._link.device()
         if named is None:
-            raise UnavailableError("rtloop has not said yet what it drives")
+            raise UnavailableError("the real-time loop has not reported its robot yet: try again in a second")
         backend, device = named
         return backend, list(self._report().points) if device.capabilities.io else None
 

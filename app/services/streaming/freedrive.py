@@ -33,8 +33,8 @@ TIMEOUT_S = 3.0
 SOFTNESS = 16.0
 """Ratio of the robot's nominal stiffness to that of the springs: a quarter of the frequency."""
 FOLLOW_S = 0.15
-"""A hand that moves the arm steadily is ahead of it by what the springs give way, the way of this time. Less
-would make it lighter, and unstable against something hard: it has to outlast `SMOOTHING_S` and the cycle."""
+"""Time by which the arm lags behind a hand that moves it steadily, s. A shorter one would make the arm
+lighter, but unstable against hard objects: it must be longer than `SMOOTHING_S` and the cycle."""
 SMOOTHING_S = 0.1
 """Time constant with which the velocity follows the hand."""
 TOUCH_SHARE = 0.005

@@ -229,7 +229,7 @@ class MovePlanner:
             job.follow_signals(lambda: move.signals.results)
 
     async def valid(self, chain: Sequence[QueuedMove]) -> list[QueuedMove]:
-        """Those of these moves before the first that has become impossible since it was planned.
+        """The moves before the first one that has become impossible since it was planned.
 
         Raises:
             ConflictError, CollisionError: the first of all has.

@@ -54,7 +54,7 @@ class QueueSignals:
 
     @property
     def results(self) -> SignalResults:
-        """Those of the move that the arm is on."""
+        """The signals' results for the move that the arm executes."""
         moves = self._unended()
         return moves[0].signals.results if moves else NO_RESULTS
 

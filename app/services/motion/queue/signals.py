@@ -19,7 +19,7 @@ AT_ONCE = PathPlace("fraction", 0.0)
 
 
 class MoveSignals:
-    """Those of one move.
+    """The actions and conditions of one move.
 
     Attributes:
         placed: where they are on the path that was planned last.

@@ -83,7 +83,7 @@ class Network:
         way.append((self._period + delay + later, packet))
 
     def _take_due(self, way: deque[tuple[int, bytes]]) -> list[bytes]:
-        """Those that wait longest come last: they have been overtaken."""
+        """The due packets. Those that have waited longest come last, because others have overtaken them."""
         due = [entry for entry in way if entry[0] <= self._period]
         if due:
             left = [entry for entry in way if entry[0] > self._period]

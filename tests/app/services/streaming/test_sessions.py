@@ -58,7 +58,7 @@ def streams(rig: Rig, link: RobotLink, robot: RobotDescription) -> Iterator[Stre
 
 def test_what_rtloop_drives_is_heard_of_when_it_says_so(rig: Rig, streams: StreamService) -> None:
     """The service may have begun before: until then a session is refused, not divided by a period of 0."""
-    with pytest.raises(NotReadyError, match="has not said yet what it drives"):
+    with pytest.raises(NotReadyError, match="has not reported its robot yet"):
         SessionFrame(type="session").record(streams.info)
     info = rig.memory.info
     info.data["period_s"], info.data["stiffness"] = 0.002, 400.0
