@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import BusyError, CobotError, ConflictError, InputError, UnavailableError
-from cobot.fleet.messages import MAX_LIFETIME_S, CommandAnswer, FleetCommand, HubTime
+from cobot.fleet.messages import MAX_LIFETIME_S, CommandAnswer, FleetCommand, HubTime, StopArm
 
 FRESH_S = 30.0
 """Age beyond which a known time of the hub is asked for again."""
@@ -168,7 +168,8 @@ class CommandBook:
             )
         started = self._started
         if (
-            started is not None
+            not isinstance(command.action, StopArm)  # a second stop does no harm, a stop that is refused may
+            and started is not None
             and started.hub.epoch == command.epoch
             and command.issued_s < started.hub.time_s
         ):

@@ -113,7 +113,7 @@ def test_an_error_is_the_answer_of_the_retry_too(clock: Clock, book: CommandBook
         ({"expires_s": 1500.0}, "input", "0 s after issued_s, allowed is more than 0 and up to 60 s"),
         ({"expires_s": 1561.0}, "input", "61 s after issued_s"),
         ({"epoch": "bbbbbbbbbbbbbbbb"}, "conflict", "is not that of the present hub"),
-        ({"issued_s": 1499.0}, "conflict", "issued before this cell joined"),
+        ({"issued_s": 1499.0, "action": {"kind": "pause"}}, "conflict", "issued before this cell joined"),
     ],
 )
 def test_a_command_with_wrong_times_is_not_executed(
@@ -122,6 +122,10 @@ def test_a_command_with_wrong_times_is_not_executed(
     answer = book.run(command(clock, **changes), lambda: pytest.fail("executed"))
     assert answer.code == code
     assert words in answer.text
+
+
+def test_a_stop_from_before_the_cell_knew_the_time_is_executed(clock: Clock, book: CommandBook) -> None:
+    assert book.run(command(clock, issued_s=1499.0), lambda: "at rest").code == "ok"
 
 
 def test_a_replayed_command_is_late_after_its_deadline(clock: Clock, book: CommandBook) -> None:
