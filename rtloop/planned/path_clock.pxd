@@ -4,6 +4,10 @@ from rtloop.generators.rates cimport Rates
 from rtloop.planned.path cimport Path
 
 
+cdef struct Place:  # On the way of a candidate: the path time, the rate and its first two derivatives.
+    double path_time_s, rate, slope, bend
+
+
 cdef class PathClock:
     cdef readonly double path_time_s, rate, rate_slope, target_rate, share
     cdef double asked_rate  # before the share
@@ -41,6 +45,10 @@ cdef class PathClock:
     cdef void _take_candidate(self) noexcept nogil
     cdef bint _plan(self, Path path, double share, double crest=*) noexcept nogil
     cdef bint _admissible(self, Path path) noexcept nogil
+    cdef bint _hold_samples(
+        self, Path path, const Place* places, int count, int begin, int end
+    ) noexcept nogil
+    cdef bint _hold_breakpoints(self, Path path, const Place* places, int count) noexcept nogil
     cdef bint _holds(
         self, Path path, double path_time_s, double rate, double slope, double bend
     ) noexcept nogil

@@ -19,7 +19,11 @@ from rtloop.planned.path cimport MAX_BREAKPOINTS, Path
 cdef enum:
     RUNGS = 10
     CRESTS = 3
+    ENDS = 2
     SAMPLES = 11  # Places in each phase of a profile where the joints' acceleration and jerk are looked at.
+
+# Their order: the ends of the phase, and then those between them.
+cdef int[SAMPLES] ORDER = [0, 10, 5, 2, 8, 1, 9, 3, 7, 4, 6]
 
 # Fractions of the steepest profile that are tried, one a cycle.
 cdef double[RUNGS] LADDER = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, 0.05, 0.03]
@@ -53,10 +57,6 @@ cdef double MAX_PROFILE_S = 2.0
 # Where no profile leads from rest to the target rate, one leads to this share of it, or to the share of that.
 cdef double GENTLER_AIM = 0.5
 cdef double MIN_AIM = 0.02
-
-
-cdef struct Place:  # On the way of a candidate: the path time, the rate and its first two derivatives.
-    double path_time_s, rate, slope, bend
 
 
 cdef class PathClock:
@@ -271,27 +271,25 @@ cdef class PathClock:
         """A stop at contact gives way to each one that ends before it.
 
         The shares of the steepest profile that hold are several intervals, of which the first cycle has found
-        one. So all are tried, some in each cycle, also with flatter crests, which are longer but hold more
-        often. While the first ones are tried, the arm has hardly slowed down.
+        one. So all are tried, some in each cycle, and then all with flatter crests, which are longer but hold
+        more often. The order matters: a share that is tried late leads less far, because the arm has slowed
+        down with a gentler one meanwhile.
         """
         cdef int _attempt
         for _attempt in range(SHORTER_TRIES):
-            self.crest = (self.crest + 1) % CRESTS
-            if self.crest == 0:
-                self.tried = self.tried - FINER if self.tried > 1.5 * FINER else 1.0
-            if not self._plan(path, self.tried, CREST[self.crest]):
+            self.tried -= FINER
+            if self.tried > 0.0 and not self._plan(path, self.tried, CREST[self.crest]):
                 continue
-            if self.candidate.end_position > self.profile.end_position - SHORTER_S:
-                if self.crest == 0:  # all gentler ones are longer still
-                    self._begin_search()
-                    return
+            if self.tried <= 0.0 or self.candidate.end_position > self.profile.end_position - SHORTER_S:
+                # Gentler ones are longer still.
+                self.tried, self.crest = 1.0 + FINER, (self.crest + 1) % CRESTS
             elif self._admissible(path):
                 self.profile, self.profile_s = self.candidate, 0.0
                 self._begin_search()
                 return
 
     cdef void _begin_search(self) noexcept nogil:
-        self.tried, self.crest = 1.0 + FINER, CRESTS - 1
+        self.tried, self.crest = 1.0 + FINER, 0
 
     cdef bint _plan(self, Path path, double share, double crest=1.0) noexcept nogil:
         """Whether there is a candidate with this share of the steepest profile, and this share of the slope
@@ -323,19 +321,38 @@ cdef class PathClock:
         return otg_velocity(&problem, &self.candidate) == OTG_OK and self.candidate.duration <= MAX_PROFILE_S
 
     cdef bint _admissible(self, Path path) noexcept nogil:
-        """Whether the joints' acceleration and jerk hold all along the candidate."""
+        """Whether the joints' acceleration and jerk hold all along the candidate.
+
+        Most candidates that do not hold fail at the end of a phase or at a breakpoint, so these come first.
+        """
         cdef Place places[MAX_PHASES * SAMPLES]
+        cdef int count = _places(&self.candidate, places)
+        return (
+            self._hold_samples(path, places, count, 0, ENDS)
+            and self._hold_breakpoints(path, places, count)
+            and self._hold_samples(path, places, count, ENDS, SAMPLES)
+        )
+
+    cdef bint _hold_samples(
+        self, Path path, const Place* places, int count, int begin, int end
+    ) noexcept nogil:
+        """Whether the limits hold at these samples of each phase, counted in their order."""
+        cdef Place at
+        cdef int sample, phase
+        for sample in range(begin, end):
+            for phase in range(count // SAMPLES):
+                at = places[phase * SAMPLES + ORDER[sample]]
+                if at.rate < MIN_RATE or not self._holds(path, at.path_time_s, at.rate, at.slope, at.bend):
+                    return False
+        return True
+
+    cdef bint _hold_breakpoints(self, Path path, const Place* places, int count) noexcept nogil:
+        """Whether the limits hold on both sides of each breakpoint, where the path's jerk steps."""
         cdef Place at
         cdef double breaks[MAX_BREAKPOINTS]
-        cdef int i, count = _places(&self.candidate, places)
-        for i in range(count):
-            if places[i].rate < MIN_RATE:
-                return False
-            if not self._holds(path, places[i].path_time_s, places[i].rate, places[i].slope, places[i].bend):
-                return False
+        cdef int i
         if count == 0:
             return True
-        # The path's jerk steps at its breakpoints: both sides of each are looked at too.
         for i in range(path.c_breakpoints(places[0].path_time_s, places[count - 1].path_time_s, breaks)):
             at = _interpolated(places, count, breaks[i])
             if not self._holds(path, breaks[i] - SIDE_S, at.rate, at.slope, at.bend):

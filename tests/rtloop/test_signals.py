@@ -356,7 +356,7 @@ def test_a_stop_on_the_path_is_as_short_as_the_limits_permit(
     assert shortest - forward(rig.commanded[-1]).position[2] <= speed_m_s * rig.settings.rt.period_s
 
 
-@pytest.mark.parametrize("seed", [118, 336])
+@pytest.mark.parametrize("seed", [98, 118, 336])
 def test_a_stop_on_the_path_is_short_where_gentler_ones_than_the_first_do_not_hold(seed: int) -> None:
     """Oracle: `shortest_stop.rest_on_path`. The shares of the steepest stop that hold have gaps here."""
     stop = approach(seed, fast=False)
