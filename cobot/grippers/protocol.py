@@ -9,13 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from numbers import Real
 from types import MappingProxyType
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from cobot.strict import shown
+
 Range = tuple[float, float]
 NO_OBJECT = ("none", "lost")
+MAX_VALUE = 1e6
+"""Largest width, force or temperature that counts as a measured value."""
 
 
 class GripperError(Exception):
@@ -114,6 +119,39 @@ class GripperState:
     temperature: float | None = None
     fault: str = ""
     ages_s: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __post_init__(self) -> None:
+        """
+        Raises:
+            TypeError: a value has another type.
+            ValueError: a number is not finite, or too large for a measured value.
+        """
+        for name in ("width", "commanded_width", "force", "temperature"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _measured(name, getattr(self, name)))
+        if self.moving not in (False, True):
+            raise TypeError(f"moving is {shown(self.moving)}, must be True or False")
+        object.__setattr__(self, "moving", bool(self.moving))
+        if self.object is not None and not isinstance(self.object, HeldObject):
+            raise TypeError(f"object is {shown(self.object)}, must be a HeldObject or None")
+        for text in (self.fault, *self.ages_s):
+            if not isinstance(text, str):
+                raise TypeError(f"fault or a key of ages_s is {shown(text)}, must be a string")
+        ages_s = {name: _measured(f"ages_s, {name}", age_s) for name, age_s in self.ages_s.items()}
+        object.__setattr__(self, "ages_s", MappingProxyType(ages_s))
+
+
+def _measured(name: str, value: Any) -> float:
+    """A value of a device as a number of Python. Raises TypeError or ValueError for any other value."""
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number:
+        raise TypeError(f"{name} is {shown(value)}, must be a number; report None for an unknown value")
+    if not -MAX_VALUE <= value <= MAX_VALUE:
+        raise ValueError(
+            f"{name} is {shown(value)}, allowed is -{MAX_VALUE:g} to {MAX_VALUE:g}; report None for an "
+            "unknown value"
+        )
+    return float(value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from app.services.state.link import RobotLink
@@ -162,27 +162,23 @@ class GripperWorker:
             return f"its driver has not returned for {now_s - since_s:.0f} s"
         return self.reading.problem
 
-    async def command(self, start: Start) -> int:
+    def ask(self, start: Start) -> asyncio.Future[int]:
         """Have the driver start a command, after those that were asked for before.
 
         Returns:
-            The number of the newest reading from before the command: later ones have seen it.
-
-        Raises:
-            GripperError: the device does not take it, with why.
+            The number of the newest reading from before the command: later ones have seen it. Its exception
+            is a GripperError that states why the device does not take the command.
         """
-        return await self.ask(start)
-
-    def ask(self, start: Start) -> asyncio.Future[int]:
-        """As `command`; an error that is not awaited is logged."""
         future: asyncio.Future[int] = asyncio.get_running_loop().create_future()
         self._asked.append((start, future))
         self._news.set()
         return future
 
-    def tell(self, start: Start) -> None:
-        """Have the driver do something of which nothing is awaited; an error is logged."""
-        self.ask(start).add_done_callback(self._log_error)
+    def tell(self, start: Start) -> asyncio.Future[int]:
+        """As `ask`; an error is also logged, so nothing needs to wait for the result."""
+        asked = self.ask(start)
+        asked.add_done_callback(self._log_error)
+        return asked
 
     def close(self) -> None:
         """End. The fingers stay as they are."""
@@ -240,10 +236,8 @@ class GripperWorker:
         report, reported = self._link.io(), True
         self._port.points = None if report is None else {each.name: each for each in report.points}
         self._port.wanted.clear()
-        self._calling_since_s = self._link.clock.now_s()
         try:
-            loop = asyncio.get_running_loop()
-            result = await loop.run_in_executor(self._thread, self._call_connected, method)
+            result = await self._in_thread(self._call_connected, method)
             await self._hand_over()
             return "", result, True
         except (GripperError, CobotError) as exc:
@@ -253,12 +247,18 @@ class GripperWorker:
         except BaseException as exc:
             problem = f"an error in its driver: {plain_error(exc)}"
             log.debug("gripper", exc_info=exc)
-        finally:
-            self._calling_since_s = None
         if self._connected:
             self._connected = False
-            await asyncio.get_running_loop().run_in_executor(self._thread, self._disconnect)
+            await self._in_thread(self._disconnect)
         return problem, None, reported
+
+    async def _in_thread(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Call in the driver's thread; `problem` reports a call that does not return."""
+        self._calling_since_s = self._link.clock.now_s()
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)
+        finally:
+            self._calling_since_s = None
 
     async def _hand_over(self) -> None:
         while self._port.wanted:
@@ -292,4 +292,4 @@ def _read_state(gripper: Gripper) -> GripperState:
         raise GripperError(
             f"its driver's state() has returned {plain_text(type(state), 80)}, no GripperState"
         )
-    return state
+    return replace(state, fault=plain_text(state.fault))

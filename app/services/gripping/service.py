@@ -33,12 +33,7 @@ from cobot.errors import (
     NotSupportedError,
     UnavailableError,
 )
-from cobot.grippers import (
-    GripperError,
-    GripperState,
-    HeldObject,
-    make_gripper,
-)
+from cobot.grippers import GripperState, HeldObject, make_gripper
 from cobot.grippers.registry import gripper_options, gripper_section
 from cobot.motions.gripper_bodies import (
     AnyGripperCommand,
@@ -51,6 +46,8 @@ from cobot.motions.gripper_bodies import (
 from cobot.types import LoopMode
 
 WATCH_S = 0.01
+STOP_S = 4.0
+"""Timeout for the driver to take a stop, s: less than that of the endpoint."""
 OPEN_S = 10.0
 """Timeout for the fingers to open after a stop, if `on_stop` is `open`, s."""
 NONE_CONFIGURED = (
@@ -197,10 +194,15 @@ class GripperService:
         worker = self._require()
         if self._running is not None:
             self._running.interrupt(MotionStopped(f"stopped by {CLIENT.get()}"))
-        try:
-            await worker.command(lambda gripper: gripper.stop())
-        except GripperError as exc:
-            raise DeviceError(f"gripper {self.type}: {exc}") from exc
+        asked = worker.tell(lambda gripper: gripper.stop())
+        await asyncio.wait({asked}, timeout=STOP_S)
+        if not asked.done():
+            raise DeviceError(
+                f"gripper {self.type}: it has not received the stop within {STOP_S:g} s: {worker.problem}; "
+                "it receives the stop as soon as its driver returns"
+            )
+        if (problem := asked.exception()) is not None:
+            raise DeviceError(f"gripper {self.type}: {problem}") from problem
         return self.report()
 
     def cancel(self, job: Job, cause: MotionStopped) -> bool:

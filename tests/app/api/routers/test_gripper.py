@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -252,6 +253,70 @@ def test_a_fault_of_the_device_is_the_reason_of_a_failed_command(run: Run) -> No
     run.toy.fault = "its motor is too hot"
     with pytest.raises(CobotError, match="its motor is too hot"):
         run.client.gripper.move(0.05)
+
+
+@pytest.mark.parametrize(
+    ("garbage", "words"),
+    [
+        ({"width": float("nan")}, "width is NaN"),
+        ({"width": "abc"}, "width is 'abc', must be a number"),
+        ({"commanded_width": True}, "commanded_width is true"),
+        ({"force": 10**400}, "force is 1000"),
+        ({"temperature": float("-inf")}, "temperature is -Infinity"),
+        ({"moving": "no"}, "moving is 'no'"),
+        ({"object": "held_inside"}, "object is 'held_inside', must be a HeldObject"),
+        ({"fault": None}, "fault or a key of ages_s is null"),
+        ({"ages_s": {"width": "old"}}, "ages_s, width is 'old'"),
+    ],
+)
+def test_a_driver_that_reports_garbage_is_a_problem_until_it_reports_values(
+    run: Run, monkeypatch: pytest.MonkeyPatch, garbage: dict[str, Any], words: str
+) -> None:
+    driver = run.service.app.state.services.gripper._worker.gripper
+    report = driver.state
+    with monkeypatch.context() as patch:
+        patch.setattr(driver, "state", lambda: replace(report(), **garbage))
+        run.service.until(lambda: words in run.client.gripper.state()["problem"])
+        with pytest.raises(DeviceError, match="an error in its driver"):
+            run.client.gripper.move(0.05)
+        assert run.client.gripper.state()["state"]["width"] == STROKE_M  # the last one that was a width
+    run.service.until(lambda: run.client.gripper.state()["connected"])
+    assert run.service.healthy()
+
+
+def test_a_stop_while_the_driver_does_not_return_is_an_error_and_follows(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worker = run.service.app.state.services.gripper._worker
+    back, in_thread = asyncio.Event(), worker._in_thread
+
+    async def hang(*arguments: Any) -> Any:
+        worker._calling_since_s = run.service.clock.now_s()
+        await back.wait()
+        return await in_thread(*arguments)
+
+    job = run.begin("move", width=0.0, speed=0.01)
+    with monkeypatch.context() as patch:
+        patch.setattr(worker, "_in_thread", hang)
+        run.service.sleep(1.0)
+        answer = run.ask("stop")
+        assert answer.status_code == 502, answer.text
+        assert "not received the stop within 4 s: its driver has not returned for" in answer.json()["detail"]
+        assert run.state_of(job)[0] == "cancelled"
+        back.set()
+        run.service.until(lambda: run.client.gripper.state()["connected"])
+    run.service.sleep(0.5)
+    assert not run.client.gripper.state()["state"]["moving"]
+    assert run.toy.target_m > 0.0  # not its goal
+
+
+def test_a_fault_is_one_printable_line_of_limited_length(run: Run) -> None:
+    run.toy.fault = "its motor\n\x1b[31m is too hot" + 100_000 * "!"
+    run.service.until(lambda: run.client.gripper.state()["state"]["fault"] != "")
+    shown = run.client.gripper.state()["state"]["fault"]
+    assert shown.startswith("its motor\\n\\x1b[31m is too hot!")
+    assert shown.isprintable()
+    assert len(shown) < 3000
 
 
 def test_a_gripper_that_stalls_is_a_timeout_and_is_stopped(run: Run) -> None:

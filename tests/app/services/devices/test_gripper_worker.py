@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from types import SimpleNamespace
 from typing import Any
 
 from app.services.devices.gripper_worker import GripperWorker, Reading, RobotPort
 from cobot.clock import SYSTEM
-from cobot.grippers import GripperState
+from cobot.grippers import GripperError, GripperState
+from cobot.grippers.protocol import Now
 from cobot.robot.io_points import IoKind, IoPoint
 
 SILENT = 5
@@ -18,9 +20,10 @@ SILENT = 5
 class Link:
     """A robot that reports its input late."""
 
-    clock, label = SYSTEM, ""
+    label = ""
 
     def __init__(self) -> None:
+        self.clock: Now = SYSTEM
         self.asked = 0
 
     def io(self) -> Any:
@@ -56,7 +59,7 @@ def test_a_driver_waits_for_the_first_report_of_the_robot_instead_of_failing() -
         driver = Driver(port)
         worker = GripperWorker(driver, port, Link(), readings.append)  # type: ignore[arg-type]
         try:
-            await worker.command(lambda gripper: gripper.open())
+            await worker.ask(lambda gripper: gripper.open())
             while not readings:
                 await asyncio.sleep(0.0)
         finally:
@@ -66,3 +69,48 @@ def test_a_driver_waits_for_the_first_report_of_the_robot_instead_of_failing() -
     driver = asyncio.run(asyncio.wait_for(work(), 60.0))
     assert driver.commands == 1
     assert (readings[0].problem, readings[0].state) == ("", GripperState(0.03, None, moving=False))
+
+
+class Clock:
+    """Its time is set by hand."""
+
+    time_s = 0.0
+
+    def now_s(self) -> float:
+        return self.time_s
+
+
+class Hung(Driver):
+    """Its device is unplugged, and its disconnect does not return."""
+
+    def __init__(self, port: RobotPort) -> None:
+        super().__init__(port)
+        self.disconnecting, self.plugged = threading.Event(), threading.Event()
+
+    def connect(self) -> None: ...
+
+    def disconnect(self) -> None:
+        self.disconnecting.set()
+        assert self.plugged.wait(60.0)
+
+    def state(self) -> GripperState:
+        raise GripperError("no answer")
+
+
+def test_a_disconnect_that_does_not_return_is_reported() -> None:
+    async def work() -> str:
+        port, link = RobotPort(), Link()
+        link.clock = clock = Clock()
+        driver = Hung(port)
+        worker = GripperWorker(driver, port, link, lambda _: None)  # type: ignore[arg-type]
+        try:
+            while not driver.disconnecting.is_set():
+                await asyncio.sleep(0.0)
+            clock.time_s = 20.0
+            return worker.problem
+        finally:
+            driver.plugged.set()
+            worker.close()
+
+    problem = asyncio.run(asyncio.wait_for(work(), 60.0))
+    assert problem == "its driver has not returned for 20 s"
