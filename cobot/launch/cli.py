@@ -124,6 +124,7 @@ def _run(chosen: argparse.Namespace) -> int:
 def _new_robot(chosen: argparse.Namespace) -> int:
     from cobot.launch.new_robot.masses import Wishes
     from cobot.launch.new_robot.new_robot import NewRobot
+    from cobot.launch.robot_file.typed import typed
 
     robot = NewRobot(
         chosen.file,
@@ -144,7 +145,8 @@ def _new_robot(chosen: argparse.Namespace) -> int:
     print(f"{folder} has been made. Guessed values, please check them:")
     for sentence in robot.guessed:
         print(f"  {plain_lines(sentence)}")
-    print(f"Then: cobot check --config {folder} and cobot run --config {folder}")
+    config = typed("--config", str(folder))
+    print(f"Then: cobot check {config} and cobot run {config}")
     return EXIT_OK
 
 

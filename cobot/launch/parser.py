@@ -206,16 +206,35 @@ def _add_new_robot(commands: Any) -> None:
     new.add_argument("file", type=Path, metavar="FILE", help="URDF, xacro or MJCF")
     new.add_argument("--output", type=Path, metavar="FOLDER", help="to be made; FILE's name without it")
     new.add_argument(
-        "--actuators", nargs="+", default=[], metavar="JOINT", help="that drives move; else those of the arm"
+        "--actuators",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="JOINT",
+        help="that drives move; else those of the arm",
     )
-    new.add_argument("--without", nargs="+", default=[], metavar="JOINT", help="that are not part of the arm")
     new.add_argument(
-        "--package", type=Path, nargs="+", default=[], metavar="FOLDER", help="where ROS packages are found"
+        "--without",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="JOINT",
+        help="that are not part of the arm",
+    )
+    new.add_argument(
+        "--package",
+        type=Path,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="FOLDER",
+        help="where ROS packages are found",
     )
     new.add_argument(
         "--xacro",
         type=_xacro_argument,
         nargs="+",
+        action="extend",
         default=[],
         metavar="NAME:=VALUE",
         help="arguments of a xacro file",
@@ -244,6 +263,7 @@ def _add_new_robot(commands: Any) -> None:
         "--mass",
         type=_mass,
         nargs="+",
+        action="extend",
         default=[],
         metavar="LINK=KG",
         help="mass of a link, instead of the file's or an assumed one",

@@ -17,6 +17,7 @@ from cobot.errors import ConfigError
 from cobot.launch.new_robot.inertials import Stated, repair
 from cobot.launch.new_robot.volumes import Solid, solid
 from cobot.launch.robot_file.saving import compiled
+from cobot.launch.robot_file.typed import typed
 from cobot.types import Array
 
 DENSITY_KG_M3 = 1100.0
@@ -206,9 +207,10 @@ class _Settling:
         moving = [link for link in self._links if self._moves(link)]
         masses = self._wishes.masses
         if moving and not any(each.body.explicitinertial or each.name in masses for each in moving):
+            option = typed("--mass", f"{moving[0].name}=KG")
             raise ConfigError(
                 f"{self._file}: no link that moves has an <inertial> with a mass, nor a <collision> from "
-                f"which its inertia could be assumed; add them, or give masses: --mass {moving[0].name}=KG"
+                f"which its inertia could be assumed; add them, or give masses: {option}"
             )
 
     def _report_massless(self) -> None:

@@ -19,6 +19,7 @@ from cobot.launch.robot_file.tree import (
     moved_together,
     rigid_with,
 )
+from cobot.launch.robot_file.typed import typed
 from cobot.xml_file import where
 
 TCP_NAMES = tuple(
@@ -113,7 +114,7 @@ def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[
         raise ConfigError(
             f"{where(file, element)}: joint {passive.name!r} of the arm has no actuator: a closed loop of "
             "links moves it, and cobot moves each joint of an arm by itself; describe the arm as one chain "
-            f"of driven joints, or keep it where the file has it with --without {passive.name}"
+            f"of driven joints, or keep it where the file has it with {typed('--without', passive.name)}"
         )
 
 
@@ -132,7 +133,7 @@ def _coupled(place: str, what: str, names: list[str]) -> ConfigError:
     return ConfigError(
         f"{place}: joints of the arm are coupled: {what}; cobot moves each joint of an arm by itself, except "
         "slides that follow one another along one axis: describe the coupled ones as one joint, or keep "
-        f"{them} where the file has {them} with --without {' '.join(names)}"
+        f"{them} where the file has {them} with {typed('--without', *names)}"
     )
 
 
@@ -163,8 +164,9 @@ def _only_arm(file: Path, tree: JointTree) -> list[MovingJoint]:
 
 def _described(arm: list[MovingJoint]) -> str:
     tip = guess_tcp(arm[-1].joint.parent)[0]
+    joints = f"{len(arm)} joint{'s' * (len(arm) > 1)}"
     return (
-        f"--tcp {tip} (from {arm[0].joint.parent.parent.name}, {len(arm)} joint{'s' * (len(arm) > 1)}: "
+        f"{typed('--tcp', tip)} (from {arm[0].joint.parent.parent.name}, {joints}: "
         f"{', '.join(node.name for node in arm)})"
     )
 

@@ -7,7 +7,6 @@ meshes as convex solids in metres. So errors of the file are found before, with 
 from __future__ import annotations
 
 import copy
-import shlex
 import tempfile
 from collections.abc import Container
 from pathlib import Path
@@ -19,6 +18,7 @@ import mujoco
 from cobot.errors import ConfigError
 from cobot.launch.robot_file.meshes import Meshes
 from cobot.launch.robot_file.mjcf import load_spec
+from cobot.launch.robot_file.typed import typed
 from cobot.launch.robot_file.urdf_limits import state_limits
 from cobot.xml_file import where
 
@@ -157,6 +157,6 @@ def _check_joint(file: Path, joint: Element, still: Container[str]) -> None:
         if name not in still:
             raise ConfigError(
                 f"{where(file, joint)}: joint {name!r} is {kind}: the base must stand; make it "
-                f"fixed, or keep it where it is with --without {shlex.quote(str(name))}"
+                f"fixed, or keep it where it is with {typed('--without', str(name))}"
             )
         joint.set("type", "fixed")

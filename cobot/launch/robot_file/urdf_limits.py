@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from cobot.errors import ConfigError
+from cobot.launch.robot_file.typed import typed
 from cobot.robot.limits import MAX_POSITION, MAX_RATE
 from cobot.types import JointLimits
 from cobot.xml_file import number, where
@@ -125,4 +125,4 @@ def _leave_out(failing: Sequence[str], driven: Sequence[str], without: Sequence[
     if len(failing) == len(driven):
         return ""
     it = "it" if len(failing) == 1 else f"all {len(failing)} such joints"
-    return f", or leave {it} out with --without {shlex.join([*without, *failing])}"
+    return f", or leave {it} out with {typed('--without', *without, *failing)}"

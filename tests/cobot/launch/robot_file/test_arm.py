@@ -6,6 +6,7 @@ the files.
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import mujoco
@@ -16,6 +17,7 @@ from urdf_arms import ARMS, link, urdf
 
 from cobot.config import load_settings
 from cobot.errors import ConfigError
+from cobot.launch.cli import main
 from cobot.launch.new_robot.new_robot import NewRobot
 from cobot.robot.description import RobotDescription, load_robot
 
@@ -198,6 +200,29 @@ def test_what_is_no_serial_arm_is_refused_with_the_way_out(kind: str, tmp_path: 
 def test_the_way_out_that_is_printed_works(kind: str, held: str, tmp_path: Path) -> None:
     robot, _ = made_of(tmp_path / "arm.urdf", REFUSED[kind][0], without=[held])
     assert robot.limits.names == tuple(name for name in NAMES if name != held)
+
+
+@pytest.mark.parametrize("name", ["arm/joint 2", "it's", "-j2", "--help", "$HOME", "a;b"])
+def test_the_way_out_works_for_each_name_when_a_shell_reads_it(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Oracle: `sh`, which makes the words of the sentence."""
+    followers = urdf(ARMS["ur"])
+    for number, leader in (("2", "a1"), ("4", "a3")):
+        followers = followers.replace(
+            f'<child link="link{number}"/>', f'<child link="link{number}"/><mimic joint="{leader}"/>'
+        )
+    (tmp_path / "arm.urdf").write_text(followers.replace('name="a2"', f'name="{name}"'))
+    command = ["new-robot", str(tmp_path / "arm.urdf"), "--output", str(tmp_path / "my robot")]
+    assert main(command) == 1
+    words = "--without" + capsys.readouterr().err.strip().partition("--without")[2]
+    split = subprocess.run(
+        ["sh", "-c", f"printf '%s\\0' {words}"], capture_output=True, text=True, check=True
+    )
+    assert main([*command, *split.stdout.split("\0")[:-1]]) == 0
+    assert f"Then: cobot check --config '{tmp_path}/my robot' and" in capsys.readouterr().out
+    robot = load_robot(load_settings(tmp_path / "my robot" / "cobot-setting.yaml"))
+    assert robot.limits.names == ("a0", "a1", "a3", "a5")
 
 
 MJCF = """<mujoco><compiler angle="degree" eulerseq="zyx"/><worldbody>

@@ -1,0 +1,15 @@
+"""Options as a person types them, for the way out that an error offers."""
+
+from __future__ import annotations
+
+import shlex
+
+
+def typed(option: str, *values: str) -> str:
+    """The option with its values, quoted for a shell.
+
+    A value that begins with a hyphen would be read as an option, so `=` ties it to its own.
+    """
+    if any(value.startswith("-") for value in values):
+        return shlex.join(f"{option}={value}" for value in values)
+    return shlex.join([option, *values])
