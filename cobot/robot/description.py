@@ -8,7 +8,7 @@ from pathlib import Path
 from cobot.config import Settings, naming
 from cobot.errors import ConfigError
 from cobot.robot.collision import CollisionChecker
-from cobot.robot.drives import check_drives, check_forces, check_ranges
+from cobot.robot.drives import check_drives, check_forces, check_passive_forces, check_ranges
 from cobot.robot.file_limits import check_velocities
 from cobot.robot.limits import check_positions, load_joint_limits
 from cobot.robot.model import RobotModel
@@ -70,6 +70,7 @@ def load_robot(settings: Settings) -> RobotDescription:
         limits = model.limits
         if settings.robot.backend.type == "mujoco":
             check_drives(model.mj, limits)
+            check_passive_forces(model.mj)
     with naming("web.joint_limits"):
         check_ranges(model.mj, limits)
         check_velocities(settings.robot.model, model.mj, limits)

@@ -49,6 +49,26 @@ def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
         )
 
 
+def check_passive_forces(mj: mujoco.MjModel) -> None:
+    """Reject a model with springs, tendons, gravity compensation or drag, which would push the arm off its
+    path: plans and drives do not know them.
+
+    Raises:
+        ConfigError: names the first of them and a remedy.
+    """
+    found = [f"stiffness of joint {mj.joint(each).name}" for each in np.flatnonzero(mj.jnt_stiffness)]
+    found += [f"tendon {mj.tendon(each).name}" for each in range(mj.ntendon)]
+    found += [f"gravcomp of body {mj.body(each).name}" for each in np.flatnonzero(mj.body_gravcomp)]
+    found += [f"margin of joint {mj.joint(each).name}" for each in np.flatnonzero(mj.jnt_margin)]
+    if mj.opt.density or mj.opt.viscosity:
+        found.append("density or viscosity of the option")
+    if found:
+        raise ConfigError(
+            f"{found[0]}: it would push the simulated arm off its path, because plans do not know it; "
+            "remove it, or let `cobot new-robot` do so"
+        )
+
+
 def check_forces(mj: mujoco.MjModel, limits: JointLimits) -> None:
     """Reject efforts beyond those of the model's drives, which the simulation would silently cut off.
 

@@ -30,6 +30,7 @@ from cobot.launch.robot_file.joints import keep_joints, remove_shapes
 from cobot.launch.robot_file.meshes import Meshes, collect_meshes
 from cobot.launch.robot_file.mjcf import mjcf_rates, read_mjcf
 from cobot.launch.robot_file.mjcf_checks import check_mjcf
+from cobot.launch.robot_file.passive import remove_passive_forces
 from cobot.launch.robot_file.saving import compiled, save
 from cobot.launch.robot_file.telescope import find_telescopes
 from cobot.launch.robot_file.tree import JointTree, MovingJoint
@@ -137,6 +138,7 @@ class NewRobot:
         said, assumed = masses.settle(self.file, spec, self.wishes, source.stated)
         self.guessed += said
         gripper, tcp = self._configure_gripper(spec, fingers, resting, tcp)
+        self.guessed += remove_passive_forces(spec)
         base, tcp = guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
         for joint in joints:
             motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)

@@ -32,6 +32,9 @@ def check_urdf(file: Path, root: Element) -> None:
     joints = _named(file, root, "joint")
     if not links:
         raise ConfigError(f"{where(file, root)}: <robot> has no <link>; give the file of a whole robot")
+    if (compiler := root.find("mujoco/compiler")) is not None:
+        for option in ("boundmass", "boundinertia", "settotalmass"):
+            number(file, compiler, option, "the extension for MuJoCo", 0.0)
     for link in links.values():
         _check_link(file, link)
     for joint in joints.values():

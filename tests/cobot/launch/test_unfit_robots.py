@@ -24,6 +24,14 @@ from cobot.robot.description import load_robot
     [
         ("model.xml", "<general ", '<general biastype="affine" biasprm="0 -9 0" ', "not a <motor>"),
         ("model.xml", "<general ", '<general gear="50" ', "not a <motor>"),
+        ("model.xml", "<joint ", '<joint stiffness="5" ', "stiffness of joint a0: it would push the"),
+        ("model.xml", "<joint ", '<joint margin="0.1" ', "margin of joint a0: it would push the"),
+        (
+            "model.xml",
+            '<body name="link1" ',
+            '<body name="link1" gravcomp="1" ',
+            "gravcomp of body link1",
+        ),
         ("joint_limits.yaml", "max_position: 2.9", "max_position: 3.0", "set min_position to -2.9"),
         ("joint_limits.yaml", "max_position: 0.5", "max_position: 500", "looks like millimetres"),
         ("joint_limits.yaml", "max_velocity: 1.5", "max_velocity: 1500.0", "1500 m/s, which looks like mm/s"),

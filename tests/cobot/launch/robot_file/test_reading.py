@@ -122,6 +122,11 @@ WRONG = {
     "origin": ('origin xyz="0 0 0.05"', 'origin xyz="0 0 2e3"', "xyz of <origin> is '0 0 2e3'; up to 1000 m"),
     "scale": ('<sphere radius="0.03"/>', '<mesh filename="a" scale="1 0 1"/>', "scale of <mesh> has a 0"),
     "inertia": (' iyz="0"', "", "iyz of <inertia> is missing; give a decimal number"),
+    "compiler": (
+        '<link name="base_link"/>',
+        '<mujoco><compiler boundinertia="nan"/></mujoco><link name="base_link"/>',
+        "extension for MuJoCo: boundinertia of <compiler> is 'nan'; it must be a decimal",
+    ),
     "mimic": ("<limit ", '<mimic joint="ghost"/><limit ', "mimics 'ghost', which is not a joint of"),
 }  # fmt: skip
 

@@ -1,0 +1,58 @@
+"""Forces that act on an arm besides its drives, gravity, friction and damping: springs, tendons, drag.
+
+cobot plans and holds an arm without them, so a simulation with them would push it off its path.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+MEDIUM = ("density", "viscosity", "wind")
+
+
+def remove_passive_forces(spec: mujoco.MjSpec) -> list[str]:
+    """Remove them from the specification of an arm without its gripper; a sentence for each kind."""
+    found = {
+        "springs": [joint.name for joint in spec.joints if np.any(joint.stiffness)],
+        "tendons": [tendon.name or "one without a name" for tendon in spec.tendons if _acts(tendon)],
+        "gravity compensation (gravcomp)": [body.name for body in spec.bodies if body.gravcomp],
+        "margins of joint limits": [joint.name for joint in spec.joints if joint.margin],
+    }
+    said = [f"{kind} of the file removed, because plans do not know them: {', '.join(names)}"
+            for kind, names in found.items() if names]  # fmt: skip
+    for joint in spec.joints:
+        joint.stiffness, joint.margin = np.zeros_like(joint.stiffness), 0.0
+    for body in spec.bodies:
+        body.gravcomp = 0.0
+    for equality in list(spec.equalities):
+        if equality.type == mujoco.mjtEq.mjEQ_TENDON:
+            spec.delete(equality)
+    for tendon in list(spec.tendons):
+        spec.delete(tendon)
+    return said + _remove_margins(spec) + _remove_medium(spec)
+
+
+def _acts(tendon: mujoco.MjsTendon) -> bool:
+    """Whether it pulls, brakes or limits."""
+    forces = (tendon.stiffness, tendon.damping, tendon.frictionloss)
+    return any(map(np.any, forces)) or bool(tendon.range[0] < tendon.range[1])
+
+
+def _remove_margins(spec: mujoco.MjSpec) -> list[str]:
+    """Have contacts push only where shapes touch: cobot keeps distances by its own settings."""
+    overrides = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
+    shapes = [*spec.geoms, *spec.pairs]
+    had = any(shape.margin or shape.gap for shape in shapes) or bool(spec.option.enableflags & overrides)
+    for shape in shapes:
+        shape.margin = shape.gap = 0.0
+    spec.option.enableflags &= ~overrides
+    return ["margins of contacts in the file are set to 0: cobot keeps its own distances"] if had else []
+
+
+def _remove_medium(spec: mujoco.MjSpec) -> list[str]:
+    if not any(np.any(getattr(spec.option, name)) for name in MEDIUM):
+        return []
+    spec.option.density = spec.option.viscosity = 0.0
+    spec.option.wind = np.zeros(3)
+    return ["the medium of the file (density, viscosity, wind) is removed: cobot does not know its drag"]
