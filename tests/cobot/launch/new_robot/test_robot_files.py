@@ -287,7 +287,7 @@ def test_a_mesh_of_another_format_is_to_be_converted(tmp_path: Path) -> None:
     text = urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', '<mesh filename="a.wrl"/>', 1)
     with pytest.raises(
         ConfigError,
-        match=r"arm\.urdf:1: link 'link0': mesh .*a\.wrl has a format .* one of: \.stl, \.obj, \.dae",
+        match=r"arm\.urdf:1: link 'link0': mesh .*a\.wrl has a format .* one of: \.stl, \.obj, \.ply, \.dae",
     ):
         made_of(tmp_path / "arm.urdf", text)
 
