@@ -79,6 +79,7 @@ def check_forces(mj: mujoco.MjModel, limits: JointLimits) -> None:
         bounds = [
             (what, float(np.abs(span[index]).min()))
             for what, limited, span in (
+                ("ctrlrange", mj.actuator_ctrllimited, mj.actuator_ctrlrange),
                 ("forcerange", mj.actuator_forcelimited, mj.actuator_forcerange),
                 ("actuatorfrcrange", mj.jnt_actfrclimited, mj.jnt_actfrcrange),
             )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cobot.errors import ConfigError
 from cobot.launch.robot_file.meshes import LARGE_M
+from cobot.launch.robot_file.typed import typed
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits
@@ -65,7 +66,15 @@ def limits(
         low, high = ranges[index] = mj.jnt_range[index]
         if not mj.jnt_limited[index]:
             if slides:
-                raise ConfigError(f"{file}: the slide {name!r} has no range; give it one, in m")
+                rangeless = [
+                    mj.joint(each).name
+                    for each in range(mj.njnt)
+                    if not mj.jnt_limited[each] and mj.jnt_type[each] == mujoco.mjtJoint.mjJNT_SLIDE
+                ]
+                raise ConfigError(
+                    f"{file}: the slide {name!r} has no range; give it one, in m, or keep all such joints "
+                    f"where they are with {typed('--without', *rangeless)}"
+                )
             ranges[index] = -2.0 * np.pi, 2.0 * np.pi
             guessed.append(f"{name}: position ±6.28319 rad, the file has no range")
         elif not slides and np.abs(ranges[index]).max() > MANY_TURNS_RAD:

@@ -29,6 +29,8 @@ MAX_TURNED = 3
 ROOM_SHARE, MAX_ROOM = 0.02, 0.05
 """Distance from the limits: a share of the range, and its maximum, rad or m."""
 WIDE_MARGIN_M = 0.02
+LISTED, LISTED_SHARE = 20, 0.5
+"""Pairs that a message lists at most, and in what share of the random positions they touch."""
 HELD_SHARE = 0.9
 COST_TURNED, COST_RIGHT_ANGLE = 1.0, 0.25
 """For each joint that is turned, and for each 90° that it is turned by."""
@@ -114,11 +116,11 @@ def _choose(file: Path, robot: RobotModel, collision: CollisionChecker, base: st
         share = held(robot, robot.limits, best).share
         return best, f"joints at multiples of 45°; holding it takes {100.0 * share:.0f} % of a drive"
     best, touching = choice.nearest_free(), choice.touches_most()
-    way_out = "if they may, disable the pair in an SRDF (--srdf), otherwise correct their shapes"
+    way_out = "if they may, disable the pairs in an SRDF (--srdf), otherwise correct their shapes"
     if best is None:
         raise ConfigError(f"{file}: it touches itself in each of {SAMPLES} positions, {touching}; {way_out}")
     why = "the free position nearest to 0; no posture with simple angles is free and can be held"
-    return best, why + (f"; of {SAMPLES} positions, {touching} touch; {way_out}" if touching else "")
+    return best, why + (f"; of {SAMPLES} positions, these touch: {touching}; {way_out}" if touching else "")
 
 
 class _Choice:
@@ -190,12 +192,14 @@ class _Choice:
         return min(holds or free, key=lambda joints: float(np.abs(joints - zero).max()), default=None)
 
     def touches_most(self) -> str:
-        """The pair that touches in most of the random positions; "" if none does."""
+        """The pairs that touch in most of the random positions; "" if none touches at all."""
         pairs: Counter[tuple[str, str]] = Counter()
         for joints in self._random():
             pairs.update({(each.first, each.second) for each in self._collision.contacts(joints)})
-        return "".join(
-            f"{first} and {second} in {count} of them" for (first, second), count in pairs.most_common(1)
+        most = [each for each in pairs.most_common(LISTED) if each[1] >= LISTED_SHARE * SAMPLES]
+        return ", ".join(
+            f"{first} and {second} in {count} of them"
+            for (first, second), count in most or pairs.most_common(1)
         )
 
     def _random(self) -> Array:

@@ -28,7 +28,7 @@ from cobot.launch.new_robot.srdf_import import GROUP, Semantics, Tree, read_srdf
 from cobot.launch.robot_file.arm import find_arm, guess_tcp, named_arm
 from cobot.launch.robot_file.joints import keep_joints, remove_shapes
 from cobot.launch.robot_file.meshes import Meshes, collect_meshes
-from cobot.launch.robot_file.mjcf import mjcf_rates, read_mjcf
+from cobot.launch.robot_file.mjcf import add_motor, mjcf_rates, read_mjcf
 from cobot.launch.robot_file.mjcf_checks import check_mjcf
 from cobot.launch.robot_file.passive import remove_passive_forces
 from cobot.launch.robot_file.saving import compiled, save
@@ -141,8 +141,7 @@ class NewRobot:
         self.guessed += remove_passive_forces(spec)
         base, tcp = guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
         for joint in joints:
-            motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            motor.set_to_motor()
+            add_motor(spec, joint)
             if (velocity := source.rates.get(joint, (0.0, 0.0))[0]) > 0.0:
                 spec.add_numeric(name=f"{VELOCITY_OF}{joint}", data=[velocity], size=1)
         mj = compiled(self.file, spec)

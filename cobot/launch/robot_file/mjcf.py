@@ -11,6 +11,7 @@ import numpy as np
 from cobot.errors import ConfigError
 from cobot.launch.robot_file.worker import Worker, absolute
 
+MOTOR_FIELDS = ("gear", "ctrlrange", "forcerange", "actrange", "armature", "damping", "delay", "nsample")
 LINE = re.compile(r",? line \d+(, column \d+)?")
 
 
@@ -76,6 +77,20 @@ def mjcf_rates(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
         effort *= abs(float(actuator.gear[0]))
         rates[actuator.target] = (0.0, max(effort, rates.get(actuator.target, (0.0, 0.0))[1]))
     return rates
+
+
+def add_motor(spec: mujoco.MjSpec, joint: str) -> None:
+    """Add a motor of gear 1 for a joint. The file's defaults for actuators do not count: they would limit or
+    multiply its torque.
+    """
+    motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    motor.set_to_motor()
+    plain = mujoco.MjSpec().add_actuator()
+    plain.set_to_motor()
+    for name in MOTOR_FIELDS:
+        setattr(motor, name, getattr(plain, name))
+    for what in ("ctrl", "force", "act"):
+        setattr(motor, f"{what}limited", mujoco.mjtLimited.mjLIMITED_FALSE)
 
 
 def has_bounds(flag: int, bounds: np.ndarray) -> bool:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pinocchio
 import pytest
@@ -180,6 +181,56 @@ def test_a_joint_that_is_neither_a_hinge_nor_a_slide_is_no_actuator(tmp_path: Pa
 def test_efforts_are_those_of_the_actuators_in_mjcf(tmp_path: Path) -> None:
     robot = made_of(tmp_path / "arm.xml", MJCF, without=["fl", "fr"])
     assert robot.limits.max_effort.tolist() == [87.0, 60.0]
+
+
+def test_defaults_for_actuators_do_not_limit_or_multiply_the_motors(tmp_path: Path) -> None:
+    """Oracle: MuJoCo, which applies the torque that it is told to."""
+    defaults = (
+        '<default><general ctrllimited="true" ctrlrange="-1 1" gear="9"/>'
+        '<position ctrllimited="true"/></default><worldbody>'
+    )
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        '<mujoco><worldbody><body name="base"><geom size=".05"/><body name="one" pos="0 0 .2"><joint '
+        'name="j" axis="0 1 0" range="-1 1"/><geom size=".02" pos="0 0 .1"/></body></body>'
+        "</worldbody></mujoco>".replace("<worldbody>", defaults)
+    )
+    NewRobot(file).write(tmp_path / "made")
+    mj = load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml")).model.mj
+    data = mujoco.MjData(mj)
+    data.ctrl[:] = 5.0
+    mujoco.mj_forward(mj, data)
+    assert data.qfrc_actuator[0] == 5.0
+
+
+def test_slides_without_a_range_stay_with_the_option_that_is_offered(tmp_path: Path) -> None:
+    """As the base of an arm on wheels, which simulations hold by three slides."""
+    slides = '<joint name="s0" type="slide" axis="1 0 0"/><joint name="s1" type="slide" axis="0 1 0"/>'
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        f'<mujoco><worldbody><body name="base">{slides}<geom size=".05"/><body name="one" pos="0 0 .2">'
+        '<joint name="j" axis="0 1 0" range="-1 1"/><geom size=".02" pos="0 0 .1"/></body></body>'
+        "</worldbody></mujoco>"
+    )
+    with pytest.raises(ConfigError, match=r"'s0' has no range; give it one, .* with --without s0 s1$"):
+        NewRobot(file).write(tmp_path / "made")
+    robot = NewRobot(file, without=["s0", "s1"])
+    robot.write(tmp_path / "made")
+    assert load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml")).limits.names == ("j",)
+
+
+@pytest.mark.parametrize("head", ["ctrllimited", "forcelimited"])
+def test_a_default_without_a_range_is_no_reason_to_refuse(tmp_path: Path, head: str) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        f'<mujoco><default><general {head}="true"/></default><worldbody><body name="base"><geom size=".05"/>'
+        '<body name="one" pos="0 0 .2"><joint name="j" axis="0 1 0" range="-1 1"/><geom type="capsule" '
+        'size=".02" fromto="0 0 .06 0 0 .3"/></body></body></worldbody><actuator><motor joint="j" '
+        'ctrlrange="-3 3" forcerange="-3 3"/></actuator></mujoco>'
+    )
+    NewRobot(file).write(tmp_path / "made")
+    limits = load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml")).limits
+    assert limits.max_effort.tolist() == [3.0]
 
 
 def test_an_effort_that_the_file_gives_is_kept_however_great(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Forces of an MJCF file that plans do not know. Oracle: MuJoCo, which computes what acts on an arm at rest."""
+"""Forces of an MJCF file that plans do not know. Oracle: MuJoCo, which computes what acts at rest."""
 
 from __future__ import annotations
 
