@@ -239,7 +239,7 @@ def _shown(joints: Array) -> str:
 
 
 def geom_pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """The pairs of geoms that MuJoCo's own filter allows to collide."""
+    """The pairs of geoms that collide in MuJoCo: by its filter, or because a <pair> names them."""
     excluded = {tuple(sorted((int(s) >> 16, int(s) & 0xFFFF))) for s in model.exclude_signature}
     body_of = model.geom_bodyid.tolist()
     weld_of = model.body_weldid[model.geom_bodyid].tolist()
@@ -256,4 +256,6 @@ def geom_pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
             )
             if not related and tuple(sorted((body_of[first], body_of[second]))) not in excluded:
                 pairs.append((first, second))
-    return pairs
+    named = np.sort(np.stack([model.pair_geom1, model.pair_geom2], axis=1), axis=1).tolist()
+    pairs += [(first, second) for first, second in named if weld_of[first] != weld_of[second]]
+    return list(dict.fromkeys(pairs))

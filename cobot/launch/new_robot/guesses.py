@@ -198,7 +198,9 @@ def report_odd_world(mj: mujoco.MjModel, guessed: list[str]) -> None:
 def shapeless(robot: RobotModel, guessed: list[str]) -> None:
     """Report the links that have no collision shape."""
     mj = robot.mj
-    shapes = {int(mj.geom_bodyid[geom]) for geom in range(mj.ngeom) if mj.geom_contype[geom]}
+    colliding = {geom for geom in range(mj.ngeom) if mj.geom_contype[geom]}
+    colliding.update(mj.pair_geom1.tolist(), mj.pair_geom2.tolist())
+    shapes = {int(mj.geom_bodyid[geom]) for geom in colliding}
     bare = [mj.body(int(body)).name for body in mj.jnt_bodyid if int(body) not in shapes]
     if bare:
         guessed.append(f"no collision shape, so nothing keeps them from touching: {', '.join(bare)}")

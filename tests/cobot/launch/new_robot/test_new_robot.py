@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import httpx
+import mujoco
 import numpy as np
 import pinocchio
 import pytest
@@ -226,6 +227,30 @@ def test_links_of_which_always_some_shapes_touch_may_touch(tmp_path: Path) -> No
     assert "one and three may touch: they do in each of 500 positions" in new.guessed
     robot = load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml"))
     assert robot.collision.is_free(np.zeros(3))
+
+
+def test_shapes_that_a_file_pairs_by_name_are_kept_apart(tmp_path: Path) -> None:
+    """Oracle: MuJoCo's contacts. The file gives its shapes no other way to collide."""
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        '<mujoco><compiler angle="radian"/><default><geom contype="0" conaffinity="0"/></default><worldbody>'
+        '<geom name="floor" type="plane" size="1 1 .1"/><body name="base"><geom size=".05"/>'
+        '<body name="one" pos="0 0 .3"><joint name="j" axis="0 1 0" range="-3 3"/>'
+        '<geom name="rod" type="capsule" size=".02" fromto="0 0 .06 0 0 .4"/><site name="tcp" pos="0 0 .4"/>'
+        '</body></body></worldbody><contact><pair geom1="rod" geom2="floor"/></contact></mujoco>'
+    )
+    new = NewRobot(file)
+    new.write(tmp_path / "made")
+    assert not [each for each in new.guessed if "no collision shape" in each]
+    robot = load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml"))
+    data = mujoco.MjData(robot.model.mj)
+    for angle in np.linspace(-2.9, 2.9, 30):
+        data.qpos[:] = angle
+        mujoco.mj_forward(robot.model.mj, data)
+        deep = bool(data.ncon) and data.contact.dist.min() < 0.0
+        if abs(abs(angle) - 2.4) > 0.2:  # Elsewhere the margin of cobot decides.
+            assert robot.collision.is_free(np.array([angle])) == (not deep)
+    assert {each.first for each in robot.collision.contacts(np.array([2.9]))} == {"floor"}
 
 
 @pytest.mark.parametrize("name", ["floor", ""])
