@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cobot.errors import ConfigError
 from cobot.launch.robot_file.meshes import LARGE_M
 from cobot.launch.robot_file.typed import typed
+from cobot.launch.robot_file.urdf import WORLD
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits
@@ -41,13 +42,30 @@ EARTH = (0.0, 0.0, -9.81)
 def frames(
     spec: mujoco.MjSpec, joints: list[str], base: str | None, tcp: str, guessed: list[str]
 ) -> tuple[str, str]:
-    """Base frame, guessed if it is None, and TCP, which becomes a site if it is a body."""
+    """Base frame, guessed if it is None, and TCP, which becomes a site if it is a body.
+
+    Raises:
+        ConfigError: there is no such base, or it moves.
+    """
+    standing = [body.name for body in spec.bodies[1:] if not _moves(body)]
+    if base is not None and base not in standing:
+        told = "moves with the joints" if spec.body(base) else "is not a link of the file"
+        valid = ", ".join(name for name in standing if not name.startswith(WORLD))
+        raise ConfigError(f"--base: {base!r} {told}; valid are: {valid}")
     if base is None:
         base = spec.joint(joints[0]).parent.parent.name
         guessed.append(f"base_frame {base}: what the first joint stands on (--base)")
     if spec.site(tcp) is None and spec.body(tcp) is not None:
         spec.body(tcp).add_site(name=tcp)
     return base, tcp
+
+
+def _moves(body: mujoco.MjsBody | None) -> bool:
+    while body is not None:
+        if body.joints:
+            return True
+        body = body.parent
+    return False
 
 
 def limits(

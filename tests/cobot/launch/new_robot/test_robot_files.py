@@ -271,6 +271,14 @@ def test_a_folder_that_is_given_is_the_package_whatever_its_name(tmp_path: Path)
         NewRobot(tmp_path / "arm.urdf", packages=[folder]).write(tmp_path / "second")
 
 
+@pytest.mark.parametrize(("base", "told"), [("link3", "moves with the joints"), ("up", "is not a link of")])
+def test_a_base_that_moves_or_is_none_is_named_with_those_that_can_be(
+    tmp_path: Path, base: str, told: str
+) -> None:
+    with pytest.raises(ConfigError, match=rf"^--base: '{base}' {told}.*; valid are: base_link$"):
+        made_of(tmp_path / "arm.urdf", urdf(ARMS["ur"]), base=base)
+
+
 def test_a_package_without_its_name_is_found_next_to_the_file(tmp_path: Path) -> None:
     """Tools that copy a URDF out of its package leave package://meshes/a.stl."""
     stl(tmp_path / "meshes" / "a.stl")
