@@ -347,7 +347,7 @@ class Hub:
         def states() -> dict[tuple[str, str], str]:
             return {(each["cell"], each["robot"]): each["state"] for each in self.cells()}
 
-        return self.roll_outs.begin(bundle, who, named, wave, watch_s, send, states)
+        return self.roll_outs.begin(bundle, who, role, named, wave, watch_s, send, states)
 
     def _only(self, cell: str, robot: str) -> tuple[str, str]:
         found = self.robots_of(cell, None if robot == "*" else robot)

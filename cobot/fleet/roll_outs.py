@@ -11,7 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from cobot.errors import BusyError, ConflictError, InputError, NotFoundError
+from cobot.access.roles import Role, RoleName
+from cobot.errors import BusyError, ConflictError, InputError, NotFoundError, PermissionDenied
 from cobot.fleet.bundles import Bundle, hash_of, read_bundle
 from cobot.fleet.messages import ActivateBundle, FleetAction, RollBackBundle, StageBundle
 
@@ -40,6 +41,7 @@ class RollOut:
     bundle: str
     title: str
     who: str
+    role: RoleName
     waves: list[list[tuple[str, str]]]
     state: Literal["running", "done", "refused", "rolled_back", "failed"] = "running"
     done: list[tuple[str, str]] = field(default_factory=list)
@@ -91,15 +93,21 @@ class RollOuts:
     def all(self) -> list[dict[str, Any]]:
         return [asdict(each) for each in self._roll_outs.values()]
 
-    def cancel(self, name: str) -> dict[str, Any]:
+    def cancel(self, name: str, role: RoleName) -> dict[str, Any]:
         """Roll back what has been activated.
+
+        Args:
+            role: of the person who asks.
 
         Raises:
             NotFoundError: there is none with this id.
+            PermissionDenied: the role is lower than that of the person who began it.
             ConflictError: it has ended.
         """
         self.get(name)
         found = self._roll_outs[name]
+        if Role[role.upper()] < Role[found.role.upper()]:
+            raise PermissionDenied(f"{found.who} has begun it with the role {found.role}; yours is {role}")
         if found.state != "running":
             raise ConflictError(f"the roll-out {name} has ended: {found.state}")
         found.cancelled = True
@@ -109,6 +117,7 @@ class RollOuts:
         self,
         bundle: str,
         who: str,
+        role: RoleName,
         robots: Sequence[tuple[str, str]],
         wave: int,
         watch_s: float,
@@ -135,7 +144,7 @@ class RollOuts:
             raise InputError("there are no robots to roll the bundle out to")
         rest = list(robots[1:])
         waves = [[robots[0]], *(rest[index : index + wave] for index in range(0, len(rest), wave))]
-        made = RollOut(secrets.token_hex(6), bundle, read_bundle(content).title, who, waves)
+        made = RollOut(secrets.token_hex(6), bundle, read_bundle(content).title, who, role, waves)
         with self._lock:
             running = [each for each in self._roll_outs.values() if each.state == "running"]
             if running:

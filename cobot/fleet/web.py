@@ -8,17 +8,25 @@ from pathlib import Path
 from typing import Annotated, Any, cast
 from urllib.parse import unquote
 
-from fastapi import Depends, FastAPI, Header, Request, Response
+from fastapi import Depends, FastAPI, Header, HTTPException, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
 from pydantic import Field
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cobot.access.authentication import Authenticator
-from cobot.access.roles import RoleName
+from cobot.access.roles import Role, RoleName
 from cobot.addresses import CLIENT_NAME
-from cobot.errors import AuthenticationError, BusyError, CobotError, ConflictError, InputError, NotFoundError
+from cobot.errors import (
+    AuthenticationError,
+    BusyError,
+    CobotError,
+    ConflictError,
+    InputError,
+    NotFoundError,
+    PermissionDenied,
+)
 from cobot.fleet.bundles import MAX_BUNDLE_BYTES
 from cobot.fleet.hub import STOP, Hub
 from cobot.fleet.messages import DEADLINE_S, FleetAction, Hash, Id, Name, StateWord, Target
@@ -28,7 +36,14 @@ from cobot.strict import StrictModel, sentences
 
 PAGE = Path(__file__).parent / "page"
 FILES = ("fleet.js", "fleet.css", "words.json")
-STATUS = {NotFoundError: 404, InputError: 422, AuthenticationError: 401, ConflictError: 409, BusyError: 409}
+STATUS = {
+    NotFoundError: 404,
+    InputError: 422,
+    AuthenticationError: 401,
+    PermissionDenied: 403,
+    ConflictError: 409,
+    BusyError: 409,
+}
 CSP = "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 GONE = "gone"
 log = logging.getLogger("cobot.fleet")
@@ -140,6 +155,26 @@ class SameSite:
         await self._app(scope, receive, send)
 
 
+class LimitedBody:
+    """Rejects bodies that are larger than a bundle, before they are in memory."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        left = MAX_BUNDLE_BYTES
+
+        async def counted() -> Message:
+            nonlocal left
+            message = await receive()
+            left -= len(message.get("body", b""))
+            if left < 0:
+                raise HTTPException(413, f"the body has more than {MAX_BUNDLE_BYTES} bytes")
+            return message
+
+        await self._app(scope, counted if scope["type"] == "http" else receive, send)
+
+
 def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) -> FastAPI:
     """The application.
 
@@ -148,6 +183,7 @@ def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) ->
         tokens: None if everybody who reaches the hub may use it.
     """
     app = FastAPI(title="cobot fleet", docs_url=None, redoc_url=None)
+    app.add_middleware(LimitedBody)
     app.add_middleware(SameSite)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)
     app.add_exception_handler(CobotError, _answer_to)
@@ -214,8 +250,9 @@ def _add_commands(app: FastAPI, hub: Hub, person: Any, target: str) -> None:
 def _add_roll_outs(app: FastAPI, hub: Hub, person: Any) -> None:
     @app.post("/bundles")
     async def add(request: Request, who: Person = person) -> dict[str, Any]:
-        content = await _content(request)
-        name, bundle = hub.roll_outs.add(content)
+        if Role[who.role.upper()] < Role.OPERATOR:
+            raise PermissionDenied(f"{who.name} has the role {who.role}; a bundle needs operator")
+        name, bundle = hub.roll_outs.add(await request.body())
         log.info("%s has sent the bundle %s", who.name, bundle.title)
         return {"bundle": name, "title": bundle.title}
 
@@ -232,9 +269,9 @@ def _add_roll_outs(app: FastAPI, hub: Hub, person: Any) -> None:
     def roll_out_(roll_out: str) -> dict[str, Any]:
         return hub.roll_outs.get(roll_out)
 
-    @app.post("/roll-outs/{roll_out}/cancel", dependencies=[person])
-    def cancel(roll_out: str) -> dict[str, Any]:
-        return hub.roll_outs.cancel(roll_out)
+    @app.post("/roll-outs/{roll_out}/cancel")
+    def cancel(roll_out: str, who: Person = person) -> dict[str, Any]:
+        return hub.roll_outs.cancel(roll_out, who.role)
 
 
 def _add_recordings(app: FastAPI, hub: Hub, person: Any) -> None:
@@ -250,20 +287,6 @@ def _add_recordings(app: FastAPI, hub: Hub, person: Any) -> None:
     @app.get("/recordings/{cell}/{robot}/{file}", dependencies=[person])
     def recording(cell: str, robot: str, file: str) -> Response:
         return FileResponse(store().path(cell, robot, file), media_type="application/octet-stream")
-
-
-async def _content(request: Request) -> bytes:
-    """The body.
-
-    Raises:
-        InputError: it is larger than a bundle may be.
-    """
-    content = bytearray()
-    async for piece in request.stream():
-        content += piece
-        if len(content) > MAX_BUNDLE_BYTES:
-            raise InputError(f"the bundle has more than {MAX_BUNDLE_BYTES} bytes")
-    return bytes(content)
 
 
 def _add_page(app: FastAPI) -> None:

@@ -207,6 +207,17 @@ def test_without_a_token_the_hub_tells_and_does_nothing(hub: Hub, token: str) ->
     assert hub.http.get("/", headers={"Authorization": token}).status_code == 200, "the page asks for it"
 
 
+def test_a_body_that_is_too_large_and_an_observers_bundle_are_refused(
+    hub: Hub, tokens: dict[str, str]
+) -> None:
+    for path in ("/bundles", "/stop"):
+        answer = hub.http.post(path, content=iter([b" " * 2**20] * 9))
+        assert (answer.status_code, "more than 8388608 bytes" in answer.text) == (413, True)
+    bob = {"Authorization": f"Bearer {tokens['bob']}"}
+    answer = hub.http.post("/bundles", content=b"{}", headers=bob)
+    assert (answer.status_code, "a bundle needs operator" in answer.text) == (403, True)
+
+
 def session_of(folder: Path, cell: str, address: str) -> Any:
     """A session with the certificate of a cell, which knows nothing of cobot."""
     tls, own = "transport/link/tls", folder / "cells" / cell

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from cobot_run import until
 
-from cobot.errors import BusyError, CobotError, ConflictError, InputError, NotFoundError
+from cobot.errors import BusyError, CobotError, ConflictError, InputError, NotFoundError, PermissionDenied
 from cobot.fleet.bundles import Bundle, BundleProgram, hash_of, read_bundle
 from cobot.fleet.messages import FleetAction, written
 from cobot.fleet.roll_outs import MAX_BUNDLES, RollOuts
@@ -60,10 +60,18 @@ def outs() -> RollOuts:
     return made
 
 
-def run(outs: RollOuts, cells: Cells, wave: int = 2, watch_s: float = 0.0) -> dict[str, Any]:
-    begun = outs.begin(hash_of(CONTENT), "ada", ROBOTS, wave, watch_s, cells.send, lambda: dict(cells.states))
-    until(lambda: outs.get(begun["id"])["state"] != "running")
-    return outs.get(begun["id"])
+def begin(
+    outs: RollOuts, cells: Cells, watch_s: float, wave: int = 2, robots: list[tuple[str, str]] = ROBOTS
+) -> str:
+    states = dict(cells.states)
+    begun = outs.begin(hash_of(CONTENT), "ada", "operator", robots, wave, watch_s, cells.send, lambda: states)
+    return str(begun["id"])
+
+
+def run(outs: RollOuts, cells: Cells, watch_s: float = 0.0) -> dict[str, Any]:
+    name = begin(outs, cells, watch_s)
+    until(lambda: outs.get(name)["state"] != "running")
+    return outs.get(name)
 
 
 def order_of(cells: Cells, kind: str) -> list[str]:
@@ -121,21 +129,18 @@ def test_an_error_of_the_hub_ends_it_visibly(outs: RollOuts, cells: Cells) -> No
     assert (found["state"], found["lines"][-1]) == ("failed", "ended by an error of the hub: out of memory")
 
 
-def begin(outs: RollOuts, cells: Cells, watch_s: float) -> str:
-    begun = outs.begin(hash_of(CONTENT), "ada", ROBOTS, 2, watch_s, cells.send, lambda: dict(cells.states))
-    return str(begun["id"])
-
-
 def test_it_can_be_cancelled_and_another_one_waits_for_its_end(outs: RollOuts, cells: Cells) -> None:
     name = begin(outs, cells, watch_s=600.0)
     with pytest.raises(BusyError, match=f"the roll-out {name} of welding 1.4 runs"):
         begin(outs, cells, 0.0)
     until(lambda: order_of(cells, "activate"))
-    outs.cancel(name)
+    with pytest.raises(PermissionDenied, match="begun it with the role operator; yours is observer"):
+        outs.cancel(name, "observer")
+    outs.cancel(name, "operator")
     until(lambda: outs.get(name)["state"] == "rolled_back")
     assert not cells.active
     with pytest.raises(ConflictError, match="has ended: rolled_back"):
-        outs.cancel(name)
+        outs.cancel(name, "admin")
     assert run(outs, cells)["state"] == "done"
 
 
@@ -150,7 +155,10 @@ def test_the_oldest_bundles_are_forgotten(outs: RollOuts, cells: Cells) -> None:
     ("change", "error"),
     [
         (lambda outs, cells: outs.get("none"), NotFoundError),
-        (lambda outs, cells: outs.begin(hash_of(CONTENT), "ada", [], 1, 0.0, cells.send, dict), InputError),
+        (
+            lambda outs, cells: outs.begin(hash_of(CONTENT), "ada", "operator", [], 1, 0.0, cells.send, dict),
+            InputError,
+        ),
     ],
 )
 def test_wrong_requests_are_errors(
