@@ -97,7 +97,7 @@ class RollOuts:
         """Roll back what has been activated.
 
         Args:
-            role: of the person who asks.
+            role: of the person behind the request.
 
         Raises:
             NotFoundError: there is none with this id.

@@ -164,7 +164,7 @@ class LimitedBody:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         left = MAX_BUNDLE_BYTES
 
-        async def counted() -> Message:
+        async def receive_part() -> Message:
             nonlocal left
             message = await receive()
             left -= len(message.get("body", b""))
@@ -172,7 +172,7 @@ class LimitedBody:
                 raise HTTPException(413, f"the body has more than {MAX_BUNDLE_BYTES} bytes")
             return message
 
-        await self._app(scope, counted if scope["type"] == "http" else receive, send)
+        await self._app(scope, receive_part if scope["type"] == "http" else receive, send)
 
 
 def make_app(hub: Hub, hosts: list[str], tokens: Authenticator | None = None) -> FastAPI:
