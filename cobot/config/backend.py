@@ -64,7 +64,7 @@ def _a_backend(value: object, info: ValidationInfo) -> object:
     return _section(value, info, "backend")
 
 
-def _a_gripper(value: object, info: ValidationInfo) -> object:
+def _gripper_section(value: object, info: ValidationInfo) -> object:
     return None if value is None else _section(value, info, "gripper")
 
 
@@ -76,4 +76,4 @@ def _as_in_a_file(section: BackendSection | None) -> object:
 
 
 Backend = Annotated[BackendSection, BeforeValidator(_a_backend), PlainSerializer(_as_in_a_file)]
-Gripper = Annotated[BackendSection | None, BeforeValidator(_a_gripper), PlainSerializer(_as_in_a_file)]
+Gripper = Annotated[BackendSection | None, BeforeValidator(_gripper_section), PlainSerializer(_as_in_a_file)]

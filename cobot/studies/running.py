@@ -248,7 +248,7 @@ def _compute(
             if not waiting:
                 return
             for future in wait(waiting, POLL_S, FIRST_COMPLETED).done:
-                _take(run, future, waiting.pop(future))
+                _record_result(run, future, waiting.pop(future))
             if report is not None:
                 report(run.advance())
     except BrokenExecutor as exc:
@@ -261,7 +261,7 @@ def _compute(
             future.cancel()
 
 
-def _take(run: _Run, future: Future[Filled], piece: tuple[int, int]) -> None:
+def _record_result(run: _Run, future: Future[Filled], piece: tuple[int, int]) -> None:
     try:
         filled = future.result()
     except BrokenExecutor:

@@ -97,8 +97,8 @@ class Claim:
         if self.job is not None:
             self.job.fail(error)
 
-    def run_out(self) -> None:
-        """Its time is up."""
+    def time_out(self) -> None:
+        """Interrupt the motion, because its time is up."""
         done = "begun" if self.motion_id is None else "arrived"
         self.interrupt(MotionTimeout(f"not {done} within {self.timeout_s:g} s"))
 
@@ -108,7 +108,7 @@ class Claim:
         The timeout may have passed unnoticed, because this process may have been suspended.
         """
         if self.left_s() <= 0.0:
-            self.run_out()
+            self.time_out()
         if self.interruption is not None:
             raise self.interruption
 
@@ -172,7 +172,7 @@ def watching(claim: Claim, caller: Caller) -> Iterator[None]:
         if caller.gone.is_set():
             claim.interrupt(MotionStopped("the client went away"))
         else:
-            claim.run_out()
+            claim.time_out()
 
     claim.timeout_s, claim.left_s = caller.timeout_s, left_s
     watcher = asyncio.create_task(watch())

@@ -87,7 +87,7 @@ class StreamSession:
         self._writer.setpoint(setpoint)
         self._first.note(setpoint)
 
-    def look_at(self, state: np.ndarray) -> None:
+    def report_refusal(self, state: np.ndarray) -> None:
         """Tell the client if this state, `cobot.ipc.state_fields.state_dtype`, shows that its first target is
         refused.
         """
@@ -309,7 +309,7 @@ class StreamService:
             except CobotError as exc:
                 session.end()  # rtloop must not continue a session that no client owns
                 return str(exc)
-            session.look_at(state.record)
+            session.report_refusal(state.record)
             cause = str(claim.interruption or BY_STOP)
             if cause != BY_STOP:  # for which rtloop has its own words
                 session.over = session.over or cause

@@ -39,7 +39,7 @@ EARTH = (0.0, 0.0, -9.81)
 """Gravity, m/s²."""
 
 
-def frames(
+def base_and_tcp(
     spec: mujoco.MjSpec, joints: list[str], base: str | None, tcp: str, guessed: list[str]
 ) -> tuple[str, str]:
     """Base frame, guessed if it is None, and TCP, which becomes a site if it is a body.

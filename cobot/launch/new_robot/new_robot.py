@@ -139,7 +139,7 @@ class NewRobot:
         self.guessed += said
         gripper, tcp = self._configure_gripper(spec, fingers, resting, tcp)
         self.guessed += remove_passive_forces(spec)
-        base, tcp = guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
+        base, tcp = guesses.base_and_tcp(spec, joints, self.base or semantics.base, tcp, self.guessed)
         for joint in joints:
             add_motor(spec, joint)
             if (velocity := source.rates.get(joint, (0.0, 0.0))[0]) > 0.0:

@@ -196,7 +196,7 @@ def test_what_is_no_device_is_refused_at_once(kind: str, monkeypatch: pytest.Mon
 
         async def check() -> None:
             message = await Caller(equipped(), CLASS).fails("serialOpen", Code.INPUT, device=str(path))
-            assert "no character device" in message
+            assert "not a character device" in message
 
         run(check())
 

@@ -116,13 +116,13 @@ class QueueLine:
             CobotError: see `MovePlanner.planned`.
         """
         while True:
-            await self.mend(claim)
+            await self.replan_loose(claim)
             found = await self._plan_from_end(claim, number, request)
             if found is not None:
                 self._append(found)
                 return found
 
-    async def mend(self, claim: Claim) -> None:
+    async def replan_loose(self, claim: Claim) -> None:
         """Plan the loose moves again. One that cannot be planned fails, and all behind it are given up."""
         while self._loose:
             move = self._loose[0]

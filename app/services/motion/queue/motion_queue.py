@@ -195,7 +195,7 @@ class MotionQueue:
     async def _mend(self, claim: Claim) -> None:
         try:
             async with self._turn:
-                await self._line.mend(claim)
+                await self._line.replan_loose(claim)
         finally:
             self._mender = None
 
@@ -240,7 +240,7 @@ class MotionQueue:
             chain = self._line.head
             if not chain:
                 async with self._turn:
-                    await self._line.mend(claim)
+                    await self._line.replan_loose(claim)
                 continue
             last, legs = chain[-1], sum(len(move.legs) for move in chain)
             takes_s = sum(move.duration_s for move in chain)
@@ -267,4 +267,4 @@ class MotionQueue:
             self._jobs.give_up(given_up, error)
         self._line.put_first(moves, left.start)
         async with self._turn:
-            await self._line.mend(claim)
+            await self._line.replan_loose(claim)

@@ -115,7 +115,7 @@ def test_no_job_goes_from_one_state_to_another_that_cannot_follow(
                     case "cancel":
                         bench.ownership.interrupt(STOPPED)
                     case "time up":
-                        claim.run_out()
+                        claim.time_out()
                     case "fail":
                         raise UnavailableError("rtloop is gone")
             bench.book.ending = ending
