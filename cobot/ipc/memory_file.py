@@ -65,17 +65,6 @@ def user_of(robot: str, role: MemoryRole) -> int:
         os.close(descriptor)
 
 
-def is_gone(pid: int) -> bool:
-    """Whether a process no longer exists."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    except PermissionError:  # another user's process exists
-        pass
-    return False
-
-
 def add_user(path: Path) -> None:
     """Note that this process has one more memory of a file open."""
     _users[path] += 1

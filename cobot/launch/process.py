@@ -1,4 +1,4 @@
-"""Requests of a process to Linux about itself."""
+"""Requests of a process to Linux about itself, and the states of other processes."""
 
 from __future__ import annotations
 
@@ -38,6 +38,17 @@ class Niceness(IntEnum):
     ORDINARY = 0
     BACKGROUND = 10  # takes only the time that nothing else needs
     STUDY = 19  # and less than those in the background
+
+
+def is_gone(pid: int) -> bool:
+    """Whether a process no longer exists."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:  # another user's process exists
+        pass
+    return False
 
 
 def is_stopped(pid: int) -> bool:

@@ -18,8 +18,9 @@ from cobot.access.authentication import is_loopback
 from cobot.commands.options import URL_VARIABLE
 from cobot.errors import CobotError, TornReadError
 from cobot.ipc.layout import MotionResult, text
-from cobot.ipc.memory_file import is_gone, robots_running
+from cobot.ipc.memory_file import robots_running
 from cobot.ipc.shm import MemoryRole, RobotMemory
+from cobot.launch.process import is_gone
 from cobot.types import RESTING, LoopMode
 
 REST_S = 5.0

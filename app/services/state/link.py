@@ -24,9 +24,9 @@ from cobot.ipc.device_record import DeviceReport, device_of
 from cobot.ipc.gripper_record import fill_gripper
 from cobot.ipc.io_record import IoReport, report_of
 from cobot.ipc.layout import CELL_PARTS, MotionResult, record_of, text
-from cobot.ipc.memory_file import is_gone
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.signal_record import SignalReport, signal_report
+from cobot.launch.process import is_gone
 from cobot.types import LoopMode, Numbers7
 
 POLL_S = 0.002
