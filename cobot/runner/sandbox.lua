@@ -209,6 +209,6 @@ return function(source, name)
   local ok, problem = pcall(program)
   sethook()
   if ok then return true end
-  if type(problem) ~= "string" then problem = "the program ended with an error that is no text: " .. type(problem) end
+  if type(problem) ~= "string" then problem = "the program ended with an error that is not a text: " .. type(problem) end
   return false, problem
 end

@@ -18,7 +18,7 @@ REST_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class TestedBackend:
+class CheckedBackend:
     """A backend under test.
 
     Attributes:

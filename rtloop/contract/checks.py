@@ -14,7 +14,7 @@ from cobot.ipc.state_fields import MEASURED_NAMES
 from cobot.robot.device import STATUS_WORDS, DeviceStatus
 from cobot.types import Array, LoopMode
 from rtloop.backends import BackendError, Measured, Reporting, capabilities_of
-from rtloop.contract.cell import REST_S, TestedBackend
+from rtloop.contract.cell import REST_S, CheckedBackend
 from rtloop.contract.driver import Driver
 from rtloop.results import ACCEPTED
 
@@ -30,7 +30,7 @@ FADED_S = 1.5
 MAX_LAG = 4
 
 
-def calls(cell: TestedBackend) -> str:
+def calls(cell: CheckedBackend) -> str:
     """It is opened, read, enabled, driven, disabled and closed without an error."""
     with cell.drive() as driver:
         driver.run(REST_S)
@@ -43,7 +43,7 @@ def calls(cell: TestedBackend) -> str:
     return f"{len(heard.commands)} commands between open and close"
 
 
-def values(cell: TestedBackend) -> str:
+def values(cell: CheckedBackend) -> str:
     """`read` fills in the rows that the capabilities claim, with finite values, in the given arrays."""
     rows = capabilities_of(cell.kind).measured
     with cell.drive() as driver:
@@ -74,7 +74,7 @@ def values(cell: TestedBackend) -> str:
     return ", ".join(name for name in MEASURED_NAMES if name in rows)
 
 
-def status(cell: TestedBackend) -> str:
+def status(cell: CheckedBackend) -> str:
     """`status` returns a complete `DeviceStatus`."""
     with cell.drive() as driver:
         backend = driver.backend
@@ -94,7 +94,7 @@ def status(cell: TestedBackend) -> str:
     return ", ".join(words[name] for name in STATUS_WORDS if words[name])
 
 
-def motion(cell: TestedBackend) -> str:
+def motion(cell: CheckedBackend) -> str:
     """The arm executes a planned motion and arrives."""
     with cell.drive() as driver:
         before = driver.heard.measured.copy()
@@ -103,7 +103,7 @@ def motion(cell: TestedBackend) -> str:
     return f"up to {moved:.2f} rad"
 
 
-def stop(cell: TestedBackend) -> str:
+def stop(cell: CheckedBackend) -> str:
     """A stop during a motion brings the arm to rest and holds it there; then it can move again."""
     with cell.drive() as driver:
         driver.begin_move()
@@ -120,7 +120,7 @@ def stop(cell: TestedBackend) -> str:
     return "on its path" if result == MotionResult.STOPPED else "away from its path"
 
 
-def limits(cell: TestedBackend) -> str:
+def limits(cell: CheckedBackend) -> str:
     """Written commands, and those that reach the device, keep the velocity, acceleration and jerk limits."""
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("the device executes motions by itself: its own controller keeps its limits")
@@ -137,7 +137,7 @@ def limits(cell: TestedBackend) -> str:
     return said if wire is not None else f"{said}; the rig does not record what the device is sent"
 
 
-def require_limits(cell: TestedBackend, what: str, positions: list[Array]) -> list[float]:
+def require_limits(cell: CheckedBackend, what: str, positions: list[Array]) -> list[float]:
     """The largest shares of the velocity, acceleration and jerk limits that are used.
 
     Raises:
@@ -158,7 +158,7 @@ def require_limits(cell: TestedBackend, what: str, positions: list[Array]) -> li
     return shares
 
 
-def staleness(cell: TestedBackend) -> str:
+def staleness(cell: CheckedBackend) -> str:
     """A written command reaches the device in the same cycle."""
     with cell.drive() as driver:
         if driver.wire is None:
@@ -176,7 +176,7 @@ def staleness(cell: TestedBackend) -> str:
     return f"up to {off[0]:.1e} rad from what was written"
 
 
-def entry(cell: TestedBackend) -> str:
+def entry(cell: CheckedBackend) -> str:
     """The first command equals the measured position, at the start and after close and open."""
     with cell.drive() as driver:
         require_entry(cell, driver, 0)
@@ -190,7 +190,7 @@ def entry(cell: TestedBackend) -> str:
     return "at the start and when it is opened again"
 
 
-def require_entry(cell: TestedBackend, driver: Driver, before: int) -> None:
+def require_entry(cell: CheckedBackend, driver: Driver, before: int) -> None:
     """Raises ContractError: the first command after `before` commands differs from the measured position."""
     command, measured = driver.first_command(before)
     off = np.abs(command - measured)
@@ -202,7 +202,7 @@ def require_entry(cell: TestedBackend, driver: Driver, before: int) -> None:
         )
 
 
-def restart(cell: TestedBackend) -> str:
+def restart(cell: CheckedBackend) -> str:
     """A new backend takes over a device that was not closed, because rtloop may be killed."""
     with cell.drive() as driver:
         driver.begin_move()
@@ -218,7 +218,7 @@ def restart(cell: TestedBackend) -> str:
     return "and moves"
 
 
-def reject_open(cell: TestedBackend) -> str:
+def reject_open(cell: CheckedBackend) -> str:
     """A missing device is reported as an error at open, not later."""
     with cell.make_driver() as driver:
         if "disconnect" not in driver.rig.faults:
@@ -243,7 +243,7 @@ def reject_open(cell: TestedBackend) -> str:
     return said
 
 
-CHECKS: dict[str, Callable[[TestedBackend], str]] = {
+CHECKS: dict[str, Callable[[CheckedBackend], str]] = {
     "calls": calls,
     "values": values,
     "status": status,

@@ -8,7 +8,7 @@ from cobot.config import Settings
 from cobot.contract_checks import ContractError
 from cobot.errors import ConfigError
 from rtloop.backends import Reporting, capabilities_of, make_backend
-from rtloop.contract.cell import TestedBackend
+from rtloop.contract.cell import CheckedBackend
 
 CLAIMS = {
     "impedance": ("set_impedance",),
@@ -21,7 +21,7 @@ CLAIMS = {
 """Capabilities, each with methods of which it needs at least one."""
 
 
-def options(cell: TestedBackend) -> str:
+def options(cell: CheckedBackend) -> str:
     """An unknown option and a wrong period are rejected, naming them."""
     backend = cell.settings.robot.backend
     key = "no_such_option"
@@ -36,7 +36,7 @@ def options(cell: TestedBackend) -> str:
     return "an unknown option and another period are rejected"
 
 
-def _require_refusal(cell: TestedBackend, settings: Settings, word: str) -> None:
+def _require_refusal(cell: CheckedBackend, settings: Settings, word: str) -> None:
     try:
         make_backend(settings, cell.robot.limits)
     except ConfigError as exc:
@@ -46,7 +46,7 @@ def _require_refusal(cell: TestedBackend, settings: Settings, word: str) -> None
     raise ContractError(f"{word} is not refused")
 
 
-def claims(cell: TestedBackend) -> str:
+def claims(cell: CheckedBackend) -> str:
     """The class has methods for its `capabilities`."""
     with cell.make_driver() as driver:
         backend = driver.rig.backend()
@@ -59,4 +59,4 @@ def claims(cell: TestedBackend) -> str:
     return able.words
 
 
-CHECKS: dict[str, Callable[[TestedBackend], str]] = {"options": options, "claims": claims}
+CHECKS: dict[str, Callable[[CheckedBackend], str]] = {"options": options, "claims": claims}

@@ -11,7 +11,7 @@ from cobot.contract_checks import ContractError, NotTested
 from cobot.ipc.layout import Command, MotionResult
 from cobot.types import LoopMode
 from rtloop.backends import BackendError, Reporting, capabilities_of
-from rtloop.contract.cell import REST_S, TestedBackend
+from rtloop.contract.cell import REST_S, CheckedBackend
 from rtloop.contract.checks import require_entry, require_limits
 from rtloop.contract.driver import Driver
 from rtloop.contract.stream import begin_stream
@@ -23,7 +23,7 @@ ENABLING_CYCLES = 2
 MOTIONS_UNDER_LOSS = 3
 
 
-def survives(fault: str, cell: TestedBackend) -> str:
+def survives(fault: str, cell: CheckedBackend) -> str:
     """Lost or reordered packets end no motion, and no command exceeds the limits."""
     with cell.drive() as driver:
         _require(driver, fault)
@@ -37,14 +37,14 @@ def survives(fault: str, cell: TestedBackend) -> str:
     return f"{MOTIONS_UNDER_LOSS} motions arrive"
 
 
-def ends(fault: str, cell: TestedBackend, *, moving: bool) -> str:
+def ends(fault: str, cell: CheckedBackend, *, moving: bool) -> str:
     """A fault ends a motion, or holding the arm, with a reason, and permits no reset while it lasts; then the
     arm can move again.
     """
     return _inject_while(fault, cell, _move if moving else _rest, stays=True)
 
 
-def while_stopping(fault: str, cell: TestedBackend) -> str:
+def while_stopping(fault: str, cell: CheckedBackend) -> str:
     """As `ends`, while the arm is stopping."""
 
     def stop(driver: Driver) -> None:
@@ -55,14 +55,14 @@ def while_stopping(fault: str, cell: TestedBackend) -> str:
     return _inject_while(fault, cell, stop, stays=False)
 
 
-def in_stream(fault: str, cell: TestedBackend) -> str:
+def in_stream(fault: str, cell: CheckedBackend) -> str:
     """As `ends`, while a client streams positions."""
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("nothing can be streamed to a device that executes motions by itself")
     return _inject_while(fault, cell, begin_stream, stays=True)
 
 
-def while_loading(fault: str, cell: TestedBackend) -> str:
+def while_loading(fault: str, cell: CheckedBackend) -> str:
     """As `ends`, immediately after a motion was requested: the motion is rejected or ends."""
     with cell.drive() as driver:
         _require(driver, fault)
@@ -77,7 +77,7 @@ def while_loading(fault: str, cell: TestedBackend) -> str:
     return said
 
 
-def while_enabling(fault: str, cell: TestedBackend) -> str:
+def while_enabling(fault: str, cell: CheckedBackend) -> str:
     """As `ends`, in the middle of a reset: the reset is rejected, or the fault is detected again."""
     with cell.drive() as driver:
         _require(driver, fault)
@@ -94,7 +94,7 @@ def while_enabling(fault: str, cell: TestedBackend) -> str:
     return result.reason if isinstance(result, Rejected) else said
 
 
-def twice(fault: str, cell: TestedBackend) -> str:
+def twice(fault: str, cell: CheckedBackend) -> str:
     """The fault occurs again during a recovery, before and after the reset."""
     with cell.drive() as driver:
         _require(driver, fault)
@@ -111,7 +111,7 @@ def twice(fault: str, cell: TestedBackend) -> str:
     return said
 
 
-def mode_change(cell: TestedBackend) -> str:
+def mode_change(cell: CheckedBackend) -> str:
     """A change of mode is reported, and the motion ends in a fault or continues; the arm can move again."""
     with cell.drive() as driver:
         _require(driver, "operation_mode")
@@ -143,7 +143,7 @@ def _move(driver: Driver) -> None:
     driver.run(REST_S)
 
 
-def _inject_while(fault: str, cell: TestedBackend, begin: Callable[[Driver], None], *, stays: bool) -> str:
+def _inject_while(fault: str, cell: CheckedBackend, begin: Callable[[Driver], None], *, stays: bool) -> str:
     """The reason reported for a fault that occurs after `begin`; with `stays` it lasts for some resets."""
     with cell.drive() as driver:
         _require(driver, fault)
@@ -185,7 +185,7 @@ def _require_lasting(driver: Driver, fault: str) -> None:
             raise ContractError(f"{fault}: a command is not finite")
 
 
-def _require_recovery(cell: TestedBackend, driver: Driver) -> None:
+def _require_recovery(cell: CheckedBackend, driver: Driver) -> None:
     """Reset, no jump, a motion; the backend is neither closed nor opened."""
     driver.run(MEANWHILE_S)
     before = len(driver.heard.commands)
@@ -208,7 +208,7 @@ def _require_recovery(cell: TestedBackend, driver: Driver) -> None:
 STOPPING = ("disconnect", "frozen", "nan", "e_stop", "protective_stop")
 RESTING = ("disconnect", "nan", "e_stop", "protective_stop")
 """All but `frozen`, because constant values are normal for an arm at rest."""
-CHECKS: dict[str, Callable[[TestedBackend], str]] = {
+CHECKS: dict[str, Callable[[CheckedBackend], str]] = {
     **{f"{fault} in motion": partial(ends, fault, moving=True) for fault in STOPPING},
     **{f"{fault} at rest": partial(ends, fault, moving=False) for fault in RESTING},
     "disconnect while stopping": partial(while_stopping, "disconnect"),

@@ -10,14 +10,14 @@ from cobot.ipc.layout import IO_NAME_BYTES, IO_POINTS, Command
 from cobot.robot.io_points import IoKind, IoPoint, io_points, require_number
 from cobot.types import LoopMode
 from rtloop.backends import BackendError, HasIo, capabilities_of
-from rtloop.contract.cell import TestedBackend
+from rtloop.contract.cell import CheckedBackend
 from rtloop.contract.driver import Driver
 from rtloop.results import Rejected
 
 UNKNOWN = "no such output"
 
 
-def io(cell: TestedBackend) -> str:
+def io(cell: CheckedBackend) -> str:
     """Each output takes another value, reports it, and takes its old value again, while the arm is held; an
     unknown output is rejected.
     """
@@ -75,4 +75,4 @@ def _reported(driver: Driver, name: str, value: float) -> bool:
     return any(each.name == name and each.has(value) for each in points)
 
 
-CHECKS: dict[str, Callable[[TestedBackend], str]] = {"io": io}
+CHECKS: dict[str, Callable[[CheckedBackend], str]] = {"io": io}

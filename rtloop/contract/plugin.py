@@ -18,7 +18,7 @@ import pytest
 
 from cobot.config import load_settings
 from cobot.contract_checks import CheckVerdict
-from rtloop.contract.cell import TestedBackend
+from rtloop.contract.cell import CheckedBackend
 from rtloop.contract.suite import CHECKS, cell_for, examine
 
 MARKER = "cobot_backend"
@@ -51,5 +51,5 @@ def contract_check(request: pytest.FixtureRequest) -> Callable[[], None]:
 
 
 @cache
-def _cell(name: str) -> TestedBackend:
+def _cell(name: str) -> CheckedBackend:
     return cell_for(load_settings(), name)

@@ -11,14 +11,14 @@ import numpy as np
 from cobot.contract_checks import ContractError, NotTested
 from rtloop.backends import BackendError, capabilities_of
 from rtloop.clock import Pace
-from rtloop.contract.cell import TestedBackend
+from rtloop.contract.cell import CheckedBackend
 
 BEATEN_S = 0.5
 LATE_SHARE = 0.01
 """Share of the cycles that may take longer than their period."""
 
 
-def punctuality(cell: TestedBackend) -> str:
+def punctuality(cell: CheckedBackend) -> str:
     """Reading and writing take less than a period."""
     if not cell.realtime:
         raise NotTested("durations are checked only with --realtime, on an idle computer")
@@ -32,7 +32,7 @@ def punctuality(cell: TestedBackend) -> str:
     return said
 
 
-def beat(cell: TestedBackend) -> str:
+def beat(cell: CheckedBackend) -> str:
     """`wait` returns one packet per period of the clock."""
     if not cell.realtime:
         raise NotTested("the pace is checked only with --realtime")
@@ -60,4 +60,4 @@ def beat(cell: TestedBackend) -> str:
     return f"{beats} packets in {BEATEN_S:g} s"
 
 
-CHECKS: dict[str, Callable[[TestedBackend], str]] = {"punctuality": punctuality, "beat": beat}
+CHECKS: dict[str, Callable[[CheckedBackend], str]] = {"punctuality": punctuality, "beat": beat}

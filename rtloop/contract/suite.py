@@ -12,7 +12,7 @@ from cobot.contract_checks import CheckResult, result_of
 from cobot.robot.description import load_robot
 from rtloop.backends import BackendError, backend_class, capabilities_of
 from rtloop.contract import checks, declared, faults, inputs_outputs, punctuality
-from rtloop.contract.cell import TestedBackend
+from rtloop.contract.cell import CheckedBackend
 from rtloop.contract.rig import rig_of
 
 CHECKS = {
@@ -36,7 +36,7 @@ def settings_for(settings: Settings, name: str) -> Settings:
     return settings.model_copy(update={"robot": robot, "rt": rt})
 
 
-def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> TestedBackend:
+def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> CheckedBackend:
     """Prepare a backend for the checks.
 
     Raises:
@@ -44,18 +44,18 @@ def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> Tested
     """
     settings = settings_for(settings, name)
     kind: Any = backend_class(name)
-    cell = TestedBackend(kind, settings, load_robot(settings), realtime)
+    cell = CheckedBackend(kind, settings, load_robot(settings), realtime)
     rig_of(kind, settings, cell.robot.limits)
     return cell
 
 
-def examine(cell: TestedBackend, check: str) -> CheckResult:
+def examine(cell: CheckedBackend, check: str) -> CheckResult:
     """Run one check. A backend that raises an unexpected exception has failed it."""
     with np.errstate(all="ignore"):  # as in rtloop: comparisons find values that are not finite
         return result_of(check, lambda: CHECKS[check](cell), BackendError)
 
 
-def run(cell: TestedBackend) -> Iterator[CheckResult]:
+def run(cell: CheckedBackend) -> Iterator[CheckResult]:
     """Run all checks, one after the other."""
     for check in CHECKS:
         yield examine(cell, check)

@@ -14,7 +14,7 @@ from cobot.config import Settings
 from cobot.contract_checks import CheckVerdict
 from cobot.errors import ConfigError
 from rtloop.contract.__main__ import main
-from rtloop.contract.cell import TestedBackend
+from rtloop.contract.cell import CheckedBackend
 from rtloop.contract.suite import CHECKS, cell_for, examine
 
 TOY = "rtloop.contract.toy:ToyArm"
@@ -36,24 +36,24 @@ UNTOLD = {
 
 
 @pytest.fixture(scope="module")
-def mujoco(settings: Settings) -> TestedBackend:
+def mujoco(settings: Settings) -> CheckedBackend:
     return cell_for(settings, "mujoco")
 
 
 @pytest.fixture(scope="module")
-def fri(settings: Settings) -> TestedBackend:
+def fri(settings: Settings) -> CheckedBackend:
     """Every 5 ms: a fifth of the cycles."""
     rt = settings.rt.model_copy(update={"period_s": 0.005})
     return cell_for(settings.model_copy(update={"rt": rt}), "fri")
 
 
 @pytest.fixture(scope="module")
-def franka() -> TestedBackend:
+def franka() -> CheckedBackend:
     return cell_for(franka_settings(address="robot.test"), "franka")
 
 
 @pytest.mark.parametrize("check", CHECKS)
-def test_the_simulation_keeps_it(mujoco: TestedBackend, check: str) -> None:
+def test_the_simulation_keeps_it(mujoco: CheckedBackend, check: str) -> None:
     result = examine(mujoco, check)
     assert result.verdict is (CheckVerdict.NOT_TESTED if check in UNTOLD else CheckVerdict.PASSED), (
         result.found
@@ -62,20 +62,20 @@ def test_the_simulation_keeps_it(mujoco: TestedBackend, check: str) -> None:
 
 
 @pytest.mark.parametrize("check", CHECKS)
-def test_fri_keeps_it_beside_a_simulated_cabinet(fri: TestedBackend, check: str) -> None:
+def test_fri_keeps_it_beside_a_simulated_cabinet(fri: CheckedBackend, check: str) -> None:
     result = examine(fri, check)
     assert result.verdict is (CheckVerdict.NOT_TESTED if check in ON_REQUEST else CheckVerdict.PASSED), (
         result.found
     )
 
 
-def test_a_first_contact_is_announced_to_nobody(fri: TestedBackend, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_first_contact_is_not_announced(fri: CheckedBackend, caplog: pytest.LogCaptureFixture) -> None:
     with fri.drive():
         assert "First contact" not in caplog.text
 
 
 @pytest.mark.parametrize("check", CHECKS)
-def test_franka_keeps_it_beside_a_stand_in(franka: TestedBackend, check: str) -> None:
+def test_franka_keeps_it_beside_a_stand_in(franka: CheckedBackend, check: str) -> None:
     if check == "options":
         pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: pip install 'cobot[franka]'")
     result = examine(franka, check)
