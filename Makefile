@@ -185,10 +185,13 @@ $(NODE_STAMP): $(JS_CLIENT)/package-lock.json | $(VENV)/.run-stamp
 	@if npm --version > /dev/null 2>&1 && npm ci --prefix $(JS_CLIENT) --ignore-scripts --no-audit --no-fund --silent; \
 	    then touch $@; else echo "cobot: without the client for Node.js: npm is missing or cannot install its packages"; fi
 
-$(VENV)/pythons/%/.stamp: requirements/run.lock requirements/build.lock requirements/dev.lock | $(VENV)/.dev-stamp
+$(VENV)/pythons/%/.stamp: requirements/run.lock requirements/build.lock requirements/dev.lock requirements/peers.lock \
+    | $(VENV)/.dev-stamp
 	@$(BIN)/uv venv --quiet --clear --seed --no-python-downloads --python $(FOUND) $(@D)
 	@$(BIN)/uv pip install --quiet --python $(@D)/bin/python --require-hashes --requirement requirements/run.lock \
 	    --requirement requirements/build.lock --requirement requirements/dev.lock
+	@$(BIN)/uv pip install --quiet --python $(@D)/bin/python --require-hashes --no-deps --requirement requirements/peers.lock \
+	    || echo "cobot: without the peers of requirements/peers.lock: their wheels do not fit here"
 	@$(BIN)/uv pip install --quiet --python $(@D)/bin/python --no-build-isolation --no-deps --editable .
 	@touch $@
 

@@ -69,7 +69,10 @@ def part(**changes: object) -> dict[str, Any]:
         ),
         ({"switches": {"a": GATE}, "outputs": {"a": {"kind": "boolean"}}}, "the name 'a' occurs twice"),
         ({"outputs": {"a": {"kind": "loud"}}}, "outputs.a.kind: must be 'boolean', 'digital' or 'analog'"),
-        ({"switches": {"a": {"type": "eye"}}}, "switches.a: input tag 'eye' found using 'type'"),
+        (
+            {"switches": {"a": {"type": "eye"}}},
+            "switches.a: type 'eye' is unknown; valid are: 'light_barrier'",
+        ),
         (
             {"switches": {"a": {**GATE, "to_m": GATE["from_m"]}}},
             "from_m and to_m are the same point, they must be at least 0.001 m apart",

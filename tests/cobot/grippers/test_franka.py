@@ -32,6 +32,7 @@ class NoPort:
 @pytest.fixture(scope="module")
 def simulator() -> Iterator[FrankySimulator]:
     pytest.importorskip("pylibfranka")
+    pytest.importorskip("franky_sim")
     with FrankySimulator() as made:
         yield made
 

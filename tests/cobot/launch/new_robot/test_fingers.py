@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Iterator
 from pathlib import Path
 
-import franky_sim
 import mujoco
 import numpy as np
 import pytest
@@ -25,7 +24,6 @@ from cobot.robot.description import load_robot
 from cobot.robot.tool import Tool
 from rtloop.backends import make_backend
 
-FR3 = Path(franky_sim.__file__).parent / "assets" / "fr3.urdf"
 OPPOSITE = link("f1", "tool0", "prismatic", range_="0 0.04", joint="finger1", axis="1 0 0") + link(
     "f2", "tool0", "prismatic", range_="0 0.04", joint="finger2", axis="1 0 0",
     mimic='joint="finger1" multiplier="-1"',
@@ -39,9 +37,15 @@ CELL = {
 
 
 @pytest.fixture(scope="module")
-def fr3(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fr3_file() -> Path:
+    """The URDF of a Franka with its hand, in franky-sim."""
+    return Path(pytest.importorskip("franky_sim").__file__).parent / "assets" / "fr3.urdf"
+
+
+@pytest.fixture(scope="module")
+def fr3(fr3_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made") / "fr3"
-    NewRobot(FR3).write(folder)
+    NewRobot(fr3_file).write(folder)
     return folder
 
 
@@ -100,10 +104,10 @@ def test_the_plant_carries_a_tool_that_is_mounted_next_to_the_fingers(fr3: Path,
     assert np.abs(arm.measured.external_effort).max() < 0.01
 
 
-def test_planned_motions_have_the_fingers_where_the_file_has_them_open(fr3: Path) -> None:
+def test_planned_motions_have_the_fingers_where_the_file_has_them_open(fr3: Path, fr3_file: Path) -> None:
     """Oracle: the file as MuJoCo reads it, with its finger joints at the same width."""
     settings = settings_of(fr3)
-    original = mujoco.MjSpec.from_file(str(FR3)).compile()
+    original = mujoco.MjSpec.from_file(str(fr3_file)).compile()
     theirs = mujoco.MjData(original)
     for number in (1, 2):
         theirs.joint(f"fr3_finger_joint{number}").qpos[0] = 0.04
