@@ -1,6 +1,7 @@
 // How fast all motions go, and the motion that runs: how far it is, its pause and how it has ended.
 import { allow } from "./able.js";
 import { oneAtATime } from "./once.js";
+import { plain } from "./plain.js";
 import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 500; // while it runs: progress is no event
@@ -117,7 +118,7 @@ export class Job {
     allow(element("step"), idle || (WITH_STEPS.includes(kind) ? "" : "why_no_steps"));
     element("progress").value = going || state === "finished" ? progress : 0;
     write("job", this.job ? word("job_of", { state: word(STATES[state]), owner }) : word("job_none"));
-    write("job-error", error?.code === "stopped" ? word("job_rest", { percent: Math.round(100 * progress) }) : error?.detail ?? "");
+    write("job-error", plain(error?.detail ?? ""));
     write("job-left", going && typeof left === "number" ? word("job_left", { seconds: left.toFixed(0) }) : "");
   }
 }

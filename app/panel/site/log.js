@@ -1,7 +1,9 @@
 // The log, the newest event first: for people one line per job and what they have to know; or all events.
+import { plain } from "./plain.js";
 import { inEachLanguage, word } from "./words.js";
 
 const MAX_ENTRIES = 100;
+const SAME_STOP_MS = 500;
 const LEVELS = { fault: "bad", estop: "bad", lost: "bad", log: "warn", intervention: "warn", refused: "warn", rtloop: "warn", stop: "warn", planning: "warn" };
 const FAILURES = ["failed", "interrupted"];
 const LATCHED = ["ESTOP", "FAULT"];
@@ -19,6 +21,8 @@ function said(type, data) {
   for (const [field, of] of Object.entries(IN_WORDS[type] ?? {})) {
     if (values[field]) values[field] = word(`${of}_${values[field]}`);
   }
+  if (type === "stop") values.reason = plain(values.reason);
+  if (type === "job" && values.error) values.error = plain(values.error);
   if (type === "speed") values.percent = Math.round(100 * values.fraction);
   if (Array.isArray(values.objects)) values.objects = values.objects.join(", ") || word("object_none");
   if (Array.isArray(values.robots)) values.robots = values.robots.join(", ");
@@ -60,16 +64,26 @@ export class Log {
 
   clear() {
     this.waiting = [];
+    this.stop = null; // the last one
     element("log").replaceChildren();
   }
 
   hear(event) {
     if (QUIET.includes(event.type)) return;
+    if (event.type === "stop") event.repeats = this.repeats(event);
     this.waiting.push(event);
     if (this.waiting.length > MAX_ENTRIES) this.waiting.shift();
     if (this.asked) return;
     this.asked = true;
     setTimeout(() => this.write(), 100); // many may come at once
+  }
+
+  // Whether a stop is the same press as the one before: STOP is sent in two ways.
+  repeats({ time, data }) {
+    const { time: before, data: last } = this.stop ?? {};
+    if (last?.by === data.by && new Date(time) - new Date(before) < SAME_STOP_MS) return true;
+    this.stop = { time, data };
+    return false;
   }
 
   write() {
@@ -85,7 +99,7 @@ export class Log {
 
   row(event) {
     const { time, type, data } = event;
-    const level = levelOf(event);
+    const level = event.repeats ? "" : levelOf(event);
     const made = document.createElement("li");
     const [moment, kind, text] = ["time", "b", "span"].map((tag) => document.createElement(tag));
     moment.dateTime = time;
@@ -96,7 +110,7 @@ export class Log {
     made.told = event;
     made.dataset.type = type;
     made.toggleAttribute("data-problem", Boolean(level));
-    made.toggleAttribute("data-detail", isDetail(event));
+    made.toggleAttribute("data-detail", Boolean(event.repeats) || isDetail(event));
     made.append(moment, kind, text);
     return made;
   }

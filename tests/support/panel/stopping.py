@@ -32,7 +32,9 @@ def test_stop_is_everywhere(panel: Panel, way: str) -> None:
 
 def test_after_a_stop_the_page_says_what_has_stopped_by_whom_and_what_to_press_next(panel: Panel) -> None:
     """Oracle: GET /jobs has who asked for the motion that was stopped, and the share of its path."""
+    panel.page.run("cobotPanel.log.clear()")
     slowly(panel)
+    rows = "document.querySelectorAll('#log li[data-type=stop]').length"
     panel.page.click("#stop")
     until(panel.rests)
     panel.until("!document.querySelector('#halt').hidden")
@@ -44,6 +46,12 @@ def test_after_a_stop_the_page_says_what_has_stopped_by_whom_and_what_to_press_n
     assert panel.text("#job-error") == (
         f"The arm came to rest after {round(100 * newest['progress'])} % of the path."
     )
+    panel.until(f"{rows} === 2")
+    shown = panel.page.run("document.querySelectorAll('#log li[data-type=stop]:not([data-detail])').length")
+    assert shown == 1, "one press is one line, although it is sent in two ways"
+    said = panel.page.run("document.querySelector('#log').textContent")
+    assert "/stop" not in said, "no words of REST"
+    assert "WebSocket" not in said
     panel.page.click("#halt-close")
     assert panel.page.run("document.querySelector('#halt').hidden")
     panel.page.run("cobotPanel.halt.clear()")
