@@ -1,5 +1,6 @@
 // Hold to move: frames go out as long as a button is held. Whatever ends the holding, they end; the service
 // stops the arm when it is told so, or when it hears nothing for 200 ms.
+import { allow } from "./able.js";
 import { moved } from "./follow.js";
 import { abcOf, stepped, tcpOf } from "./kinematics.js";
 import { inEachLanguage, word } from "./words.js";
@@ -8,6 +9,7 @@ const EVERY_MS = 50;
 // What 100 % is for planned motions of the TCP, and the limits of jogging: of the TCP, and as a share for a joint.
 const [FULL_M_S, FULL_RAD_S] = [1, 2];
 const [MAX_M_S, MAX_RAD_S, MAX_SHARE] = [0.25, 0.5, 0.5];
+const LATCHED = ["ESTOP", "FAULT"];
 const STEPS = { small: [0.5, 0.001], middle: [2, 0.01], large: [10, 0.05] };
 const element = (id) => document.getElementById(id);
 
@@ -20,6 +22,7 @@ export class Jog {
     this.readouts = readouts;
     this.now = now;
     this.held = null;
+    this.why = null; // why nothing can be jogged; "" if it can
     this.timer = 0;
     this.pending = false;
     document.addEventListener("pointerdown", (event) => this.press(event, event.target.closest?.("[data-jog]")));
@@ -51,12 +54,23 @@ export class Jog {
     });
   }
 
+  // In an e-stop or a fault nothing can be jogged.
+  show({ mode }) {
+    const why = LATCHED.includes(mode) ? "why_latched" : "";
+    if (why === this.why && document.documentElement.lang === this.language) return;
+    [this.why, this.language] = [why, document.documentElement.lang];
+    if (why) this.release();
+    for (const button of document.querySelectorAll("[data-jog]")) allow(button, why);
+    this.hint();
+  }
+
   get how() {
     return document.querySelector("input[name=jog-how]:checked").value;
   }
 
   // What a press does.
   hint() {
+    if (this.why) return void this.say(word(this.why));
     const [angle, way] = STEPS[this.how] ?? [];
     this.say(angle ? word("jog_hint_step", { angle, way: 1000 * way }) : word("jog_hint"));
   }

@@ -204,7 +204,7 @@ class Panel {
     if (!found || robot !== this.api.robot) return;
     this.tag = found.tag;
     this.geometry = found.geometry;
-    this.readouts.describe(found.geometry.joints);
+    if (this.readouts.describe(found.geometry.joints)) this.jog.why = null;
     this.live.describe(found.geometry.joints);
     this.setup.describe(found.geometry.joints);
     this.programPage.tree.write(); // which shows where the TCP is at joints
@@ -266,6 +266,8 @@ class Panel {
     this.live.show(state);
     this.status.show(state);
     this.banner.show(state);
+    this.jog.show(state);
+    this.motions.show(state);
     this.viewTools.show(state);
     this.view?.show(state);
     this.drag.place();

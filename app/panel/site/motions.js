@@ -7,6 +7,7 @@ import { followed } from "./sequence.js";
 import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
 
+const LATCHED = ["ESTOP", "FAULT"];
 const SAMPLES = 100;
 const SAMPLES_OF_MANY = 400;
 const SELF_NEAR_M = 0.01; // an arm is always near to itself: only this little is worth a sentence
@@ -25,7 +26,7 @@ export class Motions {
     this.name = null;
     this.again = null;
     this.asked = 0;
-    this.rehearsing = false;
+    this.rehearsing = this.latched = false;
     this.made = keptList("sessionStorage", MADE);
     this.renew = oneAtATime(() => this.load());
     this.words = () => word("plan_hint");
@@ -202,6 +203,7 @@ export class Motions {
   }
 
   async execute() {
+    if (this.latched) return void this.say(() => word("why_latched"));
     const plan = this.plan;
     this.plan = null;
     this.mark();
@@ -251,9 +253,18 @@ export class Motions {
     this.say(() => word("plan_hint"));
   }
 
+  // In an e-stop or a fault no plan is run.
+  show({ mode }) {
+    const latched = LATCHED.includes(mode);
+    if (latched === this.latched) return;
+    this.latched = latched;
+    this.mark();
+  }
+
   mark() {
     const planned = this.plan?.duration_s ? "" : "why_no_plan";
-    allow(element("execute"), planned || (this.plan.plan_id ? "" : "why_shown_only"));
+    const latched = this.latched ? "why_latched" : "";
+    allow(element("execute"), latched || planned || (this.plan.plan_id ? "" : "why_shown_only"));
     allow(element("rehearse"), this.rehearsing ? "rehearsing" : planned);
     allow(element("discard"), this.plan || this.looked ? "" : "why_no_plan");
     allow(element("position-forget"), this.labelled?.taught ? "" : "why_not_taught");

@@ -78,8 +78,9 @@ export class Readouts {
     tcp.replaceChildren(...this.tcp.map((each) => each.made));
   }
 
+  // Returns whether there are new buttons.
   describe(ranges) {
-    if (JSON.stringify(ranges) === JSON.stringify(this.ranges)) return;
+    if (JSON.stringify(ranges) === JSON.stringify(this.ranges)) return false;
     this.ranges = ranges;
     const names = shortNames(ranges.map(({ name }) => name));
     this.rows = ranges.map((range, index) => row(names[index], range.name, "joint", index));
@@ -93,6 +94,7 @@ export class Readouts {
       meter.setAttribute("aria-valuemax", (high * scale).toFixed(1));
       meter.title = `${(low * scale).toFixed(1)} … ${(high * scale).toFixed(1)} ${slides ? "mm" : "°"}`;
     });
+    return true;
   }
 
   show(state) {

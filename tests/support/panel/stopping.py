@@ -114,8 +114,14 @@ def test_after_an_estop_a_banner_says_why_and_the_way_out(panel: Panel) -> None:
     assert reason in panel.text("#banner-reason")
     assert panel.text("#banner-cause") == "A person or a program requested an emergency stop."
     assert "Reset" in panel.text("#banner-way")
+    for disabled in ("#execute", "[data-jog]"):
+        panel.until(f"document.querySelector('{disabled}').title === 'Press Reset first.'")
+        assert panel.page.run(f"document.querySelector('{disabled}').disabled")
+    assert panel.text("#jog-why") == "Press Reset first."
     panel.page.click("#reset")
     panel.until("document.querySelector('#banner').hidden")
+    panel.until("!document.querySelector('[data-jog]').disabled")
+    assert "Hold" in panel.text("#jog-why"), "what is no longer true is not shown"
     until(panel.rests)
 
 
