@@ -196,6 +196,11 @@ def test_the_panel_alone_has_the_cube_picked_counted_and_placed(tmp_path: Path) 
         page.click("#tab-run")
         page.click(f"[data-run='{example['id']}']")
         assert "Example" in page.run(f"document.querySelector(`[data-run='{example['id']}']`).innerText")
+        page.run(
+            "(api => { let left = 1; api.get = (path, ...rest) => path.startsWith('/jobs/') && left-- > 0"
+            " ? Promise.reject(Object.assign(new Error('signal timed out'), { status: 0 }))"
+            " : Object.getPrototypeOf(api).get.call(api, path, ...rest); })(cobotPanel.api)"
+        )  # the first question after the job has no answer, as on a busy computer
         page.click("#points-run")
         until(lambda: run.count() == 1)
         until(lambda: page.run("document.querySelector('#run-why').innerText") == "The program has ended.")

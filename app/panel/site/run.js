@@ -4,6 +4,8 @@ import { allow } from "./able.js";
 import { inEachLanguage, word } from "./words.js";
 
 const ENDS = ["finished", "failed", "cancelled", "interrupted"];
+const UNSURE = [0, 503]; // nobody has answered, or the service is too busy: the job goes on
+const AGAIN_MS = 1000;
 const OPEN = ""; // the choice of the program that is open, in place of the id of a stored one
 const element = (id) => document.getElementById(id);
 
@@ -75,8 +77,11 @@ export class Run {
   async look() {
     const { job } = this;
     if (!job) return;
-    const { state, error } = await this.api.get(`/jobs/${job}`).catch((problem) => ({ state: "failed", error: { detail: problem.message } }));
-    if (job !== this.job || !ENDS.includes(state)) return;
+    const ended = (problem) => (UNSURE.includes(problem.status) ? {} : { state: "failed", error: { detail: problem.message } });
+    const { state, error } = await this.api.get(`/jobs/${job}`).catch(ended);
+    if (job !== this.job) return;
+    if (!state) setTimeout(() => this.look(), AGAIN_MS);
+    if (!ENDS.includes(state)) return;
     this.job = null;
     this.say(() => (state === "finished" ? word("points_done") : error?.detail ?? word(`job_${state}`)));
   }
