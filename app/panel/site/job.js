@@ -26,6 +26,7 @@ export class Job {
     this.speeds = speeds;
     this.job = null;
     this.timer = 0;
+    this.sent = 0; // changes of the override from here: an answer from before one is old
     this.held = this.sending = false; // somebody has a hand on the slider; its value is on its way
     this.look = oneAtATime(() => this.ask());
     this.sendSpeed = oneAtATime(() => this.setSpeed());
@@ -48,12 +49,12 @@ export class Job {
 
   async ask() {
     clearTimeout(this.timer);
-    const { robot } = this.api;
+    const { sent, api: { robot } } = this;
     try {
       const [job, { fraction }] = await Promise.all([this.newest(), this.api.get("/speed_override")]);
       if (robot !== this.api.robot) return;
       this.job = job;
-      this.show(fraction);
+      if (sent === this.sent) this.show(fraction);
       this.write();
     } catch (error) {
       write("job-why", error.message);
@@ -86,6 +87,7 @@ export class Job {
 
   async setSpeed() {
     this.sending = true;
+    this.sent += 1;
     const fraction = element("override-set").value / 100;
     try {
       await this.api.post("/speed_override", { fraction });
@@ -94,6 +96,7 @@ export class Job {
       write("job-why", error.message);
     }
     this.sending = false;
+    this.sent += 1;
     this.look();
   }
 

@@ -121,7 +121,10 @@ def test_what_has_happened_is_listed_and_nothing_is_missed(panel: Panel) -> None
     panel.page.run("cobotPanel.events.socket.close()")
     assert httpx.post(f"{panel.run.url}/stop", timeout=WAIT_S).status_code == 200
     until(all_listed)
-    assert panel.page.run("document.querySelector('#log [data-type=stop] b').dataset.level") == "warn"
+    assert (
+        panel.page.run("document.querySelector('#log [data-type=stop]:not([data-detail]) b').dataset.level")
+        == "warn"
+    )
     named = httpx.post(f"{panel.run.url}/robot/move/named", json={"name": "nowhere"}, timeout=WAIT_S)
     assert named.status_code == 422
     refused = "document.querySelector('#log [data-type=refused]')"
