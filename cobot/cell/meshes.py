@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cobot.errors import CobotError, ConfigError, InputError, LimitError
+from cobot.foreign import plain_text
 from cobot.robot import mesh
 from cobot.types import Array, Numbers3, Numbers6
 
@@ -56,12 +57,12 @@ def mesh_shape(
         status = file.stat()
         if status.st_size > MAX_FILE_BYTES:
             raise ConfigError(
-                f"file: {name} has {status.st_size / 1e6:.1f} MB, allowed are "
+                f"file: {plain_text(name)} has {status.st_size / 1e6:.1f} MB, allowed are "
                 f"{MAX_FILE_BYTES / 1e6:g} MB: simplify the mesh"
             )
         return _read(file, status.st_mtime_ns, status.st_size, scale, tolerance_m, hull, max_m)
     except (OSError, ValueError) as exc:
-        raise ConfigError(f"file: {name}: {getattr(exc, 'strerror', None) or exc}") from exc
+        raise ConfigError(f"file: {plain_text(name)}: {getattr(exc, 'strerror', None) or exc}") from exc
 
 
 def file_beside(folder: Path, name: str) -> Path:
@@ -74,11 +75,11 @@ def file_beside(folder: Path, name: str) -> Path:
     beyond = Path(name).is_absolute() or ".." in Path(name).parts
     if beyond or not file.is_relative_to(folder.resolve()):
         raise ConfigError(
-            f"file: {name} is outside the folder of the cell file; copy it there, and name it "
+            f"file: {plain_text(name)} is outside the folder of the cell file; copy it there, and name it "
             "by its path from there"
         )
     if not file.is_file():
-        raise ConfigError(f"file: {folder / name}: no such file")
+        raise ConfigError(f"file: {plain_text(folder / name)}: no such file")
     return file
 
 

@@ -134,7 +134,8 @@ def test_rest_has_the_triangles_on_request(tmp_path: Path) -> None:
         ({"file": "/etc/hostname"}, "/etc/hostname is outside the folder of the cell file"),
         ({"file": "link.stl"}, "link.stl is outside the folder of the cell file"),
         ({"file": "."}, "no such file"),
-        ({"file": "a\0b"}, "parts.part.file: "),
+        ({"file": "a\0b"}, "parts.part.file: a\\x00b: "),
+        ({"file": "\x1b[31m.stl"}, "\\x1b[31m.stl: no such file"),
         ({"file": "broken.stl"}, "parts.part.file: broken.stl: is not an STL or OBJ mesh"),
         ({"file": "empty.stl"}, "empty.stl: is not an STL or OBJ mesh"),
         ({"file": "nan.obj"}, "nan.obj: vertices: one is not finite"),
@@ -172,3 +173,4 @@ def test_a_mesh_that_is_none_is_rejected_with_the_place(
         load_cell(file)
     assert str(caught.value).startswith(f"{file}: parts.part")
     assert words in str(caught.value)
+    assert str(caught.value).isprintable()
