@@ -35,7 +35,7 @@ from cobot.fleet.messages import (
     written,
 )
 from cobot.fleet.names import FleetKeys, parts
-from cobot.fleet.recordings import RecordingPuller, RecordingStore
+from cobot.fleet.recordings import FleetRecordingStore, RecordingPuller
 from cobot.fleet.roll_outs import RollOuts
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class Hub:
         listen: list[str],
         connect: Iterable[str] = (),
         certificates: Path | None = None,
-        recordings: RecordingStore | None = None,
+        recordings: FleetRecordingStore | None = None,
     ) -> None:
         self.fleet = fleet
         self.instance = secrets.token_hex(8)

@@ -82,7 +82,7 @@ class GivenRecordings:
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class TakenRecording:
     """A recording at the hub."""
 
     cell: str
@@ -91,7 +91,7 @@ class Taken:
     size: int
 
 
-class RecordingStore:
+class FleetRecordingStore:
     """The recordings of a fleet on the hub's disk: FOLDER/CELL/ROBOT/NAME.
 
     Args:
@@ -108,13 +108,13 @@ class RecordingStore:
         except OSError as exc:
             raise UnavailableError(f"--recordings: {folder}: {exc.strerror}") from exc
 
-    def all(self) -> list[Taken]:
+    def all(self) -> list[TakenRecording]:
         """All complete recordings, the oldest first."""
         found = []
         for path in sorted(self._folder.glob(f"*/*/*{SUFFIX}"), key=_age):
             with contextlib.suppress(OSError):
                 cell, robot = path.parts[-3:-1]
-                found.append(Taken(cell, robot, path.name, path.stat().st_size))
+                found.append(TakenRecording(cell, robot, path.name, path.stat().st_size))
         return found
 
     def path(self, cell: str, robot: str, name: str) -> Path:
@@ -215,7 +215,7 @@ class RecordingPuller:
 
     def __init__(
         self,
-        store: RecordingStore,
+        store: FleetRecordingStore,
         robots: Callable[[], Iterable[tuple[str, str]]],
         ask: Callable[[str, str, str, bytes | None], bytes | None],
     ) -> None:

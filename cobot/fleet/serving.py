@@ -115,7 +115,7 @@ def _serve(chosen: argparse.Namespace) -> int:
     import uvicorn
 
     from cobot.fleet.hub import Hub
-    from cobot.fleet.recordings import RecordingStore
+    from cobot.fleet.recordings import FleetRecordingStore
     from cobot.fleet.web import make_app
 
     require_zenoh("cobot fleet serve")
@@ -133,7 +133,7 @@ def _serve(chosen: argparse.Namespace) -> int:
     if chosen.recordings is not None:
         if not 0.001 <= chosen.recordings_gb <= 1e6:
             raise InputError(f"--recordings-gb: is {chosen.recordings_gb:g}, allowed is 0.001 to 1000000")
-        store = RecordingStore(chosen.recordings, int(chosen.recordings_gb * 1e9))
+        store = FleetRecordingStore(chosen.recordings, int(chosen.recordings_gb * 1e9))
     listener = _listener(chosen.host, chosen.port)
     try:
         hub = Hub(chosen.name, listen, chosen.connect, folder, store)

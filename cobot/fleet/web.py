@@ -31,7 +31,7 @@ from cobot.fleet.bundles import MAX_BUNDLE_BYTES
 from cobot.fleet.hub import STOP, Hub
 from cobot.fleet.messages import DEADLINE_S, FleetAction, Hash, Id, Name, StateWord, Target
 from cobot.fleet.metrics import CONTENT_TYPE, metrics_of
-from cobot.fleet.recordings import RecordingStore
+from cobot.fleet.recordings import FleetRecordingStore
 from cobot.strict import StrictModel, sentences
 
 PAGE = Path(__file__).parent / "page"
@@ -275,7 +275,7 @@ def _add_roll_outs(app: FastAPI, hub: Hub, person: Any) -> None:
 
 
 def _add_recordings(app: FastAPI, hub: Hub, person: Any) -> None:
-    def store() -> RecordingStore:
+    def store() -> FleetRecordingStore:
         if hub.recordings is None:
             raise NotFoundError("this hub fetches no recordings: `cobot fleet serve --recordings FOLDER`")
         return hub.recordings

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cobot.errors import InputError, NotFoundError, UnavailableError
-from cobot.fleet.recordings import PIECE_BYTES, GivenRecordings, RecordingPiece, RecordingStore
+from cobot.fleet.recordings import PIECE_BYTES, FleetRecordingStore, GivenRecordings, RecordingPiece
 
 Ask = Callable[[RecordingPiece], bytes | None]
 
@@ -39,7 +39,7 @@ class Cell:
         self.asked.append(question.offset)
         return self.given.answer(question.model_dump_json().encode())
 
-    def into(self, store: RecordingStore) -> int:
+    def into(self, store: FleetRecordingStore) -> int:
         return store.take("one", "arm", self.given.listing(), self.ask)
 
 
@@ -49,15 +49,15 @@ def cell(tmp_path: Path) -> Cell:
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> RecordingStore:
-    return RecordingStore(tmp_path / "hub", 10**9)
+def store(tmp_path: Path) -> FleetRecordingStore:
+    return FleetRecordingStore(tmp_path / "hub", 10**9)
 
 
-def names(store: RecordingStore) -> list[str]:
+def names(store: FleetRecordingStore) -> list[str]:
     return [each.name for each in store.all()]
 
 
-def test_a_recording_arrives_byte_by_byte_and_once(cell: Cell, store: RecordingStore) -> None:
+def test_a_recording_arrives_byte_by_byte_and_once(cell: Cell, store: FleetRecordingStore) -> None:
     content = cell.record("a.mcap", 3 * PIECE_BYTES + 7)
     cell.record("empty.mcap", 0)
     (cell.folder / "b.mcap.part").write_bytes(b"not complete")
@@ -73,8 +73,8 @@ def test_what_was_cut_goes_on_where_it_ended(cell: Cell, tmp_path: Path) -> None
     for _ in range(2):
         cell.answers = 2
         with pytest.raises(UnavailableError, match="it goes on later"):
-            cell.into(RecordingStore(tmp_path / "hub", 10**9))  # a hub that was killed begins anew
-    store = RecordingStore(tmp_path / "hub", 10**9)
+            cell.into(FleetRecordingStore(tmp_path / "hub", 10**9))  # a hub that was killed begins anew
+    store = FleetRecordingStore(tmp_path / "hub", 10**9)
     assert not names(store)
     cell.answers = 10
     assert cell.into(store) == 1
@@ -84,7 +84,7 @@ def test_what_was_cut_goes_on_where_it_ended(cell: Cell, tmp_path: Path) -> None
 
 
 def test_a_wrong_byte_is_found_and_the_file_is_fetched_again(
-    cell: Cell, store: RecordingStore, tmp_path: Path
+    cell: Cell, store: FleetRecordingStore, tmp_path: Path
 ) -> None:
     content = cell.record("a.mcap", 2 * PIECE_BYTES)
     part = tmp_path / "hub" / "one" / "arm" / "a.mcap.part"
@@ -97,7 +97,7 @@ def test_a_wrong_byte_is_found_and_the_file_is_fetched_again(
 
 
 def test_the_oldest_are_deleted_for_new_ones_and_do_not_come_again(cell: Cell, tmp_path: Path) -> None:
-    store = RecordingStore(tmp_path / "hub", 2500)
+    store = FleetRecordingStore(tmp_path / "hub", 2500)
     for number in range(4):
         cell.record(f"{number}.mcap", 1000, age=10 - number)
         cell.into(store)
@@ -109,14 +109,16 @@ def test_the_oldest_are_deleted_for_new_ones_and_do_not_come_again(cell: Cell, t
     assert sorted(names(store)) == ["2.mcap", "3.mcap"], "nothing is deleted for what does not fit anyway"
 
 
-def test_a_full_disk_is_said_and_leaves_the_rest(cell: Cell, store: RecordingStore, tmp_path: Path) -> None:
+def test_a_full_disk_is_said_and_leaves_the_rest(
+    cell: Cell, store: FleetRecordingStore, tmp_path: Path
+) -> None:
     cell.record("a.mcap", 10)
     (tmp_path / "hub" / "one").write_text("a file where a folder has to be")
     with pytest.raises(UnavailableError, match="recordings stay in their cells"):
         cell.into(store)
 
 
-def test_nothing_is_written_through_a_link(cell: Cell, store: RecordingStore, tmp_path: Path) -> None:
+def test_nothing_is_written_through_a_link(cell: Cell, store: FleetRecordingStore, tmp_path: Path) -> None:
     cell.record("a.mcap", 10)
     folder = tmp_path / "hub" / "one" / "arm"
     folder.mkdir(parents=True)
@@ -137,7 +139,9 @@ def test_nothing_is_written_through_a_link(cell: Cell, store: RecordingStore, tm
         json.dumps([{"name": "x.mcap", "size": -1}]).encode(),
     ],
 )
-def test_a_listing_that_leads_elsewhere_is_invalid(cell: Cell, store: RecordingStore, listing: bytes) -> None:
+def test_a_listing_that_leads_elsewhere_is_invalid(
+    cell: Cell, store: FleetRecordingStore, listing: bytes
+) -> None:
     with pytest.raises(InputError, match="recordings of one/arm"):
         store.take("one", "arm", listing, cell.ask)
 
@@ -158,7 +162,9 @@ def test_a_cell_gives_nothing_but_its_recordings(cell: Cell, question: bytes, er
     assert cell.given.answer(b'{"name": "a.mcap", "offset": 1000000}') == b""
 
 
-def test_a_piece_that_is_too_long_does_not_make_the_file_longer(cell: Cell, store: RecordingStore) -> None:
+def test_a_piece_that_is_too_long_does_not_make_the_file_longer(
+    cell: Cell, store: FleetRecordingStore
+) -> None:
     content = cell.record("a.mcap", 10)
     ask = cell.ask
 
@@ -170,7 +176,7 @@ def test_a_piece_that_is_too_long_does_not_make_the_file_longer(cell: Cell, stor
     assert store.path("one", "arm", "a.mcap").read_bytes() == content
 
 
-def test_only_recordings_of_the_hub_have_a_path(cell: Cell, store: RecordingStore) -> None:
+def test_only_recordings_of_the_hub_have_a_path(cell: Cell, store: FleetRecordingStore) -> None:
     cell.record("a.mcap", 10)
     cell.into(store)
     for wrong in (("one", "arm", "taken.txt"), ("..", "hub", "one"), ("one", "arm", "../arm/a.mcap")):
