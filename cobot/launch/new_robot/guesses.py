@@ -47,7 +47,7 @@ def base_and_tcp(
     Raises:
         ConfigError: there is no such base, or it moves.
     """
-    standing = [body.name for body in spec.bodies[1:] if not _moves(body)]
+    standing = [body.name for body in spec.bodies if not _moves(body)]
     if base is not None and base not in standing:
         told = "moves with the joints" if spec.body(base) else "is not a link of the file"
         valid = ", ".join(name for name in standing if not name.startswith(WORLD))
