@@ -21,7 +21,7 @@ from cobot_run import WAIT_S, unique_name
 
 from cobot.config import Settings
 from cobot.errors import SharedMemoryError
-from cobot.ipc import shm
+from cobot.ipc import memory_file, shm
 from cobot.ipc.shm import RobotMemory
 from cobot.launch.cli import main
 from cobot.launch.process import RUN_MODULE, has_terminal
@@ -150,7 +150,7 @@ def test_shared_memory_that_cannot_be_made(
         raise OSError(28, "No space left on device")
 
     if place:
-        monkeypatch.setattr(shm, "FOLDER", Path(place))
+        monkeypatch.setattr(memory_file, "FOLDER", Path(place))
     else:
         monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(SharedMemoryError, match=message):

@@ -145,7 +145,7 @@ def test_a_log_of_ones_own_is_text(children: list[Child]) -> None:
 SUPERVISOR = """
 import logging, pathlib, sys, time
 from cobot.config import LoggingSection
-from cobot.logs.supervision import LOSSES, Losses, supervising
+from cobot.logs.supervision import LOSSES, SupervisorLosses, supervising
 path = pathlib.Path(sys.argv[1])
 with supervising(LoggingSection(format=sys.argv[2], level="info"), path) as made:
     begun = time.monotonic()
@@ -154,7 +154,7 @@ with supervising(LoggingSection(format=sys.argv[2], level="info"), path) as made
     assert time.monotonic() - begun < 15.0
     if path.name == "full":
         made._file.wait(10.0)
-    print(*Losses(made.losses).read(), file=sys.stderr, flush=True)
+    print(*SupervisorLosses(made.losses).read(), file=sys.stderr, flush=True)
 print("ended", file=sys.stderr)
 """
 

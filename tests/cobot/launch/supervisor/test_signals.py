@@ -7,9 +7,9 @@ import sys
 
 SCRIPT = """
 import os, signal, sys
-from cobot.launch.supervisor.signals import Signals
+from cobot.launch.supervisor.signals import ProcessSignals
 
-signals = Signals()
+signals = ProcessSignals()
 depth = 0
 
 def interrupt(frame, event, argument):
