@@ -451,7 +451,7 @@ def test_a_killed_cell_undoes_what_it_had_begun(hub: Hub, cell: Run, client: Cli
     )
     load_settings(cell.config).bundle_file.write_text(begun.model_dump_json())
     child.kill()
-    until(lambda: "half" not in programs_of(client))
+    until(lambda: "half" not in [each["id"] for each in client.programs()])
     until(lambda: not load_settings(cell.config).bundle_file.exists())
 
 
