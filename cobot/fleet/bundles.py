@@ -28,7 +28,7 @@ from cobot.errors import (
     NotFoundError,
     UnavailableError,
 )
-from cobot.fleet.messages import Hash, Name, Program, Text
+from cobot.fleet.messages import NOT_ENDED, Hash, Name, Program, Text
 from cobot.launch.process import RUN_MODULE
 from cobot.robot.kept import keep, read_kept
 from cobot.robot.limits import check_positions, load_joint_limits
@@ -40,7 +40,6 @@ SHORT = 8
 """Number of characters of a hash that are shown."""
 log = logging.getLogger("cobot.fleet")
 Position = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
-BUSY = ("queued", "planning", "running", "paused")
 
 
 class BundleProgram(StrictModel):
@@ -142,7 +141,8 @@ class RobotBundles:
         Args:
             versions: the newest version of each stored program.
         """
-        known = {} if self.installed is None or not self.installed.complete else self.installed.versions
+        found = self.installed  # another thread may replace it
+        known = found.versions if found is not None and found.complete else {}
         return sorted(name for name, version in known.items() if versions.get(name) != version)
 
     def stage(self, name: str) -> str:
@@ -181,7 +181,10 @@ class RobotBundles:
             for position in bundle.positions:
                 self._teach(position)
         except CobotError as exc:
-            self._undo()
+            try:
+                self._undo()
+            except CobotError as problem:
+                raise type(exc)(f"{exc}; it cannot be undone now, and is tried again: {problem}") from exc
             raise type(exc)(f"{exc}; all is as before") from exc
         assert self.installed is not None
         self._keep(self.installed.model_copy(update={"versions": versions, "complete": True}))
@@ -207,13 +210,15 @@ class RobotBundles:
         return f"rolled back {title}"
 
     def recover(self) -> None:
-        """Roll an activation back that was interrupted, when the service answers.
+        """Roll back an activation that was interrupted.
 
         Raises:
-            CobotError: the service does not accept it yet.
+            CobotError: the service does not answer yet, or something runs.
         """
         if self.installed is not None and not self.installed.complete:
+            self._require_rest()
             self._undo()
+            log.warning("an activation was interrupted; what it had changed is as before")
 
     def _check(self, bundle: Bundle) -> None:
         limits = load_joint_limits(self._settings.web.joint_limits)
@@ -248,7 +253,7 @@ class RobotBundles:
             raise InputError(f"program {file.stem}: {said[:1000]}")
 
     def _require_rest(self) -> None:
-        running = self._client.jobs(1, *BUSY)
+        running = self._client.jobs(1, *NOT_ENDED)
         if running:
             raise ConflictError(f"{running[0]['request']} has not ended; the arm must rest")
 
@@ -290,6 +295,14 @@ class RobotBundles:
         )
         return int(saved["version"])
 
+    def _restore(self, program: BundleProgram, note: str) -> None:
+        """Save it again, unless it is the newest version, as after an undo that was interrupted itself."""
+        with contextlib.suppress(NotFoundError):
+            newest = self._client.program(program.id)
+            if all(newest[field] == value for field, value in program.model_dump().items()):
+                return
+        self._save(program, note)
+
     def _teach(self, position: BundlePosition) -> None:
         self._client.teach_position(
             position.name, position.joints, position.description, label=position.label
@@ -299,7 +312,7 @@ class RobotBundles:
         assert self.installed is not None
         for name, program in self.installed.programs_before.items():
             if program is not None:
-                self._save(program, f"before {self.installed.title}")
+                self._restore(program, f"before {self.installed.title}")
             else:
                 with contextlib.suppress(NotFoundError):
                     self._client.delete_program(name)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import io
 import json
 import logging
 import os
@@ -13,9 +12,9 @@ import signal
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -24,30 +23,26 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from cobot.access.authentication import FLEET_TOKEN_VARIABLE
+from cobot.access.claimed import claimed
 from cobot.access.roles import ANONYMOUS, Role
 from cobot.audit import record_beside
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError, InputError, PermissionDenied, UnavailableError
-from cobot.fleet.certificates import Verifier
-from cobot.fleet.commands import CommandBook
-from cobot.fleet.executing import ServiceCommands
+from cobot.fleet.certificates import Verifier, check_cell_folder
 from cobot.fleet.link import has_router, open_cell, payloads
 from cobot.fleet.messages import (
-    KEPT_EVENTS,
     CommandAnswer,
     FleetCommand,
     FleetState,
     HubTime,
     RobotEvent,
-    StopArm,
     read,
     written,
 )
 from cobot.fleet.names import FleetKeys, own_cell_name, parts
-from cobot.fleet.recordings import GivenRecordings
-from cobot.fleet.watching import ArmWatch, EventWatch, ServiceWatch
+from cobot.fleet.robot import FROM, FleetRobot
+from cobot.fleet.watching import EventWatch
 from cobot.launch.process import Niceness, be, die_with_parent, in_words
-from cobot.launch.stop import stop
 from cobot.logs import start_logging
 
 if TYPE_CHECKING:
@@ -55,127 +50,14 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.1
 """Interval between two looks at a robot, in seconds: states are published at most at 10 Hz."""
-UNCHANGED_S = 1.0
-"""Interval at which a state is published again while nothing changes, in seconds."""
 TIME_TIMEOUT_S = 1.0
 FETCH_S = 10.0
 SYNCHRONIZE_S = 10.0
-WORKERS = 8
-"""Number of commands that a robot works on at the same time: the first one, and retries that wait for it."""
 MAX_WAITING = 100
 """Maximum number of commands in progress in a cell."""
-FROM = "fleet"
 NO_ROLE = "none"
-SETTING_OF = {
-    "stop": "stop",
-    "start": "program",
-    "pause": "program",
-    "resume": "program",
-    "speed": "speed",
-    "take_control": "control",
-    "release_control": "control",
-    "stage": "roll_out",
-    "activate": "roll_out",
-    "roll_back": "roll_out",
-}
-"""The setting below `fleet.accept` for each kind of command."""
 
 log = logging.getLogger("cobot.fleet")
-
-
-class FleetRobot:
-    """One robot of the cell, as the fleet sees it."""
-
-    def __init__(self, cell: FleetCell, settings: Settings, url: str, token: str) -> None:
-        self.name = settings.robot.name
-        self.settings = settings
-        self.events: deque[RobotEvent] = deque(maxlen=KEPT_EVENTS)
-        self.book = CommandBook(cell.name, self.name, cell.ask_time)
-        self._cell = cell
-        self._arm = ArmWatch(self.name, settings.web.stale_after_s)
-        self._service = ServiceWatch(url, self.name, token) if url else None
-        self._commands = ServiceCommands(url, settings, token, cell.fetch_bundle) if url else None
-        self._published_s = 0.0
-        self.recordings = GivenRecordings(settings.recording_folder) if settings.fleet.recordings else None
-        self.files = ThreadPoolExecutor(1)  # a large file is read while commands are executed
-        self.workers = ThreadPoolExecutor(WORKERS)  # its own: an arm that does not rest delays no other
-        self.state = self._look()
-
-    def _look(self) -> FleetState:
-        found: dict[str, Any] = self._arm.read()
-        service = {} if self._service is None else self._service.found
-        if found["state"] in ("ready", "moving") and self._service is not None and self._service.paused:
-            found["state"] = "paused"
-        if self._commands is not None:
-            bundles = self._commands.bundles
-            versions = {each["id"]: each["version"] for each in service.get("programs", ())}
-            found |= {"bundle": bundles.title, "drift": bundles.drift(versions) if versions else []}
-        return FleetState(robot=self.name, **self._cell.facts, **service, **found)
-
-    def update(self) -> FleetState | None:
-        """The new state, if it is time to publish it."""
-        state, now_s = self._look(), time.monotonic()
-        if state == self.state and now_s - self._published_s < UNCHANGED_S:
-            return None
-        self.state, self._published_s = state, now_s
-        return state
-
-    def stop(self, who: str, command: str) -> str:
-        """Stop the arm by shared memory, as `cobot stop` does, and add the stop to the cell's audit.
-
-        Raises:
-            UnavailableError: the arm is not known to be at rest.
-        """
-        said = io.StringIO()
-        at_rest = stop([self.name], latched=False, out=said)
-        outcome = "ok" if at_rest else "not known to be at rest"
-        record_beside(self.settings, who, FROM, f"stop {self.name}", outcome, command=command)
-        log.warning("%s has stopped %s by the fleet: %s", who, self.name, outcome)
-        if not at_rest:
-            raise UnavailableError(said.getvalue().strip())
-        return said.getvalue().strip()
-
-    def execute(self, command: FleetCommand, who: str) -> str:
-        """Execute a command, and add it to the cell's audit.
-
-        Args:
-            who: the name for the audit.
-
-        Raises:
-            CobotError: it was not executed, or the arm is not known to be at rest.
-        """
-        if isinstance(command.action, StopArm):
-            return self.stop(who, command.id)
-        outcome = "ok"
-        try:
-            if self._commands is None:
-                raise UnavailableError("this cell runs without its web service")
-            return self._commands.run(command.action)
-        except CobotError as exc:
-            outcome = exc.code
-            raise
-        finally:
-            record_beside(self.settings, who, FROM, self.wish(command), outcome, command=command.id)
-
-    def recover(self) -> None:
-        """Roll back a bundle whose activation was interrupted, once the service answers."""
-        if self._commands is not None:
-            with contextlib.suppress(CobotError):
-                self._commands.recover()
-
-    def wish(self, command: FleetCommand) -> str:
-        """What a command wants, for the audit."""
-        action = command.action.model_dump(exclude_defaults=True)
-        return " ".join(str(each) for each in (action.pop("kind"), self.name, *action.values()))
-
-    def close(self) -> None:
-        if self._service is not None:
-            self._service.end()
-        if self._commands is not None:
-            self._commands.close()
-        self.workers.shutdown(wait=False, cancel_futures=True)
-        self.files.shutdown(wait=False, cancel_futures=True)
-        self._arm.close()
 
 
 class FleetCell:
@@ -339,23 +221,26 @@ class FleetCell:
 
     def _declare(self, robot: FleetRobot) -> None:
         """The queries that a robot answers. An answer never sleeps: that would block the session."""
-        state, events, command = (self._key(robot, last) for last in ("state", "events", "command"))
+        keys = (self._key(robot, last) for last in ("state", "events", "programs", "command"))
+        state, events, programs, command = keys
         assert self._session is not None
         declare = self._session.declare_queryable
         self._declared += [
             declare(state, lambda query: query.reply(state, written(robot.state))),
             declare(events, lambda query: query.reply(events, _list_of(list(robot.events)))),
+            declare(programs, lambda query: query.reply(programs, json.dumps(robot.programs).encode())),
             declare(command, lambda query: self._receive(query, robot, command)),
         ]
-        given = robot.recordings
-        if given is not None:
-            listed, piece = self._key(robot, "recordings"), self._key(robot, "recording")
-            self._declared += [
-                declare(
-                    listed, lambda query: robot.files.submit(_give, query, listed, lambda _: given.listing())
-                ),
-                declare(piece, lambda query: robot.files.submit(_give, query, piece, given.answer)),
-            ]
+        if robot.recordings is not None:
+            self._answer_to(robot, "recordings", robot.recordings.listing)
+            self._answer_to(robot, "recording", robot.recordings.answer)
+
+    def _answer_to(self, robot: FleetRobot, last: str, answer: Callable[[bytes], bytes]) -> None:
+        """Answer the queries to one of the robot's keys, in its thread for files."""
+        assert self._session is not None
+        key = self._key(robot, last)
+        give = partial(robot.files.submit, partial(_give, key=key, answer=answer))
+        self._declared.append(self._session.declare_queryable(key, give))
 
     def _receive(self, query: zenoh.Query, robot: FleetRobot, key: str) -> None:
         """Give a command to a thread: it takes as long as the arm needs."""
@@ -390,7 +275,7 @@ class FleetCell:
             return CommandAnswer(id="", cell=self.name, robot=robot.name, code=exc.code, text=str(exc)[:2000])
         if command.zone not in (None, self.facts["zone"]):
             return None
-        who = command.who if self._verifier is not None else _claimed(command.who)
+        who = command.who if self._verifier is not None else _unproven(command.who)
         tried: list[str] = []  # then it is in the audit
 
         def execute() -> str:
@@ -420,7 +305,7 @@ class FleetCell:
         given = command.fleet, command.cell, command.robot
         if any(name not in ("*", mine) for name, mine in zip(given, own, strict=True)):
             raise InputError(f"the command is for {'/'.join(given)}, and came to {'/'.join(own)}")
-        setting = SETTING_OF[command.action.kind]
+        setting = command.action.accepted_by
         if self._verifier is None and setting != "stop":
             raise PermissionDenied(
                 "a cell without fleet.certificates accepts only stops: `cobot fleet certificate` makes them"
@@ -461,13 +346,13 @@ class FleetCell:
         self._publish(robot, "event", made)
 
 
-def _claimed(who: str) -> str:
-    """A name that proves nothing, in quotes, which names of tokens cannot have."""
-    return who if who == ANONYMOUS else '"' + who.replace('"', "") + '"'
+def _unproven(who: str) -> str:
+    """The name in a command that no hub has signed."""
+    return who if who == ANONYMOUS else claimed(who.strip('"'))
 
 
-def _give(query: zenoh.Query, key: str, answer: Callable[[bytes], bytes]) -> None:
-    """Answer a question about recordings."""
+def _give(query: zenoh.Query, *, key: str, answer: Callable[[bytes], bytes]) -> None:
+    """Answer a query; without an answer where it cannot be given."""
     with query:
         try:
             query.reply(key, answer(bytes(query.payload or b"")))
@@ -488,7 +373,10 @@ def main() -> int:
     parser.add_argument(
         "--url", default="", help="address of the web service; without it only modes are shown"
     )
+    parser.add_argument("--check", action="store_true", help="only check the certificate of this cell")
     arguments = parser.parse_args()
+    if arguments.check:
+        return _check(arguments.config)
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: ended.set())
@@ -505,6 +393,19 @@ def main() -> int:
         cell.run(ended)
     finally:
         cell.close()
+    return 0
+
+
+def _check(config: Path | None) -> int:
+    """Say whether the cell's certificate can be used."""
+    try:
+        section = load_settings(config).fleet
+        if section.certificates is not None:
+            check_cell_folder(section.certificates)
+    except CobotError as exc:
+        print(exc, file=sys.stderr)
+        return 2
+    print(f"{section.name}, hub {', '.join(section.connect)}")
     return 0
 
 

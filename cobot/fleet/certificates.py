@@ -111,6 +111,23 @@ def cells_with_certificates(folder: Path) -> list[str]:
     return sorted(path.parent.name for path in (folder / CELLS).glob(f"*/{CELL}.pem"))
 
 
+def check_cell_folder(folder: Path) -> None:
+    """
+    Raises:
+        ConfigError: a file of a cell cannot be read, does not fit the others, or has expired.
+    """
+    authority = _read_certificate(folder / f"{AUTHORITY}.pem")
+    certificate, key = _read_certificate(folder / f"{CELL}.pem"), _read_key(folder / f"{CELL}.key")
+    if certificate.public_key() != key.public_key():
+        raise ConfigError(f"{folder}: {CELL}.key is not the key of {CELL}.pem")
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (InvalidSignature, ValueError, TypeError) as exc:
+        raise ConfigError(f"{folder}: {CELL}.pem is not issued by {AUTHORITY}.pem") from exc
+    if datetime.now(UTC) > certificate.not_valid_after_utc:
+        raise ConfigError(f"{folder}: {CELL}.pem has expired on {certificate.not_valid_after_utc:%Y-%m-%d}")
+
+
 class Signer:
     """Signs commands of the hub.
 

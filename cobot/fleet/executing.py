@@ -6,12 +6,14 @@ import contextlib
 import threading
 from collections.abc import Callable
 
+from cobot.access.roles import FLEET
 from cobot.addresses import address
 from cobot.client.rest import Client
 from cobot.config import Settings
 from cobot.errors import ConflictError
 from cobot.fleet.bundles import RobotBundles
 from cobot.fleet.messages import (
+    NOT_ENDED,
     ActivateBundle,
     FleetAction,
     PauseProgram,
@@ -21,12 +23,13 @@ from cobot.fleet.messages import (
     SetSpeed,
     StageBundle,
     StartProgram,
-    StopArm,
     TakeFleetControl,
 )
 
 CONTROL_S = 600.0
 """Time without a motion after which the fleet loses control."""
+LEASE = "explicit"
+"""How the service says that a client holds control by a lease."""
 NEWEST = 20
 PROGRAM = "sequence"
 
@@ -44,7 +47,9 @@ class ServiceCommands:
         self._client = Client(address(url, settings.robot.name), token=token or None)
         self.bundles = RobotBundles(settings, self._client, fetch)
         self._control = contextlib.ExitStack()
+        self._looks_for_left_control = True
         self._lock = threading.Lock()
+        self._staging = threading.Lock()
 
     def run(self, action: FleetAction) -> str:
         """Execute an action. Returns a sentence about the result.
@@ -52,6 +57,9 @@ class ServiceCommands:
         Raises:
             CobotError: the service's error.
         """
+        if isinstance(action, StageBundle):  # takes long, and changes nothing: a pause does not wait for it
+            with self._staging:
+                return self.bundles.stage(action.bundle)
         with self._lock:
             match action:
                 case StartProgram():
@@ -68,24 +76,30 @@ class ServiceCommands:
                     fraction = self._client.set_speed_override(action.fraction)
                     return f"the speed override is {100.0 * fraction:g} %"
                 case TakeFleetControl():
-                    self._control.close()
-                    self._control.enter_context(self._client.control(timeout_s=CONTROL_S, force=action.force))
+                    self._release()
+                    taking = self._client.control(timeout_s=CONTROL_S, force=action.force)
+                    self._control.enter_context(taking)
                     return f"the fleet has control, until nothing has moved for {CONTROL_S:g} s"
                 case ReleaseFleetControl():
-                    self._control.close()
+                    self._release()
                     return "the fleet does not have control"
-                case StageBundle():
-                    return self.bundles.stage(action.bundle)
                 case ActivateBundle():
                     return self.bundles.activate(action.bundle)
                 case RollBackBundle():
                     return self.bundles.roll_back(action.bundle)
-                case StopArm():
-                    raise AssertionError("a stop does not need the service")
+                case _:
+                    raise AssertionError(f"{action.kind} does not need the service")
 
     def recover(self) -> None:
-        """See `RobotBundles.recover`."""
+        """Undo what a process that was killed has left: its control, and an activation in the middle.
+
+        Raises:
+            CobotError: the service does not answer yet, or something runs.
+        """
         with self._lock:
+            if self._looks_for_left_control:
+                self._release()
+                self._looks_for_left_control = False
             self.bundles.recover()
 
     def close(self) -> None:
@@ -93,6 +107,22 @@ class ServiceCommands:
         with self._lock:
             self._control.close()
             self._client.close()
+
+    def _release(self) -> None:
+        """Give control back, also what a process that was killed had: its token is lost.
+
+        Raises:
+            ConflictError: something runs with that control; taking it would end it.
+        """
+        self._control.close()
+        state = self._client.who_controls()
+        if (state["how"], state["holder"]) != (LEASE, FLEET):
+            return
+        running = self._client.jobs(1, *NOT_ENDED)
+        if running:
+            raise ConflictError(f"{running[0]['request']} runs under the fleet's control; stop it first")
+        with self._client.control(force=True):
+            """Taken with a new token, and given back."""
 
     def _start(self, action: StartProgram) -> str:
         version = self._client.program(action.program, action.version)["version"]

@@ -27,6 +27,7 @@ from cobot.fleet.messages import (
     CommandAnswer,
     FleetAction,
     FleetCommand,
+    FleetProgram,
     FleetState,
     HubTime,
     RobotEvent,
@@ -49,10 +50,13 @@ FILE_S = 30.0
 """Timeout of a piece of a recording, and of the hash of a large one, in seconds."""
 ROLL_OUT_S = 20.0
 """Deadline of the commands of a roll-out, in seconds."""
+CHECK_S = 180.0
+"""Time that a cell has to check a bundle, or to store it, in seconds."""
 ASK_S = 2.0
 NOT_STOPPED = "the arm is NOT known to be stopped: use its emergency stop"
 NOT_KNOWN = "look at the cell before you try again"
 _EVENTS = TypeAdapter(list[RobotEvent])
+_PROGRAMS = TypeAdapter(list[FleetProgram])
 
 log = logging.getLogger("cobot.fleet")
 
@@ -144,6 +148,20 @@ class Hub:
             (each["cell"], each["robot"]) for each in self.cells() if each["alive"] and each["recordings"]
         ]
 
+    def programs(self, cell: str, robot: str) -> list[dict[str, Any]]:
+        """The stored programs of a robot: `id`, `label` and newest `version`.
+
+        Raises:
+            NotFoundError: the fleet has no such cell or robot.
+            UnavailableError: the cell does not answer.
+        """
+        self.robots_of(cell, robot)
+        replies = payloads(self._session.get(self._keys.of(cell, robot, "programs"), timeout=ASK_S))
+        for content in replies:
+            with contextlib.suppress(ValidationError):
+                return [each.model_dump() for each in _PROGRAMS.validate_json(content)]
+        raise UnavailableError(f"{cell}/{robot}: the cell does not answer")
+
     def _ask_file(self, cell: str, robot: str, last: str, question: bytes | None) -> bytes | None:
         import zenoh
 
@@ -206,6 +224,7 @@ class Hub:
         zone: str | None = None,
         *,
         deadline_s: float = DEADLINE_S,
+        work_s: float = REST_S,
         command_id: str | None = None,
     ) -> list[dict[str, Any]]:
         """Send a command to robots, all at the same time, and wait until it is done.
@@ -216,6 +235,8 @@ class Hub:
             who, role: the person or program, and the role that the hub knows of it.
             cell, robot: names; "*" for all.
             zone: only cells of this zone.
+            deadline_s: in which a cell must receive it.
+            work_s: how long a cell may take to do it.
             command_id: of an earlier call, which is repeated.
 
         Returns:
@@ -244,7 +265,7 @@ class Hub:
         answers: dict[tuple[str, str], CommandAnswer] = {}
         missing = {(each["cell"], each["robot"]) for each in wanted if each["alive"]}
         while True:
-            found = _worst(self._ask(key, payload, deadline_s + REST_S))
+            found = _worst(self._ask(key, payload, deadline_s + work_s))
             answers |= {name: answer for name, answer in found.items() if _is_open(answers.get(name))}
             missing = {name for name in missing if _is_open(answers.get(name))}
             if not missing or time.monotonic() > command.expires_s:
@@ -342,7 +363,8 @@ class Hub:
             raise InputError(f"{'/'.join(twice[0])} is named twice")
 
         def send(action: FleetAction, cell: str, robot: str) -> dict[str, Any]:
-            return self.command(action, who, role, cell, robot, deadline_s=ROLL_OUT_S)[0]
+            answers = self.command(action, who, role, cell, robot, deadline_s=ROLL_OUT_S, work_s=CHECK_S)
+            return answers[0]
 
         def states() -> dict[tuple[str, str], str]:
             return {(each["cell"], each["robot"]): each["state"] for each in self.cells()}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cobot.errors import UnavailableError
-from cobot.fleet.certificates import cells_with_certificates
+from cobot.fleet.certificates import AUTHORITY, CELL, HUB_FOLDER, cells_with_certificates
 from cobot.fleet.names import FleetKeys
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def open_cell(connect: Sequence[str], certificates: Path | None = None) -> zenoh
         "connect/retry": RETRY,
     }
     if certificates is not None:
-        values |= _client_tls(certificates, "cell")
+        values |= _client_tls(certificates, CELL)
     return _open(values, f"fleet.connect: {', '.join(connect)}")
 
 
@@ -63,10 +63,10 @@ def open_hub(
         "connect/exit_on_failure": True,
     }
     if certificates is not None:
-        hub = certificates / "hub"
-        values |= _client_tls(hub, "hub") | {
-            f"{TLS}/listen_certificate": str(hub / "hub.pem"),
-            f"{TLS}/listen_private_key": str(hub / "hub.key"),
+        hub = certificates / HUB_FOLDER
+        values |= _client_tls(hub, HUB_FOLDER) | {
+            f"{TLS}/listen_certificate": str(hub / f"{HUB_FOLDER}.pem"),
+            f"{TLS}/listen_private_key": str(hub / f"{HUB_FOLDER}.key"),
             "access_control": _rights(FleetKeys(fleet), cells_with_certificates(certificates)),
         }
     return _open(values, f"--listen {', '.join(listen)}")
@@ -75,7 +75,7 @@ def open_hub(
 def _client_tls(folder: Path, name: str) -> dict[str, Any]:
     return {
         f"{TLS}/enable_mtls": True,
-        f"{TLS}/root_ca_certificate": str(folder / "ca.pem"),
+        f"{TLS}/root_ca_certificate": str(folder / f"{AUTHORITY}.pem"),
         f"{TLS}/connect_certificate": str(folder / f"{name}.pem"),
         f"{TLS}/connect_private_key": str(folder / f"{name}.key"),
         f"{TLS}/close_link_on_expiration": True,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import Field, ValidationError
 
@@ -12,12 +12,12 @@ from cobot.strict import StrictModel, sentences
 
 MAX_BYTES = 64 * 1024
 """Maximum size of a message."""
-MAX_PROGRAMS = 100
-"""Maximum number of programs that a state lists."""
 KEPT_EVENTS = 50
 """Number of events per robot that cells and hubs keep for clients that come late."""
 MAX_LIFETIME_S = 60.0
 """Maximum time between the issue of a command and its deadline."""
+NOT_ENDED = ("queued", "planning", "running", "paused")
+"""States of a job of the cell's service that goes on."""
 DEADLINE_S = 2.0
 """Default time in which a cell must receive a command, in seconds."""
 REST_S = 6.0
@@ -51,7 +51,6 @@ class FleetState(StrictModel):
         configuration: hash of the settings, to find cells that differ.
         problems: what the service reports as wrong, and why the service does not answer.
         panel: address of the cell's own panel; "" if it has none.
-        programs: the stored programs, so that one can be chosen.
         bundle: name, version and hash of the newest bundle.
         recordings: whether the hub may fetch recordings.
         drift: programs of that bundle that have changed since.
@@ -73,7 +72,6 @@ class FleetState(StrictModel):
     speed_override: Annotated[float, Field(ge=0.0, le=10.0)] | None = None
     problems: list[Text] = Field(default_factory=list)
     panel: Text = ""
-    programs: list[FleetProgram] = Field(default_factory=list, max_length=MAX_PROGRAMS)
     bundle: Text = ""
     recordings: bool = False
     drift: list[Text] = Field(default_factory=list)
@@ -104,12 +102,14 @@ class HubTime(StrictModel):
 class StopArm(StrictModel):
     """Stop the arm, and whatever moves it."""
 
+    accepted_by: ClassVar = "stop"
     kind: Literal["stop"]
 
 
 class StartProgram(StrictModel):
     """Start a stored program of the cell, by default its newest version."""
 
+    accepted_by: ClassVar = "program"
     kind: Literal["start"]
     program: Program
     version: Annotated[int, Field(ge=1, le=999_999_999)] | None = None
@@ -118,18 +118,21 @@ class StartProgram(StrictModel):
 class PauseProgram(StrictModel):
     """Pause the running program, or the single motion."""
 
+    accepted_by: ClassVar = "program"
     kind: Literal["pause"]
 
 
 class ResumeProgram(StrictModel):
     """Resume what is paused."""
 
+    accepted_by: ClassVar = "program"
     kind: Literal["resume"]
 
 
 class SetSpeed(StrictModel):
     """Set the speed override: the fraction of the planned speed."""
 
+    accepted_by: ClassVar = "speed"
     kind: Literal["speed"]
     fraction: Annotated[float, Field(ge=0.0, le=1.0)]
 
@@ -137,6 +140,7 @@ class SetSpeed(StrictModel):
 class TakeFleetControl(StrictModel):
     """Take control for the fleet: other clients of the cell cannot move the arm then."""
 
+    accepted_by: ClassVar = "control"
     kind: Literal["take_control"]
     force: bool = False
 
@@ -144,12 +148,14 @@ class TakeFleetControl(StrictModel):
 class ReleaseFleetControl(StrictModel):
     """Give control back."""
 
+    accepted_by: ClassVar = "control"
     kind: Literal["release_control"]
 
 
 class StageBundle(StrictModel):
     """Fetch a bundle from the hub, and check it. Nothing changes."""
 
+    accepted_by: ClassVar = "roll_out"
     kind: Literal["stage"]
     bundle: Hash
 
@@ -157,6 +163,7 @@ class StageBundle(StrictModel):
 class ActivateBundle(StrictModel):
     """Store the programs and positions of a staged bundle."""
 
+    accepted_by: ClassVar = "roll_out"
     kind: Literal["activate"]
     bundle: Hash
 
@@ -164,10 +171,12 @@ class ActivateBundle(StrictModel):
 class RollBackBundle(StrictModel):
     """Restore what a bundle has replaced."""
 
+    accepted_by: ClassVar = "roll_out"
     kind: Literal["roll_back"]
     bundle: Hash
 
 
+# `accepted_by` is the setting below fleet.accept of a cell.
 FleetAction = Annotated[
     StopArm
     | StartProgram

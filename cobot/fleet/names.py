@@ -4,6 +4,7 @@
     cobot/FLEET/CELL/ROBOT/event      an event, when it happens
     cobot/FLEET/CELL/ROBOT/events     the last events: the answer to a query
     cobot/FLEET/CELL/ROBOT/command    a query that stops the robot, or does something else
+    cobot/FLEET/CELL/ROBOT/programs   the stored programs: the answer to a query
     cobot/FLEET/CELL/ROBOT/recordings   the complete recordings: the answer to a query
     cobot/FLEET/CELL/ROBOT/recording    a piece of one, or its hash: the answer to a query
     cobot/FLEET/CELL/INSTANCE         the liveliness token of a cell's process

@@ -21,6 +21,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from cobot.errors import CobotError, InputError, NotFoundError, UnavailableError
 from cobot.fleet.messages import read
+from cobot.robot.kept import keep
 from cobot.strict import StrictModel, sentences
 
 PIECE_BYTES = 512 * 1024
@@ -147,6 +148,7 @@ class FleetRecordingStore:
         completed = 0
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._forget(folder, {each.name for each in found})
             known = self._known(folder)
             for each in found:
                 if each.name not in known and self._make_room(each.size):
@@ -185,10 +187,18 @@ class FleetRecordingStore:
     @staticmethod
     def _known(folder: Path) -> set[str]:
         """What was taken, also if it has been deleted since to make room."""
-        names = {path.name for path in folder.glob(f"*{SUFFIX}")}
-        with contextlib.suppress(FileNotFoundError):
-            names |= set((folder / TAKEN).read_text(encoding="ascii", errors="replace").split())
-        return names
+        return {path.name for path in folder.glob(f"*{SUFFIX}")} | _taken(folder)
+
+    @staticmethod
+    def _forget(folder: Path, listed: set[str]) -> None:
+        """Remove what the cell has no more: parts of recordings, and names of those that were taken."""
+        for part in folder.glob(f"*{SUFFIX}{PART}"):
+            if part.name.removesuffix(PART) not in listed:
+                part.unlink(missing_ok=True)
+        taken = _taken(folder)
+        if taken - listed:
+            lines = "".join(f"{name}\n" for name in sorted(taken & listed))
+            keep(folder / TAKEN, lines.encode(), "the list of recordings")
 
     def _make_room(self, size: int) -> bool:
         """Delete the oldest recordings. False if this one alone is too large."""
@@ -252,6 +262,13 @@ class RecordingPuller:
         completed = self.store.take(cell, robot, listing, ask)
         if completed:
             log.info("%d recordings of %s/%s are here", completed, cell, robot)
+
+
+def _taken(folder: Path) -> set[str]:
+    try:
+        return set((folder / TAKEN).read_text(encoding="ascii", errors="replace").split())
+    except FileNotFoundError:
+        return set()
 
 
 def _age(path: Path) -> Any:

@@ -13,7 +13,7 @@ from cobot.addresses import address
 from cobot.client.rest import Client
 from cobot.client.tls import tls_context
 from cobot.errors import CobotError
-from cobot.fleet.messages import MAX_PROGRAMS
+from cobot.fleet.messages import NOT_ENDED, FleetProgram
 from cobot.ipc.layout import text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.types import LoopMode
@@ -22,6 +22,7 @@ ASK_S = 1.0
 """Interval at which the service is asked, in seconds."""
 TIMEOUT_S = 2.0
 RETRY_S = 0.5
+PROGRAM_FIELDS = tuple(FleetProgram.model_fields)
 PROGRAMS_S = 5.0
 """Interval at which the stored programs are listed, in seconds."""
 EVENT_TYPES = (
@@ -46,7 +47,6 @@ WORDS = {
     LoopMode.ESTOP: "estop",
     LoopMode.FAULT: "fault",
 }
-NOT_ENDED = ("queued", "planning", "running", "paused")
 
 
 class ArmWatch:
@@ -90,6 +90,7 @@ class ServiceWatch:
 
     Attributes:
         found: fields of `FleetState`: job, program, control, speed override, problems, backend.
+        programs: the newest version of each stored program.
         paused: whether a job is paused, and none runs.
     """
 
@@ -98,7 +99,7 @@ class ServiceWatch:
         self.paused = False
         self._url = address(url, robot)
         self._token = token
-        self._stored: list[dict[str, Any]] = []
+        self.programs: list[dict[str, Any]] = []
         self._read_programs_s = 0.0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"service {robot}", daemon=True)
@@ -128,8 +129,8 @@ class ServiceWatch:
         single = [job for job in jobs if job["kind"] != "sequence"]
         if time.monotonic() > self._read_programs_s:
             self._read_programs_s = time.monotonic() + PROGRAMS_S
-            stored = self._get(http, f"/programs?limit={MAX_PROGRAMS}")
-            self._stored = [{name: each[name] for name in ("id", "label", "version")} for each in stored]
+            stored = self._get(http, "/programs")
+            self.programs = [{name: each[name] for name in PROGRAM_FIELDS} for each in stored]
         states = {job["state"] for job in jobs}
         self.paused = "paused" in states and "running" not in states
         self.found = {
@@ -139,7 +140,6 @@ class ServiceWatch:
             "program": str(programs[0]["request"])[:200] if programs else "",
             "control": str(control["holder"] or "")[:200] if control["held"] else "",
             "speed_override": float(self._get(http, "/speed_override")["fraction"]),
-            "programs": self._stored,
         }
 
     def _get(self, http: httpx.Client, path: str) -> Any:

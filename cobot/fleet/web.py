@@ -16,6 +16,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cobot.access.authentication import Authenticator
+from cobot.access.claimed import claimed
 from cobot.access.roles import Role, RoleName
 from cobot.addresses import CLIENT_NAME
 from cobot.errors import (
@@ -123,7 +124,7 @@ class People:
             AuthenticationError: the hub needs a token, and this one is not valid.
         """
         if self._tokens is None:
-            return Person(_claimed(name), "admin")
+            return Person(claimed(unquote(name)), "admin")
         kind, _, token = authorization.partition(" ")
         holder = self._tokens.find(token.strip()) if kind.lower() == "bearer" else None
         if holder is None:
@@ -224,6 +225,10 @@ def _add_reading(app: FastAPI, hub: Hub, person: Any) -> None:
     def events(cell: str) -> dict[str, Any]:
         return {"events": hub.events(cell)}
 
+    @app.get("/cells/{cell}/robots/{robot}/programs", dependencies=[person])
+    def programs(cell: str, robot: str) -> dict[str, Any]:
+        return {"programs": hub.programs(cell, robot)}
+
     @app.get("/metrics", dependencies=[person])
     def metrics() -> Response:
         return Response(metrics_of(hub), media_type=CONTENT_TYPE)
@@ -305,12 +310,6 @@ def _add_page(app: FastAPI) -> None:
         if file not in FILES:
             raise NotFoundError(f"there is no file {file!r}")
         return FileResponse(PAGE / file, headers=headers)
-
-
-def _claimed(name: str) -> str:
-    """The name that a client without a token gives itself, in quotes, because it proves nothing."""
-    shown = "".join(each for each in unquote(name) if each.isprintable() and each != '"')[:40].strip()
-    return f'"{shown}"' if shown else "anonymous"
 
 
 def _error(status: int, code: str, detail: str) -> JSONResponse:

@@ -21,6 +21,7 @@ from cobot.config import Settings, WebSection
 from cobot.errors import CobotError, CollisionError, ConfigError
 from cobot.foreign import plain_lines
 from cobot.launch.endpoints import check_endpoints
+from cobot.launch.fleet_extra import require_zenoh
 from cobot.launch.process import RUN_MODULE
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
@@ -59,6 +60,7 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> list[Checked]
     )
     report.item("address", lambda: _address(settings.web))
     report.item("access", lambda: _access(settings))
+    report.item("fleet", lambda: _fleet(settings, config))
     report.item("logs", lambda: _log(settings))
     report.item("recordings", lambda: _folder(settings.sequences.recordings))
     for name, each in settings.each.items():
@@ -67,6 +69,13 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> list[Checked]
         report.item("recording", partial(_folder, each.recording_folder))
         _check_robot(report, each, config)
     return report.items
+
+
+def _fleet(settings: Settings, config: Path | None) -> str:
+    if not settings.fleet.connect:
+        return "none"
+    require_zenoh("fleet.connect")
+    return _said_by("cobot.fleet.cell", config)
 
 
 def _check_robot(report: _Report, settings: Settings, config: Path | None) -> None:
@@ -162,12 +171,21 @@ def _log(settings: Settings) -> str:
 
 def _backend(settings: Settings, config: Path | None) -> str:
     """Whether the real-time process, as `cobot run` would start it, can make it."""
-    command = [*RUN_MODULE, "rtloop", "--check", "--robot", settings.robot.name]
+    return _said_by("rtloop", config, "--robot", settings.robot.name)
+
+
+def _said_by(module: str, config: Path | None, *options: str) -> str:
+    """What a process of cobot says with --check.
+
+    Raises:
+        ConfigError: it does not find all in order.
+    """
+    command = [*RUN_MODULE, module, "--check", *options]
     command += ["--config", str(config)] if config else []
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         said = (done.stdout + done.stderr).strip().splitlines()
-        raise ConfigError(said[-1] if said else f"rtloop ends with status {done.returncode}")
+        raise ConfigError(said[-1] if said else f"{module} ends with status {done.returncode}")
     return done.stdout.strip().splitlines()[-1]
 
 

@@ -79,8 +79,15 @@ def cell(hub: Hub, folder: Path, tmp_path_factory: pytest.TempPathFactory) -> It
     with answering(run) as started:
         with Client(started.url) as client:
             client.save_program("slow", "Slow", SLOW)
-        started.until(lambda: hub.robot("one")["state"] == "ready" and hub.robot("one")["programs"])
+        started.until(lambda: hub.robot("one")["state"] == "ready" and programs_at(hub, "one"))
         yield started
+
+
+def programs_at(hub: Hub, cell: str) -> list[str]:
+    """The programs that the hub's page offers."""
+    robot = hub.robot(cell)["robot"]
+    answer = hub.http.get(f"/cells/{cell}/robots/{robot}/programs")
+    return [each["id"] for each in answer.json().get("programs", ())]
 
 
 @pytest.fixture
@@ -150,6 +157,28 @@ def test_control_of_the_fleet_keeps_others_from_moving(hub: Hub, cell: Run, clie
     hub.http.post("/cells/one/stop").raise_for_status()
     assert order(hub, "release_control")["code"] == "ok"
     until(lambda: not client.who_controls()["held"])
+
+
+def test_control_that_a_killed_process_had_is_given_back(hub: Hub, cell: Run, client: Client) -> None:
+    assert order(hub, "take_control")["code"] == "ok"
+    child = cell.child("cobot.fleet.cell")
+    assert child is not None
+    child.kill()
+    until(lambda: not client.who_controls()["held"])
+    until(lambda: hub.robot("one")["state"] == "ready")
+    assert order(hub, "take_control")["code"] == "ok"
+    assert order(hub, "release_control")["code"] == "ok"
+
+
+def test_cobot_check_looks_at_the_certificate(cell: Run, folder: Path, tmp_path: Path) -> None:
+    config = tmp_path / "settings.yaml"
+    config.write_text(cell.config.read_text().replace(f"{folder}/cells/one", f"{folder}/cells/nowhere"))
+    command = [sys.executable, "-P", "-m", "cobot.fleet.cell", "--check", "--config"]
+    good = subprocess.run([*command, str(cell.config)], capture_output=True, text=True, check=False)
+    assert (good.returncode, FLEET in good.stdout) == (0, True), good.stderr
+    bad = subprocess.run([*command, str(config)], capture_output=True, text=True, check=False)
+    assert (bad.returncode, "cells/nowhere/ca.pem: cannot be read" in bad.stderr) == (2, True)
+    assert "Traceback" not in bad.stderr
 
 
 @pytest.mark.parametrize(
@@ -337,6 +366,7 @@ def test_the_page_asks_for_a_token_and_starts_a_program(
         page.click("#enter")
         wait_on("document.querySelector('article[data-state=ready] h2')?.textContent === 'one'")
         page.click(".commands summary")
+        wait_on("document.querySelector('[data-kind=start]').disabled === false")
         page.click("[data-kind=start]")
         wait_on("document.querySelector('#question').textContent.includes('The arm moves')")
         page.click("#sure")

@@ -27,10 +27,10 @@ from app.api.middleware.origins import Origins
 from app.api.middleware.versions import plain_path
 from app.api.strict import APPLIED
 from cobot.access.authentication import LOOK_AGAIN_S, Authenticator, Holder
+from cobot.access.claimed import MAX_NAME, claimed
 from cobot.access.roles import ANONYMOUS, Identity, Role, acting
 from cobot.addresses import CLIENT_NAME, IDEMPOTENCY_KEY, PREFER
 from cobot.errors import CobotError, MisdirectedError, PermissionDenied
-from cobot.logs.lines import printable
 
 IDENTITY = "cobot.identity"
 STILL_VALID = "cobot.still_valid"
@@ -61,8 +61,6 @@ FORWARDING = frozenset(
 """What a proxy adds. Nothing that it says is believed but that it is one."""
 NAME_PARAMETER = "client_name"
 """Parameter of a WebSocket's address with that name, because browsers cannot set its headers."""
-MAX_NAME = 40
-"""Maximum length of a client's own name, in characters."""
 MAX_ENCODED = 12 * MAX_NAME + 1
 """Maximum number of bytes of it that are looked at: a character has up to twelve, percent-encoded."""
 _NAME = CLIENT_NAME.lower().encode()
@@ -111,7 +109,12 @@ class Access:
             True: Role.PUBLIC if required_of_proxies else Role.ADMIN,
         }
         self._anonymous = lru_cache(256)(
-            lambda name, address, forwarded: Identity(claimed(name), role[forwarded], address, forwarded)
+            lambda name, address, forwarded: Identity(
+                claimed(unquote_to_bytes(name).decode("utf-8", "replace")),
+                role[forwarded],
+                address,
+                forwarded,
+            )
         )
         self._known = lru_cache(256)(
             lambda who, address, forwarded: Identity(who.name, who.role, address, forwarded)
@@ -216,17 +219,6 @@ def _token(scope: Scope, websocket: bool) -> tuple[str | None, bool]:
         if protocol.startswith(TOKEN_SUBPROTOCOL):
             return protocol.removeprefix(TOKEN_SUBPROTOCOL), True
     return in_query, False
-
-
-def claimed(encoded: bytes) -> str:
-    """The name that a client without a token gives itself, in quotes, which no token's name contains.
-
-    It is text of a stranger: in one line, bounded, and without characters that cannot be seen.
-    """
-    text = " ".join(unquote_to_bytes(encoded).decode("utf-8", "replace").split())
-    if not text:
-        return ANONYMOUS
-    return '"{}"'.format(printable(text, MAX_NAME).replace('"', "'"))
 
 
 def _cut_off(scope: Scope, parameter: str) -> str | None:

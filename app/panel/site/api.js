@@ -9,7 +9,7 @@ const READ_MS = 10_000;
 const WRITE_MS = 30_000; // planning is given 20 s by the service
 export const LONG_MS = 130_000; // what writes or reads a long file
 
-// status: of HTTP; 0 if nobody has answered.
+// status: of HTTP; 0 without an answer.
 export class Refused extends Error {
   constructor(status, detail) {
     super(detail);

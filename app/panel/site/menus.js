@@ -10,7 +10,7 @@ function closeAround(inside) {
 
 export function installMenus() {
   for (const type of ["pointerdown", "focusin"]) document.addEventListener(type, ({ target }) => closeAround(target));
-  // stop.js lets nobody hear that Escape goes down; it comes up for all.
+  // stop.js keeps the press of Escape for itself, so a menu closes when the key is released.
   document.addEventListener("keyup", ({ key }) => {
     if (key !== "Escape") return;
     const menu = document.activeElement?.closest("details.menu[open]");

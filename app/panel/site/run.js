@@ -4,7 +4,7 @@ import { allow } from "./able.js";
 import { inEachLanguage, word } from "./words.js";
 
 const ENDS = ["finished", "failed", "cancelled", "interrupted"];
-const UNSURE = [0, 503]; // nobody has answered, or the service is too busy: the job goes on
+const UNSURE = [0, 503]; // no answer, or the service is too busy: the job goes on
 const AGAIN_MS = 1000;
 const OPEN = ""; // the choice of the program that is open, in place of the id of a stored one
 const element = (id) => document.getElementById(id);

@@ -31,7 +31,7 @@ class SimulationService:
         link = self._link
         state = await link.await_fresh_state(TIMEOUT_S)
         named = link.device()
-        if named is None:  # It may be a real arm, whose e-stop must stay.
+        if named is None:  # It may be a real arm, and its e-stop must stay latched.
             raise ConflictError("what the robot's backend can do cannot be read: try again in a second")
         if named[1].capabilities.hardware:
             raise NotSupportedError(

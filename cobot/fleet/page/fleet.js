@@ -1,6 +1,7 @@
 // The page of a fleet: a tile per robot, filters, commands, and stops with a confirmation.
 const POLL_MS = 500;
 const TIMEOUT_MS = 4000;
+const PROGRAMS_MS = 3000;
 const COMMAND_TIMEOUT_MS = 15000; // the hub waits for cells for up to 8 s
 const SPEEDS = [10, 25, 50, 75, 100];
 const TOKEN = "cobot.fleet.token";
@@ -64,7 +65,8 @@ function tileOf(robot) {
 }
 
 function commandsOf(robot) {
-  const path = `cells/${encodeURIComponent(robot.cell)}/robots/${encodeURIComponent(robot.robot)}/commands`;
+  const place = `cells/${encodeURIComponent(robot.cell)}/robots/${encodeURIComponent(robot.robot)}`;
+  const path = `${place}/commands`;
   const name = `${robot.cell} / ${robot.robot}`;
   const box = element("details", { class: "commands" });
   const button = (kind, action, sure = false) => {
@@ -73,13 +75,16 @@ function commandsOf(robot) {
     made.onclick = () => (sure ? ask(word("start_question").replace("{name}", name).replace("{program}", programs.value), go, word(kind)) : go());
     return made;
   };
-  const programs = element("select", { "aria-label": `${word("program")} ${name}`, "data-programs": "" });
+  const programs = element("select", { "aria-label": `${word("program")} ${name}` });
   const speed = element("select", { "aria-label": `${word("speed_override")} ${name}` });
   for (const each of SPEEDS) speed.append(element("option", { value: each }, `${each} %`));
   speed.value = 100;
+  const start = button("start", () => ({ kind: "start", program: programs.value }), true);
+  box.ontoggle = () => { if (box.open) listPrograms(box, `${place}/programs`, programs, start); };
+  start.disabled = true;
   box.append(
     element("summary", {}, word("commands")),
-    programs, button("start", () => ({ kind: "start", program: programs.value }), true),
+    programs, start,
     button("pause", () => ({ kind: "pause" })), button("resume", () => ({ kind: "resume" })),
     speed, button("speed", () => ({ kind: "speed", fraction: Number(speed.value) / 100 })),
     button("take_control", () => ({ kind: "take_control" })), button("release_control", () => ({ kind: "release_control" })),
@@ -87,13 +92,25 @@ function commandsOf(robot) {
   return box;
 }
 
-function fillPrograms(select, programs) {
-  const key = JSON.stringify(programs);
-  if (select.dataset.programs === key) return;
-  const chosen = select.value;
-  select.dataset.programs = key;
-  select.replaceChildren(...programs.map((each) => element("option", { value: each.id }, `${each.label} (${each.version})`)));
-  if (programs.some((each) => each.id === chosen)) select.value = chosen;
+// While the commands are open, so that a program that was just stored appears.
+async function listPrograms(box, path, select, start) {
+  try {
+    const response = await fetch(path, { headers: identity(), signal: AbortSignal.timeout(TIMEOUT_MS) });
+    const answer = await response.json();
+    if (!response.ok) throw new Error(answer.detail);
+    const options = answer.programs.map((each) => element("option", { value: each.id }, `${each.label} (${each.version})`));
+    const key = JSON.stringify(answer.programs);
+    if (box.dataset.programs !== key) {
+      const chosen = select.value;
+      select.replaceChildren(...options);
+      if (answer.programs.some((each) => each.id === chosen)) select.value = chosen;
+      box.dataset.programs = key;
+    }
+    start.disabled = !answer.programs.length;
+  } catch {
+    start.disabled = true; // the tile says what is wrong with the cell
+  }
+  if (box.open && box.isConnected) setTimeout(() => listPrograms(box, path, select, start), PROGRAMS_MS);
 }
 
 function valueOf(robot, field) {
@@ -119,8 +136,6 @@ function fill(tile, robot) {
   const faults = tile.querySelector(".faults");
   faults.textContent = faultsOf(robot);
   faults.hidden = !faults.textContent;
-  fillPrograms(tile.querySelector("[data-programs]"), robot.programs);
-  tile.querySelector("[data-kind=start]").disabled = !robot.programs.length;
   const link = tile.querySelector("a");
   link.hidden = !/^https?:\/\//.test(robot.panel);
   if (!link.hidden) link.href = robot.panel;

@@ -23,6 +23,7 @@ from cobot.fleet.certificates import (
     Signer,
     Verifier,
     cells_with_certificates,
+    check_cell_folder,
     issue_cell,
     issue_hub,
     make_authority,
@@ -143,6 +144,40 @@ def test_files_that_cannot_be_used_are_named(folder: Path, damage: Any, words: s
     with pytest.raises(ConfigError, match=words) as caught:
         Signer(folder)
     assert str(folder / "hub") in str(caught.value)
+
+
+def swap_cells(folder: Path) -> None:
+    issue_cell(folder, "two", 30)
+    shutil.copy(folder / "cells" / "two" / "cell.key", folder / "cells" / "one" / "cell.key")
+
+
+def change_authority(folder: Path) -> None:
+    make_authority(folder / "other", "other")
+    shutil.copy(folder / "other" / "ca.pem", folder / "cells" / "one" / "ca.pem")
+
+
+def expire(folder: Path) -> None:
+    shutil.rmtree(folder / "cells" / "one")
+    issue_cell(folder, "one", 0)
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda folder: (folder / "cells" / "one" / "cell.pem").unlink(), "cannot be read"),
+        (swap_cells, "cell.key is not the key of cell.pem"),
+        (change_authority, "cell.pem is not issued by ca.pem"),
+        (expire, "cell.pem has expired on"),
+    ],
+)
+def test_cobot_check_names_what_is_wrong_with_a_cells_certificate(
+    folder: Path, damage: Any, words: str
+) -> None:
+    own = folder / "cells" / "one"
+    check_cell_folder(own)
+    damage(folder)
+    with pytest.raises(ConfigError, match=words):
+        check_cell_folder(own)
 
 
 def test_no_certificate_is_written_over_or_through_a_link(folder: Path, tmp_path: Path) -> None:

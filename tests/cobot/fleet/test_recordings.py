@@ -109,6 +109,25 @@ def test_the_oldest_are_deleted_for_new_ones_and_do_not_come_again(cell: Cell, t
     assert sorted(names(store)) == ["2.mcap", "3.mcap"], "nothing is deleted for what does not fit anyway"
 
 
+def test_nothing_is_left_of_what_the_cell_has_no_more(
+    cell: Cell, store: FleetRecordingStore, tmp_path: Path
+) -> None:
+    for name in ("a.mcap", "b.mcap"):
+        cell.record(name, 2 * PIECE_BYTES)
+    cell.answers = 4  # a is complete, and of b the first piece is here
+    with pytest.raises(UnavailableError):
+        cell.into(store)
+    folder = tmp_path / "hub" / "one" / "arm"
+    assert sorted(path.name for path in folder.iterdir()) == ["a.mcap", "b.mcap.part", "taken.txt"]
+    for path in cell.folder.iterdir():
+        path.unlink()
+    cell.record("c.mcap", 1)
+    cell.answers = 10
+    assert cell.into(store) == 1
+    assert sorted(path.name for path in folder.iterdir()) == ["a.mcap", "c.mcap", "taken.txt"]
+    assert (folder / "taken.txt").read_text() == "c.mcap\n"
+
+
 def test_a_full_disk_is_said_and_leaves_the_rest(
     cell: Cell, store: FleetRecordingStore, tmp_path: Path
 ) -> None:

@@ -55,14 +55,14 @@ def test_the_shipped_configuration_is_good(capsys: pytest.CaptureFixture[str]) -
     assert all(line.startswith("ok ") for line in lines)
     items = [line.removeprefix("ok").strip() for line in lines]
     assert [item.partition(":")[0] for item in items] == [
-        *("endpoints", "address", "access", "logs", "recordings", "recording", "core", "robot"),
+        *("endpoints", "address", "access", "fleet", "logs", "recordings", "recording", "core", "robot"),
         *("visuals", "efforts", "backend"),
         *("position home", "position work", "position transport"),
     ]
     assert "endpoints: 0 changed in" in lines[0]
     assert "address: 127.0.0.1 port 8007" in lines[1]
-    assert "robot: 7 joints" in lines[7]
-    assert re.search(r"position home: .* TCP at x 0\.400 y -?0\.000 z 0\.654 m in base_link", lines[11])
+    assert "robot: 7 joints" in lines[8]
+    assert re.search(r"position home: .* TCP at x 0\.400 y -?0\.000 z 0\.654 m in base_link", lines[12])
     assert output.err == ""
 
 

@@ -1,0 +1,20 @@
+"""Names that prove nothing."""
+
+from __future__ import annotations
+
+from cobot.access.roles import ANONYMOUS
+from cobot.logs.lines import printable
+
+MAX_NAME = 40
+"""Maximum length of a client's own name, in characters."""
+
+
+def claimed(name: str) -> str:
+    """The name that a client without a token gives itself, in quotes, which no token's name contains.
+
+    It is text of a stranger: in one line, bounded, and without characters that cannot be seen.
+    """
+    text = " ".join(name.split())
+    if not text:
+        return ANONYMOUS
+    return '"{}"'.format(printable(text, MAX_NAME).replace('"', "'"))
