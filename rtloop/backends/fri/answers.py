@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.types import Array
-from rtloop.backends.fri.beat import CommandTransition
+from rtloop.backends.beat import CommandTransition
 from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import (
     COMMAND_ID,

@@ -21,8 +21,8 @@ from cobot.robot.tool import BARE, Tool
 from cobot.types import Array, JointLimits, Pose
 from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
 from rtloop.backends.agreement import check_agreement, fastest, reduced_share
+from rtloop.backends.beat import Beat
 from rtloop.backends.fri.answers import Answers
-from rtloop.backends.fri.beat import Beat
 from rtloop.backends.fri.channel import RELEASE_S, PacketChannel, UdpChannel
 from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.messages import MonitoringMessage, OperationMode, SafetyState, SessionState
@@ -82,7 +82,7 @@ class FriBackend:
             type(self).capabilities, torque=options.overlay == "torque", wrench=options.overlay == "wrench"
         )
         self._channel, self._clock = channel, clock
-        self._beat = Beat(limits.dof, self._period_s)
+        self._beat = Beat[MonitoringMessage](limits.dof, self._period_s)
         self._answers = Answers(options, limits.names, self._period_s)
         self._heard_s = self._asked_s = self._refused_s = 0.0
         self._join_until_s = 0.0  # time after enabling in which the session may restart without a fault
@@ -360,7 +360,7 @@ class FriBackend:
             self._refused = message
             return
         before = self._beat.newest
-        if not self._beat.take(message):
+        if not self._beat.take(message, message.header.sequence, message.measured_position):
             return
         self._answered, self._heard_s = False, self._clock()
         active = SessionState.COMMANDING_ACTIVE

@@ -16,13 +16,6 @@ MAX_NAME = 63
 FRAMED_VERSION = "2.7"
 """The release of FRI that frames its messages."""
 
-_COUNTER = 1 << 32
-
-
-def ahead(counter: int, of: int) -> int:
-    """By how much a sequence counter is ahead of another, -2**31 to 2**31 - 1."""
-    return (counter - of + _COUNTER // 2) % _COUNTER - _COUNTER // 2
-
 
 class SessionState(IntEnum):
     IDLE = 0

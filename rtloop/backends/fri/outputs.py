@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 from cobot.robot.io_points import IoKind, IoPoint
 from rtloop.backends import BackendError
-from rtloop.backends.fri.messages import MAX_NAME, IoDirection, IoType, IoValue, MonitoringMessage, ahead
+from rtloop.backends.beat import ahead
+from rtloop.backends.fri.messages import MAX_NAME, IoDirection, IoType, IoValue, MonitoringMessage
 
 SENT_S = 1.0
 """Number of answers with an output that the controller does not report yet, because packets may be lost."""

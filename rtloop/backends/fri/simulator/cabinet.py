@@ -13,6 +13,7 @@ import numpy as np
 from cobot.errors import LimitError
 from cobot.robot.io_points import require_number
 from cobot.types import Array
+from rtloop.backends.beat import ahead
 from rtloop.backends.fri.codec import decode_command
 from rtloop.backends.fri.encoding import encode_monitoring
 from rtloop.backends.fri.messages import (
@@ -31,7 +32,6 @@ from rtloop.backends.fri.messages import (
     Quality,
     SafetyState,
     SessionState,
-    ahead,
 )
 from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.arm import CabinetArm

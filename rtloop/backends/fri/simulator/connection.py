@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
-from rtloop.backends.fri.messages import Quality, ahead
+from rtloop.backends.beat import ahead
+from rtloop.backends.fri.messages import Quality
 
 WINDOW = 100
 """Answers that the quality is judged by."""

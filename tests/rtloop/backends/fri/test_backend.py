@@ -19,8 +19,8 @@ from cobot.robot.description import RobotDescription
 from cobot.robot.tool import Tool
 from cobot.types import Array
 from rtloop.backends import BackendError, Measured, Paced, Reporting, Stepwise, TorqueControlled
+from rtloop.backends.beat import CommandTransition
 from rtloop.backends.fri import FriBackend
-from rtloop.backends.fri.beat import CommandTransition
 from rtloop.backends.fri.codec import decode_command, decode_monitoring
 from rtloop.backends.fri.encoding import encode_command, encode_monitoring
 from rtloop.backends.fri.messages import (

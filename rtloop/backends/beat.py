@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Generic, TypeVar
+
 import numpy as np
 
 from cobot.types import Array
-from rtloop.backends.fri.messages import MonitoringMessage, ahead
 
 MAX_CATCH_UP_S = 0.1
 """Longest gap that is made up for at once; after a longer one the path continues where it was."""
@@ -13,10 +15,17 @@ OVERTAKEN = 20
 """Number of packets behind the newest up to which a packet was overtaken. Further back, the controller has
 restarted its count."""
 VELOCITY_S = 0.005
-"""Time constant with which the velocity, which FRI does not report, follows the measured positions."""
+"""Time constant with which the velocity, which such devices do not report, follows the measured positions."""
+_COUNTER = 1 << 32
+PacketT = TypeVar("PacketT")
 
 
-class Beat:
+def ahead(counter: int, of: int) -> int:
+    """By how much a sequence counter of 32 bits is ahead of another, -2**31 to 2**31 - 1."""
+    return (counter - of + _COUNTER // 2) % _COUNTER - _COUNTER // 2
+
+
+class Beat(Generic[PacketT]):
     """The controller's values, period by period.
 
     If packets were lost, or have piled up while this computer was busy, the cycles between them run with
@@ -32,22 +41,28 @@ class Beat:
     def __init__(self, dof: int, period_s: float) -> None:
         self._period_s = period_s
         self._most = round(MAX_CATCH_UP_S / period_s)
-        self.newest: MonitoringMessage | None = None
+        self.newest: PacketT | None = None
+        self._sequence = 0
         self.lost = self.due = 0
         self.position, self.velocity = np.zeros(dof), np.zeros(dof)
         self._target = np.zeros(dof)
 
-    def take(self, message: MonitoringMessage) -> bool:
-        """Add a packet; False for one that is older than the newest."""
+    def take(self, packet: PacketT, sequence: int, position: Sequence[float] | Array) -> bool:
+        """Add a packet; False for one that is older than the newest.
+
+        Args:
+            sequence: number of the packet, modulo 2**32.
+            position: measured position of the joints, shape (dof,), rad.
+        """
         periods = 1
         if self.newest is not None:
-            periods = ahead(message.header.sequence, self.newest.header.sequence)
+            periods = ahead(sequence, self._sequence)
             if -OVERTAKEN < periods <= 0:
                 return False
             self.lost += max(periods - 1, 0)
         known = self.newest is not None and bool(np.isfinite(self.position).all())
-        self.newest = message
-        self._target = np.array(message.measured_position)
+        self.newest, self._sequence = packet, sequence
+        self._target = np.array(position)
         self.due += periods
         if not (known and periods > 0 and self.due <= self._most):
             self.position, self.velocity = self._target, np.zeros(len(self._target))
