@@ -68,12 +68,20 @@ class Tile:
     Attributes:
         heard_s: when the newest state arrived, on this computer's clock.
         gone_s: when its cell was lost; None while it is there.
+        asked: instances of the cell that have been asked for their earlier events.
     """
 
     state: FleetState
     heard_s: float
     gone_s: float | None = None
     events: dict[str, RobotEvent] = field(default_factory=dict)
+    asked: set[str] = field(default_factory=set)
+
+    def add(self, event: RobotEvent) -> None:
+        """Add an event, in any order. The newest are kept."""
+        self.events[event.id] = event
+        newest = sorted(self.events.values(), key=lambda each: each.time)[-KEPT_EVENTS:]
+        self.events = {each.id: each for each in newest}
 
 
 def _worst(answers: list[CommandAnswer]) -> dict[tuple[str, str], CommandAnswer]:
@@ -84,6 +92,18 @@ def _worst(answers: list[CommandAnswer]) -> dict[tuple[str, str], CommandAnswer]
         if name not in found or found[name].code == "ok":
             found[name] = answer
     return found
+
+
+def _events_in(content: bytes, cell: str, robot: str) -> list[RobotEvent]:
+    """
+    Raises:
+        InputError: the content is too long.
+        ValidationError: it is not a list of events.
+    """
+    if len(content) > KEPT_EVENTS * MAX_BYTES:
+        raise InputError(f"the events of {cell}/{robot} have {len(content)} bytes")
+    events = _EVENTS.validate_json(content)
+    return [event for event in events if (event.cell, event.robot) == (cell, robot)]
 
 
 def _is_open(answer: CommandAnswer | None) -> bool:
@@ -398,21 +418,28 @@ class Hub:
         log.info("the cell %s %s", cell, "is here" if here else "is gone")
         if here:
             # Another thread: a callback that waits blocks the session.
-            threading.Thread(target=self._catch_up, args=(cell,), daemon=True).start()
+            threading.Thread(target=self._ask_states, args=(cell,), daemon=True).start()
 
-    def _catch_up(self, cell: str) -> None:
-        """Ask a cell for what it told before this hub heard it."""
+    def _ask_states(self, cell: str) -> None:
+        """Ask a cell for its states, which it may have published before this hub heard it."""
         import zenoh
 
         with contextlib.suppress(zenoh.ZError):
             for content in payloads(self._session.get(self._keys.of(cell, "*", "state"), timeout=ASK_S)):
                 with contextlib.suppress(InputError):
                     self._keep(read(FleetState, content))
-            for content in payloads(self._session.get(self._keys.of(cell, "*", "events"), timeout=ASK_S)):
-                if len(content) <= KEPT_EVENTS * MAX_BYTES:
-                    with contextlib.suppress(ValidationError):
-                        for event in _EVENTS.validate_json(content):
-                            self._keep_event(event)
+
+    def _ask_events(self, tile: Tile) -> None:
+        """Ask a robot for the events before its first state."""
+        import zenoh
+
+        cell, robot, instance = tile.state.cell, tile.state.robot, tile.state.instance
+        with contextlib.suppress(zenoh.ZError):
+            for content in payloads(self._session.get(self._keys.of(cell, robot, "events"), timeout=ASK_S)):
+                with contextlib.suppress(ValidationError, InputError):
+                    self._keep_events(_events_in(content, cell, robot))
+                    return
+        tile.asked.discard(instance)  # the next state asks again
 
     def _take_state(self, sample: zenoh.Sample) -> None:
         try:
@@ -426,30 +453,36 @@ class Hub:
     def _keep(self, state: FleetState) -> None:
         name = state.cell, state.robot
         with self._lock:
-            if state.instance not in self._instances.get(state.cell, ()):
+            instances = self._instances.get(state.cell, set())
+            if state.instance not in instances:
                 return  # a late message of a cell that is gone, or of a client that is not a cell
             tile = self._tiles.get(name)
-            if tile is not None:
-                tile.state, tile.heard_s, tile.gone_s = state, time.monotonic(), None
-            elif len(self._tiles) < MAX_ROBOTS:
-                self._tiles[name] = Tile(state, time.monotonic())
+            if tile is None:
+                if len(self._tiles) >= MAX_ROBOTS:
+                    return
+                tile = self._tiles[name] = Tile(state, time.monotonic())
+            tile.state, tile.heard_s, tile.gone_s = state, time.monotonic(), None
+            if state.instance in tile.asked:
+                return
+            tile.asked = (tile.asked & instances) | {state.instance}
+        # A cell answers by the time it publishes states. When it appears, it may not answer yet.
+        threading.Thread(target=self._ask_events, args=(tile,), daemon=True).start()
 
     def _take_event(self, sample: zenoh.Sample) -> None:
         try:
             event = read(RobotEvent, bytes(sample.payload))
             if (event.cell, event.robot) != parts(str(sample.key_expr)):
                 raise InputError(f"the event of {event.cell}/{event.robot} came as {sample.key_expr}")
-            self._keep_event(event)
+            self._keep_events([event])
         except InputError as exc:
             log.warning("an event is ignored: %s", exc)
 
-    def _keep_event(self, event: RobotEvent) -> None:
+    def _keep_events(self, events: Iterable[RobotEvent]) -> None:
         with self._lock:
-            tile = self._tiles.get((event.cell, event.robot))
-            if tile is not None:
-                tile.events[event.id] = event
-                while len(tile.events) > KEPT_EVENTS:
-                    del tile.events[next(iter(tile.events))]
+            for event in events:
+                tile = self._tiles.get((event.cell, event.robot))
+                if tile is not None:
+                    tile.add(event)
 
     def _shown(self, tile: Tile) -> dict[str, Any]:
         alive = tile.gone_s is None

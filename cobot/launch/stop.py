@@ -28,6 +28,8 @@ REST_S = 5.0
 STALE_S = 0.25
 """Age beyond which a state says nothing about the present position of the arm, in seconds."""
 POLL_S = 0.005
+FOLLOWED_S = 0.25
+"""Maximum wait for the service to follow a stop, in seconds. It sends a heartbeat every 0.05 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +39,15 @@ class StopRequest:
     Attributes:
         count: the counter that rtloop reports once it has noticed the stop.
         moving: the motion that it ends, for people; "" for none.
+        followed: number of the heartbeat by which the service has followed the stop.
+        followed_s: when to wait for it no longer: the service may not run.
     """
 
     memory: RobotMemory
     count: int
     moving: str
+    followed: int
+    followed_s: float
 
 
 def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
@@ -97,14 +103,18 @@ def _ask(memory: RobotMemory, *, latched: bool) -> StopRequest:
     state = _state(memory)
     counter = memory.outside_estops if latched else memory.outside_stops
     counter.add()
+    # Each heartbeat adds 2 to its sequence. The service notices the stop before one of them, and has ended
+    # what it had begun before the next one.
+    followed = memory.heartbeat.sequence + 4, time.monotonic() + FOLLOWED_S
     if state is None:
-        return StopRequest(memory, 0, "")
+        return StopRequest(memory, 0, "", *followed)
     seen = int(state["estops_seen" if latched else "stops_seen"])
-    return StopRequest(memory, seen + 1, _moving(state))
+    return StopRequest(memory, seen + 1, _moving(state), *followed)
 
 
 def _report(name: str, stop: StopRequest, deadline_s: float, *, latched: bool, out: TextIO) -> bool:
     problem = _until_rest(stop, deadline_s, latched=latched)
+    _await_service(stop)
     done = stop.moving or "nothing was running"
     if problem:
         out.write(f"{name}: stop requested; {done}; the arm is NOT known to be at rest: {problem}\n")
@@ -136,6 +146,12 @@ def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
                 problem = f"it still moves after {REST_S:g} s"
         time.sleep(POLL_S)
     return problem
+
+
+def _await_service(stop: StopRequest) -> None:
+    """Wait until the service has followed the stop. Before that, it would end a motion that is requested."""
+    while stop.memory.heartbeat.sequence < stop.followed and time.monotonic() < stop.followed_s:
+        time.sleep(POLL_S)
 
 
 def _has_ended(memory: RobotMemory) -> bool:

@@ -26,6 +26,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 CELLS = ("one", "two", "three")
+RESTART_S = 30.0
+"""Time after a kill in which a command is tried again, in seconds. The arm of a killed cell ends a moment
+later than the cell, and until then the cell cannot start."""
 COBOT = [sys.executable, "-P", "-m", "cobot"]
 SETTINGS = """\
 robot: {{name: arm-{cell}}}
@@ -84,20 +87,48 @@ def prepare(folder: Path) -> list[list[str]]:
     return commands
 
 
+class Process:
+    """A command that runs until the end, and is started again after a kill."""
+
+    def __init__(self, command: Sequence[str], output: BinaryIO) -> None:
+        self.command, self._output = command, output
+        self._killed_s = -RESTART_S
+        self._start()
+
+    def _start(self) -> None:
+        self._process = subprocess.Popen(self.command, stdout=self._output, stderr=self._output)
+
+    def failure(self) -> int | None:
+        """Its exit status if it ended by itself; None while it runs, or is started again after a kill."""
+        code = self._process.poll()
+        if code is None:
+            return None
+        print(f"ended with {code}: {' '.join(self.command)}", flush=True)
+        if code < 0:
+            self._killed_s = time.monotonic()
+        elif time.monotonic() > self._killed_s + RESTART_S:
+            return code
+        self._start()
+        return None
+
+    def terminate(self) -> None:
+        self._process.terminate()
+
+    def wait(self) -> None:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(20.0)
+
+
 def watch(commands: Sequence[Sequence[str]], output: BinaryIO) -> int:
-    """Run them all, and start one that was killed again. Returns when one of them fails."""
-    processes = [subprocess.Popen(command, stdout=output, stderr=output) for command in commands]
+    """Run all commands until one of them fails. Returns its exit status."""
+    processes = [Process(command, output) for command in commands]
     try:
         while True:
-            time.sleep(0.5)
-            for index, process in enumerate(processes):
-                code = process.poll()
-                if code is None:
-                    continue
-                print(f"ended with {code}: {' '.join(commands[index])}", flush=True)
-                if code >= 0:
+            time.sleep(1.0)
+            for process in processes:
+                code = process.failure()
+                if code is not None:
                     return code or 1
-                processes[index] = subprocess.Popen(commands[index], stdout=output, stderr=output)
     except KeyboardInterrupt:
         return 0
     finally:
@@ -105,8 +136,7 @@ def watch(commands: Sequence[Sequence[str]], output: BinaryIO) -> int:
         for process in processes:
             process.terminate()
         for process in processes:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(20.0)
+            process.wait()
 
 
 def main() -> int:

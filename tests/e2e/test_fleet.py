@@ -98,7 +98,6 @@ def stops_in_audit(run: Run, who: str) -> list[dict[str, Any]]:
 
 def begin_motion(run: Run) -> str:
     """A slow motion of many seconds: its job."""
-    time.sleep(0.5)  # A stop from outside also ends a motion that is requested before the service knows it.
     jobs: list[str] = []
 
     def attempt() -> tuple[bool, str]:

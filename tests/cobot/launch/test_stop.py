@@ -69,6 +69,31 @@ def test_without_a_motion_it_says_so(rig: Rig) -> None:
         assert said(rig) == (True, "nothing was running; the arm is at rest")
 
 
+def test_it_waits_until_the_service_has_followed(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise the service would end a motion that is requested right after the stop.
+
+    Oracle: two heartbeats, as the service sends them after the stop.
+    """
+    monkeypatch.setattr(command, "FOLLOWED_S", 60.0)
+    beats = 0
+
+    def beat() -> None:
+        nonlocal beats
+        while not rig.memory.outside_stops.value:
+            time.sleep(0.001)
+        for _ in range(2):
+            time.sleep(0.1)
+            beats += 1
+            rig.memory.heartbeat.publish()
+
+    thread = threading.Thread(target=beat)
+    with turning(rig):
+        thread.start()
+        assert said(rig) == (True, "nothing was running; the arm is at rest")
+        assert beats == 2
+    thread.join()
+
+
 def test_an_estop_is_latched(rig: Rig) -> None:
     start_motion(rig)
     with turning(rig):
