@@ -101,6 +101,7 @@ def create_app(
     app.state.reloading = Reloading(settings, config, source, app.state)
     app.state.origins = Origins([host, urlsplit(base_url).hostname or host], host, settings.web)
     required = authentication_required(settings.web, host)
+    app.state.tokens, app.state.tokens_required = shared.tokens, required
     _add_middleware(app, settings, shared.tokens, required=required)
     table = roles(endpoints, stop_without_token=settings.web.stop_without_token)
     _document(app, robots, table if required else None)

@@ -11,6 +11,7 @@ from starlette.routing import BaseRoute, Route
 
 from app.api.endpoints import Endpoint, declared
 from app.api.routers import (
+    access,
     audit,
     backups,
     cell,
@@ -74,6 +75,7 @@ OF_THE_SERVICE = (
     robots.router,
     operations.router,
     backups.router,
+    access.router,
     audit.router,
     vendor.router,
     rosbridge.router,

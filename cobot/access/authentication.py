@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import hmac
 import logging
 import os
@@ -77,10 +79,15 @@ def _access_of_ros(ros: RosSection, web: WebSection) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """The holder of a token and the role that the token grants."""
+    """The holder of a token and the role that the token grants.
+
+    Attributes:
+        stored: whether the token is in the file, and not one that the service has granted to a program.
+    """
 
     name: str
     role: Role
+    stored: bool = False
 
 
 class Authenticator:
@@ -95,9 +102,32 @@ class Authenticator:
         self._clock = clock
         self._given: dict[str, tuple[bytes, Holder, int]] = {}
         self._kept: list[tuple[bytes, Holder, int]] = []
+        self._used_ns: dict[bytes, int] = {}
         self._seen: object = None
         self._look_again_s = 0.0
+        self._changed = asyncio.Event()
         self._refresh()
+
+    @property
+    def file(self) -> TokenFile:
+        """The file of the tokens. After a change, call `notice_change`."""
+        return self._file
+
+    def last_used_ns(self, sha256_hex: str) -> int | None:
+        """Unix time of the last use of the token with this hash; None: not since the service started."""
+        return self._used_ns.get(bytes.fromhex(sha256_hex))
+
+    def notice_change(self) -> None:
+        """Apply a change of the file now, for requests and for open connections."""
+        self._look_again_s = self._clock.now_s()
+        self._refresh()
+        changed, self._changed = self._changed, asyncio.Event()
+        changed.set()
+
+    async def await_change(self) -> None:
+        """Wait until the file may have changed, for `LOOK_AGAIN_S` at most."""
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._changed.wait(), LOOK_AGAIN_S)
 
     def find(self, token: str) -> Holder | None:
         """The holder of a token; None for an invalid or expired one.
@@ -120,7 +150,12 @@ class Authenticator:
         for known, holder, expires_ns in (*self._kept, *self._given.values()):
             if hmac.compare_digest(known, digest):
                 found, ends_ns = holder, expires_ns
-        return None if ends_ns and self._clock.wall_ns() >= ends_ns else found
+        now_ns = self._clock.wall_ns()
+        if found is None or (ends_ns and now_ns >= ends_ns):
+            return None
+        if found.stored:
+            self._used_ns[digest] = now_ns
+        return found
 
     def grant(self, name: str, role: Role, token: str | None = None) -> str:
         """Create a token that is valid until it is withdrawn. The token is not stored on disk."""
@@ -151,11 +186,13 @@ class Authenticator:
         self._kept = [
             (
                 bytes.fromhex(each.sha256),
-                Holder(each.name, each.rights),
+                Holder(each.name, each.rights, stored=True),
                 int(each.expires.timestamp() * 1e9) if each.expires else 0,
             )
             for each in tokens
         ]
+        known = {digest for digest, _, _ in self._kept}
+        self._used_ns = {digest: used for digest, used in self._used_ns.items() if digest in known}
 
     def _signature(self) -> object:
         """Properties that change whenever the file is replaced. It is never written in place."""

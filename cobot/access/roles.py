@@ -34,12 +34,14 @@ class Identity:
         role: role that its token grants.
         address: peer address of its connection; "" for the service itself.
         forwarded: whether a proxy forwarded the request. If so, the address is the proxy's.
+        stored: whether it shows a token of the file, and not one that the service has granted to a program.
     """
 
     name: str
     role: Role
     address: str = ""
     forwarded: bool = False
+    stored: bool = False
 
 
 ANONYMOUS = "anonymous"

@@ -12,6 +12,7 @@ import os
 import secrets
 import stat
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from hashlib import sha256
@@ -21,13 +22,30 @@ from typing import Annotated
 from pydantic import AwareDatetime, Field, TypeAdapter, ValidationError
 
 from cobot.access.roles import ANONYMOUS, FLEET, ROS, SERVICE, Role, RoleName
-from cobot.errors import ConfigError, ConflictError, InputError, NotFoundError
+from cobot.errors import (
+    ConfigError,
+    ConflictError,
+    InputError,
+    NotFoundError,
+    PermissionDenied,
+    UnavailableError,
+)
 from cobot.strict import StrictModel, sentences, shown
 
 PREFIX = "cobot_"
 """Prefix of each token, by which people and scanners for leaked secrets recognise it."""
 RESERVED = (ANONYMOUS, ROS, FLEET, SERVICE.name)
-
+NOT_IN_PATHS = (".", "..")
+"""Names that no client can send as a part of a URL, so that such a token could not be deleted."""
+MAX_TOKENS = 256
+"""Maximum number of tokens: each request is compared with all of them, at 0.2 µs each."""
+MAX_DAYS = 36_500
+"""Maximum lifetime in days: a hundred years, so that the date stays below the calendar's end in 9999."""
+MAX_LISTED = 20
+"""Maximum number of names in an error."""
+LOCKED_S, LOOK_S = 5.0, 0.01
+"""Time to wait for another program that changes the file, and the time between two tries, in seconds."""
+_LEFT = ".tokens-"
 
 Moment = Annotated[AwareDatetime, Field(strict=False)]
 """A time with a time zone. It is text in the file, because JSON has no type for times."""
@@ -101,16 +119,29 @@ class TokenFile:
             raise ConfigError(f"{self.path}: cannot be read: {exc.strerror}") from exc
 
     def create(self, name: str, role: Role, lifetime: timedelta | None = None) -> str:
-        """Create a token and return it. The token itself is not stored.
+        """Create a token and return it, as `create_entry` does."""
+        return self.create_entry(name, role, lifetime)[1]
+
+    def create_entry(
+        self, name: str, role: Role, lifetime: timedelta | None = None, *, by: str | None = None
+    ) -> tuple[Token, str]:
+        """Create a token and return its record and the token itself, which is not stored.
+
+        Args:
+            by: name of the token of the administrator that requests it; None for the command, which needs
+                no token.
 
         Raises:
-            ConflictError: a token of this name exists.
+            ConflictError: a token of this name exists, or there are `MAX_TOKENS` already.
             InputError: the name, the role or the lifetime is invalid.
+            PermissionDenied: `by` is no longer the name of an administrator's token.
         """
         token = PREFIX + secrets.token_urlsafe(32)
         now = datetime.now(UTC).replace(microsecond=0)
         if name in RESERVED:
             raise InputError(f"name: {shown(name)} is reserved for the service; choose another name")
+        if name in NOT_IN_PATHS:
+            raise InputError(f"name: {shown(name)} cannot be part of a URL; choose another name")
         try:
             made = Token(
                 name=name,
@@ -124,36 +155,62 @@ class TokenFile:
             raise InputError(text) from exc
 
         def added(tokens: Tokens) -> Tokens:
+            _require_admin(tokens, by)
             if any(each.name == name for each in tokens):
                 raise ConflictError(f"there is a token {name!r} already; revoke it first")
+            if len(tokens) >= MAX_TOKENS:
+                raise ConflictError(
+                    f"there are {len(tokens)} tokens, allowed are {MAX_TOKENS}; revoke one that is not used"
+                )
             return (*tokens, made)
 
         self._change(added)
-        return token
+        return made, token
 
-    def revoke(self, name: str) -> None:
-        """Revoke a token.
+    def revoke(self, name: str, *, by: str | None = None, own: bool = False) -> Token:
+        """Revoke a token, and return its record.
+
+        Args:
+            by: as in `create_entry`. With a name, the last token of an administrator stays.
+            own: whether `by` may revoke the token that it uses itself.
 
         Raises:
-            NotFoundError: no token has this name. The error lists the existing names.
+            NotFoundError: no token has this name. The error lists existing names.
+            ConflictError: it is the last token of an administrator, or the client's own.
+            PermissionDenied: `by` is no longer the name of an administrator's token.
         """
+        revoked: list[Token] = []
 
         def without(tokens: Tokens) -> Tokens:
+            _require_admin(tokens, by)
             left = tuple(each for each in tokens if each.name != name)
             if len(left) == len(tokens):
-                names = ", ".join(each.name for each in tokens) or "none"
-                raise NotFoundError(f"there is no token {shown(name)}; there are: {names}")
+                raise NotFoundError(f"there is no token {shown(name)}; there are: {_names(tokens)}")
+            if by is not None and not _admins(left):
+                raise ConflictError(
+                    f"{name} is the last token of an administrator; create another one first, or revoke it "
+                    f"on the robot's computer: cobot token revoke {name}"
+                )
+            if by == name and not own:
+                raise ConflictError(
+                    f"{name} is the token of this request, which would then be invalid; use the token of "
+                    "another administrator, or confirm it with own=true"
+                )
+            revoked.extend(each for each in tokens if each.name == name)
             return left
 
         self._change(without)
+        return revoked[0]
 
     def _change(self, change: Callable[[Tokens], Tokens]) -> None:
         """Replace the file by a changed one, atomically: a reader gets either the old or the new content."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with self._alone():
+            with self._alone() as folder:
+                for left in self.path.parent.glob(f"{_LEFT}*"):  # of a program that was killed here
+                    left.unlink()
                 content = _TOKENS.dump_json(list(change(self.read())), indent=1)
-                descriptor, made = tempfile.mkstemp(dir=self.path.parent, prefix=".tokens-")  # 0600
+                descriptor, made = tempfile.mkstemp(dir=self.path.parent, prefix=_LEFT)  # 0600
                 try:
                     with os.fdopen(descriptor, "wb") as file:
                         file.write(content)
@@ -166,15 +223,56 @@ class TokenFile:
                 except BaseException:
                     os.unlink(made)
                     raise
+                os.fsync(folder)  # a power cut must not bring back a revoked token
         except OSError as exc:
             raise ConfigError(f"{self.path}: cannot be written: {exc.strerror}") from exc
 
     @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Lock the file against other processes that change it."""
+    def _alone(self) -> Iterator[int]:
+        """Lock the file against other processes that change it; gives the descriptor of its folder."""
         folder = os.open(self.path.parent, os.O_RDONLY)
         try:
-            fcntl.flock(folder, fcntl.LOCK_EX)
-            yield
+            _lock(folder, self.path)
+            yield folder
         finally:
             os.close(folder)
+
+
+def _lock(folder: int, path: Path) -> None:
+    """Lock a folder.
+
+    Raises:
+        UnavailableError: another program has had it locked for all of `LOCKED_S`.
+    """
+    ends_s = time.monotonic() + LOCKED_S
+    while True:
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > ends_s:
+                raise UnavailableError(
+                    f"{path}: another program has been changing it for {LOCKED_S:g} s; end that program"
+                ) from None
+            time.sleep(LOOK_S)
+        else:
+            return
+
+
+def _admins(tokens: Tokens) -> list[Token]:
+    """The tokens of administrators that have not expired."""
+    now = datetime.now(UTC)
+    return [
+        each for each in tokens if each.rights is Role.ADMIN and (each.expires is None or each.expires > now)
+    ]
+
+
+def _require_admin(tokens: Tokens, name: str | None) -> None:
+    """Check again, with the file locked: two administrators may have revoked each other's tokens."""
+    if name is not None and all(each.name != name for each in _admins(tokens)):
+        raise PermissionDenied(f"{name} is not the name of a valid token of an administrator")
+
+
+def _names(tokens: Tokens) -> str:
+    more = len(tokens) - MAX_LISTED
+    listed = ", ".join(each.name for each in tokens[:MAX_LISTED]) or "none"
+    return f"{listed} and {more} more" if more > 0 else listed

@@ -227,6 +227,31 @@ class Client(ForceMoves, Steps, EventConnection):
         with Path(path).open("rb") as file:
             return self._json("POST", "/admin/restore", files={"file": (Path(path).name, file)})
 
+    def access_tokens(self) -> Json:
+        """`tokens` with their names, roles and times; `required`, and a `hint` if none can be created."""
+        return self._json("GET", self._of_service("/access/tokens"))
+
+    def create_access_token(self, name: str, role: str, days: float | None = None) -> Json:
+        """Create an access token in the name of an administrator; only this answer has it, as `token`.
+
+        Args:
+            name: of a person or a program.
+            role: "observer", "agent", "operator", "programmer" or "admin".
+            days: lifetime; None for a token that never expires.
+        """
+        body = {"name": name, "role": role} | ({} if days is None else {"days": days})
+        return self._json("POST", self._of_service("/access/tokens"), json=body)
+
+    def delete_access_token(self, name: str, own: bool = False) -> Json:
+        """Delete an access token, which is invalid at once.
+
+        Args:
+            own: also if it is the token of this client.
+        """
+        params = {"own": "true"} if own else {}
+        path = self._of_service(f"/access/tokens/{quote(name, safe='')}")
+        return self._json("DELETE", path, params=params)
+
     def start_sequence(self, path: str | Path, **options: str | float) -> Json:
         """Start a sequence file; options as in POST /sequences/start."""
         with Path(path).open("rb") as file:
@@ -341,9 +366,13 @@ class Client(ForceMoves, Steps, EventConnection):
 
     def call_service(self, robot: str, robot_class: str, method: str, arguments: Mapping[str, Any]) -> Json:
         """Call a vendor service of the robot by its name; `code` (0 is success), `message`, `result`."""
+        url = self._of_service(f"/{robot}/{robot_class}/{method}")
+        return self._json("POST", url, json=dict(arguments), timeout=self._motion_timeout_s)
+
+    def _of_service(self, path: str) -> str:
+        """The URL of a path of the service, also if this client is of one of its robots."""
         base = self._http.base_url
-        url = base.copy_with(path=f"{service_of(str(base))}/{robot}/{robot_class}/{method}")
-        return self._json("POST", str(url), json=dict(arguments), timeout=self._motion_timeout_s)
+        return str(base.copy_with(path=f"{service_of(str(base))}{path}"))
 
     def who_controls(self) -> Json:
         """Control and present motion: `held`, `holder`, `address`, `how`, `what`, `since`, `until`."""

@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from cobot.access.roles import Role
-from cobot.access.tokens import TokenFile
+from cobot.access.tokens import MAX_DAYS, TokenFile
 from cobot.audit import record_from_cli
 from cobot.config import load_settings
 
 ROLES = {role.name.lower(): role for role in Role if role is not Role.PUBLIC}
-MAX_DAYS = 36_500
-"""Longest lifetime: a hundred years, so that the date stays below the calendar's end in 9999."""
 DESCRIPTION = """\
 Access to the service when it asks for tokens, see docs/security.md.
 

@@ -18,7 +18,7 @@ from app.main import create_app
 from app.routes import ENDPOINTS
 from cobot.config import Settings
 
-OF_THE_SERVICE = {"/audit", "/metrics", "/health/live"} | {
+OF_THE_SERVICE = {"/audit", "/metrics", "/health/live", "/access/tokens", "/access/tokens/{name}"} | {
     f"/admin/{each}" for each in ("reload", "backup", "restore", "support")
 }
 

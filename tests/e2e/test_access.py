@@ -195,6 +195,70 @@ def test_the_panel_asks_for_the_token_and_keeps_it(locked: Locked, tmp_path: Pat
         until(lambda: "needs operator" in page.run("document.querySelector('#jog-why').innerText"))
 
 
+def test_an_administrator_adds_and_deletes_tokens_in_the_panel(locked: Locked, tmp_path: Path) -> None:
+    """Oracle: whether the token opens REST, and the file of the tokens."""
+    if CHROMIUM is None:
+        pytest.skip("chromium is not installed")
+    with browsing(tmp_path, "--ignore-certificate-errors", "--enable-unsafe-swiftshader") as tools:
+        page = Page(tools)
+
+        def enter(role: Role) -> None:
+            page.visit(f"{locked.run.url}/")
+            page.run(f"sessionStorage.setItem('cobot.token', '{locked.tokens[role]}')")
+            page.visit(f"{locked.run.url}/")
+            until(lambda: page.run("!!window.cobotPanel?.state"))
+            page.click("#tab-setup")
+            page.click("#tab-people")
+
+        def fill(name: str, days: str = "") -> None:
+            for field, text in (("name", name), ("days", days)):
+                page.run(f"document.querySelector('#people-{field}').value = {json.dumps(text)}")
+            page.click("#people-add")
+
+        def said(text: str) -> None:
+            until(lambda: text in page.run("document.querySelector('#people-why').textContent"))
+
+        def names() -> list[str]:
+            return [each.name for each in locked.file.read()]
+
+        enter(Role.OPERATOR)
+        until(lambda: page.run("document.querySelector('#people-add').disabled"))
+        assert "administrator" in page.run("document.querySelector('#people-add').title")
+        assert not page.run("document.querySelector('#token-form').checkVisibility()")
+
+        enter(Role.ADMIN)
+        until(lambda: page.run("document.querySelectorAll('#people-list li').length") == len(names()))
+        for name, days, text in (
+            ("<b>x</b>", "", "letters from a to z"),
+            ("the-admin", "", "the-admin already"),
+            ("anna", "-1", "at most 36500"),
+        ):
+            fill(name, days)
+            said(text)
+        fill("anna", "2")
+        token = until(lambda: page.run("document.querySelector('#people-new').value"))
+        with Client(locked.run.url, token=token, verify=locked.trusted) as anna:
+            assert anna.health()
+            page.click("#people-copy")
+            said("Copied.")
+            page.click("#people-done")
+            assert page.run("document.querySelector('#people-new').value") == ""
+            assert page.run("document.querySelector('[data-token=the-admin] button').disabled")
+            page.click("[data-token=anna] button")
+            until(
+                lambda: (
+                    page.run("document.querySelector('[data-token=anna] button').textContent")
+                    == "Delete anna?"
+                )
+            )
+            assert "anna" in names()
+            page.click("[data-token=anna] button")
+            said("anna is deleted")
+            assert "anna" not in names()
+            with pytest.raises(AuthenticationError):
+                anna.health()
+
+
 def lua(locked: Locked, folder: Path, token: str | None) -> subprocess.CompletedProcess[str]:
     program = folder / "careful.lua"
     program.write_text(CAREFUL, encoding="utf-8")

@@ -58,6 +58,8 @@ FORCE = {("post", f"/robot/force/{kind}") for kind in ("press", "follow", "searc
 GRIPPER = {("post", f"/robot/gripper/{kind}") for kind in ("move", "grasp", "release", "home", "stop")}
 CELL = {("get", "/robot/gripper"), ("get", "/cell"), ("post", "/cell/reset")}
 OPERATIONS = {
+    ("get", "/access/tokens"),
+    ("post", "/access/tokens"),
     ("get", "/audit"),
     ("get", "/health/live"),
     ("get", "/health/ready"),

@@ -61,7 +61,10 @@ TAGS = [
         "description": "Progress, cancel, pause and resume of motions; the speed override.",
     },
     {"name": "common", "description": "Stop, and health."},
-    {"name": "operations", "description": "For administrators: liveness, metrics, reload and audit log."},
+    {
+        "name": "operations",
+        "description": "For administrators: liveness, metrics, reload, tokens and audit log.",
+    },
     {"name": "robots", "description": "The list of robots, and the endpoints of a robot by its name."},
 ]
 """The groups in Swagger's order; it shows the first one open."""

@@ -26,7 +26,7 @@ from app.api.errors import answer_to
 from app.api.middleware.origins import Origins
 from app.api.middleware.versions import plain_path
 from app.api.strict import APPLIED
-from cobot.access.authentication import LOOK_AGAIN_S, Authenticator, Holder
+from cobot.access.authentication import Authenticator, Holder
 from cobot.access.claimed import MAX_NAME, claimed
 from cobot.access.roles import ANONYMOUS, Identity, Role, acting
 from cobot.addresses import CLIENT_NAME, IDEMPOTENCY_KEY, PREFER
@@ -117,7 +117,7 @@ class Access:
             )
         )
         self._known = lru_cache(256)(
-            lambda who, address, forwarded: Identity(who.name, who.role, address, forwarded)
+            lambda who, address, forwarded: Identity(who.name, who.role, address, forwarded, who.stored)
         )
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
@@ -176,7 +176,7 @@ class Access:
         async def watch() -> None:
             nonlocal ended
             while not accepted or self._tokens.find(token) == holder:
-                await asyncio.sleep(LOOK_AGAIN_S)
+                await self._tokens.await_change()
             ended = True
             with contextlib.suppress(OSError, RuntimeError):  # it has just been closed elsewhere
                 await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": INVALID})

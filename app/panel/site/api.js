@@ -53,7 +53,8 @@ export class Api {
     return this.robot ? `${this.robot.path}${path}` : path;
   }
 
-  async ask(method, address, body, { headers = {}, keepalive = false, waitMs = method === "GET" ? READ_MS : WRITE_MS } = {}) {
+  // quiet: without asking for another token where this one is too weak.
+  async ask(method, address, body, { headers = {}, keepalive = false, quiet = false, waitMs = method === "GET" ? READ_MS : WRITE_MS } = {}) {
     const options = { method, headers: { ...headers }, keepalive, signal: AbortSignal.timeout(waitMs) };
     if (this.token) options.headers.Authorization = `Bearer ${this.token}`;
     if (this.name) options.headers["X-Client-Name"] = encodeURIComponent(this.name);
@@ -69,7 +70,7 @@ export class Api {
     if (answer.ok || answer.status === 304) return answer;
     const said = await answer.json().catch(() => ({}));
     const why = typeof said.detail === "string" ? said.detail : `HTTP ${answer.status}`;
-    if (answer.status === 401 || answer.status === 403) this.askForToken(why);
+    if (!quiet && (answer.status === 401 || answer.status === 403)) this.askForToken(why);
     throw new Refused(answer.status, why);
   }
 

@@ -258,6 +258,7 @@ class Panel {
     this.view?.resize();
     this.drag?.cancel("");
     this.drag?.place();
+    this.setup?.people.look();
   }
 
   show(state) {

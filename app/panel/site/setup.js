@@ -1,6 +1,7 @@
 // The page Setup: its parts, and the limits of the joints as the service has them.
 import { Archives } from "./archives.js";
 import { tcpOf } from "./kinematics.js";
+import { People } from "./people.js";
 import { Surroundings } from "./solids.js";
 import { Studies } from "./studies.js";
 import { Tabs } from "./tabs.js";
@@ -25,11 +26,13 @@ export class Setup {
       return state && geometry ? tcpOf(geometry, state.commanded_position) : null;
     });
     this.archives = new Archives(api);
+    this.people = new People(api);
     this.studies = new Studies(api, () => now().view);
     this.ranges = [];
     const tabs = [...element("parts").children];
     this.parts = new Tabs(element("parts"), tabs, (chosen) => {
       for (const tab of tabs) element(tab.getAttribute("aria-controls")).hidden = tab !== chosen;
+      this.people.look();
     });
     this.parts.select(tabs[0]);
     inEachLanguage(() => this.write());

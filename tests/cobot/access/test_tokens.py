@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import hmac
 import json
 import os
+import signal
 import stat
+import subprocess
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
@@ -16,10 +20,18 @@ import pytest
 from virtual_time import VirtualClock, VirtualLoop
 
 from cobot.access import authentication
+from cobot.access import tokens as tokens_module
 from cobot.access.authentication import Authenticator, Holder
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
-from cobot.errors import ConfigError, ConflictError, InputError, NotFoundError
+from cobot.errors import (
+    ConfigError,
+    ConflictError,
+    InputError,
+    NotFoundError,
+    PermissionDenied,
+    UnavailableError,
+)
 from cobot.launch.cli import main
 
 
@@ -54,7 +66,52 @@ def test_those_who_change_it_at_one_time_lose_nothing(file: TokenFile) -> None:
     assert [path.name for path in file.path.parent.iterdir()] == ["tokens.json"]
 
 
-@pytest.mark.parametrize("name", ["", "a b", "a\n", "x" * 49, "anonymous", "ros2", "cobot", "../x"])
+def test_a_program_that_is_killed_while_it_writes_changes_nothing_and_leaves_nothing(file: TokenFile) -> None:
+    """Oracle: SIGKILL, right before the new file takes the place of the old one."""
+    file.create("alice", Role.OPERATOR)
+    before = file.path.read_bytes()
+    program = (
+        "import os, signal, sys; from pathlib import Path; from cobot.access.roles import Role\n"
+        "from cobot.access.tokens import TokenFile\n"
+        "os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "TokenFile(Path(sys.argv[1])).create('bob', Role.ADMIN)"
+    )
+    killed = subprocess.run([sys.executable, "-c", program, str(file.path)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert file.path.read_bytes() == before
+    assert len(list(file.path.parent.iterdir())) == 2
+    file.create("carl", Role.OBSERVER)
+    assert [each.name for each in file.read()] == ["alice", "carl"]
+    assert [path.name for path in file.path.parent.iterdir()] == ["tokens.json"]
+
+
+def test_a_program_that_keeps_the_file_locked_is_reported(
+    file: TokenFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file.create("alice", Role.OPERATOR)
+    monkeypatch.setattr(tokens_module, "LOCKED_S", 0.05)
+    folder = os.open(file.path.parent, os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        with pytest.raises(UnavailableError, match="another program has been changing it for"):
+            file.revoke("alice")
+    finally:
+        os.close(folder)
+    file.revoke("alice")
+
+
+def test_two_administrators_cannot_revoke_each_other(file: TokenFile) -> None:
+    for name in ("alice", "bob"):
+        file.create(name, Role.ADMIN)
+    file.revoke("bob", by="alice")
+    with pytest.raises(PermissionDenied, match="bob is not the name of a valid token of an administrator"):
+        file.revoke("alice", by="bob")
+    with pytest.raises(ConflictError, match="alice is the last token of an administrator"):
+        file.revoke("alice", by="alice", own=True)
+    file.revoke("alice")  # the command may
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a\n", "x" * 49, "anonymous", "ros2", "cobot", "../x", ".."])
 def test_a_name_is_a_name_and_none_of_the_service_s_own(file: TokenFile, name: str) -> None:
     with pytest.raises(InputError, match="name"):
         file.create(name, Role.OBSERVER)
@@ -112,7 +169,7 @@ def test_a_token_is_known_and_a_revoked_one_no_more_within_a_second(
     tokens = Authenticator(file, clock)
     token = file.create("alice", Role.OPERATOR)
     clock.sleep(1.0)
-    assert tokens.find(token) == Holder("alice", Role.OPERATOR)
+    assert tokens.find(token) == Holder("alice", Role.OPERATOR, stored=True)
     for other in (
         "",
         "alice",
@@ -132,7 +189,7 @@ def test_a_new_token_is_valid_at_once(file: TokenFile, clock: VirtualClock) -> N
     tokens = Authenticator(file, clock)
     for name in ("alice", "bob"):
         token = file.create(name, Role.OPERATOR)
-        assert tokens.find(token) == Holder(name, Role.OPERATOR)
+        assert tokens.find(token) == Holder(name, Role.OPERATOR, stored=True)
 
 
 def test_a_token_expires(file: TokenFile, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,7 +266,9 @@ def test_the_command_makes_lists_and_revokes(tmp_path: Path, capsys: pytest.Capt
 
     status, token, _ = run("create", "alice", "--role", "operator", "--days", "7")
     assert status == 0
-    assert Authenticator(TokenFile(tmp_path / "tokens.json")).find(token) == Holder("alice", Role.OPERATOR)
+    assert Authenticator(TokenFile(tmp_path / "tokens.json")).find(token) == Holder(
+        "alice", Role.OPERATOR, stored=True
+    )
     status, said, _ = run("list")
     assert status == 0
     assert said.startswith("alice")

@@ -116,7 +116,7 @@ def test_a_token_made_by_root_is_one_of_the_service(
     assert made.err == f"in {tmp_path}/var/lib/cobot/tokens.json\n"
     monkeypatch.setenv("HOME", str(tmp_path / "var/lib/cobot"))
     service = Authenticator(TokenFile(load_settings(config).web.tokens))
-    assert service.find(made.out.strip()) == Holder("alice", Role.OPERATOR)
+    assert service.find(made.out.strip()) == Holder("alice", Role.OPERATOR, stored=True)
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd to ask")

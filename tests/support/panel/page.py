@@ -95,7 +95,9 @@ finger has pressed or changed it. What a script does is no use of it.
 
 GRIPPER = {f"gripper-{name}" for name in ("open", "grasp", "stop", "home", "width", "force")}
 """Used in tests/e2e/test_panel_cell.py; the robot of these tests has no gripper."""
-ELSEWHERE = {"robots button"} | GRIPPER
+PEOPLE = {f"people-{each}" for each in ("name", "role", "days", "add", "new", "copy", "done")}
+"""Used in tests/e2e/test_access.py; the service of these tests needs no token."""
+ELSEWHERE = {"robots button"} | GRIPPER | PEOPLE
 """The button is used in tests/e2e/realtime/test_several_robots.py."""
 
 

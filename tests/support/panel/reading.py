@@ -157,7 +157,7 @@ COVERED = """
 (["#view canvas", "#dock"].map((each) => document.querySelector(each).getBoundingClientRect()))
 """
 PAGES = ("move", "program", "run", "diagnose", "setup")
-PARTS = ("scene", "robot", "service", "tool")
+PARTS = ("scene", "robot", "service", "people", "tool")
 """Of the page Setup; the last is the one that it opens with."""
 SCROLLS = "(e => e.scrollHeight > e.clientHeight + 1)(document.querySelector('#side'))"
 

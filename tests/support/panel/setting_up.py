@@ -47,6 +47,17 @@ def go(panel: Panel, http: httpx.Client, joints: list[float]) -> None:
     )
 
 
+def test_without_tokens_the_page_says_how_to_create_the_first_one(panel: Panel) -> None:
+    panel.page.click("#tab-setup")
+    panel.page.click("#tab-people")
+    panel.until("document.querySelector('#people-add').disabled")
+    assert "token of an administrator" in panel.page.run("document.querySelector('#people-add').title")
+    shown = panel.page.run("document.querySelector('#people-first').innerText")
+    assert "web.authentication: required" in shown
+    assert "cobot token create NAME --role admin" in shown
+    panel.page.click("#tab-tool")
+
+
 def test_setup_shows_the_tool_and_the_limits(panel: Panel, http: httpx.Client) -> None:
     """Oracle: what REST was told."""
     panel.page.click("#tab-setup")

@@ -456,7 +456,7 @@ def role_by_the_docs(endpoint: str) -> Role:
     method, path = endpoint.split(" ")
     if path.startswith("/health/") or (path.startswith("/robots/") and path.endswith("/health/ready")):
         return Role.PUBLIC
-    if path == "/audit" or path.startswith("/admin/"):
+    if path == "/audit" or path.startswith(("/admin/", "/access/")):
         return Role.ADMIN
     if "/plan/" in path or path.endswith("/rehearse"):
         return Role.AGENT
@@ -495,6 +495,7 @@ def test_each_route_asks_for_its_role(guarded: Guarded) -> None:
             assert status != 401
     once = {"GET /robots", "GET /audit", "GET /metrics", "GET /health/live", "POST /admin/reload"}
     once |= {"GET /admin/backup", "POST /admin/restore", "GET /admin/support"}
+    once |= {f"{method} /access/tokens" for method in ("GET", "POST")} | {"DELETE /access/tokens/{name}"}
     assert once < asked
     assert len(asked) == 2 * (len(ENDPOINTS) - 5) - len(once)  # each twice, but for those of the service
 

@@ -1,0 +1,63 @@
+"""Access tokens, as JSON."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, Field
+
+from cobot.access.roles import RoleName
+from cobot.access.tokens import MAX_DAYS, MAX_TOKENS
+from cobot.loose_lists import RequestModel
+from cobot.motions.fields import example
+
+Time = Annotated[str, Field(description="ISO 8601 in UTC.")]
+
+
+class CreateToken(RequestModel):
+    """A token to create."""
+
+    model_config = example({"name": "anna", "role": "operator"})
+
+    name: str = Field(
+        pattern=r"^[A-Za-z0-9._@-]{1,48}$",
+        description="Name of a person or a program, for logs and the audit: letters, digits and . _ @ -",
+    )
+    role: RoleName = Field(
+        description="The rights of its holder; each role includes those of the one before."
+    )
+    days: float | None = Field(
+        None, gt=0, le=MAX_DAYS, description="Lifetime in days; without it, the token never expires."
+    )
+
+
+class TokenEntry(BaseModel):
+    """What is known of a token. The token itself is not stored."""
+
+    name: str = Field(description="Name of its holder.")
+    role: RoleName = Field(description="The rights of its holder.")
+    created: Time
+    expires: Time | None = Field(description="Time from which it is invalid; null for never.")
+
+
+class KnownToken(TokenEntry):
+    """A token of the list."""
+
+    last_used: Time | None = Field(
+        description="When the service last accepted it; null: not since the service started."
+    )
+    own: bool = Field(description="Whether this request uses it.")
+
+
+class TokensAnswer(BaseModel):
+    """All tokens."""
+
+    tokens: list[KnownToken] = Field(description=f"In the order of their creation, at most {MAX_TOKENS}.")
+    required: bool = Field(description="Whether clients need a token to use this service.")
+    hint: str = Field(description='What to do before tokens can be created here; "" if nothing.')
+
+
+class CreatedToken(TokenEntry):
+    """A token that was created."""
+
+    token: str = Field(description="The token. It is not stored: this answer alone has it.")
