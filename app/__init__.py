@@ -1,8 +1,9 @@
 """The web service.
 
-The validator and serializer of a pydantic model are built at its first use, not with its class. A service
-imports 400 such classes, including FastAPI's for OpenAPI, and most runs need only a few. This saves a third
-of the import time; in return the first request to an endpoint takes some milliseconds longer.
+The validator and serializer of a pydantic model are built when the model is first used, not when its class is
+defined. A service imports 400 such classes, including FastAPI's for OpenAPI, and most runs need only a few.
+This saves a third of the import time. In return, the first request to an endpoint takes some milliseconds
+longer.
 """
 
 import warnings

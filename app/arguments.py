@@ -7,10 +7,12 @@ from pathlib import Path
 
 
 def read_arguments() -> argparse.Namespace:
-    """What `cobot run` has given."""
+    """The arguments that `cobot run` passes."""
     parser = argparse.ArgumentParser(prog="python -m app", description="The web service.")
-    parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
-    parser.add_argument("--source", type=Path, help="what the user edits, where the settings file is a copy")
+    parser.add_argument("--config", type=Path, help="settings file; default: the one that ships with cobot")
+    parser.add_argument(
+        "--source", type=Path, help="the file that the user edits, if the settings file is a copy of it"
+    )
     parser.add_argument("--host", required=True, help="address that the socket listens on")
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the listening socket")

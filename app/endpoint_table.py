@@ -1,4 +1,6 @@
-"""`python -m app.endpoint_table`: all endpoints as they are declared, as the table of docs/endpoints.md."""
+"""`python -m app.endpoint_table`: prints the declarations of all endpoints as the table in
+docs/endpoints.md.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from cobot.errors import ConfigError
 
 
 def table() -> Iterator[str]:
-    """Its lines, as Markdown."""
+    """The lines of the table, in Markdown."""
     yield "| Endpoint | Role | Control | Timeout |"
     yield "|---|---|---|---|"
     for endpoint in sorted(ENDPOINTS.values(), key=lambda each: each.name.split()[::-1]):
@@ -22,9 +24,9 @@ def table() -> Iterator[str]:
 
 
 def main() -> int:
-    """The exit status: 0, or 2 for a file that is wrong."""
+    """Print the table. Returns the exit status: 0, or 2 for an invalid file."""
     parser = argparse.ArgumentParser(prog="python -m app.endpoint_table", description=__doc__)
-    parser.add_argument("--check", type=Path, metavar="FILE", help="an api_endpoints.yaml to check instead")
+    parser.add_argument("--check", type=Path, metavar="FILE", help="check this api_endpoints.yaml instead")
     file = parser.parse_args().check
     if file is None:
         print("\n".join(table()))

@@ -1,10 +1,10 @@
 """The action /{robot}/follow_joint_trajectory (control_msgs/action/FollowJointTrajectory).
 
-A goal becomes one planned motion, which is checked as a whole before it starts and which rtloop then
-executes alone. With an `fjt_mode` from 1 to 7 it becomes a servo session with points from the same
-polynomials. Invalid goals are accepted and then aborted with a code and a sentence, because a rejection has
-no field for them. A goal is rejected only for other reasons: the action is disabled, another client moves
-the arm, or an e-stop.
+A goal becomes one planned motion. The service checks the whole motion before it starts; rtloop then executes
+it without further help from the service. With an `fjt_mode` from 1 to 7 it becomes a servo session with
+points from the same polynomials. Invalid goals are accepted and then aborted with an error code and a
+message, because a ROS rejection has no field for them. A goal is rejected only if the action is disabled,
+another client moves the arm, or an e-stop is active.
 """
 
 from __future__ import annotations
@@ -57,11 +57,12 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 WATCH_S = 0.01
-"""How often the tolerances of a goal are judged, s."""
+"""Interval at which the tolerances of a goal are checked, s."""
 FEEDBACK_EVERY = round(FEEDBACK_S / WATCH_S)
 READY_S = 1.0
 THERE_S = 0.5
-"""Duration of a goal whose only point is the arm's present position, within the tolerance of the start, s."""
+"""Duration of a motion to the arm's present position, s. Used for a goal whose only point is that position.
+"""
 PLAN_S = 30.0
 
 log = logging.getLogger("cobot.fjt")
@@ -133,7 +134,7 @@ class FollowJointTrajectory:
 
     @contextlib.asynccontextmanager
     async def _turn(self, handle: GoalHandle) -> AsyncIterator[TrajectoryRun]:
-        """Make this the newest goal. The previous one ends first; a cancel or a newer goal ends this one."""
+        """Make this the newest goal. Ends the previous goal first. A cancel or a newer goal ends this one."""
         run, before = TrajectoryRun(), self._newest
         self._newest = run
 
@@ -156,7 +157,7 @@ class FollowJointTrajectory:
     async def _work(
         self, run: TrajectoryRun, goal: FjtGoal, settings: FjtSettings, stops: int, handle: GoalHandle
     ) -> str:
-        """Plan it and have it executed; returns how the motion differed from the goal, "" if it did not."""
+        """Plan the goal and execute it. Returns how the motion differs from the goal, "" if it does not."""
         # What is streamed has no path time: that is a session and no job.
         planned = settings.mode is ServoMode.NONE
         job = self._ownership.new_job(JobKind.GOAL, f"{len(goal.points)} points") if planned else None
@@ -175,7 +176,9 @@ class FollowJointTrajectory:
         return trajectory.note
 
     async def _plan(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
-        """The motion through all points, slowed down where the limits need it and the goal permits it."""
+        """Plan the motion through all points. It is slower than requested where the limits need it and the
+        goal permits it.
+        """
         start, points = state.commanded_position, goal.points
         if points[-1].time_from_start_s == 0.0:
             self._require_there(start, points[0].positions)
@@ -199,19 +202,21 @@ class FollowJointTrajectory:
         return trajectory
 
     def _require_there(self, start: Array, position: Sequence[float]) -> None:
-        """See that a single point at time 0 is where the arm is: MoveIt's plan when it is there already."""
+        """Check that a single point at time 0 is the arm's present position, as in a plan of MoveIt for an
+        arm that is already at the goal.
+        """
         off = np.abs(np.asarray(position) - start)
         if off.max() > self._start_tolerance_rad:
             joint = int(off.argmax())
             name, unit = self._limits.names[joint], self._limits.unit(joint)
             raise GoalError(
                 f"points[0]: the only point is at time 0, but {name} is {off.max():.4f} {unit} away from it, "
-                f"allowed are {self._start_tolerance_rad:g} {unit}; give it a "
-                "time_from_start above 0, and the arm goes there"
+                f"allowed are {self._start_tolerance_rad:g} {unit}; with a time_from_start above 0 the arm "
+                f"moves there"
             )
 
     async def _follow(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
-        """Have it executed as one motion."""
+        """Execute the trajectory as one planned motion."""
         await self._motion.start(claim, trajectory)
         log.info("%s: motion %s, %d points", self.name, claim.motion_id, len(goal.points))
         watcher = asyncio.create_task(self._watch(claim, goal, trajectory, handle))
@@ -233,7 +238,7 @@ class FollowJointTrajectory:
         await self._await_arrival(claim, goal, trajectory)
 
     async def _watch(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
-        """Tell the client, and end the motion where it leaves the tolerances."""
+        """Send feedback to the client, and end the motion if it leaves the tolerances."""
         begun_s, paused_s = self._link.clock.now_s(), claim.speed_override.paused_s
         latest_s = self._latest_s(goal, trajectory)
         for turn in itertools.count():
@@ -253,7 +258,9 @@ class FollowJointTrajectory:
             await asyncio.sleep(WATCH_S)
 
     async def _await_arrival(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
-        """Wait for goal_tolerance where it is tighter than what counts as arrived."""
+        """Wait until the arm is within goal_tolerance, if that is tighter than the service's own tolerance
+        for the end of a motion.
+        """
         deadline_s = self._link.clock.now_s() + min(goal.late_s, ARRIVAL_S)
         while True:
             state = self._link.state()
@@ -270,13 +277,15 @@ class FollowJointTrajectory:
             claim.interrupt(PathViolated(f"{violation} by path_tolerance; {WIDER_PATH}"))
 
     def _under_way(self, goal: FjtGoal, trajectory: Trajectory, state: RobotState) -> bool:
-        """Whether the arm is not where the goal wants it yet; what it then takes to settle does not count."""
+        """Whether the arm is not yet within the goal's tolerances. Settling time after that is not
+        considered.
+        """
         if state.path_time_s < trajectory.duration_s:
             return True
         return bool(goal.end.violation(trajectory.end - state.position, -state.velocity, self._limits))
 
     def _latest_s(self, goal: FjtGoal, trajectory: Trajectory) -> float:
-        """After the beginning, when the arm has to be there."""
+        """Latest arrival of the arm, in seconds after the beginning of the motion."""
         return max(goal.points[-1].time_from_start_s + goal.late_s, trajectory.duration_s + WATCH_S)
 
     def _fail(self, handle: GoalHandle, error: CobotError) -> Message:

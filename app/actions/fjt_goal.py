@@ -1,7 +1,7 @@
-"""What a FollowJointTrajectory goal asks for, read from its message and checked.
+"""The FollowJointTrajectory goal, read from its message and checked.
 
-The rules are those of ros2_control's joint_trajectory_controller, but for what `docs/fjt.md` lists. All that
-can be wrong with the message itself is found here; whether it is a motion for this arm, the planner says.
+The rules are those of ros2_control's joint_trajectory_controller; `docs/fjt.md` lists the exceptions. This
+module finds every error in the message itself. The planner decides whether this arm can execute the motion.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from cobot.types import Array, JointLimits, Waypoint
 
 SHOWN_NAMES = 10
 LATE_START_S = 1.0
-"""A goal whose header.stamp is past by up to this begins at once; a later one is refused, s."""
+"""Maximum delay of a goal, s. A goal whose header.stamp is past by up to this begins at once; an older one is
+rejected.
+"""
 EARLIEST_START_S = 600.0
 WIDER_PATH = "raise it, or send a slower trajectory"
 Message = dict[str, Any]
@@ -41,26 +43,26 @@ class OldGoalError(GoalError):
 
 
 class PathViolated(ExecutionError):
-    """The arm left the path further than path_tolerance allows."""
+    """The arm left the path by more than path_tolerance."""
 
     error_code: ClassVar = FjtError.PATH_TOLERANCE_VIOLATED
 
 
 class GoalViolated(ExecutionError):
-    """The arm is not in time where goal_tolerance and goal_time_tolerance want it."""
+    """The arm has not reached the goal within goal_tolerance and goal_time_tolerance."""
 
     error_code: ClassVar = FjtError.GOAL_TOLERANCE_VIOLATED
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """Allowed error of each joint, shape (dof,) each, rad and rad/s; infinite where the goal gives none."""
+    """Allowed error of each joint, shape (dof,), rad and rad/s. Infinite where the goal sets no tolerance."""
 
     position: Array
     velocity: Array
 
     def violation(self, position_error: Array, velocity_error: Array, limits: JointLimits) -> str:
-        """A sentence about the joint that is off the furthest beyond it; "" if none is."""
+        """A message about the joint that exceeds its tolerance most; "" if all are within it."""
         for derivative, (error, allowed) in enumerate(
             ((position_error, self.position), (velocity_error, self.velocity))
         ):
@@ -75,13 +77,13 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class FjtGoal:
-    """A goal that makes sense.
+    """A valid goal.
 
     Attributes:
         points: in the robot's order of joints.
         start_s: when to begin, s since 1970; None for at once.
-        path, end: tolerances.
-        late_s: how much later than its last point says the arm may arrive, s; infinite for no matter.
+        path, end: tolerances on the way and at the end.
+        late_s: maximum delay of the arrival, relative to the time of the last point, s; infinite: no limit.
     """
 
     points: list[Waypoint]
@@ -91,17 +93,17 @@ class FjtGoal:
     late_s: float
 
     def corridor_rad(self, smoothing_rad: float) -> Array:
-        """Allowed deviation of each joint's motion from the points, shape (dof,), rad: within the tolerances.
+        """Maximum deviation of each joint's motion from the points, shape (dof,), rad.
 
-        Half of a tolerance is left to the arm, which deviates from its motion too.
+        It uses at most half of a tolerance, because the arm deviates from its motion too.
         """
         return np.minimum(smoothing_rad, 0.5 * np.minimum(self.path.position, self.end.position))
 
     def late(self, planned_s: float) -> str:
-        """The sentence about an arm that is not there in time.
+        """The message for an arm that does not arrive in time.
 
         Args:
-            planned_s: duration of the motion as it was planned.
+            planned_s: duration of the planned motion.
         """
         bounded = not math.isinf(self.late_s)
         allowed = f" and goal_time_tolerance ({self.late_s:g} s)" if bounded else ""
@@ -113,13 +115,13 @@ class FjtGoal:
 
 
 def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
-    """The goal of a complete message (see `cobot.ros.messages`).
+    """The goal in a complete message (see `cobot.ros.messages`).
 
     Args:
         now_s: the time of day, s since 1970.
 
     Raises:
-        GoalError: what is wrong with it, and its code.
+        GoalError: the message is invalid. The error has the reason and the result code of the action.
     """
     trajectory = goal["trajectory"]
     order = _order(trajectory["joint_names"], limits.names)
@@ -142,7 +144,7 @@ def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
 
 
 def _order(given: list[str], names: tuple[str, ...]) -> list[int]:
-    """Where each of the robot's joints stands in the goal."""
+    """The index of each of the robot's joints in the goal's joint_names."""
     if sorted(given) != sorted(names):
         raise JointsError(f"joint_names must be {', '.join(names)} in any order: {_misnamed(given, names)}")
     return [given.index(name) for name in names]
@@ -197,7 +199,7 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
 
 
 def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
-    """One quantity of all points, shape (n, dof) in the robot's order; None where no point has it."""
+    """One quantity of all points, shape (n, dof) in the robot's order; None if the points do not have it."""
     rows = [message[name] for message in messages]
     if not any(rows):
         return None
@@ -217,17 +219,17 @@ def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
 
 
 def _retimed(times: Array, index: int) -> str:
-    """What to do about a time that is not later than the one before."""
+    """What to do about a time that is not later than the previous one."""
     if not times.any():
         return "all times are 0: add a time parameterization (MoveIt has an adapter for it)"
     return "leave the point out" if times[index] == times[index - 1] else "order the points by their times"
 
 
 def hermite_accelerations(times_s: Array, positions: Array, velocities: Array) -> Array:
-    """Accelerations for points that have velocities: those of the cubics between them, shape (n, dof).
+    """Accelerations for points with velocities, from the cubics between the points. Shape (n, dof).
 
-    Where two cubics meet with different ones, the mean: a cubic Hermite spline with its jumps in
-    acceleration smoothed away. At both ends 0, where the motion rests.
+    Where two cubics meet, the result is the mean of their accelerations. This smooths the jumps that a cubic
+    Hermite spline has in acceleration. At both ends the acceleration is 0, because the arm is at rest there.
     """
     accelerations = np.zeros_like(positions)
     if len(times_s) > 2:
@@ -258,7 +260,9 @@ def _start(stamp: Message, duration_s: float, now_s: float) -> float | None:
 
 
 def _tolerance(messages: list[Message], names: tuple[str, ...], field: str) -> Tolerance:
-    """0 stands for the default and -1 for none, which both are infinite here."""
+    """The tolerances in a message. In ROS 0 means the default and -1 means no tolerance; both are infinite
+    here.
+    """
     made = Tolerance(np.full(len(names), math.inf), np.full(len(names), math.inf))
     for index, message in enumerate(messages):
         if message["name"] not in names:

@@ -1,4 +1,6 @@
-"""Progress of a FollowJointTrajectory goal: the comparison with its tolerances, and the client's feedback."""
+"""Progress of a FollowJointTrajectory goal: its comparison with the tolerances, and the feedback to the
+client.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,11 @@ from cobot.types import Array, JointLimits
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryProgress:
-    """How the arm stands to its trajectory at one moment: rad, rad/s, rad/s², shape (dof,) each.
+    """The arm's state and its trajectory at one moment: rad, rad/s, rad/s², shape (dof,) each.
 
     Attributes:
         stamp_ns: the moment, ns since 1970.
-        time_s: of the trajectory.
+        time_s: time along the trajectory.
     """
 
     stamp_ns: int
@@ -27,7 +29,7 @@ class TrajectoryProgress:
 
     @property
     def error(self) -> tuple[Array, Array]:
-        """desired − actual, as joint_trajectory_controller has it."""
+        """Desired minus actual, with the sign that joint_trajectory_controller uses."""
         return self.desired[0] - self.actual[0], self.desired[1] - self.actual[1]
 
     def path_violation(self, goal: FjtGoal, limits: JointLimits) -> str:
@@ -35,7 +37,9 @@ class TrajectoryProgress:
         return goal.path.violation(*self.error, limits)
 
     def feedback(self, names: tuple[str, ...]) -> Message:
-        """control_msgs/action/FollowJointTrajectory_Feedback; ROS's defaults are left out."""
+        """The message control_msgs/action/FollowJointTrajectory_Feedback, without fields that have ROS's
+        default.
+        """
         return {
             "header": {"stamp": ros_time(self.stamp_ns)},
             "joint_names": list(names),
@@ -59,7 +63,7 @@ class TrajectoryProgress:
 def on_path(
     trajectory: Trajectory, time_s: float, rate: float, state: RobotState, stamp_ns: int
 ) -> TrajectoryProgress:
-    """Progress at a time of the trajectory, which advances by `rate` per second of the clock."""
+    """Progress at a time along the trajectory. That time advances by `rate` per second of the clock."""
     desired = [trajectory.sample([time_s], order)[0] * rate**order for order in range(3)]
     return TrajectoryProgress(
         stamp_ns, time_s, (desired[0], desired[1], desired[2]), (state.position, state.velocity)

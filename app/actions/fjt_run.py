@@ -1,4 +1,6 @@
-"""How a FollowJointTrajectory goal is executed: its settings, its way to the end, servo sessions for it."""
+"""Execution of a FollowJointTrajectory goal: its settings, its life until the end, and servo sessions for
+it.
+"""
 
 from __future__ import annotations
 
@@ -21,26 +23,26 @@ from cobot.trajectory import Trajectory
 from cobot.types import JointLimits
 
 FEEDBACK_S = 0.05
-"""The feedback comes at 20 Hz, the default of joint_trajectory_controller."""
+"""Interval of the feedback, s: 20 Hz, the default of joint_trajectory_controller."""
 SEND_PERIOD_S = 0.01
 WATCHDOG_S = 0.5
 OWNER = "follow_joint_trajectory"
 CYCLE_S = 0.001
-"""The points of servo mode 4 are 1 ms apart; those of one sending period are sent together."""
+"""Interval of the points in servo mode 4, s. All points of one sending period are sent together."""
 ARRIVAL_S = 5.0
-"""How long a servo session is waited for that has got its last point, unless the goal says otherwise."""
+"""Timeout for a servo session to arrive after its last point, s, unless the goal sets another one."""
 FINISHED = (0.005, 0.02)
-"""How near a servo session has to come to the end where goal_tolerance says nothing: rad and rad/s."""
+"""Maximum error at the end of a servo session if the goal has no goal_tolerance: rad and rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class FjtSettings:
-    """How goals are executed: the settings' file, and what `fjt_control` has changed since.
+    """How goals are executed: the settings file, with later changes through `fjt_control`.
 
     Attributes:
-        mode: NONE for a planned motion.
-        time_s: of each servo point, 0 for the period.
-        period_s: between servo points.
+        mode: servo mode; NONE for a planned motion.
+        time_s: duration of each servo point, s; 0 for the period.
+        period_s: interval between servo points, s.
     """
 
     enabled: bool
@@ -53,7 +55,7 @@ class TrajectoryRun:
     """A goal from its acceptance to its end.
 
     Attributes:
-        cause: why it has to end early, if it has to.
+        cause: the reason to end early, None without one.
         ended: set when the arm rests, or moves for another client.
     """
 
@@ -64,7 +66,7 @@ class TrajectoryRun:
         self._claim: Claim | None = None
 
     def interrupt(self, cause: ExecutionError) -> None:
-        """End it; the first cause counts."""
+        """End this run. If it is called several times, the first cause counts."""
         if self.cause is None:
             self.cause = cause
             self._interrupted.set()
@@ -72,25 +74,25 @@ class TrajectoryRun:
                 self._claim.interrupt(cause)
 
     def own(self, claim: Claim) -> None:
-        """From now on an interruption is the claim's too."""
+        """Bind this run to a claim: an interruption of the run also interrupts the claim."""
         self._claim = claim
         if self.cause is not None:
             claim.interrupt(self.cause)
 
     def proceed(self) -> None:
-        """Raise why it has to end, if it has to."""
+        """Raise the cause if this run has to end."""
         if self.cause is not None:
             raise self.cause
 
     async def sleep(self, seconds: float) -> None:
-        """Shorter, and with its cause raised, when it has to end."""
+        """Sleep for a time. If the run has to end, the sleep ends at once and the cause is raised."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._interrupted.wait(), max(seconds, 0.0))
         self.proceed()
 
 
 class ServoExecution:
-    """Has goals executed by servo sessions, point by point."""
+    """Executes goals in servo sessions, point by point."""
 
     def __init__(self, servo: ServoService, link: RobotLink, limits: JointLimits) -> None:
         self._servo = servo
@@ -106,15 +108,15 @@ class ServoExecution:
         handle: GoalHandle,
         stops: int,
     ) -> None:
-        """Have a goal's trajectory executed; returns when the arm is there.
+        """Execute the trajectory of a goal. Returns when the arm has arrived.
 
         Args:
             stops: `RobotLink.stops` when the arm was claimed for it.
 
         Raises:
-            PathViolated, GoalViolated: see there.
+            PathViolated, GoalViolated: the arm left the tolerances of the goal.
             MotionStopped: the session was ended, or `run` was.
-            CobotError: the session cannot begin, or does not take a point.
+            CobotError: the session cannot begin, or rejects a point.
         """
         servo, clock, period_s = self._servo, self._link.clock, settings.period_s
         spacing_s = min(CYCLE_S, period_s) if settings.mode is ServoMode.BUFFERED_1MS else period_s
@@ -146,7 +148,7 @@ class ServoExecution:
                 await servo.end(str(run.cause or "follow_joint_trajectory is done"))
 
     def _progress(self, goal: FjtGoal, trajectory: Trajectory, elapsed_s: float) -> TrajectoryProgress:
-        """How the arm stands to the trajectory; raises `PathViolated` where that is too far away."""
+        """The progress along the trajectory. Raises `PathViolated` if the arm is too far from it."""
         rate = float(elapsed_s < trajectory.duration_s)
         time_s, stamp_ns = min(elapsed_s, trajectory.duration_s), self._link.clock.wall_ns()
         progress = on_path(trajectory, time_s, rate, self._link.state(), stamp_ns)

@@ -1,9 +1,9 @@
 """The actions /{robot}/gripper/gripper_cmd (control_msgs/action/GripperCommand) and
 /{robot}/gripper/parallel_gripper_cmd (control_msgs/action/ParallelGripperCommand).
 
-A goal is a command to the gripper, and a job. A new one, of either action or of any other client, replaces
-the one under way. Fingers that something stops have succeeded, with `stalled`. The results have no room for
-a reason: it is in the log, on /rosout and in the job.
+A goal is a command to the gripper, and a job. A new command replaces the current one, whether it comes from
+one of these actions or from another client. If an object stops the fingers, the goal has succeeded, with
+`stalled`. The results have no field for a reason: it is in the log, on /rosout and in the job.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from cobot.ros.messages import Message
 
 FEEDBACK_S = 0.05
 TIMEOUT_S = 30.0
-"""Timeout for a goal, s: that of POST /robot/gripper/move."""
+"""Timeout for a goal, s. POST /robot/gripper/move has the same."""
 
 
 class GripperAction:
     """See `app.graph.actions.GraphAction`.
 
     Args:
-        robot: its name.
-        name: of the action, below /{robot}/gripper.
+        robot: name of the robot.
+        name: name of the action, below /{robot}/gripper.
         form: how the action's messages state widths and forces.
     """
 
@@ -102,7 +102,7 @@ class GripperAction:
 
 
 def gripper_actions(robot: str, gripper: GripperService, ownership: Ownership) -> list[GripperAction]:
-    """The actions of a robot's gripper; none without one."""
+    """The actions for a robot's gripper; empty if the robot has no gripper."""
     if not gripper.exists:
         return []
     forms: dict[str, type[OneGap] | type[FingerJoints]] = {

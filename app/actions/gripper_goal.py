@@ -1,4 +1,6 @@
-"""Goals of the gripper's actions, as commands to the gripper; and its state, as they report it."""
+"""Conversion of the action goals into gripper commands, and of the gripper's state into feedback and
+results.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,14 @@ from cobot.ros.messages import Message
 from cobot.strict import shown
 
 SAME_M = 1e-6
-"""Both fingers are at the same place if their positions differ by no more, m."""
+"""Maximum difference of the two finger positions that counts as equal, m."""
 GRASP, RELEASE = 0.0, 1.0
-"""Positions of a gripper without a width."""
+"""Positions that stand for grasp and release, for a gripper without a width."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """A goal of either action.
+    """A goal, in the form that both actions share.
 
     Attributes:
         width: m.
@@ -34,7 +36,7 @@ class Grip:
     speed: float = 0.0
 
     def request(self, able: GripperCapabilities) -> GripperRequest:
-        """The command to the gripper. A largest value above what the gripper has is kept in any case.
+        """The command to the gripper. A limit above the gripper's own maximum is reduced to that maximum.
 
         Raises:
             RejectedGoalError: a value is not a number or out of range.
@@ -67,7 +69,7 @@ class Grip:
 
 
 def _at_most(value: float, able: tuple[float, float] | None, name: str, unit: str) -> float | None:
-    """What is commanded for a largest value; None for the gripper's default."""
+    """The limit that is commanded for a requested limit; None for the gripper's default."""
     if value == 0.0:
         return None
     if able is None:
@@ -80,12 +82,12 @@ def _at_most(value: float, able: tuple[float, float] | None, name: str, unit: st
 
 @dataclass(frozen=True, slots=True)
 class Grasped:
-    """How the fingers stand to a goal.
+    """The fingers' state in relation to a goal.
 
     Attributes:
-        width, force: NaN: it is not known.
+        width, force: NaN if unknown.
         stalled: they press on something.
-        reached: they are where the goal wants them, as far as that is known.
+        reached: they are at the goal, as far as the gripper reports it.
     """
 
     width: float
@@ -97,10 +99,10 @@ class Grasped:
     def of(
         cls, request: GripperRequest, state: GripperState | None, able: GripperCapabilities, *, ended: bool
     ) -> Grasped:
-        """The values of a state; None: it is not known.
+        """The values for a gripper state. `state` is None if it is unknown.
 
         Args:
-            ended: the command has ended. Before, the state may be from before the command.
+            ended: the command has ended. Until then, the state may be older than the command.
         """
         if state is None:
             return cls(math.nan, math.nan, stalled=False, reached=False)

@@ -1,7 +1,8 @@
-"""Answers that cost milliseconds: made one after the other, with more time for all others between them.
+"""Answers that take milliseconds to compute. They are computed one after the other, with pauses for other
+requests.
 
-The event loop also serves the clients that stop the arm. `app.listeners` limits the time that the bytes of
-one connection take; a short request whose answer takes long to make needs this module.
+The event loop also serves the clients that stop the arm. `app.listeners` limits the time for reading one
+connection. This module limits the time for short requests whose answers take long to compute.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ MAX_REST_S = 1.0
 
 
 class Costly:
-    """Belongs to an application."""
+    """The queue of costly answers of one application."""
 
     def __init__(self) -> None:
         self._one = asyncio.Lock()
 
     @asynccontextmanager
     async def turn(self) -> AsyncIterator[None]:
-        """Make an answer within this."""
+        """Context in which one costly answer is computed."""
         await self._one.acquire()
         begun_s = time.perf_counter()
         try:
@@ -37,11 +38,11 @@ class Costly:
             asyncio.get_running_loop().call_later(rest_s, self._one.release)
 
     async def start(self, rest_s: float) -> None:
-        """Return when work of unknown duration may begin. The next work begins after a rest."""
+        """Wait for permission to begin work of unknown duration. The next costly work begins after a rest."""
         await self._one.acquire()
         asyncio.get_running_loop().call_later(rest_s, self._one.release)
 
 
 def costly_turn(request: Request) -> AbstractAsyncContextManager[None]:
-    """A turn among the costly answers of the whole application."""
+    """A turn in the application's queue of costly answers."""
     return cast(Costly, request.app.state.costly).turn()

@@ -1,7 +1,8 @@
-"""What routers ask for.
+"""Dependencies of the routers.
 
-Dependencies are `async`: FastAPI would run plain functions in threads, at several times the cost of an
-answer. `Call` is none at all, because each one costs a tenth of what a state costs to serve.
+Dependencies are `async`, because FastAPI runs plain functions in threads, which costs several times as much
+as the answer. `Call` is not a FastAPI dependency: each dependency would add a tenth to the cost of `GET
+/robot/state`.
 """
 
 from __future__ import annotations
@@ -28,12 +29,14 @@ from cobot.strict import shown, unknown_key
 
 STOPS = "cobot.stops"
 BEGUN_S = "cobot.begun_s"
-"""When the head of a request came in, of the clock of `cobot.clock.SYSTEM`: its body may take some time."""
+"""Key in the scope of a request: when its head came in, on the clock `cobot.clock.SYSTEM`. The body may come
+later.
+"""
 LARGE_BYTES = 65536
 MAX_BODY = 4096
 """Maximum length of a body that is kept with its job, in characters of JSON."""
 JOB, JOB_ID = "cobot.job", "cobot.job_id"
-"""In the scope of a request: the job that it is about, and the id that this is to have."""
+"""Keys in the scope of a request: the job that it names, and the id that its new job will have."""
 
 
 def robots_of(connection: HTTPConnection) -> dict[str, Services]:
@@ -45,7 +48,7 @@ def services_of(connection: HTTPConnection) -> Services:
     """The services of the robot whose name or job is in the path; without one, those of the default robot.
 
     Raises:
-        NotFoundError: there is no such robot, with the names of all; or no such job.
+        NotFoundError: there is no such robot (the error lists all names), or no such job.
     """
     path_params = connection.scope["path_params"]
     name, job = path_params.get("robot"), path_params.get("job")
@@ -71,10 +74,10 @@ def _with_job(robots: Iterable[Services], job: str) -> Services:
 
 
 def addressed(connection: HTTPConnection) -> dict[str, Services]:
-    """The one robot that the path names, or all if it names none.
+    """The robot that the path names, or all robots if it names none.
 
     Raises:
-        NotFoundError: there is no such robot, with the names of all.
+        NotFoundError: there is no such robot; the error lists all names.
     """
     name = connection.path_params.get("robot")
     return robots_of(connection) if name is None else {name: _named(connection, name)}
@@ -84,7 +87,7 @@ class Call:
     """A request to an endpoint; raises as `services_of` does.
 
     Attributes:
-        services: of the robot that it is about.
+        services: services of the robot that the request addresses.
     """
 
     def __init__(self, request: Request) -> None:
@@ -98,7 +101,7 @@ class Call:
 
     @property
     def timeout_s(self) -> float:
-        """How long this endpoint may take."""
+        """Timeout of this endpoint, s."""
         return cast(dict[str, Endpoint], self.request.app.state.endpoints)[self.name].timeout_s
 
     @property
@@ -116,7 +119,7 @@ class Call:
 
         Args:
             gone: see `Gone`; a client that does not wait may disconnect.
-            about: the body of the request, or a description of it for people.
+            about: the body of the request, or a readable description of it.
         """
         name = self.name.replace("{robot}", self.request.path_params.get("robot", ""))
         scope = self.request.scope
@@ -169,7 +172,9 @@ async def form_body(request: Request) -> None:
 
 
 def body_check(function: Callable[..., Any]) -> Callable[[Request], Awaitable[None]] | None:
-    """The check of the body that an endpoint's function takes, from its parameters; None if it takes none."""
+    """The check of an endpoint's request body, derived from the function's parameters; None if it takes no
+    body.
+    """
     for hint in get_type_hints(function, include_extras=True).values():
         if any(isinstance(each, Form) for each in getattr(hint, "__metadata__", ())):
             return form_body

@@ -12,9 +12,9 @@ from cobot.access.roles import Role
 from cobot.config import EndpointChange
 
 WEBSOCKET = "WS"
-"""What the name of a WebSocket endpoint has in place of the method."""
+"""First word of a WebSocket endpoint's name, in place of the HTTP method."""
 _DECLARED = "declared_endpoint"
-"""The attribute of a function that serves an endpoint."""
+"""Attribute that marks a function which serves an endpoint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,20 +22,20 @@ class Endpoint:
     """An endpoint of the service, as it is declared.
 
     Attributes:
-        name: as in api_endpoints.yaml: "POST /stop"; "WS /events" of a WebSocket.
+        name: as in api_endpoints.yaml: "POST /stop", or "WS /events" for a WebSocket.
         role: the lowest role that may use it.
         timeout_s: the timeout for the answer.
         control: whether it is rejected while another client has control, see `app.services.rights.lease`.
-            `CobotRoute` checks it before the body is read. Services that have other transports too, or that
-            wait before they act, check it again.
+            `CobotRoute` checks it before the body is read. Services check it again if they have other
+            transports too or wait before they act.
         costly: whether making the answer takes milliseconds, see `app.api.costly`. An endpoint that is costly
             only for some requests, or after a wait of its own, uses `costly_turn` itself.
-        keyed: whether it begins a job and heeds an `Idempotency-Key`, see `app.api.middleware.idempotency`.
+        keyed: whether it begins a job and accepts an `Idempotency-Key`, see `app.api.middleware.idempotency`.
         enabled: whether it is served.
 
     Raises:
-        ValueError: `control` or `costly` on a method where `CobotRoute` would ignore it, or would hold the
-            turn while a body comes in: a programming error.
+        ValueError: a programming error: `control` or `costly` on a method for which `CobotRoute` ignores it,
+            or would hold the turn while the body comes in.
     """
 
     name: str
@@ -60,14 +60,14 @@ def declare(function: Callable[..., Any], endpoint: Endpoint) -> None:
 
 
 def declared(function: Callable[..., Any] | BaseRoute) -> Endpoint | None:
-    """The endpoint that a function, or a route that leads to one, serves."""
+    """The endpoint that a function serves, or the function of a route."""
     found = getattr(getattr(function, "endpoint", function), _DECLARED, None)
     assert found is None or isinstance(found, Endpoint)
     return found
 
 
 def changed(endpoints: Mapping[str, Endpoint], changes: Mapping[str, EndpointChange]) -> dict[str, Endpoint]:
-    """The endpoints as the user wants them."""
+    """The endpoints with the changes that the user has configured."""
     result = dict(endpoints)
     for name, change in changes.items():
         timeout_s = change.timeout_s or result[name].timeout_s
@@ -76,5 +76,5 @@ def changed(endpoints: Mapping[str, Endpoint], changes: Mapping[str, EndpointCha
 
 
 def slowest_move_s(endpoints: Mapping[str, Endpoint]) -> float:
-    """The longest time that a motion may take, in seconds."""
+    """The longest timeout of an endpoint that moves the arm, s."""
     return max(each.timeout_s for name, each in endpoints.items() if name.startswith("POST /robot/move/"))

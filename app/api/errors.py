@@ -1,6 +1,6 @@
-"""The one mapping of errors to HTTP answers: always JSON, always a `detail` and a `code`.
+"""The one mapping of errors to HTTP answers: always JSON, with a `detail` and a `code`.
 
-Only what is no HTTP at all is answered by the server itself, with 400 and in plain text.
+Only a request that is not valid HTTP is answered by the web server itself, with 400 and in plain text.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cobot.strict import sentence, shown
 
 log = logging.getLogger("cobot.service")
 MAX_GUESSED = 100
-"""Maximum length of an unknown path for which a similar one is looked for, in characters."""
+"""Maximum length of an unknown path for which a similar path is suggested, in characters."""
 
 STATUS: dict[type[CobotError], int] = {
     CobotError: 500,
@@ -54,7 +54,7 @@ STATUS: dict[type[CobotError], int] = {
     errors.SharedMemoryError: 503,
     errors.ConfigError: 503,
 }
-"""The HTTP status of an error is that of the most specific of these classes that it belongs to."""
+"""HTTP status by error class. The most specific class of an error decides."""
 
 
 HEADERS = {
@@ -64,9 +64,10 @@ HEADERS = {
 
 
 OF_HTTP = ("method_not_allowed", "http", "timeout", "interrupted")
-"""Codes that belong to no class of errors: of HTTP itself, and of a job that the end of the service ended."""
+"""Codes without an error class: those of HTTP itself, and of a job that ended with the service."""
 ErrorCode = Annotated[str, Field(json_schema_extra={"enum": sorted({*errors.BY_CODE, *OF_HTTP})})]
-"""A code, with all that there are in the schema. A client accepts others too, of a newer service."""
+"""An error code; the schema lists all. Clients must accept other codes too, which a newer service may send.
+"""
 PROBLEM = "application/problem+json"
 ERRORS_PAGE = f"{MANUAL}/conventions.html#errors"
 """Page and anchor of the manual about errors."""
@@ -80,25 +81,27 @@ class ErrorAnswer(BaseModel):
 
 
 class RefusedAnswer(ErrorAnswer):
-    """An invalid request or, for a motion that cannot be planned, the reason."""
+    """The answer to an invalid request, or to a motion that cannot be planned, with the reason."""
 
-    explain: Explain | None = Field(None, description="Of a motion that cannot be planned: why, as numbers.")
+    explain: Explain | None = Field(
+        None, description="If a motion cannot be planned: the reason, as numbers."
+    )
 
 
 DESCRIPTIONS = {
-    401: "A token is needed, and there is none, or it is not valid.",
-    403: "The token's role does not permit this: the detail says which role does.",
+    401: "The request has no token, or the token is not valid.",
+    403: "The token's role does not permit this; the detail names the role that does.",
     404: "Unknown robot, name or id: see the detail.",
     409: "Another client moves the arm, or the motion was stopped before it began; see the detail.",
-    412: "Another client has changed it meanwhile: the detail names the client, and what to do.",
+    412: "Another client has meanwhile changed the resource; the detail names the client and what to do.",
     413: "The body is larger than `web.max_body_bytes` (uploads) or `web.max_json_bytes`.",
     415: "The endpoint does not accept this Content-Type.",
     422: "The request is invalid: the detail names the field, the value and the limit. Nothing has moved.",
     500: "An error in cobot itself; its log has the details.",
-    501: "The robot's backend cannot do this: the detail names it.",
-    502: "The device rejects it: the detail says why.",
+    501: "The robot's backend does not support this; the detail names the backend.",
+    502: "The device rejects the request; the detail has the reason.",
     503: "The real-time process does not answer, or the robot is in a mode that permits no motion.",
-    504: "The device has not confirmed it in time: the detail says what it reports.",
+    504: "The device has not confirmed the request in time; the detail has its report.",
 }
 
 
@@ -112,7 +115,7 @@ def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 
 class ErrorResponse(JSONResponse):
-    """An error in the form that the client accepts: ours, or the same with the members of RFC 9457."""
+    """An error in the form that the client accepts: cobot's own, or the same with the members of RFC 9457."""
 
     def __init__(self, content: dict[str, Any], status: int, headers: Mapping[str, str] | None) -> None:
         super().__init__(content, status, headers)
@@ -134,7 +137,7 @@ class ErrorResponse(JSONResponse):
 
 
 def _accepts_problem(accept: Iterable[str]) -> bool:
-    """Whether a client names the media type of RFC 9457, and not with a weight of 0."""
+    """Whether a client accepts the media type of RFC 9457 with a weight above 0."""
     for media_range in ",".join(accept).split(","):
         name, *parameters = (part.strip().lower() for part in media_range.split(";"))
         if name == PROBLEM:
@@ -148,7 +151,7 @@ def status_of(error: CobotError) -> int:
 
 
 def install(app: FastAPI) -> None:
-    """Make every error of this application answer in the one form."""
+    """Answer every error of this application in the one form."""
     # All of them are coroutines: Starlette would have a thread run a plain function, and wait for it.
     app.add_exception_handler(CobotError, _cobot_error)
     app.add_exception_handler(RequestValidationError, _invalid_request)
@@ -161,18 +164,20 @@ def install(app: FastAPI) -> None:
 
 
 def answer_to(error: CobotError, explain: Explain | None = None) -> JSONResponse:
-    """The answer that tells of an error; `explain` instead of the facts alone."""
+    """The HTTP answer to an error. `explain` replaces the message, which otherwise only has the facts."""
     headers = next((more for kind, more in HEADERS.items() if isinstance(error, kind)), None)
     return _answer(status_of(error), str(error), error.code, headers, explain or explain_of(error))
 
 
 def tell(request: Request, explain: Explain) -> None:
-    """Set the explanation that the error answer to this request contains."""
+    """Set the explanation for an error answer to this request."""
     request.state.explain = explain
 
 
 def without_websocket(otherwise: ASGIApp) -> ASGIApp:
-    """What answers where no route leads: a WebSocket like a request, with 404. Starlette would say 403."""
+    """The application that answers unknown paths. An unknown WebSocket gets a 404, like a request; Starlette
+    sends 403.
+    """
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
@@ -216,7 +221,7 @@ async def _invalid_request(request: Request, exc: Exception) -> JSONResponse:
 
 
 def _allowed(request: Request) -> str:
-    """The methods of a path: each is a route of its own, of which Starlette names the first alone."""
+    """The methods of a path. Each method is a route of its own, and Starlette lists only the first."""
     routes = [
         each
         for each in request.app.routes
@@ -227,7 +232,9 @@ def _allowed(request: Request) -> str:
 
 
 def _meant(request: Request) -> str:
-    """A suggestion for a wrong path: it with single slashes, in lower case, or a similar existing one."""
+    """A suggestion for a wrong path: the path with single slashes and in lower case, or a similar existing
+    one.
+    """
     path = request.scope["path"]
     if len(path) > MAX_GUESSED:
         return ""

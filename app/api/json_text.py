@@ -1,4 +1,4 @@
-"""JSON that clients have sent, decoded strictly, with errors that help."""
+"""Strict decoding of JSON from clients, with helpful errors."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from cobot.errors import InputError
 from cobot.strict import without_repetition
 
 GZIP = b"\x1f\x8b"
-"""The first bytes of what is compressed with gzip."""
+"""The first bytes of gzip data."""
 
 
 def decoded(text: bytes | str, name: str) -> Any:
-    """JSON, in which no key stands twice in one object.
+    """The decoded JSON. A key that occurs twice in one object is an error.
 
     Raises:
-        InputError: naming it, and what is wrong where.
+        InputError: the text is not valid JSON. The error has `name`, the problem and its place.
     """
     try:
         return json.loads(
@@ -40,8 +40,8 @@ def decoded(text: bytes | str, name: str) -> Any:
 
 
 def _as_float(digits: str) -> float:
-    """As `float`, but in Python: between two numbers others may have the interpreter, else a large text keeps
-    it for itself, for 15 ms per megabyte.
+    """Like `float`, but written in Python, so that other threads can run between two numbers. Otherwise
+    decoding a large text blocks them for 15 ms per megabyte.
     """
     return float(digits)
 
@@ -55,7 +55,7 @@ def _as_int(digits: str) -> int:
 
 
 def _hint(error: json.JSONDecodeError) -> str:
-    """What other language the text is written in, at the place of the error; "" if that is unknown."""
+    """The language in which the text is probably written, from the place of the error; "" if unknown."""
     text, place = error.doc, error.doc[error.pos : error.pos + 5]
     if text[:1] == "'":
         return '; the single quotes around it are the shell\'s: in Windows write "{\\"joints\\": ...}"'

@@ -1,8 +1,8 @@
-"""What Prometheus scrapes: https://prometheus.io/docs/practices/naming has the conventions.
+"""The metrics for Prometheus. Conventions: https://prometheus.io/docs/practices/naming.
 
-Everything is read at the scrape: the cycle's histograms and counters from shared memory, where rtloop counts
-them anyway; so nothing is slower for being measured. What cannot be read is left out, and `cobot_rtloop_up`
-is 0 then.
+All values are read when Prometheus scrapes. The histograms and counters of the cycle come from shared memory,
+where rtloop counts them anyway, so the metrics do not slow the cycle down. Values that cannot be read are
+omitted, and `cobot_rtloop_up` is then 0.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from cobot.launch.running_config import ProcessState
 from cobot.types import LoopMode
 
 CYCLE_BUCKETS_US = (5, 10, 20, 30, 50, 75, 100, 150, 200, 300, 500, 750, 1000)
-"""Upper bounds; rtloop counts by the microsecond, its last bucket is "1023 or more"."""
+"""Upper bounds of the buckets, µs. rtloop counts in steps of 1 µs; its last bucket is "1023 or more"."""
 MIDDLES_S = (np.arange(HISTOGRAM_BUCKETS) + 0.5) * 1e-6
 
 
@@ -40,7 +40,7 @@ class Metrics(Collector):
     """All metrics of the service and its robots.
 
     Args:
-        state: of the application.
+        state: state of the application.
     """
 
     def __init__(self, state: State) -> None:
@@ -50,21 +50,23 @@ class Metrics(Collector):
         self._registry.register(self)
 
     def text(self) -> bytes:
-        """In the text format, version 0.0.4."""
+        """The metrics in Prometheus's text format, version 0.0.4."""
         return generate_latest(self._registry)
 
     def describe(self) -> Iterable[Metric]:
         return ()
 
     def collect(self) -> Iterator[Metric]:
-        yield InfoMetricFamily("cobot_build", "Versions of cobot and of what it runs on.", VERSIONS)
+        yield InfoMetricFamily(
+            "cobot_build", "Versions of cobot and of the software that it runs on.", VERSIONS
+        )
         yield from _of_robots(self._state.robots)
         yield self._requests()
         yield self._connections()
         events = self._state.events
         listening = len(events.on_news)
         yield GaugeMetricFamily("cobot_events_listeners", "Clients of /events.", listening)
-        lost = "Events that clients of /events were too slow for."
+        lost = "Events that clients of /events have missed because they were too slow."
         yield CounterMetricFamily("cobot_events_lost", lost, events.lost)
         yield _restarts(self._state.reloading.processes())
 
@@ -88,32 +90,35 @@ class Metrics(Collector):
 def _of_robots(robots: dict[str, Services]) -> Iterator[Metric]:
     """The metrics of all robots: one family per metric, with the robot's name as a label."""
     up = GaugeMetricFamily("cobot_rtloop_up", "1 while the real-time process publishes.", labels=["robot"])
-    ready = GaugeMetricFamily("cobot_ready", "1 while the robot takes motions.", labels=["robot"])
+    ready = GaugeMetricFamily("cobot_ready", "1 while the robot accepts motions.", labels=["robot"])
     mode = GaugeMetricFamily("cobot_mode", "1 for the mode that rtloop is in.", labels=["robot", "mode"])
     session = GaugeMetricFamily(
         "cobot_session_open", "1 while a streaming session is open.", labels=["robot"]
     )
     permission = GaugeMetricFamily(
         "cobot_realtime_granted",
-        "1 where the system grants what a punctual process needs.",
+        "1 if the system grants a permission that real-time processes need.",
         labels=["robot", "what"],
     )
     slowest = GaugeMetricFamily(
-        "cobot_cycle_max_seconds", "The longest time since rtloop's start.", labels=["robot", "phase"]
+        "cobot_cycle_max_seconds", "The longest duration since rtloop started.", labels=["robot", "phase"]
     )
     cycles = CounterMetricFamily("cobot_cycles", "Cycles of the real-time process.", labels=["robot"])
     overruns = CounterMetricFamily("cobot_overruns", "Cycles that began too late.", labels=["robot"])
     torn = CounterMetricFamily(
-        "cobot_torn_reads", "Blocks that rtloop could not read at once.", labels=["robot"]
+        "cobot_torn_reads",
+        "Blocks of shared memory that rtloop could not read at the first attempt.",
+        labels=["robot"],
     )
-    sessions = CounterMetricFamily("cobot_sessions", "Streaming sessions asked for.", labels=["robot"])
+    sessions = CounterMetricFamily("cobot_sessions", "Requested streaming sessions.", labels=["robot"])
     interventions = CounterMetricFamily(
-        "cobot_interventions", "What the safety layer has caught.", labels=["robot", "kind"]
+        "cobot_interventions", "Interventions of the safety layer.", labels=["robot", "kind"]
     )
-    motions = CounterMetricFamily("cobot_motions", "Motions by how they ended.", labels=["robot", "result"])
+    motions = CounterMetricFamily("cobot_motions", "Ended motions by result.", labels=["robot", "result"])
     times = HistogramMetricFamily(
         "cobot_cycle_seconds",
-        "Parts of the cycle. The sum is to half a microsecond; what took longer counts as 1.0235 ms.",
+        "Duration of the parts of the cycle. Values above 1.0235 ms count as 1.0235 ms; the sum is accurate "
+        "to half a microsecond per value.",
         labels=["robot", "phase"],
     )
     for name, services in robots.items():
@@ -169,7 +174,7 @@ def _time(
 
 
 def _buckets(bounds: Iterable[float], cumulative: Iterable[int]) -> list[tuple[str, float]]:
-    """Buckets in the form of Prometheus: the upper bound, and how many are not above it."""
+    """Buckets in Prometheus's form: the upper bound, and the number of values up to it."""
     names = [*map(floatToGoString, bounds), "+Inf"]
     return [(name, float(count)) for name, count in zip(names, cumulative, strict=True)]
 

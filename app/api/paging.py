@@ -41,5 +41,7 @@ def page_of(entries: Sequence[T], key: Callable[[T], str], limit: int | None, af
 
 
 def deprecated_value(query: BaseModel, name: str) -> Any:
-    """A deprecated parameter, without the warning of pydantic, which is for users of the class."""
+    """The value of a deprecated parameter, read without pydantic's warning. That warning is for users of the
+    class.
+    """
     return query.__dict__[name]

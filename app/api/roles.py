@@ -1,4 +1,6 @@
-"""Has each route ask for the role that its endpoint declares. A route that declares none cannot be served."""
+"""Makes each route require the role that its endpoint declares. A route without a declaration cannot be
+served.
+"""
 
 from __future__ import annotations
 
@@ -45,8 +47,9 @@ PUBLIC_PATHS = (
     swagger.VENDOR_SCHEMA,
     swagger.STATIC,
 )
-"""The panel, the manual and the documentation, in which a token can be entered, are open to all: they tell
-nothing about this robot but its joints' limits and its name."""
+"""Paths that need no token: the panel, the manual and the documentation. In these a user can enter a token.
+About this robot they reveal only its name and the limits of its joints.
+"""
 
 
 def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dict[str, Role]:
@@ -58,10 +61,10 @@ def roles(endpoints: Mapping[str, Endpoint], *, stop_without_token: bool) -> dic
 
 
 def endpoint_of(route: BaseRoute) -> str:
-    """Its name, as `roles` has it; for what is public its path.
+    """The name of a route's endpoint, as in `roles`; for a public route its path.
 
     Raises:
-        TypeError: it is no route that could be given a role: a programming error.
+        TypeError: a programming error: this kind of route cannot have a role.
     """
     if isinstance(route, APIWebSocketRoute):
         return f"{WEBSOCKET} {route.path}"
@@ -73,10 +76,10 @@ def endpoint_of(route: BaseRoute) -> str:
 
 
 def guard(routes: Iterable[BaseRoute], table: Mapping[str, Role]) -> None:
-    """Have each of the routes ask for its role.
+    """Make each of the routes require its role.
 
     Raises:
-        TypeError: a route has none: a programming error.
+        TypeError: a programming error: a route has no role.
     """
     for route in routes:
         name = endpoint_of(route)

@@ -1,4 +1,4 @@
-"""How requests to endpoints are taken apart and answered.
+"""Parsing of requests to endpoints, and their answers.
 
 An endpoint is declared where it is written:
 
@@ -37,16 +37,18 @@ from cobot.motions.bodies import MOTION_TAGS
 from cobot.strict import sentences, shown
 
 BODY_ERRORS = (413, 415, 422)
-"""Too large, of another media type, or invalid."""
+"""Statuses for a body that is too large, of another media type, or invalid."""
 PIECE_BYTES, RETURNS = 1024, 128
-"""See `pieces`: a piece takes at most some milliseconds."""
+"""Maximum number of bytes and of line breaks in a piece, so that parsing it takes a few milliseconds at most.
+See `pieces`.
+"""
 Result = TypeVar("Result")
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def pieces(chunk: bytes) -> Iterator[bytes]:
-    """The parts of a chunk that the parser of forms gets at once.
+    """The parts of a chunk, in which the parser of forms gets it.
 
     The parser is a hundred times as slow where the data may be the beginning of a boundary. A chunk with many
     such places is therefore passed in small parts.
@@ -58,7 +60,7 @@ def pieces(chunk: bytes) -> Iterator[bytes]:
 
 class _CobotRequest(Request):
     async def stream(self) -> AsyncGenerator[bytes]:
-        """The body. A form comes in pieces, and other tasks run between them."""
+        """The body. A form is delivered in pieces, so that other tasks run between them."""
         form = self.headers.get("content-type", "").lower().startswith("multipart/")
         async for chunk in super().stream():
             if not form:
@@ -86,14 +88,16 @@ class _CobotRequest(Request):
 
 
 def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
-    """The body as an instance, which FastAPI then takes as it is.
+    """The body as a model instance, which FastAPI accepts without further validation.
 
     Raises:
-        InputError: naming what is wrong and where.
+        InputError: the body is invalid. The error says where and why.
     """
     content = decoded(body, "the body")
     if not isinstance(content, dict):
-        held = ": it is JSON inside a JSON string, send the object itself" if isinstance(content, str) else ""
+        held = (
+            ": this is JSON inside a JSON string, send the object itself" if isinstance(content, str) else ""
+        )
         raise InputError(f"the body must be an object, got {shown(content)}{held}")
     try:
         return model.model_validate(content)
@@ -102,7 +106,7 @@ def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
 
 
 def without_collection(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Call it without garbage collection, which would walk through all that it makes, again and again."""
+    """Call a function without garbage collection, which would traverse all new objects again and again."""
     gc.disable()
     try:
         return function(*arguments)
@@ -114,8 +118,8 @@ class CobotRoute(APIRoute):
     """The route of a REST endpoint.
 
     For a request with a body it notes the count of stops before the body came in, and parses the body
-    strictly. A large body does not delay other requests. A state is polled, so the route answers it without
-    FastAPI's dependencies and background tasks.
+    strictly. A large body does not delay other requests. Clients poll states, so the route answers such
+    requests without FastAPI's dependencies and background tasks.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -147,7 +151,7 @@ class CobotRoute(APIRoute):
         return handle
 
     def _takes_request_alone(self) -> bool:
-        """Whether the endpoint takes nothing but the request, and answers with a model as JSON."""
+        """Whether the endpoint takes only the request, and answers with a model as JSON."""
         asked, endpoint = self.dependant, declared(self.endpoint)
         return (
             not (endpoint is not None and endpoint.costly)
@@ -160,7 +164,9 @@ class CobotRoute(APIRoute):
         )
 
     def _state_handler(self) -> Handler:
-        """A handler like FastAPI's: the endpoint's result is checked against its model."""
+        """A handler for endpoints that take only the request. Like FastAPI, it validates the result with its
+        model.
+        """
         endpoint, name = self.endpoint, str(self.dependant.request_param_name)
         field, status = self.response_field, self.status_code or 200
 
@@ -183,7 +189,9 @@ def _answering_in_turn(handler: Handler) -> Handler:
 
 
 def _answering(handler: Handler) -> ASGIApp:
-    """The application of a route; what its handler raises the middleware of the whole one answers."""
+    """The ASGI application of a route. It passes the handler's errors on to the middleware of the whole
+    application.
+    """
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         response = await handler(Request(scope, receive, send))
@@ -206,7 +214,7 @@ def _with_body_check(function: Callable[..., Any], options: Mapping[str, Any]) -
 
 
 class EndpointRouter(APIRouter):
-    """Endpoints with what is declared of them."""
+    """A router whose endpoints declare their role, timeout and cost."""
 
     def __init__(self, *, tags: Sequence[str] = (), route_class: type[APIRoute] = CobotRoute) -> None:
         super().__init__(tags=list(tags), route_class=route_class)
@@ -226,7 +234,7 @@ class EndpointRouter(APIRouter):
 
         Args:
             name, role, timeout_s, control, costly, keyed: see `Endpoint`.
-            options: of FastAPI's route.
+            options: options of FastAPI's route.
         """
         method, path = name.split(" ")
 

@@ -1,4 +1,4 @@
-"""A solid of a request as one of the scene or of a tool."""
+"""Conversion of a solid in a request into one of the scene or of a tool."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ FARTHEST_M = 100.0
 
 
 def solid_of(name: str, body: PutObject, touch: Sequence[str] = ()) -> SceneObject:
-    """What a request says. Of a large mesh or cloud it takes a second.
+    """The solid of a request. For a large mesh or cloud this takes a second.
 
     Args:
-        name: of the object, for messages.
+        name: name of the object, for messages.
 
     Raises:
-        InputError, LimitError: there is no such solid, or it is made of too many.
+        InputError, LimitError: the solid is invalid, or has too many parts.
     """
     try:
         boxes, hulls = _made(body)
@@ -58,7 +58,7 @@ def solid_of(name: str, body: PutObject, touch: Sequence[str] = ()) -> SceneObje
 
 
 def _made(body: PutObject) -> tuple[Array, list[Array]]:
-    """Its boxes and its convex parts, if it is made of them."""
+    """The boxes and convex parts of a solid, if it consists of such parts."""
     if body.shape == "point_cloud":
         return cloud(np.array(body.points), body.voxel or 0.0), []
     if body.shape == "height_field":

@@ -1,4 +1,4 @@
-"""Reports a failed start that a person can correct in a sentence, without a traceback."""
+"""Reports a failed start as one sentence, without a traceback, if the user can correct its cause."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cobot.errors import CobotError, exhausted
 
 @contextlib.asynccontextmanager
 async def saying_why(app: FastAPI) -> AsyncIterator[None]:
-    """Keep for `StartFailure` why what the context holds cannot begin; a mistake of ours stays one."""
+    """Keep an expected error of the context for `StartFailure`. Programming errors pass unchanged."""
     app.state.start_failure = None
     try:
         yield
@@ -23,7 +23,9 @@ async def saying_why(app: FastAPI) -> AsyncIterator[None]:
 
 
 class StartFailure:
-    """ASGI middleware, which has the server log the sentence. Requests pass without a coroutine of it."""
+    """ASGI middleware that makes the server log the error as one sentence. It adds no coroutine to
+    requests.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

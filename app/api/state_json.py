@@ -1,4 +1,4 @@
-"""The state block as JSON: what `GET /robot/state` and the `state` frames of the WebSocket have in common."""
+"""The state block as JSON, for both `GET /robot/state` and the `state` frames of the WebSocket."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ _TEXTS = [field.name for field in STATE_FIELDS if field.is_text]
 
 
 def state_content(state: np.ndarray) -> dict[str, Any]:
-    """A record of `cobot.ipc.state_fields.state_dtype` as JSON has it; numbers may be infinite or NaN."""
+    """A record of `cobot.ipc.state_fields.state_dtype` as a JSON-like dictionary. Numbers may be infinite or
+    NaN.
+    """
     content = {name: state[name].tolist() for name in state.dtype.names or ()}
     for name, member in _MEMBERS.items():
         content[name] = member(content[name]).name
@@ -31,15 +33,16 @@ def state_content(state: np.ndarray) -> dict[str, Any]:
 
 
 def state_response(state: np.ndarray) -> Response:
-    """The answer of `GET /robot/state`, which is `StateAnswer` in the schema.
+    """The answer to `GET /robot/state`. In the schema it is `StateAnswer`.
 
-    It is polled and made of a table, so it is not validated: a test does that.
+    It is not validated at run time, because clients poll it and it is generated from a table. A test
+    validates it.
     """
     return Response(to_json(state_content(state), inf_nan_mode="null"), media_type="application/json")
 
 
 def _json_type(field: StateField) -> Any:
-    """The type in the schema."""
+    """The type of a field in the schema."""
     if field.member:
         return Literal[tuple(member.name for member in field.member)]
     if field.is_text:
@@ -51,7 +54,7 @@ def _json_type(field: StateField) -> Any:
 
 
 def _description(field: StateField) -> str:
-    """The meaning, the unit, and the topic that has the field in a recording."""
+    """The description of a field: its meaning, its unit, and the topic that has it in a recording."""
     unit = f" Unit: {field.unit}." if field.unit else ""
     topic = f" Recorded in {field.topic}." if field.message else " Recorded." if field.recorded else ""
     return f"{field.meaning}.{unit}{topic}"
@@ -63,7 +66,9 @@ def _model() -> type[BaseModel]:
         unit: JsonDict | None = {"unit": field.unit} if field.unit else None
         described = Field(description=_description(field), json_schema_extra=unit)
         fields[field.name] = (_json_type(field), described)
-    return create_model("StateAnswer", __doc__="All that rtloop publishes of a robot in a cycle.", **fields)
+    return create_model(
+        "StateAnswer", __doc__="The complete state of a robot that rtloop publishes in each cycle.", **fields
+    )
 
 
 StateAnswer = _model()

@@ -1,4 +1,6 @@
-"""Text frames of the WebSocket /robot/stream: JSON, read strictly, as `cobot.ipc.layout` records and back."""
+"""Text frames of the WebSocket /robot/stream: conversion between strict JSON and the records of
+`cobot.ipc.layout`.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ from cobot.types import vector
 
 Numbers = Annotated[list[Finite], Field(max_length=64)]
 SomeNumbers = Annotated[list[Finite], Field(min_length=1, max_length=64)]
-"""Numbers of an optional field, in which `[]` is nothing."""
+"""Numbers of an optional field. `[]` means that the field is not set."""
 Sequence = Annotated[int, Field(ge=1, lt=2**63)]
 Frame = dict[str, Any]
 
@@ -52,7 +54,7 @@ class SessionFrame(RequestModel):
     posture: SomeNumbers | None = None
 
     def record(self, info: np.ndarray) -> np.ndarray:
-        """The record of the requested session; values that are not given are nominal.
+        """The record of the requested session. Omitted values are the nominal ones.
 
         Raises:
             NotReadyError: rtloop has not reported its robot yet.
@@ -193,7 +195,7 @@ class JogFrame(RequestModel):
         return self
 
     def command(self) -> JogCommand | None:
-        """What it asks for; None: to let go."""
+        """The jog command; None for a release."""
         if not any(self.joints or self.twist or ()):
             return None
         joints = None if self.joints is None else np.array(self.joints)
@@ -249,13 +251,13 @@ MODELS: dict[str, type[TextFrame]] = {
 
 
 def read_frame(content: Frame, stream: Stream) -> TextFrame:
-    """A decoded frame, checked.
+    """Check a decoded frame.
 
     Args:
-        stream: of the session, for the keys of a target.
+        stream: kind of the session, which determines the keys of a target.
 
     Raises:
-        InputError: naming what is wrong, and what is valid.
+        InputError: the frame is invalid. The error lists the valid values.
     """
     kind = content.get("type")
     model = TARGETS[stream] if kind == "target" else MODELS.get(kind) if isinstance(kind, str) else None
@@ -269,7 +271,7 @@ def read_frame(content: Frame, stream: Stream) -> TextFrame:
 
 
 def state_frame(state: np.ndarray, sequence: int) -> str:
-    """The state as JSON; what is no number is null there."""
+    """The state as JSON. Values that are not finite numbers are null."""
     content: Frame = {"type": "state", "sequence": sequence, **state_content(state)}
     try:
         return json.dumps(content, allow_nan=False)
@@ -278,7 +280,7 @@ def state_frame(state: np.ndarray, sequence: int) -> str:
 
 
 def hello_frame(info: np.ndarray, **more: object) -> str:
-    """The first message to a client: the robot's information, and more."""
+    """The first message to a client: the robot's information and further fields."""
     content = {name: _plain(info[name].tolist()) for name in info.dtype.names or ()}
     return json.dumps({"type": "hello", **more, **content})
 
@@ -296,6 +298,6 @@ def _without_nan(value: Any) -> Any:
 
 
 def _set(record: np.ndarray, field: str, values: list[float] | list[bool] | None, name: str) -> None:
-    """Put a list, if there is one, into a field of as many numbers."""
+    """Copy a list into an array field of the record, unless it is None."""
     if values is not None:
         record[field] = vector(values, len(record[field]), name=name)

@@ -12,14 +12,15 @@ from cobot import audit
 class StreamStop:
     """Stops all robots on behalf of one connection.
 
-    A stop that comes during another one follows it. So a client that floods its connection keeps one task
-    busy, not thousands. A stop goes on to its end when the connection is lost.
+    A stop request that arrives during another stop is carried out after it. So a client that floods its
+    connection keeps only one task busy, not thousands. A stop continues to its end even if the connection is
+    lost.
 
     Args:
         robots: the stop services of all robots, by name.
         timeout_s: timeout of one stop.
         reason: the reason that is reported to the clients whose motions end.
-        answer: called with the number of the request and with what its stop has done.
+        answer: called with the number of the request and the result of its stop.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
-"""Strict statuses: a motion that did not arrive is an error of HTTP, for clients that ask for it.
+"""Strict statuses: if the client asks for them, a motion that did not arrive gets an HTTP error status.
 
-By default a motion that could not be planned, or did not arrive, is answered with 200 and `success: false`.
-With `Prefer: status=strict` (RFC 7240) or `?strict=true` the same body comes with the status that the error
-has elsewhere.
+By default the answer to a motion that could not be planned or did not arrive is a 200 with `success: false`.
+With `Prefer: status=strict` (RFC 7240) or `?strict=true` the same body comes with the HTTP status of the
+error.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ APPLIED = "Preference-Applied"
 FLAGS = {"true": True, "1": True, "false": False, "0": False}
 """Values of the query parameter `strict`."""
 STATUSES = (409, 422, 500, 502, 503, 504)
-"""Statuses that an answer with `success: false` can get."""
+"""Statuses that strict answers with `success: false` can have."""
 _QUOTED = r'"(?:[^"\\]|\\.)*"'
 _PREFERENCE = re.compile(
     rf"""([^\s=;,"]+)\s*(?:=\s*({_QUOTED}|[^\s;,"]*))?(?:\s*;[^,"]*(?:{_QUOTED}[^,"]*)*)?"""
 )
-"""A preference of RFC 7240: its name, its value, and parameters, which no preference of ours has."""
+"""A preference of RFC 7240: its name, its value, and parameters. The preferences of this service have no
+parameters.
+"""
 PARAMETERS: list[dict[str, Any]] = [
     {
         "name": PREFER,
@@ -60,7 +62,9 @@ def reports_success(model: object) -> bool:
 
 
 def preference(headers: Iterable[str], name: str) -> str | None:
-    """The value of a preference in the `Prefer` headers of a request, of which the first counts."""
+    """The value of a preference in the `Prefer` headers of a request. If it occurs several times, the first
+    counts.
+    """
     for header in headers:
         for found in _PREFERENCE.finditer(header):
             if found[1].lower() == name:
@@ -69,10 +73,10 @@ def preference(headers: Iterable[str], name: str) -> str | None:
 
 
 def is_strict(request: Request) -> bool:
-    """Whether the client asks for strict statuses; the query parameter counts before the header.
+    """Whether the client asks for strict statuses. The query parameter overrides the header.
 
     Raises:
-        InputError: the query parameter has another value than true and false.
+        InputError: the query parameter is neither true nor false.
     """
     asked = parse_qs(request.url.query, keep_blank_values=True).get("strict")
     if asked is not None:
@@ -85,7 +89,7 @@ def is_strict(request: Request) -> bool:
 
 
 def with_strict_status(response: Response) -> Response:
-    """The response with the status of its error, if it has one."""
+    """The response with the status of its error, if it has an error."""
     response.headers[APPLIED] = STRICT_STATUS
     if response.status_code == 200:
         answer = json.loads(bytes(response.body))
@@ -96,7 +100,7 @@ def with_strict_status(response: Response) -> Response:
 
 
 def describe_strict(schema: dict[str, Any]) -> None:
-    """Add the parameters and the answers to an OpenAPI document, wherever an answer reports `success`."""
+    """Add the parameters and the answers to an OpenAPI document, for all operations that report `success`."""
     models = schema.get("components", {}).get("schemas", {})
     for operations in schema["paths"].values():
         for endpoint in operations.values():

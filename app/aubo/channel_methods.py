@@ -1,4 +1,4 @@
-"""What can be sent to and read from a device, the same for sockets and serial ports."""
+"""Services that send to and read from a device, the same for sockets and serial ports."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_NUMBERS = 1000
 
 
 async def send_string(channel: Channel, value: str) -> None:
-    """Send text, UTF-8, and nothing after it.
+    """Send text as UTF-8, without a line feed.
 
     Args:
         value: the text.
@@ -31,7 +31,7 @@ async def send_string(channel: Channel, value: str) -> None:
 
 
 async def send_line(channel: Channel, value: str) -> None:
-    """Send text, UTF-8, and a line feed.
+    """Send text as UTF-8, followed by a line feed.
 
     Args:
         value: the text.
@@ -52,16 +52,16 @@ async def send_byte(channel: Channel, value: int) -> None:
     """Send one byte.
 
     Args:
-        value: from 0 to 255.
+        value: the byte, from 0 to 255.
     """
     await channel.send(_bytes([value]))
 
 
 async def send_all_string(channel: Channel, value: list[int]) -> None:
-    """Send bytes, zeros too.
+    """Send bytes. Zeros are allowed.
 
     Args:
-        value: from 0 to 255 each.
+        value: the bytes, from 0 to 255 each.
     """
     await channel.send(_bytes(value))
 
@@ -69,12 +69,12 @@ async def send_all_string(channel: Channel, value: list[int]) -> None:
 async def read_string(
     channel: Channel, prefix: str = "", suffix: str = "", timeout: float = TIMEOUT_S
 ) -> str:
-    """Read text: what stands between a prefix and a suffix, without the two; without a suffix what has come.
+    """Read text: the part between a prefix and a suffix. Without a suffix, the text that has arrived.
 
     Args:
-        prefix: what comes before it is dropped; empty for none.
-        suffix: what ends the text; empty to take what is there, once something is.
-        timeout: s, up to 60; 0 for 2 s.
+        prefix: start of the text; everything before it is dropped. Empty for none.
+        suffix: end of the text; empty: read the available text, once there is any.
+        timeout: timeout, s, up to 60; 0 for 2 s.
 
     Returns:
         the text; bytes that are not UTF-8 become U+FFFD.
@@ -86,10 +86,10 @@ async def read_line(channel: Channel, timeout: float = TIMEOUT_S) -> str:
     """Read a line.
 
     Args:
-        timeout: s, up to 60; 0 for 2 s.
+        timeout: timeout, s, up to 60; 0 for 2 s.
 
     Returns:
-        the line without its line feed and the carriage return before it.
+        the line without its line feed and without a carriage return before the line feed.
     """
     return _text(await channel.read_line(timeout))
 
@@ -98,10 +98,10 @@ async def read_byte(channel: Channel, timeout: float = TIMEOUT_S) -> int:
     """Read one byte.
 
     Args:
-        timeout: s, up to 60; 0 for 2 s.
+        timeout: timeout, s, up to 60; 0 for 2 s.
 
     Returns:
-        from 0 to 255.
+        the byte, from 0 to 255.
     """
     return (await channel.read_exactly(1, timeout))[0]
 
@@ -110,11 +110,11 @@ async def read_byte_list(channel: Channel, number: int, timeout: float = TIMEOUT
     """Read a number of bytes. If not all arrive in time, those that have arrived stay for the next call.
 
     Args:
-        number: from 1 to 65536.
-        timeout: s, up to 60; 0 for 2 s.
+        number: number of bytes, from 1 to 65536.
+        timeout: timeout, s, up to 60; 0 for 2 s.
 
     Returns:
-        from 0 to 255 each.
+        the bytes, from 0 to 255 each.
     """
     return list(await channel.read_exactly(number, timeout))
 
@@ -123,8 +123,8 @@ async def read_binary_integer(channel: Channel, number: int, timeout: float = TI
     """Read a number of integers of four bytes, highest byte first.
 
     Args:
-        number: from 1 to 1000.
-        timeout: s, up to 60; 0 for 2 s.
+        number: number of integers, from 1 to 1000.
+        timeout: timeout, s, up to 60; 0 for 2 s.
 
     Returns:
         the integers.
@@ -138,8 +138,8 @@ async def read_ascii_float(channel: Channel, number: int, timeout: float = TIMEO
     """Read a number of values that arrive as text in parentheses, such as "(1.5, -2, 3e2)".
 
     Args:
-        number: from 1 to 1000.
-        timeout: s, up to 60; 0 for 2 s.
+        number: number of values, from 1 to 1000.
+        timeout: timeout, s, up to 60; 0 for 2 s.
 
     Returns:
         the numbers.
@@ -151,7 +151,7 @@ async def read_ascii_float(channel: Channel, number: int, timeout: float = TIMEO
     except ValueError as exc:
         raise DeviceError(f"{channel.name}: {shown(text)} is not a list of numbers") from exc
     if len(values) != number:
-        raise DeviceError(f"{channel.name}: {number} numbers were due, {len(values)} came")
+        raise DeviceError(f"{channel.name}: expected {number} numbers, received {len(values)}")
     return values
 
 
@@ -179,9 +179,9 @@ def register(
     """Register these functions as services of a class, each with an additional last field: the open device.
 
     Args:
-        prefix: of the methods and of that field: "socket".
-        default: the field's default.
-        channel: finds the device.
+        prefix: prefix of the methods' names and of that field's name, such as "socket".
+        default: default value of the field.
+        channel: function that finds the device.
     """
     field = f"{prefix}_name"
     for function in functions:
@@ -203,7 +203,7 @@ def _for_robot(
     name = inspect.Parameter(field, kind, default=default, annotation="str")
     call.__signature__ = own.replace(parameters=[robot, *fields, name])  # type: ignore[attr-defined]
     doc = inspect.getdoc(function) or ""
-    described = f"    {field}: of the one that was opened; empty for {default}.\n"
+    described = f"    {field}: name of the open device; empty for {default}.\n"
     call.__doc__ = re.sub(r"(Args:\n(?:    .*\n?)*)", rf"\1{described}", doc + "\n")
     return call
 

@@ -1,4 +1,4 @@
-"""All classes of vendor services: importing this completes `REGISTRY`."""
+"""All classes of vendor services. Importing this module completes `REGISTRY`."""
 
 from __future__ import annotations
 
@@ -49,19 +49,19 @@ for _service in tuple(REGISTRY.values()):
 
 CLASSES: dict[str, str] = {
     "Math": "Poses [x, y, z, rx, ry, rz] (m, rad, fixed-axis roll, pitch, yaw) and quaternions [w, x, y, z].",
-    "RobotConfig": "What the arm is and may do; the tool, the payload.",
-    "RobotState": "How the arm stands now, as measured.",
-    "MotionControl": "Motions, in a queue, and servo modes.",
+    "RobotConfig": "Properties and limits of the arm; the tool and the payload.",
+    "RobotState": "Measured state of the arm.",
+    "MotionControl": "Motions in a queue, and servo modes.",
     "RobotAlgorithm": "Kinematics and dynamics of the model; nothing moves.",
     "RuntimeMachine": "Programs: sequences and Lua files.",
     "RegisterControl": "Registers, named variables, the watchdog, Modbus signals.",
     "IoControl": "Digital and analog inputs and outputs, simulated.",
-    "ForceControl": "The Cartesian force mode.",
-    "SyncMove": "Frames, and motions of several robots at one time.",
+    "ForceControl": "Cartesian force control.",
+    "SyncMove": "Frames, and synchronous motions of several robots.",
     "Serial": "Serial ports of the controller.",
     "Socket": "TCP connections of the controller.",
-    "Trace": "Lines for the log and for the operator.",
+    "Trace": "Messages for the log and for the operator.",
     "SystemInfo": "Versions and times.",
     "RobotManage": "Power, faults, modes.",
 }
-"""All classes in the order of the documentation, with what it says of each."""
+"""The description of each class, in the order of the documentation."""

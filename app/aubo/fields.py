@@ -1,4 +1,4 @@
-"""The fields of vendor services: their types in Python, ROS and JSON, and the check of what comes in."""
+"""The fields of vendor services: their types in Python, ROS and JSON, and the validation of requests."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ ROS_TYPES: dict[Any, str] = {
     list[str]: "string[]",
     None: "int32",
 }
-"""The ROS type of each annotation; json is a string on the wire, see `ServiceField.ros_type`."""
+"""The ROS type of each annotation. The type json is a string in messages, see `ServiceField.ros_type`."""
 EMPTY: dict[str, Any] = {"bool": False, "int32": 0, "int64": 0, "float64": 0.0, "string": "", "json": ""}
 """The value of an unset field, as in ROS; an unset list is empty."""
 MAX_INTEGER = {"int32": 2**31 - 1, "int64": 2**63 - 1}
 REQUIRED: Any = inspect.Parameter.empty
 MAX_ITEMS = 65_536
-"""Maximum number of items of a list. Each is checked on the event loop, and motions wait meanwhile."""
+"""Maximum number of items in a list. The event loop checks each item, and motions wait meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServiceField:
-    """A field of a request, or the result.
+    """A field of a request, or the field with the result.
 
     Attributes:
         kind: one of the values of `ROS_TYPES`.
-        doc: with the unit.
-        default: what the function's signature says, or `REQUIRED`.
+        doc: description, with the unit.
+        default: default from the function's signature, or `REQUIRED`.
     """
 
     name: str
@@ -58,15 +58,16 @@ class ServiceField:
 
     @property
     def empty(self) -> Any:
-        """ROS's default value."""
+        """The default value in ROS."""
         return [] if self.kind.endswith("[]") else EMPTY[self.kind]
 
 
 def argument(field: ServiceField, arguments: dict[str, Any]) -> Any:
-    """What the function gets for a field: checked, and its default where ROS's default value came.
+    """The function's argument for a field, validated. ROS's default value is replaced with the field's
+    default.
 
     Raises:
-        InputError: naming the field, what is wrong, and what is valid.
+        InputError: the value is invalid. The error has the field, the problem and the valid values.
     """
     value = _with_brackets(field, arguments.get(field.name, field.empty))
     checked = _list(field, value) if field.kind.endswith("[]") else _scalar(field.kind, field.name, value)
@@ -78,7 +79,9 @@ def argument(field: ServiceField, arguments: dict[str, Any]) -> Any:
 
 
 def _with_brackets(field: ServiceField, value: Any) -> Any:
-    """The value in the form of `cobot.loose_lists`: one item is a list of one, an empty list is nothing."""
+    """The value in the form of `cobot.loose_lists`: a single item becomes a list of one, an empty list means
+    that the field is not set.
+    """
     if field.kind.endswith("[]"):
         item = {"bool[]": (bool,), "string[]": (str,)}.get(field.kind, (int, float))
         return [value] if type(value) in item else value
@@ -119,7 +122,7 @@ def _scalar(kind: str, place: str, value: Any) -> Any:
 
 
 def _require_unicode(place: str, text: str) -> None:
-    """JSON may name halves of a character, which no answer could bring back."""
+    """Reject text with unpaired surrogates. JSON can contain them, but no answer could."""
     try:
         text.encode()
     except UnicodeEncodeError as exc:

@@ -18,7 +18,7 @@ CLASS = "ForceControl"
 
 
 class TaskFrame(IntEnum):
-    """What the force frame is fixed to; the numbers are the interface's."""
+    """Reference of the force frame, with the numbers of the vendor interface."""
 
     NONE = 0
     POINT_FORCE = 1
@@ -29,11 +29,11 @@ class TaskFrame(IntEnum):
 
 @service(CLASS)
 async def fc_enable(robot: Services) -> None:
-    """Begin force control with what setTargetForce, setDynamicModel and fcSetSensorLimits have set.
+    """Begin force control with the values from setTargetForce, setDynamicModel and fcSetSensorLimits.
 
-    The arm holds its pose along the axes that are not force controlled. It is a streaming session, so planned
-    motions have to wait for fcDisable; a servo session of mode 6 or 7 that begins later takes it over. A stop
-    ends it.
+    The arm holds its pose along the axes that are not force controlled. Force control is a streaming session,
+    so planned motions are rejected until fcDisable. A servo session of mode 6 or 7 that begins later takes
+    force control over. A stop ends it.
     """
     await robot.force.enable()
 
@@ -49,7 +49,7 @@ def is_fc_enabled(robot: Services) -> bool:
     """Whether force control is on.
 
     Returns:
-        false too when a stop, a limit or a threshold has ended it.
+        true while it is on; false also after a stop, a limit or a threshold has ended it.
     """
     return robot.force.settings.enabled
 
@@ -59,7 +59,7 @@ def get_fc_end_reason(robot: Services) -> str:
     """Why force control has ended by itself.
 
     Returns:
-        a sentence; empty when it has not since fcEnable.
+        the reason as a sentence; empty if force control has not ended by itself since fcEnable.
     """
     return robot.force.reason
 
@@ -73,22 +73,25 @@ def set_target_force(
     limits: list[float],
     frame_type: int = TaskFrame.FRAME_FORCE,
 ) -> None:
-    """Along which axes the TCP exerts which force. While force control is on, only the wrench may change.
+    """Set the axes along which the TCP exerts a force, and the wrench. While force control is on, only the
+    wrench may change.
 
     Args:
-        feature: the force frame [x, y, z, rx, ry, rz], m and rad; empty for the frame that it is given in.
-        compliance: for x, y, z, rx, ry, rz whether the force counts, not the pose.
-        wrench: what the TCP does to its surroundings in the force frame, N and N·m, 6 values.
-        limits: the fastest that force control moves, m/s and rad/s, 6 values; 0 or empty for 0.1 and 0.5.
-        frame_type: 2 the force frame is given in the base frame, 4 in the TCP's; 0 for 2. 1 and 3 are not
-            supported.
+        feature: the force frame [x, y, z, rx, ry, rz], m and rad; empty for the reference frame itself, see
+            frame_type.
+        compliance: for each of x, y, z, rx, ry, rz: true if the force is controlled, false if the pose is.
+        wrench: wrench of the TCP on its surroundings, in the force frame, N and N·m, 6 values.
+        limits: maximum velocities of force control, m/s and rad/s, 6 values; 0 or empty for 0.1 and 0.5.
+        frame_type: reference frame of the force frame: 2 the base frame, 4 the TCP frame; 0 means 2. 1 and 3
+            are not supported.
     """
     if frame_type not in list(TaskFrame):
         valid = ", ".join(f"{each} {each.name.lower()}" for each in TaskFrame)
         raise InputError(f"there is no frame_type {frame_type}; valid are: {valid}")
     if frame_type in (TaskFrame.POINT_FORCE, TaskFrame.MOTION_FORCE):
         raise NotSupportedError(
-            f"frame_type {frame_type}: no force frame turns with a point or a motion here; use 2 or 4"
+            f"frame_type {frame_type}: a force frame that turns with a point or a motion is not supported; "
+            f"use 2 or 4"
         )
     place = place_of(feature or [0.0] * 6, "feature")
     frame = np.concatenate([place.position, place.quaternion])
@@ -97,21 +100,24 @@ def set_target_force(
 
 @service(CLASS)
 def set_dynamic_model(robot: Services, m: list[float], d: list[float], k: list[float]) -> None:
-    """How the TCP gives way along the axes that keep their pose, like a damped spring. Not while it is on.
+    """Set the compliance of the axes that keep their pose: each acts like a damped spring. Rejected while
+    force control is on.
 
     Args:
-        m: empty or zeros: the inertia is the arm's own; another one is not supported.
+        m: empty or zeros. Force control always has the arm's own inertia.
         d: damping ratios, from 0.3 to 1, 6 values; 0 or empty for 0.7.
-        k: stiffness, N/m and N·m/rad, 6 values, up to the nominal one; 0 or empty for that.
+        k: stiffness, N/m and N·m/rad, 6 values, up to the nominal stiffness; 0 or empty for the nominal one.
     """
     if any(m):
-        raise NotSupportedError(f"m must be empty or zeros: the arm's own inertia counts, got {m}")
+        raise NotSupportedError(
+            f"m must be empty or zeros, because force control always has the arm's own inertia; got {m}"
+        )
     robot.force.set_impedance(d, k)
 
 
 @service(CLASS)
 def get_dynamic_model(robot: Services) -> Json:
-    """What setDynamicModel has set.
+    """The values that setDynamicModel has set.
 
     Returns:
         {"m": zeros, "d": damping ratios, "k": N/m and N·m/rad}, 6 values each; k is null for the nominal one.
@@ -132,7 +138,7 @@ def get_target_force(robot: Services) -> list[float]:
 
 @service(CLASS)
 def get_external_wrench(robot: Services) -> list[float]:
-    """What the surroundings do to the TCP, as estimated from the joints' torques.
+    """The wrench of the surroundings on the TCP, estimated from the joint torques.
 
     Returns:
         N and N·m, 6 values, in the base frame.
@@ -143,9 +149,9 @@ def get_external_wrench(robot: Services) -> list[float]:
 
 @service(CLASS)
 def fc_set_sensor_thresholds(robot: Services, thresholds: list[float]) -> None:
-    """Beyond which external wrench the arm is stopped and force control ends. Counts at once.
+    """Set the external wrench above which the arm is stopped and force control ends. Takes effect at once.
 
-    The service looks every 10 ms while force control is on, in servo sessions too.
+    The service checks it every 10 ms while force control is on, also in servo sessions.
 
     Args:
         thresholds: N and N·m at the TCP, along and about each axis of the base frame, 6 values; 0 for none.
@@ -155,7 +161,7 @@ def fc_set_sensor_thresholds(robot: Services, thresholds: list[float]) -> None:
 
 @service(CLASS)
 def get_fc_sensor_thresholds(robot: Services) -> list[float]:
-    """What fcSetSensorThresholds has set.
+    """The thresholds that fcSetSensorThresholds has set.
 
     Returns:
         N and N·m, 6 values; 0 for none.
@@ -165,7 +171,8 @@ def get_fc_sensor_thresholds(robot: Services) -> list[float]:
 
 @service(CLASS)
 def fc_set_sensor_limits(robot: Services, limits: list[float]) -> None:
-    """Beyond which external wrench the real-time process ends force control, at once. Not while it is on.
+    """Set the external wrench above which the real-time process ends force control at once. Rejected while
+    force control is on.
 
     Args:
         limits: N and N·m at the TCP, along and about each axis of the base frame, 6 values; 0 for none.
@@ -175,7 +182,7 @@ def fc_set_sensor_limits(robot: Services, limits: list[float]) -> None:
 
 @service(CLASS)
 def get_fc_sensor_limits(robot: Services) -> list[float]:
-    """What fcSetSensorLimits has set.
+    """The limits that fcSetSensorLimits has set.
 
     Returns:
         N and N·m, 6 values; 0 for none.

@@ -1,7 +1,7 @@
-"""Vendor services over HTTP: one route for all, whose documentation has a path for each.
+"""Vendor services over HTTP: one route for all services, but one path for each in the documentation.
 
-Two hundred routes would be tried one after the other in each request. The service's own check of what comes
-in, `registry.bind`, is the same for every transport.
+With two hundred routes each request would try one after the other. The validation of requests,
+`registry.bind`, is the same for every transport.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ JSON_TYPES: dict[str, dict[str, Any]] = {
     "string": {"type": "string"},
     "json": {"type": "string", "contentMediaType": "application/json"},
 }
-DESCRIPTION = """The services of the controller's vendor, as they are on ROS 2 too. Each answers with a
-`code`: 0 is success, see docs/services.md. Lengths in m, angles in rad. The REST API is on
-[a page of its own](/docs)."""
+DESCRIPTION = """The services of the controller's vendor, the same as on ROS 2. Each answers with a `code`; 0
+is success, see docs/services.md. Lengths in m, angles in rad. The REST API is on [a page of its own](/docs).
+"""
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 POSE = [0.4, 0.0, 0.5, 0.0, 3.1, 0.0]
 VIA, END = [0.45, 0.1, 0.55, 0.0, 3.1, 0.0], [0.4, 0.2, 0.55, 0.0, 3.1, 0.0]
@@ -60,12 +60,14 @@ EXAMPLES: dict[str, Any] = {
     **dict.fromkeys(("rpy", "rotv"), TURN),
     "quat": [1.0, 0.0, 0.0, 0.0],
 }
-"""Swagger fills in these values for fields of these names; for others their default, or that of ROS."""
+"""Values that Swagger fills in for fields with these names. Other fields get their default, or that of
+ROS.
+"""
 
 
 class _VendorRoute(APIRoute):
     def matches(self, scope: Scope) -> tuple[Match, Scope]:
-        """Match only paths whose second part is a class. All others belong to other routes, or to none."""
+        """Match only paths whose second part is a class of vendor services."""
         parts = plain_path(scope).split("/")
         return super().matches(scope) if len(parts) == 4 and parts[2] in CLASSES else (Match.NONE, {})
 
@@ -75,7 +77,7 @@ router = EndpointRouter(route_class=_VendorRoute)
 
 @router.endpoint(f"POST {PATH}", Role.OBSERVER, timeout_s=20.0, include_in_schema=False)
 async def vendor_service(request: Request) -> JSONResponse:
-    """Any service of the registry."""
+    """Call a vendor service of the registry."""
     services = services_of(request)
     stops = services.ownership.stops_before(request.scope.get(BEGUN_S))
     robot_class, method = request.path_params["Class"], request.path_params["method"]
@@ -92,7 +94,7 @@ async def vendor_service(request: Request) -> JSONResponse:
 
 
 async def _content(request: Request) -> Any:
-    """The body; none is as good as an empty object."""
+    """The body as JSON; an empty body becomes an empty object."""
     body = await request.body()
     if not body:
         return {}
@@ -146,7 +148,7 @@ def _operation(found: VendorService) -> dict[str, Any]:
         "type": "object",
         "properties": {
             "code": {"type": "integer", "description": "0 is success, see docs/services.md"},
-            "message": {"type": "string", "description": "What went wrong; empty on success."},
+            "message": {"type": "string", "description": "The error; empty on success."},
             "result": _schema(found.result),
         },
         "required": ["code", "message", "result"],
@@ -162,7 +164,7 @@ def _operation(found: VendorService) -> dict[str, Any]:
         "requestBody": {"required": bool(needed), "content": {"application/json": {"schema": body}}},
         "responses": {
             "200": {
-                "description": "Called: `code` says what became of it.",
+                "description": "The service was called; `code` has the result.",
                 "content": {"application/json": {"schema": answer}},
             },
             **error_references(*STATUSES),

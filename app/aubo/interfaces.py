@@ -1,7 +1,9 @@
-"""The ROS interfaces of the vendor services and actions: texts, and the package that a ROS user builds.
+"""The ROS interfaces of the vendor services and actions: their definitions, and the package that a ROS user
+builds.
 
-`python -m app.aubo.interfaces FOLDER` writes the package below a folder, from the registry; with --small only
-what the manual's client needs. Both have the same name, because it is part of the types.
+`python -m app.aubo.interfaces FOLDER` writes the package below a folder, from the registry. With --small it
+has only the interfaces that the manual's client needs. Both packages have the same name, because it is part
+of the types.
 """
 
 from __future__ import annotations
@@ -30,10 +32,12 @@ SMALL = frozenset(
     f"{PACKAGE}/srv/{name}"
     for name in ("GetDof", "GetExecId", "GetJointPositions", "InverseKinematics", "IsSteady", "MoveJoint")
 )
-"""What the client of the manual's section 8.0 needs: some dozens of compile steps instead of 2,068."""
+"""Interfaces that the client in section 8.0 of the manual needs. They take some dozens of compile steps
+instead of 2,068.
+"""
 
 LISTED = re.compile(r'^  "(.+)"$', re.MULTILINE)
-"""An interface in CMakeLists.txt."""
+"""Pattern of a line in CMakeLists.txt that lists an interface."""
 
 PACKAGE_XML = """<?xml version="1.0"?>
 <package format="3">
@@ -68,7 +72,7 @@ ament_package()
 
 @cache
 def interface_definitions() -> Mapping[str, str]:
-    """The text of each interface by its type: `aubo_interfaces/srv/GetDof`, `.../action/ServoMode`."""
+    """The definition of each interface, by its type: `aubo_interfaces/srv/GetDof`, `.../action/ServoMode`."""
     by_type: dict[str, list[VendorService]] = {}
     for found in REGISTRY.values():
         by_type.setdefault(found.type_name, []).append(found)
@@ -81,7 +85,7 @@ def package_files(wanted: Collection[str] | None = None) -> dict[str, str]:
     """The content of each file of the package, by its path in the package's folder.
 
     Args:
-        wanted: the types that are to be in it; None: all.
+        wanted: the types in the package; None: all.
     """
     texts = {}
     for name, text in interface_definitions().items():
@@ -97,7 +101,7 @@ def package_files(wanted: Collection[str] | None = None) -> dict[str, str]:
 
 
 def write_package(folder: Path, files: Mapping[str, str]) -> None:
-    """Write the files into a folder that is empty, does not exist, or has nothing but an earlier package.
+    """Write the files into a folder that is empty, does not exist, or has only an earlier package.
 
     Raises:
         ConfigError: the folder has other files; nothing has been changed.
@@ -125,20 +129,26 @@ def _earlier_files(folder: Path) -> list[Path]:
     if other := sorted(str(path.relative_to(folder)) for path in files if path not in known):
         more = f" and {len(other) - 3} more" if len(other) > 3 else ""
         raise ConfigError(
-            f"{folder}: has files that this command has not written: {', '.join(other[:3])}{more}; move "
-            "them, or choose another folder"
+            f"{folder}: has other files, which this command has not written: {', '.join(other[:3])}{more}; "
+            f"move them, or choose another folder"
         )
     return files
 
 
 def _srv(services: list[VendorService]) -> str:
-    """One text for all services that share a type."""
+    """The .srv definition of all services that share a type."""
     first = services[0]
     lines: list[str] = []
     for found in services:
         lines += _comment(f"/ROBOT/{found.robot_class}/{found.method}: {found.doc}")
     lines += [line for field in first.parameters for line in _lines(field)]
-    lines += ["---", *_comment("0 is success"), "int32 code", *_comment("what went wrong"), "string message"]
+    lines += [
+        "---",
+        *_comment("0 is success"),
+        "int32 code",
+        *_comment("the error"),
+        "string message",
+    ]
     return "\n".join([*lines, *_lines(first.result)]) + "\n"
 
 
@@ -153,10 +163,12 @@ def _comment(text: str) -> list[str]:
 
 
 def main() -> int:
-    """Write the package that a ROS user builds. The exit status: 0, or 2 when nothing was written."""
+    """Write the package that a ROS user builds. Returns the exit status: 0, or 2 if nothing was written."""
     parser = argparse.ArgumentParser(prog="python -m app.aubo.interfaces", description=__doc__)
     parser.add_argument("folder", type=Path, help="the src folder of a colcon workspace")
-    parser.add_argument("--small", action="store_true", help="only what the manual's client needs")
+    parser.add_argument(
+        "--small", action="store_true", help="only the interfaces that the manual's client needs"
+    )
     chosen = parser.parse_args()
     files = package_files(SMALL if chosen.small else None)
     try:

@@ -1,6 +1,6 @@
 """IoControl: digital and analog inputs and outputs, simulated.
 
-Each group of places has the same methods, so they are made by two functions.
+Every group of inputs or outputs has the same methods, so two functions generate them.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ def _add_digital(way: str, group: str, count: int) -> None:
     def write(robot: Services, index: int, value: bool) -> None:
         robot.equipment.io.set_digital(way, group, index, value)
 
-    _add(f"get{name}Num", f"How many {what}s there are.\n\nReturns:\n    {count}.", {"return": int}, number)
+    _add(f"get{name}Num", f"The number of {what}s.\n\nReturns:\n    {count}.", {"return": int}, number)
     types: dict[str, Any] = {"index": int, "return": bool}
-    _add(f"get{name}", f"Read a {what}.\n\n{place}\n\nReturns:\n    its value.", types, read)
-    text = f"Read all {what}s at once.\n\nReturns:\n    a bit for each, index 0 in the lowest."
+    _add(f"get{name}", f"Read a {what}.\n\n{place}\n\nReturns:\n    the value.", types, read)
+    text = f"Read all {what}s at once.\n\nReturns:\n    one bit for each; index 0 is the lowest bit."
     _add(f"get{name}s", text, {"return": int}, read_all)
     text = f"Set a {what}.{_SIMULATED[way]}\n\n{place}\n    value: the new value."
     _add(f"set{name}", text, {"index": int, "value": bool, "return": None}, write)
@@ -76,14 +76,14 @@ def _add_analog(way: str, group: str, count: int) -> None:
     def write_domain(robot: Services, index: int, domain: int) -> None:
         robot.equipment.io.set_domain(way, group, index, domain)
 
-    _add(f"get{name}Num", f"How many {what}s there are.\n\nReturns:\n    {count}.", {"return": int}, number)
+    _add(f"get{name}Num", f"The number of {what}s.\n\nReturns:\n    {count}.", {"return": int}, number)
     text = f"Read a {what}.\n\n{place}\n\nReturns:\n    {ranges}."
     _add(f"get{name}", text, {"index": int, "return": float}, read)
     text = f"Set a {what}.{_SIMULATED[way]}\n\n{place}\n    value: {ranges}."
     _add(f"set{name}", text, {"index": int, "value": float, "return": None}, write)
-    text = f"What a {what} carries.\n\n{place}\n\nReturns:\n    0 current, 1 voltage."
+    text = f"The signal type of a {what}.\n\n{place}\n\nReturns:\n    0 current, 1 voltage."
     _add(f"get{name}Domain", text, {"index": int, "return": int}, read_domain)
-    text = f"Set whether a {what} carries a current or a voltage. It then has the minimum value.\n\n{place}\n"
+    text = f"Set a {what} to current or voltage. Its value becomes the minimum.\n\n{place}\n"
     text += "    domain: 0 current, 1 voltage."
     _add(f"set{name}Domain", text, {"index": int, "domain": int, "return": None}, write_domain)
 

@@ -1,4 +1,4 @@
-"""Math: poses as `app.aubo.poses` has them, and quaternions [w, x, y, z]."""
+"""Math: poses in the form of `app.aubo.poses`, and quaternions [w, x, y, z]."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 LENGTHS = (1e-9, 1e9)
-"""A quaternion of a length in this range is normalized; any other is refused."""
+"""Range of the length of a quaternion that is normalized. Any other is rejected."""
 MAX_ALPHA = 1000.0
 
 
 @service("Math")
 def pose_add(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
-    """Positions added, and the rotation of p1 times that of p2: not a change of frames, see poseTrans.
+    """The sum of two positions, and the rotation of p1 times that of p2. For a change of frames see
+    poseTrans.
 
     Args:
         p1: [x, y, z, rx, ry, rz], m and rad.
-        p2: the same.
+        p2: the second pose, in the same form.
 
     Returns:
         [x, y, z, rx, ry, rz], m and rad.
@@ -41,14 +42,14 @@ def pose_add(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
 
 @service("Math")
 def pose_sub(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
-    """Position of p2 subtracted from that of p1, and the rotation of p1 times the inverse of that of p2.
+    """The position of p1 minus that of p2, and the rotation of p1 times the inverse of that of p2.
 
     Args:
         p1: [x, y, z, rx, ry, rz], m and rad.
-        p2: the same.
+        p2: the second pose, in the same form.
 
     Returns:
-        What poseAdd with p2 gives p1 for: [x, y, z, rx, ry, rz], m and rad.
+        [x, y, z, rx, ry, rz], m and rad. poseAdd of this pose and p2 is p1.
     """
     first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
     turn = _turned(first) @ _turned(second).inverse()
@@ -57,11 +58,12 @@ def pose_sub(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
 
 @service("Math")
 def pose_trans(robot: Services, pose_from: list[float], pose_from_to: list[float]) -> list[float]:
-    """One pose, given in the frame of another one, in that one's own frame: the product of their matrices.
+    """Transform a pose from the frame pose_from into the frame in which pose_from is given: the product of
+    their matrices.
 
     Args:
         pose_from: [x, y, z, rx, ry, rz], m and rad.
-        pose_from_to: the same, in the frame of pose_from.
+        pose_from_to: a pose in the frame pose_from, in the same form.
 
     Returns:
         [x, y, z, rx, ry, rz], m and rad.
@@ -71,7 +73,7 @@ def pose_trans(robot: Services, pose_from: list[float], pose_from_to: list[float
 
 @service("Math")
 def pose_inverse(robot: Services, pose: list[float]) -> list[float]:
-    """The frame that a pose is given in, as seen from the pose.
+    """The inverse of a pose: the pose of its reference frame in the frame of the pose.
 
     Args:
         pose: [x, y, z, rx, ry, rz], m and rad.
@@ -84,11 +86,11 @@ def pose_inverse(robot: Services, pose: list[float]) -> list[float]:
 
 @service("Math")
 def pose_distance(robot: Services, p1: list[float], p2: list[float]) -> float:
-    """The distance between the positions of two poses. Their orientations do not count.
+    """The distance between the positions of two poses. Their orientations are ignored.
 
     Args:
         p1: [x, y, z, rx, ry, rz], m and rad.
-        p2: the same.
+        p2: the second pose, in the same form.
 
     Returns:
         m.
@@ -98,26 +100,26 @@ def pose_distance(robot: Services, p1: list[float], p2: list[float]) -> float:
 
 @service("Math")
 def pose_angle_distance(robot: Services, p1: list[float], p2: list[float]) -> float:
-    """The angle of the rotation that takes the orientation of one pose to that of the other.
+    """The angle of the rotation between the orientations of two poses.
 
     Args:
         p1: [x, y, z, rx, ry, rz], m and rad.
-        p2: the same.
+        p2: the second pose, in the same form.
 
     Returns:
-        rad, from 0 to π.
+        the angle, rad, from 0 to π.
     """
     return angle_between(pose_of(p1, "p1").quaternion, pose_of(p2, "p2").quaternion)
 
 
 @service("Math")
 def interpolate_pose(robot: Services, p1: list[float], p2: list[float], alpha: float) -> list[float]:
-    """A pose on the way from one to another: straight in position, evenly the short way in orientation.
+    """A pose between two others: linear in position, and along the shortest rotation in orientation.
 
     Args:
         p1: [x, y, z, rx, ry, rz], m and rad.
-        p2: the same.
-        alpha: 0 is p1, 1 is p2; others go on beyond, from -1000 to 1000.
+        p2: the second pose, in the same form.
+        alpha: 0 is p1, 1 is p2; other values extrapolate, from -1000 to 1000.
 
     Returns:
         [x, y, z, rx, ry, rz], m and rad.
@@ -152,33 +154,35 @@ def quaternion_to_rpy(robot: Services, quat: list[float]) -> list[float]:
         quat: [w, x, y, z].
 
     Returns:
-        [rx, ry, rz], rad, ry from −π/2 to π/2; where it is one of them, rx is 0.
+        [rx, ry, rz], rad, ry from −π/2 to π/2. If ry is one of these bounds, rx is 0.
     """
     least, most = LENGTHS
     if len(quat) != 4 or not least <= math.hypot(*quat) <= most:
-        raise InputError(f"quat must be [w, x, y, z], {least:g} to {most:g} long, got {shown(quat)}")
+        raise InputError(
+            f"quat must be [w, x, y, z] with a length of {least:g} to {most:g}, got {shown(quat)}"
+        )
     return numbers_of(Pose(np.zeros(3), np.array(quat)))[3:]
 
 
 @service("Math")
 def rpy_to_rotation_vector(robot: Services, rpy: list[float]) -> list[float]:
-    """Roll, pitch and yaw about the fixed axes x, y, z as axis times angle.
+    """Roll, pitch and yaw about the fixed axes x, y, z as a rotation vector: axis times angle.
 
     Args:
         rpy: [rx, ry, rz], rad.
 
     Returns:
-        rad, at most π long.
+        the rotation vector, rad, with a length of at most π.
     """
     return list(quaternion.log(_turn(rpy).tolist()))
 
 
 @service("Math")
 def rotation_vector_to_rpy(robot: Services, rotv: list[float]) -> list[float]:
-    """Axis times angle as roll, pitch and yaw about the fixed axes x, y, z.
+    """A rotation vector (axis times angle) as roll, pitch and yaw about the fixed axes x, y, z.
 
     Args:
-        rotv: rad.
+        rotv: the rotation vector, rad.
 
     Returns:
         [rx, ry, rz], rad, ry from −π/2 to π/2.
@@ -188,7 +192,7 @@ def rotation_vector_to_rpy(robot: Services, rotv: list[float]) -> list[float]:
 
 
 def _turned(pose: Pose) -> Pose:
-    """Its orientation alone."""
+    """The pose with only its orientation; its position is 0."""
     nowhere: Array = np.zeros(3)
     return Pose(nowhere, pose.quaternion)
 

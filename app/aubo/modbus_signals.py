@@ -23,26 +23,28 @@ async def modbus_add_signal(
     signal_name: str,
     sequential_mode: bool = False,
 ) -> None:
-    """Give a value of a Modbus TCP device a name, and read it ten times a second from now on.
+    """Define a named signal of a Modbus TCP device, and read it ten times a second from now on.
 
-    A device that is not there, or goes away, is tried again: after 0.2 s, then at up to 5 s.
+    If the device does not answer, the connection is tried again: after 0.2 s, then at intervals of up to 5 s.
 
     Args:
-        device_info: HOST, or HOST,PORT; the port is 502 without one. Serial Modbus (RTU) is not supported.
-        slave_number: the unit, from 0 to 255.
-        signal_address: from 0 to 65535.
+        device_info: HOST, or HOST,PORT; the default port is 502. Serial Modbus (RTU) is not supported.
+        slave_number: number of the Modbus unit, from 0 to 255.
+        signal_address: address of the value, from 0 to 65535.
         signal_type: 0 digital input, 1 digital output, 2 register input, 3 register output.
-        signal_name: what the other calls name it by.
-        sequential_mode: requests to a device always go one after the other, so this changes nothing.
+        signal_name: name of the signal in the other calls.
+        sequential_mode: ignored; requests to a device are always sent one after the other.
     """
     if device_info.lstrip().lower().startswith(("rtu", "/dev")):
-        raise NotSupportedError(f"device_info: {device_info!r}: only Modbus TCP is there, as HOST,PORT")
+        raise NotSupportedError(
+            f"device_info: {device_info!r}: only Modbus TCP is supported: give HOST or HOST,PORT"
+        )
     robot.equipment.modbus.add(device_info, slave_number, signal_address, signal_type, signal_name)
 
 
 @service(CLASS)
 def modbus_delete_signal(robot: Services, signal_name: str) -> None:
-    """Read a signal no more, and forget it.
+    """Delete a signal, and stop reading it.
 
     Args:
         signal_name: its name.
@@ -52,13 +54,13 @@ def modbus_delete_signal(robot: Services, signal_name: str) -> None:
 
 @service(CLASS)
 def modbus_delete_all_signals(robot: Services) -> None:
-    """Forget all signals."""
+    """Delete all signals."""
     robot.equipment.modbus.remove_all()
 
 
 @service(CLASS)
 def modbus_get_signal_status(robot: Services, signal_name: str) -> int:
-    """What a signal was when it was read last. Fails when its device did not answer then.
+    """The value of a signal when it was last read. Fails if its device did not answer then.
 
     Args:
         signal_name: its name.
@@ -74,7 +76,7 @@ def modbus_get_signal_names(robot: Services) -> list[str]:
     """The names of all signals.
 
     Returns:
-        in the order in which they were added, as all lists of signals.
+        the names, in the order in which they were added. All lists of signals have this order.
     """
     return [signal.name for signal in robot.equipment.modbus.signals()]
 
@@ -84,40 +86,40 @@ def modbus_get_signal_types(robot: Services) -> list[int]:
     """The types of all signals.
 
     Returns:
-        see modbusAddSignal.
+        the types as numbers, see modbusAddSignal.
     """
     return [int(signal.kind) for signal in robot.equipment.modbus.signals()]
 
 
 @service(CLASS)
 def modbus_get_signal_values(robot: Services) -> list[int]:
-    """The values of all signals; whether they hold, modbusGetSignalErrors says.
+    """The values of all signals. modbusGetSignalErrors reports whether they are current.
 
     Returns:
-        as they were read last.
+        the values that were last read.
     """
     return [signal.value for signal in robot.equipment.modbus.signals()]
 
 
 @service(CLASS)
 def modbus_get_signal_errors(robot: Services) -> list[int]:
-    """Whether the signals' values hold.
+    """Whether the values of the signals are current.
 
     Returns:
-        0 for those that do, 1 for the others.
+        0 for current values, 1 for others.
     """
     return [int(signal.problem != "") for signal in robot.equipment.modbus.signals()]
 
 
 @service(CLASS)
 def modbus_get_signal_error(robot: Services, signal_name: str) -> str:
-    """Why the value of a signal is not what its device has now.
+    """The reason why the value of a signal is not current.
 
     Args:
         signal_name: its name.
 
     Returns:
-        empty when it is.
+        the reason; empty if the value is current.
     """
     return robot.equipment.modbus.signal(signal_name).problem
 
@@ -128,17 +130,17 @@ async def modbus_set_output_signal(robot: Services, signal_name: str, value: int
 
     Args:
         signal_name: its name.
-        value: 0 or 1, or from 0 to 65535.
+        value: 0 or 1 for a digital output, 0 to 65535 for a register.
     """
     await robot.equipment.modbus.write(signal_name, value)
 
 
 @service(CLASS)
 def modbus_set_signal_update_frequency(robot: Services, signal_name: str, update_frequency: float) -> None:
-    """How often a signal is read; a slow device is read as often as it answers.
+    """Set how often a signal is read. A slow device is read as often as it answers.
 
     Args:
         signal_name: its name.
-        update_frequency: Hz, from 0.01 to 100.
+        update_frequency: frequency, Hz, from 0.01 to 100.
     """
     robot.equipment.modbus.set_frequency(signal_name, update_frequency)

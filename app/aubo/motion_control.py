@@ -1,7 +1,7 @@
 """MotionControl: motions in a queue, see `app.services.motion.queue.motion_queue`, and servo modes.
 
-Poses are those of the tool's tip, see RobotConfig/setTcpOffset, in the base frame. Long: each service is a
-function that says what it takes and gives, and is the schema of it, so two that take the same both say it.
+Poses are those of the tool's tip, see RobotConfig/setTcpOffset, in the base frame. This module is long
+because the docstring of each service is also its schema, so similar services repeat the same descriptions.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """How fast a move of the queue is, and how far from its end the next one may begin; see `move_joint`.
+    """The speed of a move in the queue, and its blend radius; see `move_joint`.
 
     Attributes:
         acceleration, velocity: rad/s² and rad/s of the fastest joint, or m/s² and m/s of the tool's tip.
-        duration_s: if above 0, how long the move takes; the two others do not count then.
+        duration_s: if above 0, the duration of the move; the two others are then ignored.
     """
 
     acceleration: float
@@ -48,16 +48,16 @@ async def move_joint(
     blend_radius: float = 0.0,
     duration: float = 0.0,
 ) -> None:
-    """Go to joint angles, in the shortest time in joint space. Answers when the move is planned; it follows
-    those before.
+    """Move to joint angles, in the shortest time in joint space. Answers when the move is planned. The move
+    runs after the queued ones.
 
     Args:
-        q: rad, one for each joint.
-        a: rad/s², of the fastest joint; a joint with a lower limit keeps that.
-        v: rad/s, of the fastest joint; a joint with a lower limit keeps that.
-        blend_radius: m, how far from q the TCP may be while the arm goes on into the next move, if that
-            comes half a second before the arm would slow down for q; 0 stops at q.
-        duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
+        q: joint angles, rad, one for each joint.
+        a: maximum acceleration of the fastest joint, rad/s². Joints with lower limits keep those.
+        v: maximum velocity of the fastest joint, rad/s. Joints with lower limits keep those.
+        blend_radius: maximum distance of the TCP from q, m, while the arm blends into the next move. The next
+            move must arrive half a second before the arm would slow down for q. 0: stop at q.
+        duration: exact duration of the move, s, up to a day; a and v are then ignored. 0: use a and v.
     """
     target = np.array(q)
     robot.goals.require_joints(target, name="q", limits=robot.settings.envelope.limits)
@@ -74,14 +74,14 @@ async def move_line(
     blend_radius: float = 0.0,
     duration: float = 0.0,
 ) -> None:
-    """Go to a pose along a straight line, turning evenly. Answers when the move is planned.
+    """Move to a pose along a straight line, with an even rotation. Answers when the move is planned.
 
     Args:
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
-        a: m/s², of the tool's tip; limits that are lower are kept.
-        v: m/s, of the tool's tip; limits that are lower are kept.
-        blend_radius: m, as of moveJoint.
-        duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
+        a: maximum acceleration of the tool's tip, m/s². Lower limits are kept.
+        v: maximum velocity of the tool's tip, m/s. Lower limits are kept.
+        blend_radius: as in moveJoint, m.
+        duration: exact duration of the move, s, up to a day; a and v are then ignored. 0: use a and v.
     """
     rate = Rate(a, v, blend_radius, duration)
     await _add(robot, origin, "moveLine", PlannerName.LIN, place_of(pose), rate)
@@ -98,15 +98,15 @@ async def move_circle(
     blend_radius: float = 0.0,
     duration: float = 0.0,
 ) -> None:
-    """Go to a pose along an arc, turning evenly from start to end. Answers when the move is planned.
+    """Move to a pose along an arc, with an even rotation from start to end. Answers when the move is planned.
 
     Args:
-        via_pose: a pose whose position the arc leads through; its orientation does not count.
+        via_pose: a pose on the arc. Only its position is used.
         end_pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
-        a: m/s², of the tool's tip; limits that are lower are kept.
-        v: m/s, of the tool's tip; limits that are lower are kept.
-        blend_radius: m, as of moveJoint.
-        duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
+        a: maximum acceleration of the tool's tip, m/s². Lower limits are kept.
+        v: maximum velocity of the tool's tip, m/s. Lower limits are kept.
+        blend_radius: as in moveJoint, m.
+        duration: exact duration of the move, s, up to a day; a and v are then ignored. 0: use a and v.
     """
     via, goal = place_of(via_pose, "via_pose").position, place_of(end_pose, "end_pose")
     rate = Rate(a, v, blend_radius, duration)
@@ -115,31 +115,32 @@ async def move_circle(
 
 @service("MotionControl")
 def get_exec_id(robot: Services) -> int:
-    """Which move of the queue is under way. It is shown for 0.2 s at least, even if there is nothing to move.
+    """The number of the present move in the queue. It is reported for at least 0.2 s, even if the arm does
+    not have to move.
 
     Returns:
-        The move's number, counted from 1; -1 when the queue is empty, also when a stop or a fault has
-        emptied it.
+        The number of the move, counted from 1. -1 if the queue is empty, also after a stop or a fault has
+            emptied it.
     """
     return robot.queue.current
 
 
 @service("MotionControl")
 def get_queue_size(robot: Services) -> int:
-    """How many moves have been accepted and have not ended.
+    """The number of accepted moves that have not ended.
 
     Returns:
-        The one that is under way included.
+        The number, including the present move.
     """
     return robot.queue.size
 
 
 @service("MotionControl")
 def get_duration(robot: Services, exec_id: int) -> float:
-    """How long a move takes that has not ended, at full speed and without blends.
+    """The duration of a move that has not ended, at full speed and without blends.
 
     Args:
-        exec_id: the move's number, as getExecId gives it.
+        exec_id: number of the move, as in getExecId.
 
     Returns:
         s.
@@ -152,10 +153,10 @@ def get_duration(robot: Services, exec_id: int) -> float:
 
 @service("MotionControl")
 def get_last_error(robot: Services) -> str:
-    """Why the queue was emptied last.
+    """The reason why the queue was last emptied.
 
     Returns:
-        A sentence; empty once another move is accepted.
+        The reason as a sentence; empty once another move is accepted.
     """
     return robot.queue.last_error
 
@@ -172,22 +173,22 @@ def get_speed_fraction(robot: Services) -> float:
 
 @service("MotionControl")
 async def set_speed_fraction(robot: Services, fraction: float) -> None:
-    """Go faster or slower along the paths, from now on: the motion that runs and all that follow.
+    """Set the speed override, for the present motion and all later ones.
 
-    Refused while another client moves the arm or has control of it, and while it follows a stream. A value
+    Rejected while another client moves the arm or has control of it, and during a streaming session. A value
     that a program or the holder of a control lease has set ends with the program or the lease.
 
     Args:
-        fraction: of the planned speed: 0, where the arm waits, or from 0.01 to 1.
+        fraction: share of the planned speed: 0 (the arm waits), or from 0.01 to 1.
     """
     await robot.ownership.set_speed_fraction(fraction)
 
 
 @service("MotionControl")
 async def stop_move(robot: Services) -> None:
-    """Come to rest on the path and wait there, moves that are queued included, until startMove or clearPath.
+    """Stop on the path. The present and the queued moves wait until startMove or clearPath.
 
-    With an empty queue it does nothing, and is refused while something else moves the arm.
+    With an empty queue this does nothing. It is rejected while another request moves the arm.
     """
     _require_no_other_motion(robot)
     if not robot.queue.idle:
@@ -196,16 +197,16 @@ async def stop_move(robot: Services) -> None:
 
 @service("MotionControl")
 async def start_move(robot: Services) -> None:
-    """Continue after stopMove. Refused while another client has control of the arm."""
+    """Continue after stopMove. Rejected while another client has control of the arm."""
     robot.ownership.require_control()
     await robot.ownership.speed_override.resume()
 
 
 @service("MotionControl")
 async def clear_path(robot: Services) -> None:
-    """Come to rest on the path and forget all moves of the queue. Answers when the arm rests.
+    """Stop on the path and remove all moves from the queue. Answers when the arm is at rest.
 
-    With an empty queue it does nothing, and is refused while something else moves the arm.
+    With an empty queue this does nothing. It is rejected while another request moves the arm.
     """
     _require_no_other_motion(robot)
     await robot.queue.clear("the path was cleared by MotionControl/clearPath")
@@ -213,12 +214,12 @@ async def clear_path(robot: Services) -> None:
 
 @service("MotionControl")
 async def stop_joint(robot: Services, acc: float = 0.0) -> None:
-    """Come to rest on the path as fast as the limits permit, and forget all moves. Answers at rest.
+    """Stop on the path as fast as the limits permit, and remove all moves. Answers when the arm is at rest.
 
-    This ends every motion, another client's too, because a stop needs no ownership.
+    This also ends motions of other clients, because a stop needs no control.
 
     Args:
-        acc: rad/s²; 0, or no less than the joints' limits: a gentler stop is not supported.
+        acc: deceleration, rad/s²: 0, or at least the joints' limits. A gentler stop is not supported.
     """
     _require_fastest(acc, float(robot.robot.limits.max_acceleration.max()), "rad/s²")
     await robot.stopping.stop_motion("stopped by MotionControl/stopJoint")
@@ -226,13 +227,13 @@ async def stop_joint(robot: Services, acc: float = 0.0) -> None:
 
 @service("MotionControl")
 async def stop_line(robot: Services, acc: float = 0.0, acc_rot: float = 0.0) -> None:
-    """Come to rest on the path as fast as the limits permit, and forget all moves. Answers at rest.
+    """Stop on the path as fast as the limits permit, and remove all moves. Answers when the arm is at rest.
 
-    This ends every motion, another client's too, because a stop needs no ownership.
+    This also ends motions of other clients, because a stop needs no control.
 
     Args:
-        acc: m/s²; 0, or no less than the limit of the tool's tip: a gentler stop is not supported.
-        acc_rot: rad/s²; the same.
+        acc: deceleration, m/s²: 0, or at least the limit of the tool's tip. A gentler stop is not supported.
+        acc_rot: angular deceleration, rad/s²; as acc.
     """
     limits = robot.robot.cartesian_limits
     _require_fastest(acc, limits.max_linear_acceleration, "m/s²")
@@ -242,10 +243,11 @@ async def stop_line(robot: Services, acc: float = 0.0, acc_rot: float = 0.0) -> 
 
 @service("MotionControl")
 async def set_servo_mode(robot: Services, enable: bool) -> None:
-    """Begin a servo session in mode 1, or end the one that is under way. Answers when it has, at rest.
+    """Begin a servo session in mode 1, or end the present one. Answers when the session has begun, or has
+    ended with the arm at rest.
 
     Args:
-        enable: whether to begin one; see setServoModeSelect for the other modes.
+        enable: true: begin a session; false: end it. For other modes see setServoModeSelect.
     """
     await (robot.servo.begin(ServoMode.REPLANNED) if enable else robot.servo.end())
 
@@ -254,14 +256,14 @@ async def set_servo_mode(robot: Services, enable: bool) -> None:
 async def set_servo_mode_select(
     robot: Services, qmode: int, watchdog_timeout: float = 0.0, send_period: float = 0.0
 ) -> None:
-    """Begin a servo session in a mode; one that is under way is ended before. Points come by servoJoint,
+    """Begin a servo session in a mode. A present session is ended first. Send points with servoJoint,
     servoCartesian or the topic joint_cmd.
 
     Args:
-        qmode: 0 leaves; 1 re-planned to the newest point, 2 passed through, 3 and 4 passed through from a
-            buffer, 5 planned through all points, 6 and 7 as 1 and 5 with force control.
-        watchdog_timeout: s, without a point for so long the session ends; 0 for 0.5 s.
-        send_period: s, how often points come; 0 for the control period.
+        qmode: 0 ends the session; 1 re-planned to the newest point, 2 passed through, 3 and 4 passed through
+            from a buffer, 5 planned through all points, 6 and 7 as 1 and 5 with force control.
+        watchdog_timeout: time without a point after which the session ends, s; 0 for 0.5 s.
+        send_period: interval between points, s; 0 for the control period.
     """
     await robot.servo.begin(qmode, watchdog_timeout, send_period)
 
@@ -281,17 +283,18 @@ service("MotionControl", name="getServoModeSelect")(get_servo_mode)
 
 @service("MotionControl")
 def is_servo_mode_enabled(robot: Services) -> bool:
-    """Whether a servo session is under way.
+    """Whether a servo session is open.
 
     Returns:
-        Whether points are taken.
+        true if points are accepted.
     """
     return robot.servo.active
 
 
 @service("MotionControl")
 def get_servo_feedback(robot: Services) -> Json:
-    """What the servo session does, and what was refused since it began; without one of the last one.
+    """State of the servo session, and the points that were rejected since it began; without a session, that
+    of the last one.
 
     Returns:
         JSON: an object, see docs/servo.md.
@@ -309,15 +312,15 @@ async def servo_joint(
     lookahead_time: float = 0.0,
     gain: float = 0.0,
 ) -> None:
-    """A point of the servo session. Answers when it is taken, not when the arm is there.
+    """Send a point to the servo session. Answers when the point is accepted, before the arm reaches it.
 
     Args:
-        q: rad, one for each joint.
+        q: joint angles, rad, one for each joint.
         a: not used, as the manual says.
         v: not used, as the manual says.
-        t: s, the point's time parameter; 0 for the send period.
-        lookahead_time: s, of the servo law; 0 for none.
-        gain: of the servo law; 0 for none.
+        t: time parameter of the point, s; 0 for the send period.
+        lookahead_time: look-ahead time of the servo law, s; 0 for none.
+        gain: gain of the servo law; 0 for none.
     """
     await robot.servo.point(q, time_s=t, lookahead_s=lookahead_time, gain=gain)
 
@@ -332,15 +335,16 @@ async def servo_cartesian(
     lookahead_time: float = 0.0,
     gain: float = 0.0,
 ) -> None:
-    """A point of the servo session as a pose, by inverse kinematics near the last one. Answers when taken.
+    """Send a point to the servo session as a pose. Inverse kinematics chooses the joint angles near the last
+    point. Answers when the point is accepted.
 
     Args:
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
         a: not used, as the manual says.
         v: not used, as the manual says.
-        t: s, the point's time parameter; 0 for the send period.
-        lookahead_time: s, of the servo law; 0 for none.
-        gain: of the servo law; 0 for none.
+        t: time parameter of the point, s; 0 for the send period.
+        lookahead_time: look-ahead time of the servo law, s; 0 for none.
+        gain: gain of the servo law; 0 for none.
     """
     await robot.servo.point(pose, cartesian=True, time_s=t, lookahead_s=lookahead_time, gain=gain)
 
@@ -368,7 +372,7 @@ async def _add(
 
 
 def _require_no_other_motion(robot: Services) -> None:
-    """See that the queue is what moves the arm, if anything does: else its stop would be none."""
+    """Require that only the queue moves the arm. Otherwise its stop would have no effect on the motion."""
     owner = robot.ownership.owner if robot.queue.idle and robot.ownership.in_motion else None
     if owner is not None:
         raise ConflictError(f"the queue is empty, but {owner} moves the arm; stopJoint stops it")
@@ -377,5 +381,6 @@ def _require_no_other_motion(robot: Services) -> None:
 def _require_fastest(acceleration: float, limit: float, unit: str) -> None:
     if acceleration != 0.0 and acceleration < limit:
         raise NotSupportedError(
-            f"a stop is as fast as the limits permit: give 0, or from {limit:g} {unit}, not {acceleration:g}"
+            f"a stop is always as fast as the limits permit: give 0, or at least {limit:g} {unit}, got "
+            f"{acceleration:g}"
         )

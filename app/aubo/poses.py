@@ -1,7 +1,7 @@
 """Poses of vendor services: [x, y, z, rx, ry, rz], m and rad.
 
-rx, ry, rz turn about the fixed axes x, y and z in this order: R = Rz(rz) Ry(ry) Rx(rx), which are KUKA's
-angles (C, B, A).
+rx, ry, rz are rotations about the fixed axes x, y and z in this order: R = Rz(rz) Ry(ry) Rx(rx). They equal
+KUKA's angles (C, B, A).
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from cobot.types import Array, Pose
 from cobot.units import require_angle, require_way
 
 FARTHEST_M = 1e6
-"""Farther than any arm reaches, so near that nothing that is computed with it overflows."""
+"""Maximum coordinate, m. It is beyond the reach of any arm, and calculations with it do not overflow."""
 
 
 def pose_of(values: list[float], name: str = "pose") -> Pose:
     """A pose from its six numbers.
 
     Raises:
-        InputError: it has another number of them, or lies beyond `FARTHEST_M`.
+        InputError: there are not six numbers, or a coordinate is above `FARTHEST_M`.
     """
     if len(values) != 6:
         raise InputError(f"{name} must be [x, y, z, rx, ry, rz], got {len(values)} numbers")
@@ -31,10 +31,10 @@ def pose_of(values: list[float], name: str = "pose") -> Pose:
 
 
 def place_of(values: list[float], name: str = "pose", most_m: float = FARTHEST_M) -> Pose:
-    """A pose that something is brought to, or is at: as `pose_of`, with numbers that can be m and rad.
+    """The pose of a real object: like `pose_of`, but with tighter bounds for metres and radians.
 
     Raises:
-        InputError: see `pose_of`; a coordinate is beyond `most_m`, or an angle beyond one and a half turns.
+        InputError: see `pose_of`; or a coordinate is above `most_m`, or an angle above one and a half turns.
     """
     pose = pose_of(values, name)
     for index, (axis, value) in enumerate(zip(("x", "y", "z", "rx", "ry", "rz"), values, strict=True)):
@@ -52,5 +52,5 @@ def numbers_of(pose: Pose) -> list[float]:
 
 
 def as_list(values: Array) -> list[float]:
-    """Plain numbers."""
+    """The values as plain Python numbers."""
     return [float(value) for value in values]

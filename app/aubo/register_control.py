@@ -62,12 +62,12 @@ def _add_variable(kind: str) -> None:
 
     Args:
         key: its name.
-        default_value: the result when there is no such variable.
+        default_value: the result if there is no such variable.
 
     Returns:
         its value.
     """
-    write.__doc__ = f"""Write a named variable, {kind}, whatever it was before; kicks its watchdog.
+    write.__doc__ = f"""Write a named variable, {kind}, whatever its previous type. Restarts its watchdog.
 
     Args:
         key: its name.
@@ -95,20 +95,20 @@ def has_named_variable(robot: Services, key: str) -> bool:
         key: its name.
 
     Returns:
-        whether there is.
+        true if it exists.
     """
     return robot.equipment.variables.kind(key) != ""
 
 
 @service(CLASS)
 def get_named_variable_type(robot: Services, key: str) -> str:
-    """What a named variable holds.
+    """The type of a named variable.
 
     Args:
         key: its name.
 
     Returns:
-        bool, int32, float, double or string; empty when there is no such variable.
+        bool, int32, float, double or string; empty if there is no such variable.
     """
     return robot.equipment.variables.kind(key)
 
@@ -118,14 +118,14 @@ def get_named_variables(robot: Services) -> list[str]:
     """The names of all named variables.
 
     Returns:
-        sorted.
+        the names, sorted.
     """
     return robot.equipment.variables.names()
 
 
 @service(CLASS)
 def clear_named_variable(robot: Services, key: str) -> None:
-    """Forget a named variable.
+    """Delete a named variable.
 
     Args:
         key: its name.
@@ -135,13 +135,14 @@ def clear_named_variable(robot: Services, key: str) -> None:
 
 @service(CLASS)
 def set_watch_dog(robot: Services, key: str, timeout: float, action: int) -> None:
-    """Do something unless the named variable of this name is written again and again.
+    """Set a watchdog. It runs an action unless the named variable with this name is written again within the
+    timeout.
 
-    It does not matter which value is written. A watchdog that has run out starts again with the next write.
+    It does not matter which value is written. After a watchdog has expired, the next write starts it again.
 
     Args:
-        key: the variable's name, which is the watchdog's.
-        timeout: s, from 0.01 to 3600; 0 takes the watchdog away.
+        key: name of the variable and of the watchdog.
+        timeout: timeout, s, from 0.01 to 3600; 0 deletes the watchdog.
         action: 0 reports it in the messages, 1 pauses the motion, 2 stops program and motion, 3 does the same
             and blocks all motion until setUnlockProtectiveStop.
     """
@@ -153,13 +154,13 @@ def set_watch_dog(robot: Services, key: str, timeout: float, action: int) -> Non
 
 @service(CLASS)
 def get_watch_dog_timeout(robot: Services, key: str) -> float:
-    """How long a watchdog waits.
+    """The timeout of a watchdog.
 
     Args:
         key: its name.
 
     Returns:
-        s; 0 when there is none.
+        the timeout, s; 0 if there is no such watchdog.
     """
     dog = robot.equipment.variables.watchdog(key)
     return 0.0 if dog is None else dog.timeout_s
@@ -167,13 +168,13 @@ def get_watch_dog_timeout(robot: Services, key: str) -> float:
 
 @service(CLASS)
 def get_watch_dog_action(robot: Services, key: str) -> int:
-    """What a watchdog does.
+    """The action of a watchdog.
 
     Args:
         key: its name.
 
     Returns:
-        see setWatchDog; 0 when there is none.
+        the action, see setWatchDog; 0 if there is no such watchdog.
     """
     dog = robot.equipment.variables.watchdog(key)
     return 0 if dog is None else dog.action
@@ -181,13 +182,13 @@ def get_watch_dog_action(robot: Services, key: str) -> int:
 
 @service(CLASS)
 def is_watch_dog_expired(robot: Services, key: str) -> bool:
-    """Whether a watchdog has run out and its variable has not been written since.
+    """Whether a watchdog has expired and its variable has not been written since.
 
     Args:
         key: its name.
 
     Returns:
-        whether it has; false when there is none.
+        true if it has expired; false if there is no such watchdog.
     """
     dog = robot.equipment.variables.watchdog(key)
     return dog is not None and dog.expired

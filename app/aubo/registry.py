@@ -1,4 +1,4 @@
-"""Vendor services: a typed function each, registered once, served by every transport.
+"""Vendor services. Each is a typed function that is registered once and served by every transport.
 
 A class module registers its functions, and each transport calls them by class and method:
 
@@ -8,9 +8,10 @@ A class module registers its functions, and each transport calls them by class a
     answer = await call(robot, "RobotConfig", "getDof", {})  # VendorAnswer(code=0, message="", result=7)
 
 The first parameter is the robot's `Services`. If the second one is called `origin`, it gets the call's
-`CallOrigin`. All others are fields of the request: bool, int (int32), Int64, float, str, list[...] of bool,
-int, float or str, or Json, a string on the wire: the function gets and returns its content. The docstring
-describes each in `Args:` with its unit, and the result in `Returns:`. `-> None` answers with an int32 of 0.
+`CallOrigin`. All others are fields of the request. Their types are bool, int (int32), Int64, float, str,
+list[...] of bool, int, float or str, and Json. Json is a string in the message; the function takes and
+returns the decoded content. The docstring describes each field in `Args:` with its unit, and the result in
+`Returns:`. The answer of a function without a result is an int32 of 0.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class VendorService:
         doc: one or more sentences, without the description of the fields.
         parameters: the request, in the function's order.
         result: named "result".
-        takes_origin: whether the function wants the `CallOrigin`.
+        takes_origin: whether the function takes a `CallOrigin`.
     """
 
     robot_class: str
@@ -73,33 +74,35 @@ class VendorService:
 
     @property
     def type_name(self) -> str:
-        """The name of the .srv: the method's; with the class before it where methods of one name differ."""
+        """The name of the .srv file: that of the method. If two classes have methods with this name but
+        different fields, the class comes before it.
+        """
         return _type_names(len(REGISTRY))[self.robot_class, self.method]
 
     @property
     def role(self) -> Role:
-        """What its caller has to be."""
+        """The role that the caller needs."""
         return role_of(self.robot_class, self.method)
 
     @property
     def changes(self) -> bool:
-        """Whether it may change something, which the audit then has."""
+        """Whether the service may change something. Calls that do are written to the audit log."""
         reads = self.robot_class in CALCULATIONS or READS.match(self.method) is not None
         return not reads and self.method not in POINTS
 
     @property
     def signature(self) -> tuple[Any, ...]:
-        """What two services of one .srv have in common."""
+        """The request and result fields. Services that share a .srv file have equal ones."""
         return tuple((field.name, field.ros_type) for field in (*self.parameters, self.result))
 
 
 @dataclass(frozen=True, slots=True)
 class CallOrigin:
-    """Where a call comes from, for those services that move the arm.
+    """The origin of a call, for services that move the arm.
 
     Attributes:
-        name: for people, as "POST /iiwa/MotionControl/moveJoint".
-        stops: `Ownership.stops` when the request came in. A later stop applies to its motion too.
+        name: displayed name, such as "POST /iiwa/MotionControl/moveJoint".
+        stops: `Ownership.stops` when the request came in. A later stop also ends the motion of this call.
         token: the token of the sequence on whose behalf the arm moves, if any.
     """
 
@@ -110,7 +113,7 @@ class CallOrigin:
 
 @dataclass(frozen=True, slots=True)
 class VendorAnswer:
-    """What every service answers: 0 is success, see `cobot.codes`."""
+    """The answer of every service. `code` 0 is success, see `cobot.codes`."""
 
     code: int
     message: str
@@ -120,7 +123,7 @@ class VendorAnswer:
 CALCULATIONS = ("Math", "RobotAlgorithm")
 READS = re.compile(r"get|is[A-Z]|has|peek|(axisGroup|frame|modbus|serial|socket)(Get|Read|Convert)")
 """Classes whose methods change nothing, and prefixes of other methods that change nothing."""
-TOO_LARGE = "the numbers are too large: what comes of them is not finite"
+TOO_LARGE = "the numbers are too large: the result is not finite"
 POINTS = ("servoJoint", "servoCartesian")
 """Services that send points. The audit has an entry for their session instead."""
 
@@ -129,10 +132,11 @@ REGISTRY: dict[tuple[str, str], VendorService] = {}
 
 
 def service(robot_class: str, *, name: str | None = None) -> Callable[[Function], Function]:
-    """Register a function as a service of a class; its method is the function's name in camelCase, or `name`.
+    """Register a function as a service of a class. The method's name is the function's name in camelCase, or
+    `name`.
 
     Raises:
-        TypeError: the function's signature or docstring cannot be a service's: a programming error.
+        TypeError: a programming error: a service cannot have this signature or docstring.
     """
 
     def register(function: Function) -> Function:
@@ -153,10 +157,10 @@ async def call(
     arguments: dict[str, Any],
     origin: CallOrigin | None = None,
 ) -> VendorAnswer:
-    """Call a service with the fields of a request; never raises, but for cancellation.
+    """Call a service with the fields of a request. Never raises, except when cancelled.
 
     Args:
-        origin: None for a caller that has nothing to say but its call.
+        origin: origin of the call; None if the caller has no further information.
     """
     found = REGISTRY.get((robot_class, method))
     if found is None:
@@ -213,7 +217,7 @@ def failed(found: VendorService, code: Code, message: str) -> VendorAnswer:
 
 
 def unknown_service(robot_class: str, method: str) -> str:
-    """The sentence for a service that is not there, with those that are."""
+    """The message for an unknown service. It lists the valid ones."""
     classes = sorted({key[0] for key in REGISTRY})
     if robot_class not in classes:
         return f"there is no class {shown(robot_class)}; valid are: {', '.join(classes)}"
@@ -225,7 +229,7 @@ def bind(found: VendorService, arguments: Any) -> dict[str, Any]:
     """The function's arguments, checked and with defaults.
 
     Raises:
-        InputError: naming the field, what is wrong, and what is valid.
+        InputError: an argument is invalid. The error has the field, the problem and the valid values.
     """
     if not isinstance(arguments, dict):
         raise InputError(f"the request must be an object, got {shown(arguments)}")
@@ -240,7 +244,7 @@ def bind(found: VendorService, arguments: Any) -> dict[str, Any]:
 
 
 def camel_case(name: str) -> str:
-    """getDof for get_dof."""
+    """The name in camelCase: getDof for get_dof."""
     first, *others = name.split("_")
     return first + "".join(word[:1].upper() + word[1:] for word in others)
 
@@ -249,7 +253,7 @@ def _result(found: VendorService, value: Any) -> Any:
     """The result in the form of an answer.
 
     Raises:
-        InputError: JSON cannot express it, because the arguments were too large.
+        InputError: JSON cannot express the result, because the arguments were too large.
     """
     kind = found.result.kind
     if kind == "json":
@@ -274,12 +278,13 @@ def _described(robot_class: str, method: str, function: Function) -> VendorServi
     surplus = set(documented) - {field.name for field in fields} - {"origin", "robot"}
     if surplus:
         raise TypeError(
-            f"{where}: its docstring describes {', '.join(sorted(surplus))}, which it does not take"
+            f"{where}: its docstring describes {', '.join(sorted(surplus))}, but the function has no such "
+            f"parameter"
         )
     kind = find_kind(where, "its result", signature.return_annotation, function)
     if not returns and signature.return_annotation not in (None, "None"):
         raise TypeError(f"{where}: its docstring has no Returns:")
-    result = ServiceField("result", kind, returns or "0, or the code of what went wrong")
+    result = ServiceField("result", kind, returns or "0, or the code of the error")
     return VendorService(
         robot_class=robot_class,
         method=method,

@@ -1,7 +1,7 @@
 """RobotAlgorithm: kinematics and dynamics of the model; nothing moves.
 
-Results of several parts are JSON, [value, 0], as the vendor's tuples: an error has its code in the answer,
-and never a value.
+Results with several parts are JSON, [value, 0], like the vendor's tuples. The second part is always 0,
+because an error has its code in the answer and no value.
 """
 
 from __future__ import annotations
@@ -24,15 +24,17 @@ if TYPE_CHECKING:
 TIMEOUT_S = 20.0
 MIN_POSES = 3
 ALIKE = 1e-3
-"""Poses whose smallest singular value is below this are turned too little to tell where the tip is."""
+"""Minimum of the smallest singular value. Below it the poses are too similar in orientation to determine the
+tool's tip.
+"""
 
 
 @service("RobotAlgorithm")
 def forward_kinematics(robot: Services, q: list[float]) -> Json:
-    """Where the tool's tip is at joint angles.
+    """Forward kinematics: the pose of the tool's tip at joint angles.
 
     Args:
-        q: rad, one for each joint.
+        q: joint angles, rad, one for each joint.
 
     Returns:
         JSON: [[x, y, z, rx, ry, rz], 0] in the base frame, m and rad.
@@ -42,10 +44,10 @@ def forward_kinematics(robot: Services, q: list[float]) -> Json:
 
 @service("RobotAlgorithm")
 def forward_tool_kinematics(robot: Services, q: list[float]) -> Json:
-    """Where the flange is at joint angles.
+    """Forward kinematics: the pose of the flange at joint angles.
 
     Args:
-        q: rad, one for each joint.
+        q: joint angles, rad, one for each joint.
 
     Returns:
         JSON: [[x, y, z, rx, ry, rz], 0] in the base frame, m and rad.
@@ -55,10 +57,11 @@ def forward_tool_kinematics(robot: Services, q: list[float]) -> Json:
 
 @service("RobotAlgorithm")
 async def inverse_kinematics(robot: Services, qnear: list[float], pose: list[float]) -> Json:
-    """Joint angles that bring the tool's tip to a pose: of those found, the nearest to qnear.
+    """Inverse kinematics: joint angles for a pose of the tool's tip. Of all solutions found, the nearest to
+    qnear.
 
     Args:
-        qnear: rad, one for each joint.
+        qnear: joint angles, rad, one for each joint.
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
 
     Returns:
@@ -69,10 +72,11 @@ async def inverse_kinematics(robot: Services, qnear: list[float], pose: list[flo
 
 @service("RobotAlgorithm")
 async def inverse_tool_kinematics(robot: Services, qnear: list[float], pose: list[float]) -> Json:
-    """Joint angles that bring the flange to a pose: of those found, the nearest to qnear.
+    """Inverse kinematics: joint angles for a pose of the flange. Of all solutions found, the nearest to
+    qnear.
 
     Args:
-        qnear: rad, one for each joint.
+        qnear: joint angles, rad, one for each joint.
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
 
     Returns:
@@ -83,14 +87,15 @@ async def inverse_tool_kinematics(robot: Services, qnear: list[float], pose: lis
 
 @service("RobotAlgorithm")
 async def inverse_kinematics_all(robot: Services, pose: list[float]) -> Json:
-    """All branches of joint angles that bring the tool's tip to a pose; with seven joints each is a circle.
+    """All branches of the inverse kinematics for a pose of the tool's tip. With seven joints each branch is a
+    circle of the elbow.
 
     Args:
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
 
     Returns:
-        JSON: [[[q1, q2, ...], ...], 0], rad: of each branch those nearest to the middle of the limits; with
-        seven joints of each interval of the elbow's circle that the limits permit.
+        JSON: [[[q1, q2, ...], ...], 0], rad. For each branch, the solution nearest to the middle of the
+            limits; with seven joints, one for each interval of the elbow's circle that the limits permit.
     """
     work = partial(_inverse_all, pose=place_of(pose))
     return [[as_list(joints) for joints in await robot.planning.compute(work, TIMEOUT_S)], 0]
@@ -98,15 +103,15 @@ async def inverse_kinematics_all(robot: Services, pose: list[float]) -> Json:
 
 @service("RobotAlgorithm")
 def inverse_dynamics(robot: Services, q: list[float], qd: list[float], qdd: list[float]) -> list[float]:
-    """The torques that a movement needs, without friction.
+    """Inverse dynamics: the torques for a motion, without friction.
 
     Args:
-        q: rad, one for each joint.
-        qd: rad/s.
-        qdd: rad/s².
+        q: joint angles, rad, one for each joint.
+        qd: joint velocities, rad/s.
+        qdd: joint accelerations, rad/s².
 
     Returns:
-        N·m, one for each joint; the drives' own inertia and gravity included.
+        the torques, N·m, one for each joint, including gravity and the drives' own inertia.
     """
     joints, velocity, acceleration = (
         _joints(robot, values, name) for values, name in ((q, "q"), (qd, "qd"), (qdd, "qdd"))
@@ -117,15 +122,15 @@ def inverse_dynamics(robot: Services, q: list[float], qd: list[float], qdd: list
 
 @service("RobotAlgorithm")
 def forward_dynamics(robot: Services, q: list[float], qd: list[float], torques: list[float]) -> list[float]:
-    """The accelerations that torques lead to, without friction.
+    """Forward dynamics: the accelerations that torques cause, without friction.
 
     Args:
-        q: rad, one for each joint.
-        qd: rad/s.
-        torques: N·m.
+        q: joint angles, rad, one for each joint.
+        qd: joint velocities, rad/s.
+        torques: joint torques, N·m.
 
     Returns:
-        rad/s², one for each joint.
+        the accelerations, rad/s², one for each joint.
     """
     joints, velocity, efforts = (
         _joints(robot, values, name) for values, name in ((q, "q"), (qd, "qd"), (torques, "torques"))
@@ -137,15 +142,16 @@ def forward_dynamics(robot: Services, q: list[float], qd: list[float], torques: 
 
 @service("RobotAlgorithm")
 def calibrate_tcp_position(robot: Services, poses: Json) -> Json:
-    """Where the tool's tip is, from poses of the flange in which the tip touched the same point.
+    """Calculate the position of the tool's tip from poses of the flange in which the tip touched the same
+    point.
 
     Args:
-        poses: JSON: three or more of [x, y, z, rx, ry, rz] of the flange in the base frame, as getToolPose
-            gives them, m and rad; turned about two axes at least.
+        poses: JSON: three or more poses [x, y, z, rx, ry, rz] of the flange in the base frame, as from
+            getToolPose, m and rad. They must be rotated about at least two axes.
 
     Returns:
-        JSON: [[x, y, z] of the tip in the flange's frame in m, the largest distance in m between a touch and
-        the point].
+        JSON: [[x, y, z] of the tip in the flange's frame, m; the largest distance of the tip from the touched
+            point, m].
     """
     if not isinstance(poses, list) or len(poses) < MIN_POSES:
         raise InputError(f"poses must be a list of {MIN_POSES} poses or more")
@@ -157,7 +163,7 @@ def calibrate_tcp_position(robot: Services, poses: Json) -> Json:
     tip, _, _, singular = np.linalg.lstsq(spread, -np.concatenate(places - places.mean(axis=0)), rcond=None)
     if singular[-1] < ALIKE:
         raise InputError(
-            "poses: the flange is turned too little, or about one axis only, to tell where the tip is"
+            "poses: the flange is rotated too little, or about only one axis, to determine the tip"
         )
     touched = turns @ tip + places
     return [tip.tolist(), float(np.linalg.norm(touched - touched.mean(axis=0), axis=1).max())]

@@ -1,7 +1,7 @@
-"""RobotConfig: what the arm is, and what its vendor services may do with it.
+"""RobotConfig: properties of the arm, and limits for the vendor services.
 
-Limits that are set here are for the motions that MotionControl plans from then on: they can be tighter than
-those of the configuration, never wider, and are gone with the next start of the service.
+Limits that are set here apply to the motions that MotionControl plans from then on. They can be tighter than
+those of the configuration, never wider. A restart of the service resets them.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 SAME = 1e-3
-"""A gravity that is so near to another one is taken for the same, m/s²."""
+"""Maximum difference of two accelerations of gravity that count as equal, m/s²."""
 MIN_VALUE = 1e-3
-"""A rate that is set, and the distance of two position limits, is no smaller: nothing could move at all."""
+"""Minimum of a limit that can be set, and of the distance between two position limits. With less the arm
+could not move.
+"""
 
 
 @service("RobotConfig")
@@ -32,7 +34,7 @@ def get_dof(robot: Services) -> int:
     """The number of joints.
 
     Returns:
-        How many numbers a joint position has.
+        The number.
     """
     return robot.robot.limits.dof
 
@@ -42,14 +44,14 @@ def get_name(robot: Services) -> str:
     """The robot's name.
 
     Returns:
-        As in the settings, and in the path of its services.
+        The name, as in the settings and in the path of the robot's services.
     """
     return robot.robot.name
 
 
 @service("RobotConfig")
 def get_robot_type(robot: Services) -> str:
-    """What kind of arm it is.
+    """The type of the arm.
 
     Returns:
         The name in the model's file.
@@ -62,7 +64,7 @@ def get_joint_names(robot: Services) -> list[str]:
     """The names of the joints.
 
     Returns:
-        In the order of all joint positions.
+        The names, in the order of all joint positions.
     """
     return list(robot.robot.limits.names)
 
@@ -79,7 +81,7 @@ def get_cycletime(robot: Services) -> float:
 
 @service("RobotConfig")
 def get_joint_min_positions(robot: Services) -> list[float]:
-    """How far each joint may turn back.
+    """The minimum position of each joint.
 
     Returns:
         rad.
@@ -89,7 +91,7 @@ def get_joint_min_positions(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_joint_max_positions(robot: Services) -> list[float]:
-    """How far each joint may turn forth.
+    """The maximum position of each joint.
 
     Returns:
         rad.
@@ -99,7 +101,7 @@ def get_joint_max_positions(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_joint_max_speeds(robot: Services) -> list[float]:
-    """How fast each joint may be.
+    """The maximum velocity of each joint.
 
     Returns:
         rad/s.
@@ -109,7 +111,7 @@ def get_joint_max_speeds(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_joint_max_accelerations(robot: Services) -> list[float]:
-    """How much each joint may accelerate.
+    """The maximum acceleration of each joint.
 
     Returns:
         rad/s².
@@ -119,7 +121,7 @@ def get_joint_max_accelerations(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_joint_max_torques(robot: Services) -> list[float]:
-    """How strong each drive is.
+    """The maximum torque of each joint.
 
     Returns:
         N·m.
@@ -129,7 +131,7 @@ def get_joint_max_torques(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_tcp_max_speeds(robot: Services) -> list[float]:
-    """How fast the tool's tip may move and turn along lines and arcs.
+    """The maximum velocities of the tool's tip along lines and arcs, linear and angular.
 
     Returns:
         [m/s, rad/s].
@@ -140,7 +142,7 @@ def get_tcp_max_speeds(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def get_tcp_max_accelerations(robot: Services) -> list[float]:
-    """How much the tool's tip may accelerate along lines and arcs.
+    """The maximum accelerations of the tool's tip along lines and arcs, linear and angular.
 
     Returns:
         [m/s², rad/s²].
@@ -151,10 +153,10 @@ def get_tcp_max_accelerations(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 def set_joint_min_positions(robot: Services, positions: list[float]) -> None:
-    """Tighten how far each joint may turn back.
+    """Raise the minimum position of each joint.
 
     Args:
-        positions: rad, one for each joint, not below those of the configuration.
+        positions: minimum positions, rad, one for each joint, not below those of the configuration.
     """
     least = _each(robot, positions, "positions")
     _require(robot, least, robot.robot.limits.min_position, "positions", "rad", least=True)
@@ -164,10 +166,10 @@ def set_joint_min_positions(robot: Services, positions: list[float]) -> None:
 
 @service("RobotConfig")
 def set_joint_max_positions(robot: Services, positions: list[float]) -> None:
-    """Tighten how far each joint may turn forth.
+    """Lower the maximum position of each joint.
 
     Args:
-        positions: rad, one for each joint, not above those of the configuration.
+        positions: maximum positions, rad, one for each joint, not above those of the configuration.
     """
     most = _each(robot, positions, "positions")
     _require(robot, most, robot.robot.limits.max_position, "positions", "rad")
@@ -177,7 +179,7 @@ def set_joint_max_positions(robot: Services, positions: list[float]) -> None:
 
 @service("RobotConfig")
 def set_joint_max_speeds(robot: Services, speeds: list[float]) -> None:
-    """Tighten how fast each joint may be.
+    """Lower the maximum velocity of each joint.
 
     Args:
         speeds: rad/s, one for each joint, above 0 and not above those of the configuration.
@@ -188,7 +190,7 @@ def set_joint_max_speeds(robot: Services, speeds: list[float]) -> None:
 
 @service("RobotConfig")
 def set_joint_max_accelerations(robot: Services, accelerations: list[float]) -> None:
-    """Tighten how much each joint may accelerate.
+    """Lower the maximum acceleration of each joint.
 
     Args:
         accelerations: rad/s², one for each joint, above 0 and not above those of the configuration.
@@ -199,7 +201,7 @@ def set_joint_max_accelerations(robot: Services, accelerations: list[float]) -> 
 
 @service("RobotConfig")
 def set_tcp_max_speeds(robot: Services, speeds: list[float]) -> None:
-    """Tighten how fast the tool's tip may move and turn along lines and arcs.
+    """Lower the maximum velocities of the tool's tip along lines and arcs.
 
     Args:
         speeds: [m/s, rad/s], above 0 and not above those of the configuration.
@@ -212,7 +214,7 @@ def set_tcp_max_speeds(robot: Services, speeds: list[float]) -> None:
 
 @service("RobotConfig")
 def set_tcp_max_accelerations(robot: Services, accelerations: list[float]) -> None:
-    """Tighten how much the tool's tip may accelerate along lines and arcs.
+    """Lower the maximum accelerations of the tool's tip along lines and arcs.
 
     Args:
         accelerations: [m/s², rad/s²], above 0 and not above those of the configuration.
@@ -226,25 +228,26 @@ def set_tcp_max_accelerations(robot: Services, accelerations: list[float]) -> No
 
 @service("RobotConfig")
 def reset_limits(robot: Services) -> None:
-    """Go back to the limits of the configuration."""
+    """Restore the limits of the configuration."""
     _set(robot, robot.robot.limits)
     _set(robot, robot.robot.cartesian_limits)
 
 
 @service("RobotConfig")
 def get_tcp_offset(robot: Services) -> list[float]:
-    """Where the tool's tip is, the TCP that all poses are about.
+    """The pose of the tool's tip (TCP), to which all poses refer.
 
     Returns:
-        [x, y, z, rx, ry, rz] in the frame of the TCP in the model's file, m and rad; all 0 when it is that.
+        [x, y, z, rx, ry, rz] in the frame of the TCP in the model's file, m and rad; all 0 for the model's
+            own TCP.
     """
     return numbers_of(robot.robot.model.tcp_in_file_tcp())
 
 
 @service("RobotConfig")
 async def set_tcp_offset(robot: Services, offset: list[float]) -> None:
-    """Say where the tool's tip is, for everything, as POST /robot/tool does; kept over restarts. Only while
-    the arm rests and no moves wait.
+    """Set the tool's tip (TCP), for all interfaces, as POST /robot/tool does. It is kept across restarts.
+    Allowed only while the arm is at rest and no moves wait.
 
     Args:
         offset: [x, y, z, rx, ry, rz] in the frame of the TCP in the model's file, m and rad; at most 2 m.
@@ -259,7 +262,7 @@ async def set_tcp_offset(robot: Services, offset: list[float]) -> None:
 
 @service("RobotConfig")
 def get_gravity(robot: Services) -> list[float]:
-    """The acceleration of free fall.
+    """The gravitational acceleration.
 
     Returns:
         [x, y, z] in the base frame, m/s².
@@ -269,11 +272,11 @@ def get_gravity(robot: Services) -> list[float]:
 
 @service("RobotConfig")
 async def set_gravity(robot: Services, gravity: list[float]) -> None:
-    """Say where down is, for a base that is tilted; kept over restarts. Only while the arm rests. The size of
-    gravity is part of the model's file.
+    """Set the direction of gravity, for a tilted base. It is kept across restarts. Allowed only while the arm
+    is at rest. The magnitude of gravity comes from the model's file.
 
     Args:
-        gravity: [x, y, z] in the base frame, m/s².
+        gravity: gravitational acceleration [x, y, z] in the base frame, m/s².
     """
     if len(gravity) != 3:
         raise InputError(f"gravity must be [x, y, z], got {len(gravity)} numbers")
@@ -292,11 +295,12 @@ async def set_gravity(robot: Services, gravity: list[float]) -> None:
 
 @service("RobotConfig")
 def get_payload(robot: Services) -> Json:
-    """What is mounted beyond the model's file, tool and load.
+    """The mass of tool and load, in addition to the model's file.
 
     Returns:
-        JSON: [mass, centre of gravity, rotation, inertia]: kg; [x, y, z] in the flange's frame, m; [0, 0, 0],
-        for the inertia is along the flange's axes; [xx, xy, xz, yy, yz, zz] about the centre, kg·m².
+        JSON: [mass, centre of gravity, rotation, inertia]: kg; [x, y, z] in the flange's frame, m; always [0,
+            0, 0], because the inertia is along the flange's axes; [xx, xy, xz, yy, yz, zz] about the centre,
+            kg·m².
     """
     tool = robot.robot.model.tool
     return [tool.mass, list(tool.centre), [0.0] * 3, list(tool.inertia or [0.0] * 6)]
@@ -306,14 +310,15 @@ def get_payload(robot: Services) -> Json:
 async def set_payload(
     robot: Services, m: float, cog: list[float], aom: list[float], inertia: list[float]
 ) -> None:
-    """Say what is mounted beyond the model's file, tool and load, as POST /robot/tool does: all later motions
-    are planned with it, and the arm makes up for its weight. Kept over restarts. Only while the arm rests.
+    """Set the mass of tool and load, in addition to the model's file, as POST /robot/tool does. All later
+    motions are planned with it, and the arm compensates its weight. It is kept across restarts. Allowed only
+    while the arm is at rest.
 
     Args:
-        m: kg, up to robot.max_payload_kg of the settings.
-        cog: [x, y, z] of its centre in the flange's frame, m.
+        m: mass, kg, up to robot.max_payload_kg of the settings.
+        cog: centre of mass [x, y, z] in the flange's frame, m.
         aom: [rx, ry, rz] of the inertia's axes in the flange's frame, rad.
-        inertia: [xx, xy, xz, yy, yz, zz] about the centre, kg·m²; all 0 for a point.
+        inertia: [xx, xy, xz, yy, yz, zz] about the centre of mass, kg·m²; all 0 for a point mass.
     """
     for name, values, count in (("cog", cog, 3), ("aom", aom, 3), ("inertia", inertia, 6)):
         if len(values) != count:
@@ -327,25 +332,25 @@ async def set_payload(
 
 @service("RobotConfig")
 def get_collision_level(robot: Services) -> int:
-    """How sensitive the arm is to being pushed.
+    """The sensitivity of the collision detection.
 
     Returns:
-        Always 0: there are no levels. The arm stops when a joint is further from where it should be than
-        rt.tracking_error_rad in the settings.
+        Always 0: there are no levels. The arm stops if a joint deviates from its commanded position by more
+            than rt.tracking_error_rad in the settings.
     """
     return 0
 
 
 @service("RobotConfig")
 def set_collision_level(robot: Services, level: int) -> None:
-    """See that the arm has this sensitivity: there are no levels, see getCollisionLevel.
+    """Accepts only level 0, because there are no levels; see getCollisionLevel.
 
     Args:
         level: 0.
     """
     if level != 0:
         raise NotSupportedError(
-            "there are no collision levels; rt.tracking_error_rad in the settings is what stops the arm"
+            "there are no collision levels; set rt.tracking_error_rad in the settings instead"
         )
 
 
@@ -377,11 +382,11 @@ def _rates(robot: Services, values: list[float], most: Array, name: str, unit: s
 def _require(
     robot: Services, values: Array, bounds: Array, name: str, unit: str, *, least: bool = False
 ) -> None:
-    """Refuse values beyond bounds, above them or, if they are the least possible ones, below them."""
+    """Reject values above the bounds or, if the bounds are minimum values, below them."""
     for joint, value, bound in zip(robot.robot.limits.names, values, bounds, strict=True):
         if value < bound if least else value > bound:
             words = "at least" if least else "at most"
-            raise LimitError(f"{name}: {joint} is {value:g} {unit}, possible is {words} {bound:g} {unit}")
+            raise LimitError(f"{name}: {joint} is {value:g} {unit}, allowed is {words} {bound:g} {unit}")
 
 
 def _pair(values: list[float], most: tuple[float, float], name: str) -> tuple[float, float]:
@@ -389,5 +394,5 @@ def _pair(values: list[float], most: tuple[float, float], name: str) -> tuple[fl
         raise InputError(f"{name} must be [linear, angular], got {len(values)} numbers")
     for value, bound in zip(values, most, strict=True):
         if not MIN_VALUE <= value <= bound:
-            raise LimitError(f"{name}: possible is from {MIN_VALUE} to {bound:g}, got {value:g}")
+            raise LimitError(f"{name}: allowed is {MIN_VALUE} to {bound:g}, got {value:g}")
     return values[0], values[1]

@@ -20,19 +20,19 @@ RECORDINGS = "recordings are made by sequences, see bag_path of POST /sequences/
 
 @service(CLASS)
 async def poweron(robot: Services) -> None:
-    """See that the drives are on, as they are while the real-time process runs and there is no fault."""
+    """Check that the drives are on. They are on while the real-time process runs and there is no fault."""
     await robot.link.await_ready_state(STATE_TIMEOUT_S)
 
 
 @service(CLASS)
 async def startup(robot: Services) -> None:
-    """See that the arm is ready to move, as poweron does."""
+    """Check that the arm is ready to move, as poweron does."""
     await robot.link.await_ready_state(STATE_TIMEOUT_S)
 
 
 @service(CLASS)
 async def release_robot_brake(robot: Services) -> None:
-    """See that the arm is held by its drives, not by brakes, as poweron does."""
+    """Check that the drives, not the brakes, hold the arm, as poweron does."""
     await robot.link.await_ready_state(STATE_TIMEOUT_S)
 
 
@@ -65,7 +65,7 @@ def backdrive(robot: Services, enable: bool) -> None:
     """
     del robot, enable
     raise NotSupportedError(
-        "the arm has no brakes to be pushed against; a joint torque stream is what gives way"
+        "the arm cannot be pushed against brakes; stream joint torques to move it by hand"
     )
 
 
@@ -86,7 +86,7 @@ def is_freedrive_enabled(robot: Services) -> bool:
     """Whether freedrive is on.
 
     Returns:
-        false: it cannot.
+        always false: freedrive is not supported here.
     """
     del robot
     return False
@@ -94,10 +94,10 @@ def is_freedrive_enabled(robot: Services) -> bool:
 
 @service(CLASS)
 def is_backdrive_enabled(robot: Services) -> bool:
-    """Whether the arm may be pushed against its brakes.
+    """Whether the arm can be pushed against its brakes.
 
     Returns:
-        false: it cannot.
+        always false: this is not supported.
     """
     del robot
     return False
@@ -105,7 +105,7 @@ def is_backdrive_enabled(robot: Services) -> bool:
 
 @service(CLASS)
 async def get_robot_control_mode(robot: Services) -> str:
-    """What the real-time process does.
+    """The mode of the real-time process.
 
     Returns:
         HOLD, TRAJECTORY, STOPPING, JOINT_IMPEDANCE, CARTESIAN, JOINT_TORQUE, ESTOP or FAULT.
@@ -115,10 +115,10 @@ async def get_robot_control_mode(robot: Services) -> str:
 
 @service(CLASS)
 async def get_operational_mode(robot: Services) -> str:
-    """Who moves the arm.
+    """The operational mode.
 
     Returns:
-        Automatic: there is no teach pendant; Disabled after an e-stop or a fault.
+        Automatic, because there is no teach pendant; Disabled after an e-stop or a fault.
     """
     mode = (await robot.link.await_fresh_state(STATE_TIMEOUT_S)).mode
     return "Disabled" if mode in (LoopMode.ESTOP, LoopMode.FAULT) else "Automatic"
@@ -126,7 +126,7 @@ async def get_operational_mode(robot: Services) -> str:
 
 @service(CLASS)
 def set_operational_mode(robot: Services, mode: str) -> None:
-    """Not supported: there is one mode, Automatic.
+    """Not supported: the only mode is Automatic.
 
     Args:
         mode: its name.
@@ -134,7 +134,8 @@ def set_operational_mode(robot: Services, mode: str) -> None:
     del robot
     if mode != "Automatic":
         raise NotSupportedError(
-            f"there is no operational mode {mode!r}, only Automatic: there is no teach pendant"
+            f"there is no operational mode {mode!r}; the only one is Automatic, because there is no teach "
+            f"pendant"
         )
 
 
@@ -143,14 +144,15 @@ def is_simulation_enabled(robot: Services) -> bool:
     """Whether the arm is simulated.
 
     Returns:
-        whether robot.backend is mujoco.
+        true if robot.backend is mujoco.
     """
     return robot.equipment.simulated
 
 
 @service(CLASS)
 def set_sim(robot: Services, enable: bool) -> None:
-    """Not supported, but for the way it is: robot.backend in the settings decides.
+    """Accepts only the present state; a change is not supported. The setting robot.backend decides whether
+    the arm is simulated.
 
     Args:
         enable: whether to simulate the arm.
@@ -163,10 +165,10 @@ def set_sim(robot: Services, enable: bool) -> None:
 
 @service(CLASS)
 def start_record(robot: Services, file: str) -> None:
-    """Not supported: sequences record.
+    """Not supported: sequences make recordings.
 
     Args:
-        file: its name.
+        file: name of the file.
     """
     del robot, file
     raise NotSupportedError(RECORDINGS)
@@ -174,6 +176,6 @@ def start_record(robot: Services, file: str) -> None:
 
 @service(CLASS)
 def stop_record(robot: Services) -> None:
-    """Not supported: sequences record."""
+    """Not supported: sequences make recordings."""
     del robot
     raise NotSupportedError(RECORDINGS)

@@ -1,4 +1,4 @@
-"""RobotState: how the arm stands now.
+"""RobotState: the present state of the arm.
 
 Poses are those of the tool's tip, see RobotConfig/setTcpOffset, in the base frame.
 """
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 STATE_TIMEOUT_S = 1.5
-"""A state is waited for as long as GET /robot/joint_states waits, s."""
+"""Timeout for reading a state, s. GET /robot/joint_states has the same."""
 PUSHED = (Intervention.TRACKING, Intervention.CONTACT)
 
 
 async def record(robot: Services) -> np.ndarray:
-    """All that rtloop publishes, fresh and measured, or an UnavailableError."""
+    """The complete state that rtloop publishes. Raises UnavailableError if it is old or not measured."""
     return await robot.link.await_measured_record(STATE_TIMEOUT_S)
 
 
@@ -109,7 +109,7 @@ async def get_target_joint_torques(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_tcp_pose(robot: Services) -> list[float]:
-    """Where the tool's tip is, from the measured joints.
+    """The pose of the tool's tip, from the measured joints.
 
     Returns:
         [x, y, z, rx, ry, rz] in the base frame, m and rad.
@@ -130,7 +130,7 @@ async def get_target_tcp_pose(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_tool_pose(robot: Services) -> list[float]:
-    """Where the flange is, from the measured joints: no tool and no TCP.
+    """The pose of the flange, from the measured joints. Tool and TCP are ignored.
 
     Returns:
         [x, y, z, rx, ry, rz] in the base frame, m and rad.
@@ -140,7 +140,7 @@ async def get_tool_pose(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_tcp_speed(robot: Services) -> list[float]:
-    """How fast the tool's tip moves and turns, from the measured joints.
+    """The linear and angular velocity of the tool's tip, from the measured joints.
 
     Returns:
         [vx, vy, vz, wx, wy, wz] in the base frame, m/s and rad/s.
@@ -150,7 +150,7 @@ async def get_tcp_speed(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_tcp_force(robot: Services) -> list[float]:
-    """What the surroundings exert on the tool's tip, estimated from the joints' torques.
+    """The force and torque of the surroundings on the tool's tip, estimated from the joint torques.
 
     Returns:
         [fx, fy, fz, tx, ty, tz] in the base frame, N and N·m.
@@ -160,7 +160,7 @@ async def get_tcp_force(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_tcp_force_sensors(robot: Services) -> list[float]:
-    """What the force sensor at the model's TCP reports, in that TCP's frame.
+    """The values of the force sensor at the model's TCP, in the frame of that TCP.
 
     Returns:
         [fx, fy, fz, tx, ty, tz], N and N·m.
@@ -170,11 +170,11 @@ async def get_tcp_force_sensors(robot: Services) -> list[float]:
 
 @service("RobotState")
 async def get_robot_mode_type(robot: Services) -> str:
-    """What the arm does.
+    """The mode of the arm.
 
     Returns:
-        Idle (holds its position), Running (follows a motion or a stream, or comes to rest), Error (a fault),
-        or EmergencyStop.
+        Idle (holds its position), Running (follows a motion or a streaming session, or is stopping), Error (a
+            fault), or EmergencyStop.
     """
     mode = LoopMode(int((await robot.link.await_fresh_state(STATE_TIMEOUT_S)).mode))
     return {LoopMode.HOLD: "Idle", LoopMode.FAULT: "Error", LoopMode.ESTOP: "EmergencyStop"}.get(
@@ -184,7 +184,7 @@ async def get_robot_mode_type(robot: Services) -> str:
 
 @service("RobotState")
 async def get_safety_mode_type(robot: Services) -> str:
-    """Whether something has latched the arm. This is not a safety system.
+    """Whether a fault or an e-stop is latched. This is not a safety system.
 
     Returns:
         Normal, Fault, or RobotEmergencyStop.
@@ -195,17 +195,17 @@ async def get_safety_mode_type(robot: Services) -> str:
 
 @service("RobotState")
 async def get_mode_reason(robot: Services) -> str:
-    """Why the arm is in a fault or an emergency stop, or why the last motion ended early.
+    """The reason for a fault or an emergency stop, or for the early end of the last motion.
 
     Returns:
-        A sentence; empty when there is nothing to explain.
+        The reason as a sentence; empty if there is none.
     """
     return (await robot.link.await_fresh_state(STATE_TIMEOUT_S)).reason
 
 
 @service("RobotState")
 async def is_steady(robot: Services) -> bool:
-    """Whether the arm is at rest and nothing is about to move it.
+    """Whether the arm is at rest and no motion is pending.
 
     Returns:
         True when the arm has settled, no motion or streaming session runs, and the motion queue is empty.
@@ -216,7 +216,7 @@ async def is_steady(robot: Services) -> bool:
 
 @service("RobotState")
 async def is_power_on(robot: Services) -> bool:
-    """Whether the drives are on: always, except in a fault.
+    """Whether the drives are on. They are always on, except in a fault.
 
     Returns:
         False in a fault.
@@ -226,7 +226,7 @@ async def is_power_on(robot: Services) -> bool:
 
 @service("RobotState")
 async def is_collision_occurred(robot: Services) -> bool:
-    """Whether the arm stands in a fault because it was pushed from its path, or touched something too hard.
+    """Whether the arm is in a fault because it was pushed off its path or hit an obstacle.
 
     Returns:
         True until the fault is reset.
@@ -242,10 +242,10 @@ async def is_collision_occurred(robot: Services) -> bool:
 
 @service("RobotState")
 async def is_within_safety_limits(robot: Services) -> bool:
-    """Whether all joints are within their position limits, and nothing has latched the arm.
+    """Whether all joints are within their position limits, and neither a fault nor an e-stop is latched.
 
     Returns:
-        As measured.
+        True if they are, as measured.
     """
     state = await robot.link.await_measured_state(STATE_TIMEOUT_S)
     limits = robot.robot.limits

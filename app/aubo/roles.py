@@ -1,8 +1,9 @@
-"""Which role each vendor service needs. What no pattern of its class fits cannot be registered.
+"""The role that each vendor service needs. A method that matches no pattern of its class cannot be
+registered.
 
-Who operates moves the arm, switches its outputs and writes what programs read. Who programs changes what
-holds for the motions after it: the tool, the payload, limits, frames, watchdogs; and opens ways out of the
-controller: serial ports, connections.
+Operators move the arm, switch its outputs and write the values that programs read. Programmers change
+settings for later motions (tool, payload, limits, frames, watchdogs), and open serial ports and network
+connections.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ ROLES: dict[str, tuple[tuple[Role, tuple[str, ...]], ...]] = {
         (Role.PROGRAMMER, ("setOperationalMode", "setSim")),
     ),
 }
-"""By class: roles with patterns of methods' names, of which the first that fits counts."""
+"""For each class: roles with patterns of method names. The first matching pattern decides."""
 CONTROLLED: dict[str, tuple[str, ...]] = {
     "RobotConfig": ("set*", "resetLimits"),
     "IoControl": ("set*Output*",),
@@ -67,9 +68,10 @@ CONTROLLED: dict[str, tuple[str, ...]] = {
     "RuntimeMachine": ("loadProgram",),
     "SyncMove": ("frame[ADM]*", "axisGroup[AD]*"),
 }
-"""Services that move nothing and still affect other clients' motions or what the arm holds. While a client
-has control, only that client may call them. Services that move the arm check control themselves. Registers
-need no control, because programs share them with monitoring clients."""
+"""Services that do not move the arm, but affect other clients' motions or a held object. While a client has
+control, only that client may call them. Services that move the arm check control themselves. Registers need
+no control, because programs share them with monitoring clients.
+"""
 
 
 @cache
@@ -77,7 +79,7 @@ def role_of(robot_class: str, method: str) -> Role:
     """The role that a service needs.
 
     Raises:
-        TypeError: the table does not know it: a programming error.
+        TypeError: a programming error: the service is not in the table.
     """
     for role, patterns in ROLES.get(robot_class, ()):
         if any(fnmatchcase(method, pattern) for pattern in patterns):
@@ -87,5 +89,5 @@ def role_of(robot_class: str, method: str) -> Role:
 
 @cache
 def needs_control(robot_class: str, method: str) -> bool:
-    """Whether it is refused while another client has control; see `CONTROLLED`."""
+    """Whether the service is rejected while another client has control; see `CONTROLLED`."""
     return any(fnmatchcase(method, pattern) for pattern in CONTROLLED.get(robot_class, ()))

@@ -17,7 +17,7 @@ async def load_program(robot: Services, program: str) -> None:
     """Check a program, and make it the one that runProgram runs.
 
     Args:
-        program: its name in the folder that the setting sequences.programs names; ends in .json (a sequence)
+        program: name of the file in the folder sequences.programs of the settings; ends in .json (a sequence)
             or .lua.
     """
     await robot.programs.load(program)
@@ -25,7 +25,7 @@ async def load_program(robot: Services, program: str) -> None:
 
 @service(CLASS)
 async def run_program(robot: Services, origin: CallOrigin) -> None:
-    """Run the loaded program once; answers when it has been started."""
+    """Run the loaded program once. Answers when it has started."""
     await robot.programs.run(origin.stops)
 
 
@@ -37,19 +37,20 @@ async def start(robot: Services, origin: CallOrigin) -> None:
 
 @service(CLASS)
 async def stop(robot: Services) -> None:
-    """End the program and the motion, whosever they are; answers when the arm rests."""
+    """End the program and the motion of any client. Answers when the arm is at rest."""
     await robot.programs.stop()
 
 
 @service(CLASS)
 async def abort(robot: Services) -> None:
-    """End the program and the motion, as stop does: it is as fast as the limits permit already."""
+    """End the program and the motion, as stop does. A stop is already as fast as the limits permit."""
     await robot.programs.stop()
 
 
 @service(CLASS)
 async def pause(robot: Services) -> None:
-    """Bring the arm to rest on its path; answers when it rests. The program waits with its next motion.
+    """Pause: the arm stops on its path, and the program waits at its next motion. Answers when the arm is at
+    rest.
 
     Other work of a program continues. A pause of more than an hour ends the motion.
     """
@@ -58,13 +59,13 @@ async def pause(robot: Services) -> None:
 
 @service(CLASS)
 async def resume(robot: Services) -> None:
-    """Go on with the motion and the program that were paused."""
+    """Resume the paused motion and program."""
     await robot.programs.resume()
 
 
 @service(CLASS)
 def get_runtime_state(robot: Services) -> str:
-    """How the program stands.
+    """The state of the program.
 
     Returns:
         Running, Pausing, Paused, Stopping or Stopped.
@@ -74,7 +75,7 @@ def get_runtime_state(robot: Services) -> str:
 
 @service(CLASS)
 def get_status(robot: Services) -> str:
-    """How the program stands, as getRuntimeState says.
+    """The state of the program, as getRuntimeState.
 
     Returns:
         Running, Pausing, Paused, Stopping or Stopped.
@@ -84,17 +85,17 @@ def get_status(robot: Services) -> str:
 
 @service(CLASS)
 def get_loaded_program(robot: Services) -> str:
-    """Which program is loaded.
+    """The loaded program.
 
     Returns:
-        its name; empty for none.
+        the name; empty if none is loaded.
     """
     return robot.programs.loaded
 
 
 @service(CLASS)
 def get_programs(robot: Services) -> list[str]:
-    """Which programs there are.
+    """The available programs.
 
     Returns:
         their names, sorted.
@@ -104,11 +105,11 @@ def get_programs(robot: Services) -> list[str]:
 
 @service(CLASS)
 def get_return_code(robot: Services) -> int:
-    """How the last program ended.
+    """The result of the last program.
 
     Returns:
-        0 all done, 2 a mistake in the file, 3 a motion failed, 4 the robot was not available, 128 + N or -N
-        ended by signal N; -1 when none has ended, or one runs.
+        0 success, 2 an error in the file, 3 a motion failed, 4 the robot was not available, 128 + N or -N
+            ended by signal N; -1 if a program runs or none has ended yet.
     """
     code = robot.sequences.status.returncode
     return -1 if code is None else code
@@ -116,10 +117,10 @@ def get_return_code(robot: Services) -> int:
 
 @service(CLASS)
 def get_program_logs(robot: Services, number: int = 100) -> list[str]:
-    """What programs have printed.
+    """The output of programs.
 
     Args:
-        number: the maximum number of lines; 0 for 100.
+        number: maximum number of lines; 0 for 100.
 
     Returns:
         the newest lines, the oldest of them first.

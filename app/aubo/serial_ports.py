@@ -26,11 +26,11 @@ async def serial_open(
     """Open a serial port with eight data bits. No other client can open it meanwhile.
 
     Args:
-        device: as /dev/ttyUSB0.
-        baud: bit/s; 0 for 115200.
-        stop_bits: 1, 1.5 or 2; 0 for 1.
+        device: path of the device, such as /dev/ttyUSB0.
+        baud: bit rate, bit/s; 0 for 115200.
+        stop_bits: number of stop bits, 1, 1.5 or 2; 0 for 1.
         even: parity: 0 none, 1 odd, 2 even.
-        serial_name: what the other calls name it by; empty for serial_0.
+        serial_name: name of the port in the other calls; empty for serial_0.
     """
     await robot.equipment.serial_ports.open(serial_name, device, baud, stop_bits, even)
 
@@ -40,7 +40,7 @@ def serial_close(robot: Services, serial_name: str = NAME) -> None:
     """Close a serial port.
 
     Args:
-        serial_name: of the one that was opened; empty for serial_0.
+        serial_name: name of the open port; empty for serial_0.
     """
     robot.equipment.serial_ports.close(serial_name)
 

@@ -1,6 +1,7 @@
-"""What the signature and the docstring of a vendor service say about its fields.
+"""Derives the fields of a vendor service from the function's signature and docstring.
 
-All functions raise a TypeError that names the service if it breaks the rules in `app.aubo.registry`.
+All functions raise a TypeError with the service's name if the service breaks the rules in
+`app.aubo.registry`.
 """
 
 from __future__ import annotations
@@ -18,31 +19,37 @@ Function = Callable[..., Any]
 def make_field(
     where: str, parameter: inspect.Parameter, function: Function, documented: dict[str, str]
 ) -> ServiceField:
-    """The field of the request that a parameter of a vendor service stands for."""
+    """The request field for a parameter of a vendor service."""
     name, default = parameter.name, parameter.default
     if name not in documented:
         raise TypeError(f"{where}: its docstring does not describe {name}")
     kind = find_kind(where, name, parameter.annotation, function)
     if kind == "bool" and default is True:
-        raise TypeError(f"{where}: {name} cannot be True by default, for false is what ROS sends for nothing")
+        raise TypeError(
+            f"{where}: {name} cannot be True by default, because ROS sends false for an unset field"
+        )
     return ServiceField(
         name, kind, documented[name], list(default) if isinstance(default, tuple) else default
     )
 
 
 def find_kind(where: str, name: str, annotation: Any, function: Function) -> str:
-    """The kind of an annotation. Only this one is evaluated, so `Services` is not imported at run time."""
+    """The kind of an annotation. Only this annotation is evaluated, so that `Services` is not imported at run
+    time.
+    """
     if isinstance(annotation, str):
         annotation = eval(annotation, function.__globals__)
     try:
         return ROS_TYPES[annotation]
     except (KeyError, TypeError):
         valid = ", ".join(sorted(set(ROS_TYPES.values())))
-        raise TypeError(f"{where}: {name} is a {annotation}, possible are: {valid}") from None
+        raise TypeError(f"{where}: {name} is a {annotation}, allowed are: {valid}") from None
 
 
 def parse_docstring(where: str, function: Function) -> tuple[str, dict[str, str], str]:
-    """The summary with its further sentences, the description of each argument, and that of the result."""
+    """Split a docstring into the summary with its further sentences, the description of each argument, and
+    that of the result.
+    """
     text = inspect.getdoc(function)
     if not text:
         raise TypeError(f"{where}: has no docstring")

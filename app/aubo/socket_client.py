@@ -24,10 +24,10 @@ async def socket_open(
     """Connect to a TCP server.
 
     Args:
-        address: its host name or IP address.
-        port: from 1 to 65535.
-        socket_name: what the other calls name it by; empty for socket_0.
-        timeout: s, up to 60; 0 for 2 s.
+        address: host name or IP address of the server.
+        port: TCP port, from 1 to 65535.
+        socket_name: name of the connection in the other calls; empty for socket_0.
+        timeout: timeout, s, up to 60; 0 for 2 s.
     """
     await robot.equipment.sockets.open(socket_name, address, port, timeout)
 
@@ -37,7 +37,7 @@ def socket_close(robot: Services, socket_name: str = NAME) -> None:
     """End a connection.
 
     Args:
-        socket_name: of the one that was opened; empty for socket_0.
+        socket_name: name of the open connection; empty for socket_0.
     """
     robot.equipment.sockets.close(socket_name)
 
@@ -46,8 +46,8 @@ async def get_var(channel: Channel, name: str, timeout: float = TIMEOUT_S) -> in
     """Ask the server for a variable: sends "GET name" and reads the line "name value".
 
     Args:
-        name: the variable's.
-        timeout: s, up to 60; 0 for 2 s.
+        name: name of the variable.
+        timeout: timeout, s, up to 60; 0 for 2 s.
 
     Returns:
         its value.
@@ -60,15 +60,15 @@ async def get_var(channel: Channel, name: str, timeout: float = TIMEOUT_S) -> in
             return int(value)
     except ValueError:
         pass  # said below
-    raise DeviceError(f"{channel.name}: {shown(line)} came for GET {name}")
+    raise DeviceError(f"{channel.name}: received {shown(line)} as the answer to GET {name}")
 
 
 async def set_var(channel: Channel, name: str, value: int) -> None:
-    """Tell the server a variable's value: sends "SET name value".
+    """Set a variable of the server: sends "SET name value".
 
     Args:
-        name: the variable's.
-        value: an integer.
+        name: name of the variable.
+        value: new value, an integer.
     """
     await channel.send(f"SET {_word(name)} {value}\n".encode())
 

@@ -1,4 +1,4 @@
-"""SyncMove: frames, and robots that move together. Frames and groups are the same for all robots."""
+"""SyncMove: frames, and synchronous motions of several robots. Frames and groups are shared by all robots."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ ACCELERATION = 0.5
 
 @service(CLASS)
 def sync_move_on(robot: Services, syncident: int, taskset: list[str]) -> None:
-    """Have robots move segment by segment, together, from now on. Any of them may say so, or each.
+    """Begin synchronous motion: from now on the robots move together, segment by segment. It is enough to
+    call this on one robot.
 
     Args:
         syncident: a number of your choice.
-        taskset: the robots' names.
+        taskset: names of the robots.
     """
     robot.sync.begin(syncident, taskset)
 
@@ -33,47 +34,47 @@ async def sync_move_segment(
 ) -> bool:
     """This robot's part of a segment. The last robot's part starts the segment.
 
-    All robots begin together, and each takes as long as the slowest; when one stops, all do. The call that
-    starts a segment waits for the end of the segment before it.
+    All robots begin together and take as long as the slowest. If one stops, all stop. The call that starts a
+    segment waits for the end of the segment before it.
 
     Args:
-        segment: its number, the same for all robots.
-        q: the target of this robot, rad.
+        segment: number of the segment, the same for all robots.
+        q: target of this robot, rad.
         a: the maximum acceleration of the fastest joint, rad/s²; 0 for 0.5.
         v: the maximum velocity of the fastest joint, rad/s; 0 for 0.5.
 
     Returns:
-        whether the segment has been started; false when it waits for another robot.
+        true if the segment has started; false if it waits for another robot.
     """
     return await robot.sync.segment(robot.robot.name, segment, q, a, v)
 
 
 @service(CLASS)
 def sync_move_off(robot: Services, syncident: int) -> None:
-    """Let the robots move by themselves again. Fails while a segment waits for a robot.
+    """End synchronous motion. Fails while a segment waits for a robot.
 
     Args:
-        syncident: as syncMoveOn got it.
+        syncident: the same number as for syncMoveOn.
     """
     robot.sync.end(syncident)
 
 
 @service(CLASS)
 def sync_move_undo(robot: Services, syncident: int) -> None:
-    """Let the robots move by themselves again, and forget segments that wait.
+    """End synchronous motion, and delete segments that wait for a robot.
 
     Args:
-        syncident: as syncMoveOn got it.
+        syncident: the same number as for syncMoveOn.
     """
     robot.sync.end(syncident, undo=True)
 
 
 @service(CLASS)
 def is_sync_move_on(robot: Services) -> bool:
-    """Whether this robot moves together with others.
+    """Whether synchronous motion is on for this robot.
 
     Returns:
-        whether it does.
+        true if it is on.
     """
     return robot.sync.is_on(robot.robot.name)
 
@@ -86,18 +87,18 @@ async def sync_move_wait(robot: Services) -> None:
 
 @service(CLASS)
 def axis_group_add(robot: Services, name: str, robots: list[str]) -> None:
-    """Give some robots a name.
+    """Define a named group of robots.
 
     Args:
-        name: of your choice.
-        robots: their names; the order is that of their joints in axisGroupMoveJoint.
+        name: name of the group.
+        robots: names of the robots, in the order of their joints in axisGroupMoveJoint.
     """
     robot.sync.add_group(name, robots)
 
 
 @service(CLASS)
 def axis_group_delete(robot: Services, name: str) -> None:
-    """Forget a group.
+    """Delete a group.
 
     Args:
         name: its name.
@@ -111,20 +112,20 @@ def axis_group_get_names(robot: Services) -> list[str]:
     """The names of all groups.
 
     Returns:
-        in the order in which they were added.
+        the names, in the order in which they were added.
     """
     return list(robot.sync.groups)
 
 
 @service(CLASS)
 def axis_group_get_axis_num(robot: Services, name: str) -> int:
-    """How many joints the robots of a group have.
+    """The number of joints of all robots in a group.
 
     Args:
-        name: the group's.
+        name: name of the group.
 
     Returns:
-        all together.
+        the total number.
     """
     return sum(robot.sync.robots[each].robot.limits.dof for each in robot.sync.group(name))
 
@@ -133,10 +134,10 @@ def axis_group_get_axis_num(robot: Services, name: str) -> int:
 async def axis_group_move_joint(
     robot: Services, name: str, q: list[float], a: float = ACCELERATION, v: float = VELOCITY
 ) -> None:
-    """Move the robots of a group to joint angles; answers when all have begun. When one stops, all do.
+    """Move the robots of a group to joint angles. Answers when all have begun. If one stops, all stop.
 
     Args:
-        name: the group's.
+        name: name of the group.
         q: the targets of all robots one after the other, rad.
         a: the maximum acceleration of the fastest joint, rad/s²; 0 for 0.5.
         v: the maximum velocity of the fastest joint, rad/s; 0 for 0.5.
@@ -149,59 +150,59 @@ def frame_add(robot: Services, name: str, pose: list[float], ref_frame: str = WO
     """Add a frame.
 
     Args:
-        name: of your choice.
+        name: name of the frame.
         pose: [x, y, z, rx, ry, rz] in the reference frame, m and rad, about fixed axes.
-        ref_frame: on which it hangs; empty for world.
+        ref_frame: parent frame; empty for world.
     """
     robot.sync.frames.add(name, place_of(pose), ref_frame)
 
 
 @service(CLASS)
 def frame_attach(robot: Services, frame: str, ref_frame: str = WORLD) -> None:
-    """Hang a frame, with all that hangs on it, on another one; it stays where it is in the world.
+    """Attach a frame and its children to another parent. Its pose in the world stays the same.
 
     Args:
-        frame: its name.
-        ref_frame: on which it hangs from now on; empty for world.
+        frame: name of the frame.
+        ref_frame: new parent frame; empty for world.
     """
     robot.sync.frames.attach(frame, ref_frame)
 
 
 @service(CLASS)
 def frame_move(robot: Services, name: str, pose: list[float], ref_frame: str = "") -> None:
-    """Put a frame, with all that hangs on it, somewhere else; it goes on hanging where it does.
+    """Move a frame and its children. The parent frame stays the same.
 
     Args:
-        name: its name.
+        name: name of the frame.
         pose: [x, y, z, rx, ry, rz], m and rad.
-        ref_frame: the frame of the pose; empty for the one on which it hangs.
+        ref_frame: the frame of the pose; empty for the parent frame.
     """
     robot.sync.frames.move(name, place_of(pose), ref_frame)
 
 
 @service(CLASS)
 def frame_delete(robot: Services, name: str) -> None:
-    """Take a frame away on which none hangs.
+    """Delete a frame that has no children.
 
     Args:
-        name: its name.
+        name: name of the frame.
     """
     robot.sync.frames.remove(name)
 
 
 @service(CLASS)
 def frame_delete_all(robot: Services) -> None:
-    """Take all frames away; world stays."""
+    """Delete all frames except world."""
     robot.sync.frames.remove_all()
 
 
 @service(CLASS)
 def frame_get_pose(robot: Services, name: str, ref_frame: str = WORLD) -> list[float]:
-    """Where a frame is in another one.
+    """The pose of a frame in another frame.
 
     Args:
-        name: the frame's.
-        ref_frame: the other one; empty for world.
+        name: name of the frame.
+        ref_frame: the other frame; empty for world.
 
     Returns:
         [x, y, z, rx, ry, rz], m and rad.
@@ -227,23 +228,23 @@ def frame_convert_pose(robot: Services, from_frame: str, to_frame: str, pose: li
 
 @service(CLASS)
 def frame_get_parent(robot: Services, name: str) -> str:
-    """On which frame a frame hangs.
+    """The parent of a frame.
 
     Args:
-        name: its name.
+        name: name of the frame.
 
     Returns:
-        the other one's name; empty for world.
+        the parent's name; empty for world.
     """
     return robot.sync.frames.parent(name)
 
 
 @service(CLASS)
 def frame_get_children(robot: Services, name: str = WORLD) -> list[str]:
-    """Which frames hang on a frame.
+    """The children of a frame.
 
     Args:
-        name: its name; empty for world.
+        name: name of the frame; empty for world.
 
     Returns:
         their names.
@@ -256,6 +257,6 @@ def frame_get_names(robot: Services) -> list[str]:
     """The names of all frames.
 
     Returns:
-        world first.
+        the names, world first.
     """
     return robot.sync.frames.names()

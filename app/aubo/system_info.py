@@ -37,7 +37,7 @@ def get_control_software_full_version(robot: Services) -> str:
     """The version of this software.
 
     Returns:
-        as "1.2.3".
+        the version, such as "1.2.3".
     """
     del robot
     return version("cobot")
@@ -45,7 +45,7 @@ def get_control_software_full_version(robot: Services) -> str:
 
 @service(CLASS)
 def get_interface_version_code(robot: Services) -> int:
-    """The version of this interface, which is that of the software.
+    """The version of this interface, which is the version of the software.
 
     Returns:
         1002003 for version 1.2.3.
@@ -56,7 +56,7 @@ def get_interface_version_code(robot: Services) -> int:
 
 @service(CLASS)
 def get_control_software_version_hash(robot: Services) -> str:
-    """What this software consists of.
+    """A hash of the source code of this software.
 
     Returns:
         the first 16 digits of the SHA-256 of all its Python files.
@@ -67,7 +67,7 @@ def get_control_software_version_hash(robot: Services) -> str:
 
 @service(CLASS)
 def get_control_software_build_date(robot: Services) -> str:
-    """When the newest of this software's Python files was written.
+    """The modification time of the newest Python file of this software.
 
     Returns:
         ISO 8601, UTC.
@@ -90,7 +90,7 @@ def get_control_system_time(robot: Services) -> Int64:
 
 @service(CLASS)
 def get_platform(robot: Services) -> str:
-    """What this software runs on.
+    """The platform on which this software runs.
 
     Returns:
         Python's version and the operating system.

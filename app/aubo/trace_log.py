@@ -1,4 +1,4 @@
-"""Trace: messages for people."""
+"""Trace: messages for the operator and the log."""
 
 from __future__ import annotations
 
@@ -42,24 +42,24 @@ def alarm(robot: Services, level: int, code: int, args: list[str]) -> None:
 
     Args:
         level: 0 info, 1 warning, 2 error, 3 fatal.
-        code: the sender's own number for what has happened.
-        args: what else there is to say, joined with commas.
+        code: number of the alarm, chosen by the sender.
+        args: further details, joined with commas.
     """
     robot.equipment.traces.add("alarm", ", ".join(args), _level(level), code=code)
 
 
 @service(CLASS)
 def popup(robot: Services, level: int, title: str, msg: str, mode: int) -> None:
-    """Add a message that a user interface should show in front of everything else.
+    """Add a message that a user interface should show as a dialogue.
 
     Args:
         level: 0 info, 1 warning, 2 error, 3 fatal.
-        title: in one line.
+        title: title, one line.
         msg: the text, up to 10000 characters.
-        mode: 0, a message that people only have to read; this product has no dialogues that wait for answers.
+        mode: 0, a message without an answer. Dialogues that wait for an answer are not supported.
     """
     if mode != 0:
-        raise InputError(f"mode must be 0: nothing here waits for people's answers, got {mode}")
+        raise InputError(f"mode must be 0, got {mode}: dialogues that wait for an answer are not supported")
     robot.equipment.traces.add("popup", msg, _level(level), title=title)
 
 
@@ -76,7 +76,7 @@ def peek(robot: Services, num: int, last_number: int = 0) -> Json:
         level, code, title, text.
     """
     if num < 1:
-        raise InputError(f"num must be from 1 up, got {num}")
+        raise InputError(f"num must be at least 1, got {num}")
     return [_plain(message) for message in robot.equipment.traces.newest(num, last_number)]
 
 

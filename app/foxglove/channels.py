@@ -1,4 +1,4 @@
-"""What a robot does, as the messages of its recordings: the newest state and what has happened."""
+"""The state and the events of a robot, as the messages that its recordings have."""
 
 from __future__ import annotations
 
@@ -22,12 +22,14 @@ if TYPE_CHECKING:
 
 EVENTS = "/events"
 LATE_S = 0.1
-"""Age from which a measured state counts as late, s: it is reported as not of this cycle."""
+"""Age above which a measured state counts as late, s. It is then reported as not measured in this cycle."""
 
 
 @lru_cache(maxsize=64)
 def _messages(names: tuple[str, ...], base_frame: str, period_s: float) -> RecordMessages:
-    """Takes a second, once: for a thread. rosbags is imported when the first client connects."""
+    """The message types of a robot. Call it in a thread: the first call takes a second, because it imports
+    rosbags.
+    """
     from cobot.recording.messages import RecordMessages
 
     return RecordMessages(names, base_frame, period_s)
@@ -37,10 +39,10 @@ class RobotChannels:
     """The channels of one robot, for one client. Create it in a thread, see `_messages`.
 
     Args:
-        has_gripper: whether there is a gripper, which has a topic of its own.
+        has_gripper: whether the robot has a gripper, which has a topic of its own.
 
     Attributes:
-        schemas: by topic: the name of its type, and the text that defines it.
+        schemas: for each topic, the name of its type and the text that defines the type.
     """
 
     def __init__(self, robot: RobotDescription, link: RobotLink, *, has_gripper: bool) -> None:
@@ -58,7 +60,9 @@ class RobotChannels:
         self._caught: np.ndarray | None = None
 
     def states(self) -> dict[str, tuple[int, bytes]]:
-        """The newest state: by topic the time, ns since 1970, and the message. None if there is no state."""
+        """The newest state. For each topic, the time, ns since 1970, and the message. None if there is no
+        state.
+        """
         try:
             state = self._link.state()
         except UnavailableError:
@@ -76,7 +80,7 @@ class RobotChannels:
         }
 
     def event(self, text: str) -> tuple[int, bytes]:
-        """What has happened, of the service's events: the time, ns since 1970, and the message."""
+        """An event of the service as a message, with its time, ns since 1970."""
         from cobot.recording.events import RunEvent
 
         event = json.loads(text)
@@ -91,12 +95,12 @@ class RobotChannels:
         return self._wall_time.at(now_ns), self._messages.event(made, self._wall_time.ahead_ns())
 
     def _interventions(self, state: RobotState) -> int:
-        """A bit for each kind that has been counted since the last message."""
+        """A bit for each kind of intervention that has been counted since the last message."""
         counts = np.array(state.record["interventions"])
         before, self._caught = self._caught, counts
         return 0 if before is None else bits(np.flatnonzero(counts != before))
 
 
 def bits(places: Iterable[int]) -> int:
-    """A number in which just these bits are set."""
+    """The number in which exactly these bits are set."""
     return sum(1 << int(place) for place in places)

@@ -1,4 +1,4 @@
-"""Live data for Foxglove, by its WebSocket protocol: what the recordings have, as it happens.
+"""Live data for Foxglove over its WebSocket protocol, with the same messages as the recordings.
 
 The protocol is small: https://github.com/foxglove/ws-protocol. The vendor's SDK is not used, because its
 server has a port of its own and does not authenticate clients.
@@ -37,7 +37,7 @@ MAX_MESSAGE = 65536
 MAX_SUBSCRIPTIONS = 64
 """Maximum number of subscriptions of a client. Each is sent separately, a hundred times a second."""
 MESSAGE_DATA = struct.Struct("<BIQ")
-"""The head of a message: its kind (1), of which subscription it is, and its time, ns since 1970."""
+"""The head of a message: its kind (1), the id of its subscription, and its time, ns since 1970."""
 ERROR = 2
 MAX_ID = 2**32 - 1
 
@@ -45,7 +45,7 @@ router = EndpointRouter()
 
 
 class RateQuery(StrictModel):
-    """How often the state is sent."""
+    """The rate at which the state is sent."""
 
     model_config = ConfigDict(strict=False)
 
@@ -54,7 +54,7 @@ class RateQuery(StrictModel):
 
 @dataclass(frozen=True, slots=True)
 class _Tick:
-    """Takes the place of a state among events; what it is, is read when it can be sent."""
+    """Placeholder for a state in the queue of events. The state is read when it can be sent."""
 
     robot: str
 
@@ -70,7 +70,9 @@ async def foxglove(socket: WebSocket) -> None:
         protocol = _protocol(socket)
         rate_hz = _rate(socket)
         if socket.app.state.foxglove_clients >= MAX_CLIENTS or ring.closed:
-            raise UnavailableError(f"{MAX_CLIENTS} clients are connected already, or the service ends")
+            raise UnavailableError(
+                f"{MAX_CLIENTS} clients are already connected, or the service is shutting down"
+            )
         robots = addressed(socket)
     except CobotError as exc:
         answer = JSONResponse({"detail": str(exc), "code": exc.code}, status_of(exc))
@@ -95,7 +97,7 @@ class _Client:
     """One connection.
 
     Args:
-        channels: of each robot, by its name.
+        channels: channels of each robot, by its name.
     """
 
     def __init__(
@@ -110,7 +112,7 @@ class _Client:
         self._errors: list[CobotError] = []
 
     async def serve(self) -> None:
-        """Until the client has gone, or the service ends."""
+        """Serve until the client disconnects, or the service shuts down."""
         with contextlib.closing(self._listener):
             await self._tell(
                 {"op": "serverInfo", "name": "cobot", "capabilities": [], "sessionId": self._epoch}
@@ -173,11 +175,11 @@ class _Client:
         self._listener.close()
 
     def _take(self, text: str | None) -> None:
-        """Raises:
-        InputError, PayloadError: it is nothing that this server understands.
-        """
+        """Raises: InputError, PayloadError: this server does not understand the message."""
         if text is None:
-            raise InputError("binary messages are not understood: nothing can be published or called here")
+            raise InputError(
+                "binary messages are not supported: clients can neither publish nor call services here"
+            )
         if len(text) > MAX_MESSAGE:
             raise PayloadError(f"a message may have {MAX_MESSAGE} characters, this one has {len(text)}")
         content = decoded(text, "the message")
@@ -198,7 +200,7 @@ class _Client:
         if channel not in self._numbers:
             raise InputError(f"channelId: there is no channel {channel}; valid are 1 to {len(self._numbers)}")
         if number in self._wanted:
-            raise InputError(f"id: there is a subscription {number} already")
+            raise InputError(f"id: subscription {number} exists already")
         if len(self._wanted) >= (most := max(MAX_SUBSCRIPTIONS, len(self._numbers))):
             raise InputError(f"there are {most} subscriptions already")
         self._wanted[number] = self._numbers[channel]

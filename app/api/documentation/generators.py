@@ -1,4 +1,4 @@
-"""What generators of clients need of an OpenAPI document beyond what FastAPI writes."""
+"""Changes to FastAPI's OpenAPI document that client generators need."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 BEARER = {"type": "http", "scheme": "bearer", "description": "A token of `cobot token create`."}
 MODELS = "#/components/schemas/"
 FORM = "Body_"
-"""How the names begin that FastAPI gives to the forms of endpoints."""
+"""Prefix of the names that FastAPI gives to the forms of endpoints."""
 
 
 def suit_generators(schema: dict[str, Any]) -> None:
-    """Name the forms, make fields of requests optional that have a default, and declare the token.
+    """Name the forms, make request fields with a default optional, and declare the token.
 
-    A generator for TypeScript takes a field with a default for one that is always there. That is true of
-    answers, but would make it required in requests. So in requests the description has the default.
+    TypeScript generators assume that a field with a default is always present. This holds for responses, but
+    would make the field required in requests. So request fields state their default only in the description.
     """
     schema.setdefault("components", {})["securitySchemes"] = {"token": BEARER}
     schema.setdefault("security", [{}, {"token": []}])
@@ -37,7 +37,7 @@ def _describe_default(field: dict[str, Any]) -> None:
 
 
 def _of_requests(schema: dict[str, Any]) -> set[str]:
-    """The models that bodies of requests have, directly or within others."""
+    """The models that occur in request bodies, directly or nested."""
     models = schema["components"].get("schemas", {})
     bodies = [
         endpoint["requestBody"]
@@ -67,7 +67,7 @@ def _references(part: Any) -> Iterator[str]:
 
 
 def _name_forms(schema: dict[str, Any]) -> None:
-    """Name a form after the operation that takes it: SendCsvForm."""
+    """Name each form after its operation, for example SendCsvForm."""
     models = schema["components"].get("schemas", {})
     for path, operations in schema["paths"].items():
         for endpoint in operations.values():

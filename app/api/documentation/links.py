@@ -1,6 +1,7 @@
-"""OpenAPI links: which answers name what other operations ask for, for generated clients and fuzzers.
+"""OpenAPI links from the values of answers to the operations that need them, for generated clients and
+fuzzers.
 
-A link is a hint alone: a plan expires, a job ends, a recording can be removed.
+A link is only a hint: a plan expires, a job ends, a recording can be deleted.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ JOB = "$response.body#/id"
 NAME = "$response.body#/name"
 RECORDING = "$response.body#/names/0"
 TWIN = "_of"
-"""How the operations of a robot that is named end."""
+"""Suffix of the operation ids whose path names the robot."""
 
 
 def _parameter(name: str, value: str) -> dict[str, Any]:
@@ -46,11 +47,13 @@ LINKS: dict[str, dict[str, dict[str, Any]]] = {
     },
     "TakenAnswer": {"release_control": _parameter(CONTROL_TOKEN, "$response.body#/token")},
 }
-"""By the model of an answer: each operation that one of its values is for, and where that goes."""
+"""The links of each answer model: for each operation, the value that it needs and the parameter that takes
+it.
+"""
 
 
 def link(schema: dict[str, Any]) -> None:
-    """Write the links into an OpenAPI document, between the operations that are in it."""
+    """Add the links between the operations of an OpenAPI document to that document."""
     known = {each["operationId"] for path in schema["paths"].values() for each in path.values()}
     for operations in schema["paths"].values():
         for method, endpoint in operations.items():
@@ -64,7 +67,7 @@ def link(schema: dict[str, Any]) -> None:
 
 
 def _links(answer: dict[str, Any], suffix: str, known: set[str]) -> dict[str, Any]:
-    """Of an answer, to the operations of the same robot."""
+    """The links of an answer, to operations of the same robot."""
     content = answer.get("content", {}).get("application/json", {}).get("schema", {})
     found = LINKS.get(content.get("$ref", "").rpartition("/")[2], {})
     robot = {"robot": "$request.path.robot"} if suffix else {}

@@ -1,4 +1,4 @@
-"""The robot's own numbers, sentences, and links, in the OpenAPI schema."""
+"""Additions to the OpenAPI schema: the robot's limits, descriptions, and links."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CONTROL: dict[str, Any] = {
     "description": "Token from POST /robot/control; needed only while the client has control.",
     "schema": {"type": "string"},
 }
-"""Header parameter of all endpoints that move the arm: the client that has control sends it."""
+"""Header parameter of all endpoints that move the arm. The client that has control sends it."""
 BY_NAME = f"{ROBOTS}/"
 JOINT_FIELDS = (("MoveJoints", "joints"), ("TrajectoryPoint", "positions"))
 
@@ -29,10 +29,11 @@ JOINT_FIELDS = (("MoveJoints", "joints"), ("TrajectoryPoint", "positions"))
 def with_limits(
     openapi: Callable[[], dict[str, Any]], robots: dict[str, JointLimits]
 ) -> Callable[[], dict[str, Any]]:
-    """A schema function that knows how many joints there are and how far each may go.
+    """A schema function that includes the number of joints and their position limits.
 
-    For documentation and generated clients: requests are checked by `cobot.robot.limits`, whose sentences
-    name the joint. Of robots that differ, the schema permits what one of them can do.
+    This is for documentation and generated clients. Requests are checked by `cobot.robot.limits`, whose error
+    messages name the joint. If the robots differ, the schema permits every value that at least one of them
+    permits.
 
     Args:
         robots: each robot's limits by its name.
@@ -55,7 +56,7 @@ def with_limits(
                 summary = endpoint["description"].partition("\n")[0]  # says more than the path again
                 if "409" in endpoint["responses"] and not path.endswith(("/reset", "/reload")):
                     _add(CONTROL, endpoint)
-                endpoint["summary"] = f"{summary} Of any robot." if path.startswith(BY_NAME) else summary
+                endpoint["summary"] = f"{summary} For any robot." if path.startswith(BY_NAME) else summary
         suit_generators(schema)
         describe_strict(schema)
         link(schema)
@@ -70,13 +71,15 @@ def version(robots: dict[str, JointLimits]) -> Hashable:
 
 
 def of_the_default_robot(document: dict[str, Any]) -> dict[str, Any]:
-    """What a document says of the paths without a robot's name."""
+    """The part of a document about the paths without a robot's name."""
     paths = {path: each for path, each in document["paths"].items() if not path.startswith(BY_NAME)}
     return {**document, "paths": paths}
 
 
 def of_any_robot(document: dict[str, Any]) -> dict[str, Any]:
-    """The paths below /robots/NAME of the document; each gets the tags of the same path without a name."""
+    """The part of a document about the paths below /robots/NAME. Each path gets the tags of the path without
+    a name.
+    """
     plain = of_the_default_robot(document)["paths"]
     groups = {f"{BY_NAME}{{robot}}{path_below(path)}": each for path, each in plain.items()}
     paths = {
@@ -97,14 +100,14 @@ Row = tuple[str, float, float]
 
 
 def _add(parameter: dict[str, Any], endpoint: dict[str, Any]) -> None:
-    """Unless it is there: FastAPI keeps the schema that it has made."""
+    """Add a parameter unless it is there: FastAPI keeps the schema that it has made."""
     parameters = endpoint.setdefault("parameters", [])
     if parameter not in parameters:
         parameters.append(parameter)
 
 
 def _described(robots: dict[str, JointLimits]) -> tuple[str, list[dict[str, Any]]]:
-    """How far the joints may go: as a sentence, and as a schema of each."""
+    """The position limits of the joints, as a sentence and as a schema for each joint."""
     each = {name: _table(limits) for name, limits in robots.items()}
     texts = {
         name: ", ".join(f"{joint} {low:g} to {high:g}" for joint, low, high in table)
@@ -127,22 +130,22 @@ def _described(robots: dict[str, JointLimits]) -> tuple[str, list[dict[str, Any]
 
 
 def _table(limits: JointLimits) -> list[Row]:
-    """A row for each joint: name, minimum and maximum position, rad."""
+    """A table with a row for each joint: name, minimum and maximum position, rad."""
     return list(zip(limits.names, limits.min_position.tolist(), limits.max_position.tolist(), strict=True))
 
 
 def _present(rows: tuple[Row | None, ...]) -> list[Row]:
-    """The rows of the robots with this number of joints."""
+    """The rows that exist: shorter robots have none for the last joints."""
     return [row for row in rows if row is not None]
 
 
 def with_tokens(
     openapi: Callable[[], dict[str, Any]], roles: Mapping[str, Role]
 ) -> Callable[[], dict[str, Any]]:
-    """A schema function that says which endpoints need a token of which role, so that Swagger asks for one.
+    """A schema function that states the role that each endpoint needs, so that Swagger asks for a token.
 
     Args:
-        roles: by endpoint; the schema of an endpoint may have its own as `x-role`.
+        roles: role of each endpoint. An endpoint's schema may override it with `x-role`.
     """
 
     def describe() -> dict[str, Any]:
@@ -163,7 +166,9 @@ def with_tokens(
 
 
 def error_components(*statuses: int) -> dict[str, Any]:
-    """Error answers, for `components.responses`: once, for a browser has 300 endpoints to read."""
+    """Error answers for `components.responses`. Each is listed only once, because a browser reads 300
+    endpoints.
+    """
     reference = {"schema": {"$ref": "#/components/schemas/ErrorAnswer"}}
     return {
         f"Error{status}": {"description": each["description"], "content": {"application/json": reference}}

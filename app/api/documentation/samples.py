@@ -1,4 +1,4 @@
-"""Files to try the uploads with, as the documentation offers them. Each runs unedited from anywhere."""
+"""Sample files for the uploads, which the documentation offers. Each can be uploaded unchanged."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SAMPLES = {
     "sequence.json": ("application/json", json.dumps(_SEQUENCE, indent=2) + "\n"),
     "program.lua": ("text/plain; charset=utf-8", _LUA),
 }
-"""The media type and the text of each, by its name."""
+"""The media type and the text of each sample, by file name."""
 
 
 def link(name: str) -> str:

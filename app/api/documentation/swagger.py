@@ -1,8 +1,8 @@
-"""Swagger's pages, and files to try with: /docs for the REST API, /docs/robots for the same of any robot by
-its name, /docs/vendor for the vendor services.
+"""Swagger's pages, and files to try with: /docs for the REST API, /docs/robots for the same endpoints with a
+robot's name in the path, /docs/vendor for the vendor services.
 
-Together they would be a page of 410 operations, which takes a browser seconds to draw, and people longer to
-read. /openapi.json, of which clients are generated, has the first two.
+One page for all would have 410 operations, and a browser needs seconds to draw it. /openapi.json, from which
+clients are generated, covers the first two.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ SERVERS: list[dict[str, Any]] = [
     {"url": VERSION, "description": "This version of the API."},
     {"url": "/", "description": "The same without a version, for clients written before there was one."},
 ]
-"""The documents list each path once. It stands below either of these; generated clients use the first."""
+"""The two base URLs of the API. Each path is listed once and exists under both; generated clients use the
+first.
+"""
 TAGS = [
     {"name": "robot", "description": "State, motions, and who controls the arm."},
     {"name": "gripper", "description": "The gripper: its state and its commands."},
@@ -78,17 +80,17 @@ NAVIGATION = """<nav style="font: 1rem sans-serif; padding: 0.75rem 1.25rem">
 """Links at the top of the page. They appear before Swagger UI, which takes a browser most of a second."""
 
 _turn = threading.Lock()
-"""Lock of the documents, which are made from the same parts."""
+"""Lock for making the documents, which share parts."""
 
 
 class _Document:
     """An OpenAPI document, as the bytes that are sent.
 
-    It is made in a thread when a client first requests it, which takes a third of a second.
+    A thread makes it when a client first requests it. This takes a third of a second.
 
     Args:
-        schema: gives what it says.
-        version: another one asks for another document.
+        schema: returns the document.
+        version: returns the version; if it changes, the document is made again.
     """
 
     def __init__(self, schema: Callable[[], dict[str, Any]], version: Callable[[], Hashable]) -> None:
@@ -115,7 +117,7 @@ def install(app: FastAPI, version: Callable[[], Hashable]) -> None:
     """Serve the pages of the REST API, its OpenAPI documents, and the sample files.
 
     Args:
-        version: of the documents, see `app.api.documentation.openapi.version`.
+        version: returns the version of the documents, see `app.api.documentation.openapi.version`.
     """
     # FastAPI's own route would serialize it again for each request.
     app.router.routes[:] = [
@@ -150,7 +152,7 @@ def install_vendor(app: FastAPI, schema: Callable[[], dict[str, Any]]) -> None:
     """Serve the page of the vendor services.
 
     Args:
-        schema: gives their OpenAPI document, which is made once.
+        schema: returns their OpenAPI document, which is made once.
     """
     _serve(app, VENDOR_SCHEMA, _Document(schema, lambda: None))
 
@@ -166,7 +168,7 @@ def _serve(app: FastAPI, path: str, document: _Document) -> None:
 
 
 def _page(title: str, schema: str, parameters: dict[str, Any], first: str = "") -> HTMLResponse:
-    """A page of Swagger UI, all of it from this service.
+    """A page of Swagger UI, served entirely by this service.
 
     Args:
         first: the group that is shown open, "" for none.

@@ -1,1 +1,1 @@
-"""What every request passes: layers of ASGI around all routes."""
+"""ASGI middleware: layers around all routes, which every request passes."""

@@ -1,12 +1,12 @@
 """Identifies the client and checks hosts and web pages: one ASGI middleware around all HTTP and WebSocket.
 
-It refuses requests for another host (421) or from a foreign web page (403, `origins`), and stores the
+It rejects requests for another host (421) or from a foreign web page (403, `origins`), and stores the
 client's identity in the scope. The route decides whether this client may use it, see `app.api.roles`.
 
 A token comes in the header `Authorization: Bearer TOKEN`. Browsers cannot set headers of a WebSocket, so
-there it may also come as a subprotocol, `new WebSocket(url, ["cobot", "cobot.token." + TOKEN])`, or, for
-libraries that accept nothing but an address, as `?token=TOKEN`. Addresses end up in logs of proxies and in
-histories, so the others are better. The service removes the token before any other part sees the address.
+there it may also come as a subprotocol, `new WebSocket(url, ["cobot", "cobot.token." + TOKEN])`, or as
+`?token=TOKEN`, for libraries that accept only a URL. URLs appear in proxy logs and browser histories, so the
+other two ways are better. The service removes the token from the URL before any other part sees it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ from cobot.errors import CobotError, MisdirectedError, PermissionDenied
 
 IDENTITY = "cobot.identity"
 STILL_VALID = "cobot.still_valid"
-"""Tells whether the token of a request means the same still: for an answer that takes long."""
+"""Key in the scope: a function that checks whether the request's token is still valid with the same role.
+Long answers call it.
+"""
 _HEADERS = "cobot.headers"
 HEADERS = (
     "Authorization",
@@ -54,15 +56,19 @@ POLICY_VIOLATION = 1008
 INVALID = "the token is valid no more"
 PAGES = ("/docs", "/redoc")
 UNFRAMED = [(b"x-frame-options", b"DENY"), (b"content-security-policy", b"frame-ancestors 'none'")]
-"""Headers that keep other pages from framing the documentation, whose buttons move the arm."""
+"""Headers that prevent other pages from embedding the documentation in a frame. Its buttons move the arm."""
 FORWARDING = frozenset(
     (b"forwarded", b"via", b"x-forwarded-for", b"x-forwarded-host", b"x-forwarded-proto", b"x-real-ip")
 )
-"""What a proxy adds. Nothing that it says is believed but that it is one."""
+"""Headers that a proxy adds. They only show that there is a proxy; their values are not trusted."""
 NAME_PARAMETER = "client_name"
-"""Parameter of a WebSocket's address with that name, because browsers cannot set its headers."""
+"""Query parameter of a WebSocket's URL with the client's name, because browsers cannot set the headers of a
+WebSocket.
+"""
 MAX_ENCODED = 12 * MAX_NAME + 1
-"""Maximum number of bytes of it that are looked at: a character has up to twelve, percent-encoded."""
+"""Maximum number of bytes of that parameter that are read. A percent-encoded character has up to twelve
+bytes.
+"""
 _NAME = CLIENT_NAME.lower().encode()
 _PICKED = FORWARDING.union(
     (_NAME, b"host", b"origin", b"authorization", b"sec-fetch-site", b"sec-fetch-mode", b"sec-fetch-dest")
@@ -70,15 +76,16 @@ _PICKED = FORWARDING.union(
 
 
 def identity_of(connection: HTTPConnection) -> Identity:
-    """Who sends a request, or has opened a WebSocket."""
+    """The identity of the client that sent a request or opened a WebSocket."""
     return cast(Identity, connection.scope[IDENTITY])
 
 
 class Access:
-    """The middleware. HTTP requests pass without a coroutine of its own, which makes a state cheaper.
+    """The middleware. It adds no coroutine to HTTP requests, which makes frequent ones such as GET
+    /robot/state cheaper.
 
     Args:
-        required: whether a client needs a token. If not, a client without one may do everything.
+        required: whether clients need a token. If not, a client without a token has all permissions.
         required_of_proxies: whether a client behind a proxy needs a token. The exemption for this computer
             would otherwise apply to the proxy's clients too.
     """
@@ -160,7 +167,7 @@ class Access:
     async def _while_valid(
         self, scope: Scope, receive: Receive, send: Send, token: str, holder: Holder, by_protocol: bool
     ) -> None:
-        """Serve a WebSocket; close it when its token is revoked, has expired, or means another role."""
+        """Serve a WebSocket. Close it when its token is revoked, has expired, or has another role."""
         accepted = ended = False
 
         async def check_then_send(message: Message) -> None:
@@ -189,10 +196,11 @@ class Access:
 
 
 def _picked(scope: Scope) -> dict[bytes, bytes]:
-    """The headers that say where a request comes from.
+    """The headers about the origin of a request.
 
     Raises:
-        MisdirectedError, PermissionDenied: one occurs twice, so that two readers may take another one each.
+        MisdirectedError, PermissionDenied: a header occurs twice. Two readers could then use different
+            values.
     """
     found: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
@@ -206,7 +214,9 @@ def _picked(scope: Scope) -> dict[bytes, bytes]:
 
 
 def _token(scope: Scope, websocket: bool) -> tuple[str | None, bool]:
-    """The token that a request shows, and whether as a subprotocol; "" for one that is no token at all."""
+    """The token in a request, and whether it came as a subprotocol. It is "" if the header has another
+    form.
+    """
     headers: Mapping[bytes, bytes] = scope[_HEADERS]
     header = headers.get(b"authorization")
     in_query = _cut_off(scope, "token") if websocket else None
@@ -222,7 +232,7 @@ def _token(scope: Scope, websocket: bool) -> tuple[str | None, bool]:
 
 
 def _cut_off(scope: Scope, parameter: str) -> str | None:
-    """The value of one parameter of an address, which has it no longer afterwards."""
+    """Remove one parameter from the URL's query string, and return its value."""
     query = scope.get("query_string", b"").decode("latin-1")
     if f"{parameter}=" not in query:
         return None

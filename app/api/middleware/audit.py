@@ -1,7 +1,7 @@
-"""The middleware around everything: gives each request its id, and one that changes something an entry in
-the audit, whatever became of it.
+"""The outermost middleware: gives each request its id, and writes an audit entry for each request that
+changes something, whatever its result.
 
-It is cobot's outermost middleware: it sees what the others refuse, and reads the client once it is known.
+It also sees the requests that the inner middleware rejects, and reads the client's identity once it is known.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _process = secrets.token_hex(4)
 
 
 class RequestTrail:
-    """ASGI middleware. No coroutine of its own for what only reads: a state costs little more to serve."""
+    """ASGI middleware. It adds no coroutine to requests that only read, so they cost little more."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -126,7 +126,9 @@ def _who(scope: Scope) -> str:
 
 
 def _request_id(scope: Scope) -> str:
-    """The client's, so that it finds its own in the log; or a new one."""
+    """The client's own request id, with which the client can find its requests in the log; otherwise a new
+    one.
+    """
     for name, value in scope["headers"]:
         if name == HEADER and WELL_FORMED.fullmatch(value):
             found: str = value.decode()

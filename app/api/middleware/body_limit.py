@@ -1,7 +1,7 @@
-"""Refuses request bodies that are compressed, or beyond a size, announced or not, before they are taken in;
-and limits the size of all of them together.
+"""Rejects request bodies that are compressed or too large before they are read completely, with or without a
+Content-Length. Also limits the total size of all bodies.
 
-FastAPI's own `max_body_size` does the same but answers in plain text, past every error handler.
+FastAPI's own `max_body_size` answers in plain text and bypasses the error handlers.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ IDENTITY = b"identity"
 
 
 class BodyLimit:
-    """ASGI middleware. What is polled passes without a coroutine of its own."""
+    """ASGI middleware. It adds no coroutine to requests that clients poll."""
 
     def __init__(self, app: ASGIApp, all_bytes: int) -> None:
         self._app = app
@@ -41,12 +41,12 @@ class BodyLimit:
         received = 0
 
         async def receive_and_count() -> Message:
-            """Asked for only by an endpoint that takes a body."""
+            """Receive a part of the body and count it. It is called only by endpoints that read a body."""
             nonlocal received
             if coding not in (b"", IDENTITY):
                 error: CobotError = MediaTypeError(
-                    f"the header Content-Encoding says {shown(coding.decode('latin-1'))}: bodies are read as "
-                    "they are, so send the body uncompressed and without this header"
+                    f"the header Content-Encoding is {shown(coding.decode('latin-1'))}, but compressed "
+                    f"bodies are not supported: send the body uncompressed and without this header"
                 )
                 raise HTTPException(415) from error
             if announced <= limit_bytes:
@@ -56,7 +56,8 @@ class BodyLimit:
                 self._held_bytes += size
                 if self._held_bytes > self._all_bytes:
                     raise HTTPException(503) from UnavailableError(
-                        f"the bodies of all requests have more than {self._all_bytes} bytes: try again later"
+                        f"the bodies of all present requests together exceed {self._all_bytes} bytes: try "
+                        f"again later"
                     )
                 if received <= limit_bytes:
                     return message

@@ -1,6 +1,7 @@
-"""Stores the client of a request or a WebSocket in a context variable for everything that it starts.
+"""Stores the client of a request or a WebSocket in a context variable, which all tasks of that request
+inherit.
 
-The names come from the middleware of access, where there is one: `scope["cobot.identity"]`.
+The names come from the middleware `access`, if it is installed: `scope["cobot.identity"]`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ _CONTROL, _MOTION = CONTROL_TOKEN.lower().encode(), MOTION_TOKEN.lower().encode(
 
 
 class Clients:
-    """ASGI middleware. A GET changes nothing, so its client is not noted. Requests need no coroutine."""
+    """ASGI middleware. It ignores GET requests, because they change nothing, and adds no coroutine to
+    requests.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -1,9 +1,10 @@
-"""`Idempotency-Key`: a request that begins a job and is sent again begins nothing again.
+"""`Idempotency-Key`: a client can safely repeat a request that begins a job; the repetition begins nothing.
 
-The second request with a key gets the answer of the first, which it waits for if that is still being carried
-out. A request that was refused, and has begun nothing, leaves its key free.
+The second request with a key gets the answer to the first, and waits if that is still in progress. After a
+request that was rejected and has begun nothing, its key can be used again.
 
-Source: draft-ietf-httpapi-idempotency-key-header, which has the 422 for another request with the same key.
+Source: draft-ietf-httpapi-idempotency-key-header, which also defines the 422 for another request with the
+same key.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from cobot.errors import ConflictError, InputError
 from cobot.strict import shown
 
 REPLAYED = "Idempotent-Replayed"
-"""Header of an answer that was given before."""
+"""Header of a replayed answer."""
 MAX_KEY = 255
 _KEY = re.compile(rf"[\x21-\x7e]{{1,{MAX_KEY}}}")
 PARAMETER: dict[str, Any] = {
@@ -43,10 +44,10 @@ Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
 def key_of(request: Request) -> str | None:
-    """The key of a request, without the quotation marks that the draft writes around it; None without one.
+    """The key of a request, without the quotation marks that the draft requires; None without a key.
 
     Raises:
-        InputError: it is empty, too long, has other characters, or there are several.
+        InputError: the key is empty, too long, has invalid characters, or occurs several times.
     """
     values = request.headers.getlist(IDEMPOTENCY_KEY)
     if not values:
@@ -55,7 +56,7 @@ def key_of(request: Request) -> str | None:
     if len(key) > 1 and key[0] == key[-1] == '"':
         key = key[1:-1]
     if len(values) > 1:
-        raise InputError(f"{IDEMPOTENCY_KEY} occurs {len(values)} times, allowed is once")
+        raise InputError(f"{IDEMPOTENCY_KEY} occurs {len(values)} times, allowed is one")
     if len(key) > MAX_KEY:
         raise InputError(f"{IDEMPOTENCY_KEY} has {len(key)} characters, allowed are 1 to {MAX_KEY}")
     if not _KEY.fullmatch(key):
@@ -67,13 +68,14 @@ def key_of(request: Request) -> str | None:
 
 
 async def answer_once(request: Request, key: str, handler: Handler) -> Response:
-    """Carry a request out, unless one with its key has been.
+    """Process a request, unless a request with its key was processed before.
 
     Raises:
         InputError: the key is that of another request.
-        ConflictError: the first request has no answer: its client had gone, or the service was killed.
+        ConflictError: the first request has no answer, because its client disconnected or the service was
+            killed.
         UnavailableError: the key cannot be kept; nothing has begun.
-        And what the handler raises.
+        Exception: errors of the handler are passed on.
     """
     keys = cast(Keys, request.app.state.keys)
     digest = hashlib.sha256(f"{identity_of(request).name}\0{key}".encode()).digest()
@@ -116,8 +118,8 @@ def _again(noted: Noted, same: bytes, key: str) -> Response:
         )
     if noted.answer is None:
         raise ConflictError(
-            f"{IDEMPOTENCY_KEY} {shown(key)}: the first request with this key ended without an answer: "
-            "its client had gone, or the service had ended. It is not carried out again: see "
+            f"{IDEMPOTENCY_KEY} {shown(key)}: the first request with this key ended without an answer, "
+            f"because its client disconnected or the service ended. It is not repeated: see "
             f"GET /jobs/{noted.job}, or GET /jobs if there is no such job. To repeat it, use a new key"
         )
     audit.add_details(replayed=True)
@@ -126,7 +128,7 @@ def _again(noted: Noted, same: bytes, key: str) -> Response:
 
 
 def _digest(request: Request, body: bytes) -> bytes:
-    """What makes two requests the same. A form has another boundary each time, which does not count."""
+    """A digest that identifies equal requests. It ignores the boundary of a form, which differs each time."""
     found = re.search(r'boundary="?([^";,]+)', request.headers.get("content-type", ""))
     if found is not None:
         body = body.replace(b"--" + found[1].encode("latin-1"), b"--")

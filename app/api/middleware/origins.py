@@ -1,13 +1,14 @@
 """The hosts and pages from which requests may come. The check keeps foreign web pages from the arm.
 
-Browsers let any page send requests to anywhere, and say of each where it comes from. Clients that are no
-browsers say nothing of the kind, and pass.
+Browsers let any page send requests to any host, and state in headers where each request comes from. Clients
+other than browsers do not send these headers, and pass.
 
-- `Host` is the name that the service was called by. A page can make its own name lead to this service (DNS
-  rebinding), and is then of the same origin; but that name stands in `Host`, and is none of ours. An address
-  that is no name cannot be rebound: those of this computer, on which a request has come in, are good.
-- `Origin` comes with whatever can change something, and with every WebSocket.
-- `Sec-Fetch-Site` comes with all the rest, where the connection is one that browsers trust.
+- `Host` is the name or address under which the client reached the service. A page can make its own name
+  resolve to this service (DNS rebinding), and then has the same origin. But its `Host` is that name, which is
+  not a name of this service. IP addresses cannot be rebound, so the addresses of this computer on which
+  requests arrive are accepted.
+- `Origin` is sent with every request that can change something, and with every WebSocket.
+- `Sec-Fetch-Site` is sent with all other requests if the browser trusts the connection.
 
 Sources: the Fetch standard, the WebSocket standard, W3C Fetch Metadata Request Headers.
 """
@@ -32,12 +33,13 @@ LOCAL = "localhost"
 
 
 class Origins:
-    """Decides.
+    """Decides which hosts and origins are accepted.
 
     Args:
         hosts: names and addresses of this service, in addition to those of this computer and those listed.
         address: the address that the service listens on.
-        web: `allowed_hosts`, more names; `allowed_origins`, of pages from elsewhere that may use it.
+        web: `allowed_hosts` has more names; `allowed_origins` has the origins of other pages that may use the
+            service.
     """
 
     def __init__(self, hosts: Iterable[str], address: str, web: WebSection) -> None:
@@ -51,16 +53,16 @@ class Origins:
         self.take_over(web)
 
     def take_over(self, web: WebSection) -> None:
-        """Go by these lists from the next request on."""
+        """Use these lists from the next request on."""
         self.listed = frozenset(origin.encode() for origin in web.allowed_origins)
         self._names = self._own.union(host.lower() for host in web.allowed_hosts)
         self._host_known.cache_clear()
 
     def check(self, scope: Scope, headers: Mapping[bytes, bytes]) -> None:
-        """See that a request comes from where it may.
+        """Check that the origin of a request is allowed.
 
         Args:
-            headers: of it, those that `app.api.middleware.access` has picked.
+            headers: the request's headers that `app.api.middleware.access` has selected.
 
         Raises:
             HeaderError: it has no header Host.
@@ -76,16 +78,16 @@ class Origins:
         server = scope.get("server")
         if not self._host_known(host, server[0] if server else ""):
             raise MisdirectedError(
-                f"this service is not called {shown(host.decode('latin-1'))}: "
-                "call it by its address, or list the name in web.allowed_hosts"
+                f"{shown(host.decode('latin-1'))} is not a name of this service: use its address, or list "
+                f"the name in web.allowed_hosts"
             )
         if origin is not None:
             if origin in self.listed:
                 return
             if not self._same_known(origin, host, scope["scheme"] in ("https", "wss")):
                 raise PermissionDenied(
-                    f"a page of {origin.decode('latin-1')[:200]} may not move the robot: only one that comes "
-                    "from this service may, or from one of web.allowed_origins"
+                    f"a page of {origin.decode('latin-1')[:200]} may not move the robot; allowed are pages "
+                    f"of this service and of the origins in web.allowed_origins"
                 )
         site = headers.get(b"sec-fetch-site")
         if site is not None and site not in (b"none", b"same-origin") and not _followed_link(scope, headers):
@@ -105,8 +107,9 @@ class Origins:
 
 
 def _same(origin: bytes, host: bytes, secure: bool) -> bool:
-    """Whether a page of this origin came from this host, by the scheme that is served here: what a proxy has
-    added is not seen, so where it adds TLS `allowed_origins` has to name what the pages come from then.
+    """Whether a page of this origin came from this host, with the scheme that is served here.
+
+    Headers of a proxy are ignored. If a proxy adds TLS, `allowed_origins` must list the origin of the pages.
     """
     scheme, _, netloc = origin.decode("latin-1").lower().partition("://")
     if scheme != ("https" if secure else "http"):
@@ -116,7 +119,9 @@ def _same(origin: bytes, host: bytes, secure: bool) -> bool:
 
 
 def _followed_link(scope: Scope, headers: Mapping[bytes, bytes]) -> bool:
-    """Whether a browser opens a page of cobot in a window of its own, which changes nothing."""
+    """Whether a browser opens a page of cobot at top level. That changes nothing, so it is allowed from any
+    page.
+    """
     return (
         scope["type"] == "http"
         and scope["method"] == "GET"

@@ -1,4 +1,6 @@
-"""How long requests take, by route and status, for /metrics. Every request passes here, so it is cheap."""
+"""Duration of requests by route and status, for /metrics. Every request passes here, so the code must be
+cheap.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ from dataclasses import dataclass, field
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 BUCKETS_S = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
-"""Upper bounds. A state is read in a millisecond or two, a motion may take a minute."""
+"""Upper bounds of the buckets, s. A state takes one or two milliseconds, a motion up to a minute."""
 NONE = "none"
 """Name of unknown routes and methods, so that a client that invents them creates no new series."""
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
@@ -26,7 +28,7 @@ class RouteTimes:
 
 
 class RequestTimes:
-    """By (method, route template, status)."""
+    """Times of all requests, by (method, route template, status)."""
 
     def __init__(self) -> None:
         self.times: dict[tuple[str, str, int], RouteTimes] = {}
@@ -41,7 +43,7 @@ class RequestTimes:
 
 
 class RequestTiming:
-    """ASGI middleware."""
+    """ASGI middleware that measures each request."""
 
     def __init__(self, app: ASGIApp, times: RequestTimes) -> None:
         self._app = app

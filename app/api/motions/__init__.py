@@ -1,1 +1,1 @@
-"""Requests to move, from what a client has written to what the services take."""
+"""Conversion of requests to move into the types that the services take."""

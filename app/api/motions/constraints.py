@@ -1,4 +1,4 @@
-"""Constraints of a motion, from what a client has written to what planners take."""
+"""Conversion of a request's path constraints into the type that planners take."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from cobot.types import Array, JointLimits
 
 
 def constraints_of(asked: MotionConstraints | None, limits: JointLimits) -> Constraints | None:
-    """None if nothing is asked for.
+    """The path constraints of a request; None if there are none.
 
     Raises:
-        InputError: a direction without length, an empty box or range, or a joint that there is not.
+        InputError: a direction without length, an empty box or range, or an unknown joint.
     """
     if asked is None or not asked.model_dump(exclude_defaults=True):
         return None
@@ -68,7 +68,7 @@ def _range(name: str, low: float, high: float, limits: JointLimits) -> tuple[int
     what = "angle" if unit == "rad" else "position"
     least, most = float(limits.min_position[joint]), float(limits.max_position[joint])
     if not low <= high:
-        raise InputError(f"{place}: is {low:g} to {high:g} {unit}, the least {what} comes first")
+        raise InputError(f"{place}: is {low:g} to {high:g} {unit}, the smaller {what} must come first")
     if high < least or low > most:
         raise InputError(
             f"{place}: is {low:g} to {high:g} {unit}, beyond the limits of {least:.4f} to {most:.4f} {unit}"

@@ -1,4 +1,4 @@
-"""What works instead of a motion that cannot be planned, as requests that a client can send as they are."""
+"""Alternatives to a motion that cannot be planned, as complete requests that a client can send."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from cobot.types import Array, Pose, Scaling
 
 ENDPOINTS: dict[type[Any], str] = {MoveNamed: "named", MoveJoints: "joints", MovePose: "pose", MoveArc: "arc"}
 OF_POSES = set(MovePose.model_fields) - set(MoveJoints.model_fields)
-"""What a motion to joint angles does not take of one to a pose."""
+"""Fields of a motion to a pose that a motion to joint angles does not have."""
 DROPPED = set().union(*BODY_FIELDS.values())
-"""Fields that not every planner uses. A remedy with another planner does without them."""
+"""Fields that not every planner uses. An alternative with another planner omits them."""
 
 
 def explained(
@@ -30,7 +30,7 @@ def explained(
     goals: Sequence[MotionRequest],
     base_frame: str,
 ) -> Explain:
-    """The answer of a plan that failed with `error`; `motions` are what was asked for, for these goals."""
+    """The answer for a plan that failed with `error`. `motions` are the requested motions to these goals."""
     explain = explain_of(error)
     assert explain is not None
     number = (found.motion or 1) - 1

@@ -1,4 +1,4 @@
-"""Requests to move as goals of the services."""
+"""Conversion of requests to move into goals of the services."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cobot.types import Array, PlannerName, Pose, Scaling, Synchronization
 
 
 def _scaling(body: TcpMotion) -> Scaling:
-    """The share of the limits; all of them where only a speed in m/s or rad/s is given."""
+    """The share of the limits; 1 if only a speed in m/s or rad/s is given."""
     in_units = body.speed_m_s is not None or body.speed_rad_s is not None
     speed = 1.0 if in_units and "speed" not in body.model_fields_set else body.speed
     return Scaling(speed, body.accel_scale)
@@ -42,14 +42,14 @@ def _vector(point: PathPoint) -> Array:
 
 
 def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> MotionRequest:
-    """The goal of a request to move: a request to a planner, whose start is not known yet.
+    """The goal of a request to move. It becomes a request to a planner once the start is known.
 
     Args:
         checked: whether joint angles beyond the limits are rejected here. If not, planning rejects them, and
             its error can explain which goal would work.
 
     Raises:
-        InputError: fields that do not fit each other, the planner or the robot.
+        InputError: fields that contradict each other, or that the planner or the robot does not have.
         LimitError: joint angles beyond the limits.
         NotSupportedError, UnavailableError: see `signals_of`.
     """

@@ -1,4 +1,4 @@
-"""Actions and conditions of motions, from what a client has written to what the services take."""
+"""Conversion of a motion's actions and conditions into the types that the services take."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def signals_of(body: AnyMotion, scaling: Scaling, services: Services) -> PathSig
     """The actions and conditions of a request.
 
     Args:
-        scaling: of the motion.
+        scaling: scaling of the motion.
 
     Raises:
-        InputError: an input, output or joint that there is not, or a value that it cannot have.
+        InputError: an unknown input, output or joint, or an invalid value for it.
         NotSupportedError: the device cannot do it.
         UnavailableError: the device's inputs and outputs cannot be read.
     """
@@ -52,7 +52,7 @@ def signals_of(body: AnyMotion, scaling: Scaling, services: Services) -> PathSig
     if body.start_when is not None or body.pause_while is not None:
         reader.require_own_time("start_when" if body.start_when else "pause_while")
     if body.pause_while is not None and body.pause_while.edge is not None:
-        raise InputError("pause_while.edge: an edge does not last; give is, above or below")
+        raise InputError("pause_while.edge: an edge has no duration; give is, above or below")
     return PathSignals(
         tuple(reader.action(f"actions[{index}]", each) for index, each in enumerate(body.actions)),
         reader.input("start_when", body.start_when),
@@ -71,7 +71,7 @@ def input_condition(services: Services, field: str, body: StepCondition) -> Cond
 
 
 class _Reader:
-    """Reads them for one robot."""
+    """Reads the actions and conditions of a request for one robot."""
 
     def __init__(self, services: Services) -> None:
         self._services = services
@@ -107,7 +107,7 @@ class _Reader:
         return self.on_input(field, body.input, body)
 
     def on_input(self, field: str, name: str, body: InputTest) -> Condition:
-        """The condition on the input of this name."""
+        """The condition on the input with this name."""
         points = self.points(field)
         point = next((each for each in points if each.name == name), None)
         if point is None or point.is_output:
@@ -141,7 +141,9 @@ class _Reader:
         return self._points
 
     def require_own_time(self, field: str) -> None:
-        """See that the real-time loop leads the arm, and no device that moves along whole motions."""
+        """Require that the real-time loop leads the arm. A device that executes whole motions itself cannot
+        fire actions.
+        """
         named = self._services.link.device()
         if named is not None and named[1].capabilities.trajectories:
             raise NotSupportedError(
@@ -191,12 +193,12 @@ def _place(body: ActionPlace) -> PathPlace:
 
 
 def _unit(field: str, direction: Direction | None) -> tuple[float, float, float] | None:
-    """A direction of unit length."""
+    """The direction, scaled to unit length."""
     if direction is None:
         return None
     length = math.hypot(direction.x, direction.y, direction.z)
     if not length > MIN_AXIS_LENGTH:
         raise InputError(
-            f"{field}: has a length of {length:g}, so it has no direction; above {MIN_AXIS_LENGTH:g} is"
+            f"{field}: the length is {length:g}, must be above {MIN_AXIS_LENGTH:g} to give a direction"
         )
     return direction.x / length, direction.y / length, direction.z / length

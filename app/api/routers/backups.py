@@ -1,4 +1,4 @@
-"""Backup and restore of what people have set up, and a bundle for support."""
+"""Backup and restore of the user's configuration, and an archive for support."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ router = EndpointRouter(tags=["operations"])
 async def backup(request: Request) -> Response:
     """Settings file, tool, scene with frames, taught positions and stored programs as a ZIP archive.
 
-    Tokens, certificates, recordings and logs are not part of it.
+    The archive contains no tokens, certificates, recordings or logs.
     """
     known = request.app.state.reloading
     return _archive("backup", await asyncio.to_thread(make_backup, known.settings, known.user_file))
@@ -48,9 +48,9 @@ async def backup(request: Request) -> Response:
 async def restore(
     request: Request, file: Annotated[UploadFile, File(description="An archive of GET /admin/backup.")]
 ) -> RestoreAnswer:
-    """Check a backup completely, and keep it for the next start of cobot. Nothing changes before.
+    """Check a backup completely, and restore it at the next start of cobot. Until then nothing changes.
 
-    It must be of robots with the same names and joints, and of no newer cobot.
+    The backup must have robots with the same names and joints, and must not come from a newer cobot.
     """
     known = request.app.state.reloading
     content = await file.read()

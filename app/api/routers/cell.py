@@ -1,4 +1,4 @@
-"""The simulation: its cell with parts and switches, and how it begins again."""
+"""The simulation: its cell with parts and switches, and its restart."""
 
 from __future__ import annotations
 
@@ -25,30 +25,36 @@ router = EndpointRouter(tags=["cell"])
 class MeshAnswer(BaseModel):
     """The mesh of a part, around the middle of its bounding box."""
 
-    vertices: list[float] = Field(description="x, y and z of each, one after the other, m.")
-    triangles: list[int] = Field(description="Three vertices each, from 0, one after the other.")
+    vertices: list[float] = Field(description="Coordinates of the vertices, one after the other: x, y, z, m.")
+    triangles: list[int] = Field(
+        description="Indices of the vertices from 0, three for each triangle, one after the other."
+    )
 
 
 class PartAnswer(BaseModel):
     """A loose part of the cell."""
 
-    name: str = Field(description="As in the cell file.")
+    name: str = Field(description="Name from the cell file.")
     shape: str = Field(description="box, cylinder, sphere or mesh.")
     size_m: list[float] = Field(
         description="Box: edges along x, y and z. Cylinder: radius and length. Sphere: radius. Mesh: edges "
         "of its bounding box."
     )
-    mesh: MeshAnswer | None = Field(description="Of a mesh, with `meshes=true`; otherwise null.")
+    mesh: MeshAnswer | None = Field(
+        description="The triangles of a mesh, with `meshes=true`; otherwise null."
+    )
     mass_kg: float = Field(description="kg")
-    position: list[float] = Field(description="Position of its centre in the base frame: x, y, z, m.")
+    position: list[float] = Field(description="Position of the part's centre in the base frame: x, y, z, m.")
     quaternion: list[float] = Field(description="Orientation in the base frame: x, y, z, w.")
 
 
 class CellAnswer(BaseModel):
     """The cell as it is now."""
 
-    parts: list[PartAnswer] = Field(description="In the order of the cell file.")
-    switches: list[IoAnswer] = Field(description="Inputs of the switches, and NAME.count of their counters.")
+    parts: list[PartAnswer] = Field(description="The parts, in the order of the cell file.")
+    switches: list[IoAnswer] = Field(
+        description="Values by input: one for each switch, and NAME.count for its counter."
+    )
 
     @classmethod
     def of(cls, service: CellService) -> Self:
@@ -84,9 +90,11 @@ def _with_meshes(answer: CellAnswer, parts: Mapping[str, CellPart]) -> bytes:
 )
 async def cell(
     request: Request,
-    meshes: Annotated[bool, Query(description="Whether parts that are meshes have their triangles.")] = False,
+    meshes: Annotated[
+        bool, Query(description="Whether the response has the triangles of parts that are meshes.")
+    ] = False,
 ) -> Response:
-    """Where the parts of the simulated cell are, and what its switches report.
+    """The positions of the parts in the simulated cell, and the values of its switches.
 
     A robot without a cell answers 404.
     """
@@ -103,7 +111,7 @@ async def cell(
     "POST /cell/reset", Role.OPERATOR, timeout_s=2.0, control=True, responses=responses(404, 409, 503)
 )
 async def reset_cell(request: Request) -> CellAnswer:
-    """Put parts, hand, outputs and counters back to their state at the start. The arm stays where it is.
+    """Reset parts, hand, outputs and counters to their state at the start. The arm stays where it is.
 
     Rejected with 409 while the arm moves.
     """
@@ -120,10 +128,11 @@ async def reset_cell(request: Request) -> CellAnswer:
     responses=responses(409, 501, 503),
 )
 async def reset_simulation(request: Request) -> ResetAnswer:
-    """Begin the simulation again: an e-stop or a fault is cleared, arm and cell are at the start.
+    """Restart the simulation: an e-stop or a fault is cleared, and arm and cell return to their initial
+    state.
 
     Scene, tool and positions stay. Rejected with 409 while the arm moves or a program runs, and with 501 on a
     real robot.
     """
     await Call(request).services.simulation.reset()
-    return ResetAnswer(success=True, message="the simulation begins again")
+    return ResetAnswer(success=True, message="the simulation restarts")

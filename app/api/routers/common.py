@@ -1,4 +1,4 @@
-"""What concerns everything: stop, and health."""
+"""Stop and health, of one robot or of all."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ async def health(request: Request) -> HealthAnswer:
 
 
 def _written(state: State) -> tuple[dict[str, object], list[str]]:
-    """What is written of what happens: how much of it was lost, and why nothing is at present."""
+    """The numbers of lost log and audit lines, and the reasons why nothing can be written at present."""
     file, terminal, error = state.losses.read()
     lost = {"service": logs.dropped(), "file": file, "terminal": terminal, "audit": state.audit.dropped}
     problems = [f"the log file cannot be written: {os.strerror(error)}"] if error else []

@@ -1,4 +1,4 @@
-"""The control of the arm."""
+"""Control of the arm: reading, taking and releasing it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
     """Take control, renew it, or take it over. Then no other client can move the robot.
 
     Send the answer's `token` as the header `X-Control-Token` with each request that moves the robot. The
-    lease ends when it is released, or when nothing has moved for `timeout_s`. A stop never needs it.
+    lease ends when it is released, or when nothing has moved for `timeout_s`. A stop never needs control.
     """
     call = Call(request)
     taken = await call.services.control.take(

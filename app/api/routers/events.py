@@ -1,4 +1,4 @@
-"""What happens, as it happens: server-sent events and a WebSocket, on one path."""
+"""Events, sent as they happen: server-sent events and a WebSocket, on one path."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class EventsQuery(StrictModel):
     types: str | None = Field(
         None,
         max_length=1000,
-        description=f"Types, with commas: {', '.join(TYPES)}. Default: all.",
+        description=f"Types, separated by commas: {', '.join(TYPES)}. Default: all.",
     )
     robot: str | None = Field(
         None, max_length=64, description="Only events of this robot and of the service."
@@ -53,7 +53,11 @@ class EventsQuery(StrictModel):
         None, description="`EPOCH-ID` of the last known event; 0: all kept events. Default: only new events."
     )
     state_hz: float | None = Field(
-        None, ge=0.1, le=100.0, allow_inf_nan=False, description="Number of states a second. Default: none."
+        None,
+        ge=0.1,
+        le=100.0,
+        allow_inf_nan=False,
+        description="Number of states per second. Default: no states.",
     )
 
 
@@ -64,7 +68,7 @@ class EventsQuery(StrictModel):
     response_class=Response,
     responses={
         200: {
-            "description": "A stream of events without an end.",
+            "description": "An endless stream of events.",
             "content": {"text/event-stream": {"schema": {"type": "string"}}},
         },
         **responses(422, 503),
@@ -104,7 +108,7 @@ async def events_socket(socket: WebSocket) -> None:
 
 
 class EventStream(Response):
-    """Server-sent events, as the HTML standard has them, until the client goes or may not listen any more."""
+    """Server-sent events (HTML standard), sent until the client disconnects or loses the permission."""
 
     media_type = "text/event-stream"
 
@@ -147,7 +151,7 @@ async def _await_disconnect(receive: Receive) -> None:
 
 
 async def _watch_socket(socket: WebSocket, listener: Listener) -> None:
-    """What the client says means nothing, but for its end."""
+    """Wait for the end of the connection. Messages from the client are ignored."""
     while (await socket.receive())["type"] == "websocket.receive":
         await asyncio.sleep(0)
     listener.close()
@@ -165,13 +169,12 @@ def _query(socket: WebSocket) -> EventsQuery:
 
 
 def _listener(connection: HTTPConnection, query: EventsQuery) -> Listener:
-    """Raises:
-    InputError, NotFoundError: there is no such type, robot or event.
-    UnavailableError: too many listen already, or the service ends.
+    """Raises: InputError, NotFoundError: an unknown type, robot or event. UnavailableError: there are too
+    many listeners, or the service is shutting down.
     """
     events = cast(Events, connection.app.state.events)
     if events.closed:
-        raise UnavailableError("the service ends")
+        raise UnavailableError("the service is shutting down")
     if len(events.on_news) >= MAX_LISTENERS:
         raise UnavailableError(f"{MAX_LISTENERS} clients listen to events already")
     robots = _robots(connection, query.robot)
@@ -185,7 +188,9 @@ def _robots(connection: HTTPConnection, name: str | None) -> dict[str, Services]
     if name is None:
         return robots
     if name not in robots:
-        raise NotFoundError(f"robot: there is no {shown(name)} here; valid are: {', '.join(robots)}")
+        raise NotFoundError(
+            f"robot: {shown(name)} is not a robot of this service; valid are: {', '.join(robots)}"
+        )
     return {name: robots[name]}
 
 
@@ -195,7 +200,7 @@ def _types(given: str | None) -> frozenset[str] | None:
     types = [each.strip() for each in given.split(",")]
     for each in types:
         if each not in TYPES:
-            raise InputError(f"types: there is no {shown(each)}; valid are: {', '.join(TYPES)}")
+            raise InputError(f"types: {shown(each)} is not an event type; valid are: {', '.join(TYPES)}")
     return frozenset(types)
 
 

@@ -31,7 +31,7 @@ class ForceZeroAnswer(BaseModel):
 
     success: Literal[True] = Field(description="Always true.")
     force: list[float] = Field(description="Force at the TCP that counts as zero, in the base frame, N.")
-    torque: list[float] = Field(description="The same, N·m.")
+    torque: list[float] = Field(description="Torque at the TCP that counts as zero, in the base frame, N·m.")
     joints: list[float] = Field(description="External torque of each joint that counts as zero, N·m.")
 
 

@@ -46,8 +46,8 @@ class TcpPose(BaseModel):
 class PushContact(BaseModel):
     """The first contact of the TCP."""
 
-    pose: TcpPose = Field(description="Of the TCP when it touched.")
-    distance_m: float = Field(description="Distance along the push, m.")
+    pose: TcpPose = Field(description="Pose of the TCP when it touched.")
+    distance_m: float = Field(description="Distance from the start along the push, m.")
     force_n: float = Field(description="Force at that moment, N.")
 
 
@@ -74,21 +74,26 @@ class ForceAnswer(BaseModel):
         }
     )
 
-    success: bool = Field(description="Whether the requested end was reached, or did not matter.")
-    message: str = Field(description="The reason, if it was not.")
+    success: bool = Field(
+        description="Whether the motion reached the requested end. Also true if the "
+        "request allows other ends."
+    )
+    message: str = Field(description="The reason, if `success` is false.")
     code: ErrorCode | None = Field(description="A stable word for the reason, null on success.")
     stopped_by: str = Field(
         description="duration (press), path_end (follow), drop or target (search), depth (insert); or the "
-        "limit that was reached first: max_distance, max_time, max_deviation, pattern_end, force (insert: "
-        "it does not advance), let_go; or the code of an error."
+        "limit that was reached first: max_distance, max_time, max_deviation, pattern_end, "
+        "force (insert: the part does not advance), let_go; or the code of an error."
     )
-    contact: PushContact | None = Field(description="null: there was none.")
-    force_n: float | None = Field(description="Mean force while it was held, N; null if it was not held.")
+    contact: PushContact | None = Field(description="The first contact; null: there was none.")
+    force_n: float | None = Field(
+        description="Mean force while the force was held, N; null if it was not held."
+    )
     max_force_n: float = Field(description="Largest force, N.")
-    pose: TcpPose | None = Field(description="Of the TCP at the end.")
+    pose: TcpPose | None = Field(description="Pose of the TCP at the end.")
     distance_m: float = Field(description="Distance of the TCP from its start along the push, m.")
     duration_s: float = Field(description="s")
-    explain: Explain | None = Field(None, description="What would help, where it is known.")
+    explain: Explain | None = Field(None, description="What to change, if known.")
 
 
 FORCE: dict[str, Any] = {

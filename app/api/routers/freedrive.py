@@ -1,4 +1,4 @@
-"""The arm, guided by hand."""
+"""Freedrive: the arm is guided by hand."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class Freedrive(RequestModel):
 class FreedriveAnswer(BaseModel):
     """State of freedrive."""
 
-    session: int | None = Field(description="The number of its session while it is on.")
-    left_s: float = Field(description="Time until it ends, unless it is renewed, s.")
-    limited_by: str = Field(description='Why the arm does not follow the hand; "" if it does.')
-    ended: str = Field(description='Why it has ended the last time; "" for never.')
+    session: int | None = Field(description="Number of the present session; null while freedrive is off.")
+    left_s: float = Field(description="Time until freedrive ends without a renewal, s.")
+    limited_by: str = Field(description='Reason why the arm does not follow the hand; "" if it follows.')
+    ended: str = Field(description='Reason for the last end of freedrive; "" if it has never ended.')
 
 
 @router.endpoint("GET /robot/freedrive", Role.OBSERVER, timeout_s=1.5)
@@ -57,9 +57,9 @@ async def freedrive(request: Request) -> FreedriveAnswer:
 async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
     """Let a person move the arm by hand: it moves where it is pushed and stays where it is released.
 
-    It ends when it is not renewed within `timeout_s`, with the `session` of the answer; by DELETE, and by a
-    stop. A joint slows down before its limit, and the arm before an obstacle. A backend that cannot be guided
-    by hand gets a 501 with its name.
+    Freedrive ends by DELETE, by a stop, or if it is not renewed within `timeout_s` with the `session` of the
+    answer. A joint slows down before its limit, and the arm before an obstacle. If the backend does not
+    support freedrive, the answer is a 501 with its name.
     """
     call = Call(request)
     service = call.services.freedrive

@@ -21,7 +21,9 @@ from cobot.robot.visuals import visuals_of
 from cobot.types import JointLimits, Numbers7
 
 PROCESS = secrets.token_hex(4)
-"""After a restart everything may look different, whatever the versions are."""
+"""Random id of this process. It makes ETags of an earlier process invalid, because after a restart everything
+may look different.
+"""
 
 router = EndpointRouter(tags=["scene"])
 
@@ -46,13 +48,15 @@ class PoseIn(BaseModel):
 
 
 class JointShown(BaseModel):
-    """What moves a body."""
+    """A joint that moves a body."""
 
-    index: int = Field(description="Among the robot's joints.")
-    slides: bool = Field(description="It slides along its axis; otherwise it turns about it.")
-    axis: list[float] = Field(description="In the body's frame.")
+    index: int = Field(description="Index of the joint in the robot's order.")
+    slides: bool = Field(description="true: the joint slides along its axis; false: it turns about its axis.")
+    axis: list[float] = Field(description="Direction of the axis in the body's frame.")
     anchor: list[float] = Field(description="A point of the axis in the body's frame, m.")
-    reference: float = Field(description="Its position in which the pose of the body is given, rad or m.")
+    reference: float = Field(
+        description="Position of the joint for which the pose of the body is given, rad or m."
+    )
 
 
 class ShapeShown(PoseIn):
@@ -60,28 +64,31 @@ class ShapeShown(PoseIn):
 
     shape: str = Field(description="box, sphere, cylinder, capsule, ellipsoid, plane or mesh.")
     size: list[float] = Field(
-        description="m: a box's edges; a radius; radius and length; three radii; a plane's edges, 0: endless."
+        description="Size, m. Box: three edges. Sphere: radius. Cylinder, capsule: radius and length. "
+        "Ellipsoid: three radii. Plane: edges, 0 for infinite."
     )
-    rgba: list[float] = Field(description="From 0 to 1.")
-    mesh: int | None = Field(description="Which of the meshes.")
+    rgba: list[float] = Field(description="Colour, each component from 0 to 1.")
+    mesh: int | None = Field(description="Index in the list of meshes.")
     collides: bool = Field(description="False: no collision check uses it; it is only for display.")
 
 
 class BodyShown(PoseIn):
     """A rigid body, in the frame of its parent, with its joints at their reference positions."""
 
-    name: str = Field(description="Its name in messages about collisions; may be empty.")
-    parent: int = Field(description="Index of its parent; the first body is the world.")
-    part: str = Field(description="robot, tool or scene.")
+    name: str = Field(description="Name in messages about collisions; may be empty.")
+    parent: int = Field(description="Index of the parent body; the first body is the world.")
+    part: str = Field(description="Where the body belongs: robot, tool or scene.")
     joints: list[JointShown] = Field(description="Joints that move it, in their order.")
-    shapes: list[ShapeShown] = Field(description="What it is made of.")
+    shapes: list[ShapeShown] = Field(description="The solids that form the body.")
 
 
 class MeshShown(BaseModel):
     """Triangles."""
 
-    vertices: list[float] = Field(description="x, y, z after one another, m.")
-    triangles: list[int] = Field(description="Three vertices after one another.")
+    vertices: list[float] = Field(description="Coordinates of the vertices, one after the other: x, y, z, m.")
+    triangles: list[int] = Field(
+        description="Indices of the vertices from 0, three for each triangle, one after the other."
+    )
 
 
 class JointRange(BaseModel):
@@ -89,53 +96,56 @@ class JointRange(BaseModel):
 
     name: str = Field(description="Name of the joint.")
     slides: bool = Field(description="The joint slides: positions are in m, not in rad.")
-    min_position: float = Field(description="rad or m")
-    max_position: float = Field(description="rad or m")
-    max_velocity: float = Field(description="rad/s or m/s")
-    max_effort: float = Field(description="N·m or N")
+    min_position: float = Field(description="Minimum position, rad or m.")
+    max_position: float = Field(description="Maximum position, rad or m.")
+    max_velocity: float = Field(description="Maximum velocity, rad/s or m/s.")
+    max_effort: float = Field(description="Maximum effort, N·m or N.")
 
 
 class TcpShown(PoseIn):
-    """Where the TCP is, in the frame of the body that carries it."""
+    """The pose of the TCP in the frame of the body that carries it."""
 
-    body: int = Field(description="Index of that body.")
+    body: int = Field(description="Index of the body that carries the TCP.")
 
 
 class GeometryAnswer(BaseModel):
-    """Bodies in a tree, each with its joints and shapes, those of the tool and the scene among them."""
+    """The bodies as a tree, each with its joints and shapes. Tool and scene are included."""
 
-    bodies: list[BodyShown] = Field(description="Each after its parent.")
+    bodies: list[BodyShown] = Field(description="The bodies; each comes after its parent.")
     base: int = Field(description="Index of the body in whose frame all poses are.")
-    tcp: TcpShown = Field(description="The tool's tip.")
-    joints: list[JointRange] = Field(description="In the robot's order.")
-    meshes: list[MeshShown] = Field(description="Of the shapes that are meshes.")
+    tcp: TcpShown = Field(description="The TCP.")
+    joints: list[JointRange] = Field(description="The joints, in the robot's order.")
+    meshes: list[MeshShown] = Field(description="The triangles of the shapes that are meshes.")
 
 
 class VisualShown(PoseIn):
     """One `<visual>` of the robot's file, in the frame of its link."""
 
-    link: str = Field(description="The name of the body in /robot/geometry.")
+    link: str = Field(description="Name of the body in /robot/geometry.")
     shape: str = Field(description="box, sphere, cylinder, capsule or mesh.")
     size: list[float] = Field(
-        description="m: a box's edges; a radius; radius and length; of a mesh its scale along x, y, z."
+        description="Size, m. Box: edges. Sphere: radius. Cylinder, capsule: radius and length. Mesh: its "
+        "scale along x, y, z."
     )
-    rgba: list[float] | None = Field(description="From 0 to 1; null: the colours of the mesh.")
+    rgba: list[float] | None = Field(
+        description="Colour, each component from 0 to 1; null: the colours of the mesh."
+    )
     mesh: int | None = Field(description="Number of the mesh: GET /robot/visuals/{mesh}, as GLB, in metres.")
 
 
 class VisualsAnswer(BaseModel):
-    """What the links look like; collision checks do not use it."""
+    """The appearance of the links. Collision checks do not use it."""
 
-    visuals: list[VisualShown] = Field(description="Empty if the robot's file has none.")
+    visuals: list[VisualShown] = Field(description="The visuals; empty if the robot's file has none.")
 
 
 @router.endpoint(
     "GET /robot/visuals", Role.OBSERVER, timeout_s=1.5, response_model=VisualsAnswer, responses=responses(503)
 )
 async def visuals(request: Request) -> Response:
-    """What the links of the arm look like, with colours, for a picture.
+    """The appearance of the arm's links, with colours, for drawing it.
 
-    It has an `ETag`: with `If-None-Match` the answer is 304.
+    The answer has an `ETag`. With a matching `If-None-Match` the answer is 304.
     """
     found = await asyncio.to_thread(visuals_of, Call(request).services.robot.model_file)
     answer = VisualsAnswer(
@@ -169,7 +179,7 @@ async def visual_mesh(request: Request, mesh: Mesh) -> Response:
 
 
 def tagged(request: Request, content: bytes, media_type: str) -> Response:
-    """The content with its tag, or 304 if the client has it already."""
+    """The content with its ETag, or 304 if the client already has it."""
     tag = f'"{hashlib.blake2b(content, digest_size=8).hexdigest()}"'
     headers = {"ETag": tag, "Cache-Control": "no-cache"}
     if request.headers.get("if-none-match") == tag:
@@ -179,10 +189,10 @@ def tagged(request: Request, content: bytes, media_type: str) -> Response:
 
 @router.endpoint("GET /robot/clearance", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def clearance(request: Request) -> ClearanceAnswer:
-    """The smallest distances of the arm where it is measured now, each with its two nearest points.
+    """The smallest distances of the arm at its measured position, each with its two nearest points.
 
-    With the tool and the scene, as the collision checks see them. Distances that no joint changes, such as
-    that of a first link over the floor, are left out.
+    The shapes of arm, tool and scene are those of the collision checks. Distances that no joint changes are
+    omitted, such as that between the first link and the floor.
     """
     call = Call(request)
     state = await call.services.link.await_measured_state(call.timeout_s)
@@ -195,9 +205,10 @@ async def clearance(request: Request) -> ClearanceAnswer:
 
 @router.endpoint("GET /robot/geometry", Role.OBSERVER, timeout_s=1.5, response_model=GeometryAnswer)
 async def geometry(request: Request) -> Response:
-    """Shapes and joints of the arm, its tool and its scene, as the collision checks see them.
+    """Shapes and joints of the arm, its tool and its scene, as the collision checks use them.
 
-    It has an `ETag`, which changes when scene, tool or limits do: with `If-None-Match` the answer is 304.
+    The answer has an `ETag`, which changes with the scene, the tool and the limits. With a matching
+    `If-None-Match` the answer is 304.
     """
     robot = Call(request).services.robot
     tag = f'"{PROCESS}-{zlib.crc32(repr(geometry_version(robot)).encode()):08x}"'

@@ -31,19 +31,22 @@ DONE = "The gripper has done it"
 
 
 class GripperValues(BaseModel):
-    """What the gripper reports; null: it does not know."""
+    """Values that the gripper reports; null: it does not report this value."""
 
     width: float | None = Field(description="Width between the fingers, m.")
     commanded_width: float | None = Field(description="Width of the last command, m.")
     force: float | None = Field(description="Force at the fingers, N.")
     moving: bool = Field(description="Whether a command is in progress.")
     object: HeldObject | None = Field(
-        description="none; held_inside (between the fingers), held_outside (the fingers are inside it), "
-        "lost (it is gone without a release); null: it does not detect objects."
+        description="none; held_inside (between the fingers), held_outside (the fingers are inside the "
+        "object), lost (the object is gone without a release); null: the gripper does not "
+        "detect objects."
     )
     temperature: float | None = Field(description="°C")
-    fault: str = Field(description='What is wrong with the device; "" for nothing.')
-    ages_s: dict[str, float] = Field(description="Values that are older than the others, by name, s.")
+    fault: str = Field(description='Problem of the device; "" if there is none.')
+    ages_s: dict[str, float] = Field(
+        description="Age of each value that is older than the others, by name, s."
+    )
 
     @classmethod
     def of(cls, state: GripperState) -> GripperValues:
@@ -60,17 +63,17 @@ class GripperValues(BaseModel):
 
 
 class GripperAble(BaseModel):
-    """What the gripper can do. A range is its smallest and its largest value."""
+    """Capabilities of the gripper. A range is its smallest and its largest value."""
 
     width_m: tuple[float, float] | None = Field(
-        description="Width between the fingers, m; null: none, as for a suction cup."
+        description="Width between the fingers, m; null: the gripper has no width, for example a suction cup."
     )
-    force_n: tuple[float, float] | None = Field(description="N; null: the force is fixed.")
-    speed_m_s: tuple[float, float] | None = Field(description="m/s; null: the speed is fixed.")
-    object_detection: bool = Field(description="Whether `object` is known.")
-    continuous: bool = Field(description="Whether any width can be commanded, or only the two ends.")
+    force_n: tuple[float, float] | None = Field(description="Force, N; null: the force is fixed.")
+    speed_m_s: tuple[float, float] | None = Field(description="Speed, m/s; null: the speed is fixed.")
+    object_detection: bool = Field(description="Whether the gripper detects objects (`object`).")
+    continuous: bool = Field(description="true: any width can be commanded; false: only the two ends.")
     on_power_loss: PowerLoss = Field(description="What the fingers do without power.")
-    hardware: bool = Field(description="Whether it moves real fingers.")
+    hardware: bool = Field(description="true: a real gripper; false: a simulated one.")
 
 
 class GripperReportAnswer(BaseModel):
@@ -78,12 +81,12 @@ class GripperReportAnswer(BaseModel):
 
     type: str = Field(description="The setting robot.gripper.")
     connected: bool = Field(description="Whether the state is current.")
-    problem: str = Field(description='Why it is not; "" if it is.')
-    state: GripperValues | None = Field(description="Last reading; null before the first one.")
-    age_s: float = Field(description="Of the state, s.")
+    problem: str = Field(description='Reason why the state is not current; "" if it is.')
+    state: GripperValues | None = Field(description="The last reading; null before the first one.")
+    age_s: float = Field(description="Age of the state, s.")
     command: str = Field(description='The command in progress; "" for none.')
-    held: str | None = Field(description="Name of the object of the scene that is attached to it.")
-    capabilities: GripperAble = Field(description="What it can do.")
+    held: str | None = Field(description="Name of the scene object that is attached to the gripper.")
+    capabilities: GripperAble = Field(description="Capabilities of the gripper.")
 
     @classmethod
     def of(cls, report: GripperReport) -> GripperReportAnswer:
@@ -100,7 +103,7 @@ class GripperReportAnswer(BaseModel):
 
 
 class GripperAnswer(GripperValues):
-    """How a command has ended, and the state of the gripper then."""
+    """Result of a command, and the state of the gripper after it."""
 
     model_config = example(
         {
@@ -119,10 +122,12 @@ class GripperAnswer(GripperValues):
         }
     )
 
-    success: bool = Field(description="Whether the command reached its goal, or did not need to.")
-    message: str = Field(description="The reason, if it did not.")
+    success: bool = Field(
+        description="Whether the command reached its goal. Also true if the request does not require it."
+    )
+    message: str = Field(description="The reason, if `success` is false.")
     code: ErrorCode | None = Field(description="A stable word for the reason, null on success.")
-    held: str | None = Field(description="Name of the object of the scene that is attached now.")
+    held: str | None = Field(description="Name of the scene object that is attached now.")
 
 
 COMMAND: dict[str, Any] = {
@@ -137,13 +142,13 @@ router = EndpointRouter(tags=["gripper"])
 
 @router.endpoint("GET /robot/gripper", Role.OBSERVER, timeout_s=1.5, responses=responses(501))
 async def gripper(request: Request) -> GripperReportAnswer:
-    """The state of the gripper, and what it can do."""
+    """The state of the gripper, and its capabilities."""
     return GripperReportAnswer.of(Call(request).services.gripper.report())
 
 
 @router.endpoint("POST /robot/gripper/move", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
 async def move_gripper(body: GripperMove, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Move the fingers to a width. As with all of these commands, the present command ends."""
+    """Move the fingers to a width. Every new command ends the present one."""
     return await _run("move", body, request, gone, wait)
 
 
@@ -155,13 +160,15 @@ async def grasp(body: GripperGrasp, request: Request, gone: Gone, wait: Wait = T
 
 @router.endpoint("POST /robot/gripper/release", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
 async def release(body: GripperRelease, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Open and release the object, which is detached at its place. Also after an e-stop or a fault."""
+    """Open and release the object, which is detached where it is. This also works after an e-stop or a
+    fault.
+    """
     return await _run("release", body, request, gone, wait)
 
 
 @router.endpoint("POST /robot/gripper/home", Role.OPERATOR, timeout_s=COMMAND_S, control=True, **COMMAND)
 async def home(body: GripperHome, request: Request, gone: Gone, wait: Wait = True) -> Answer:
-    """Activate the gripper, or have it find its reference. Its fingers may close and open."""
+    """Activate or home the gripper. Its fingers may close and open."""
     return await _run("home", body, request, gone, wait)
 
 

@@ -30,16 +30,16 @@ class SetOutput(RequestModel):
 
 
 class IoListAnswer(BaseModel):
-    """All of them."""
+    """All inputs and outputs of the device."""
 
     backend: str = Field(description="The setting robot.backend.")
     supported: bool = Field(description="Whether this backend can have inputs and outputs.")
-    points: list[IoAnswer] = Field(description="In the device's order.")
+    points: list[IoAnswer] = Field(description="The inputs and outputs, in the device's order.")
 
 
 @router.endpoint("GET /robot/io", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def inputs_and_outputs(request: Request) -> IoListAnswer:
-    """What the device reports of its inputs and outputs."""
+    """The inputs and outputs with the values that the device reports."""
     backend, points = Call(request).services.io.points()
     return IoListAnswer(
         backend=backend,
@@ -62,8 +62,8 @@ async def set_output(
 ) -> IoAnswer:
     """Set an output; answers when the device reports the value.
 
-    Also while the arm moves. If the device does not report the value within the endpoint's timeout, the
-    answer is a 504 with what it reports.
+    Works also while the arm moves. If the device does not report the value within the endpoint's timeout, the
+    answer is a 504 with the value that it reports.
     """
     call = Call(request)
     audit.add_details(value=body.value)

@@ -1,4 +1,4 @@
-"""Motions as jobs: followed, cancelled, paused; and how fast they go."""
+"""Motions as jobs: listing, cancelling and pausing them; and the speed override."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from cobot.access.roles import Role
 ANSWER_S = 1.0
 """Part of an endpoint's timeout that is left for the answer, s."""
 FEW = 50
-"""Number of jobs that are rendered in some milliseconds."""
+"""Maximum number of jobs that are rendered at once, which takes a few milliseconds."""
 CHANGED = responses(404, 409, 422, 503)
 
 router = EndpointRouter(tags=["jobs"])
@@ -46,7 +46,7 @@ Id = Annotated[str, Path(max_length=100, description="Id of a job.")]
 async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Response:
     """The active jobs, and the newest ended ones.
 
-    Without the name of a robot, those of all robots.
+    Without the name of a robot, the answer has the jobs of all robots.
     """
     states = frozenset(query.state or JobState)
     paged = query.limit is not None or query.after is not None
@@ -68,7 +68,7 @@ async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> Respon
 def newest_jobs(
     request: Request, count: int, states: frozenset[JobState] = frozenset(JobState)
 ) -> list[JobRecord]:
-    """The jobs that go on and the newest that have ended, at most `count` of each robot."""
+    """The active jobs and the newest ended ones, at most `count` of each robot."""
     found = [each.jobs.book.records(count, states) for each in addressed(request).values()]
     return [record for each in found for record in each]
 
@@ -137,8 +137,8 @@ async def speed_override(request: Request) -> SpeedOverrideAnswer:
 async def set_speed_override(body: SpeedOverrideBody, request: Request) -> SpeedOverrideAnswer:
     """Set the speed override, for the present motion and all later ones. The change is jerk-limited.
 
-    Refused while another client moves the arm or has control, and during a stream. A value that was set by a
-    program or by the holder of a lease ends with the program or the lease.
+    Rejected while another client moves the arm or has control, and during a streaming session. A value that a
+    program or the holder of a lease has set ends with the program or the lease.
     """
     ownership = Call(request).services.ownership
     await ownership.set_speed_fraction(body.fraction)

@@ -1,4 +1,4 @@
-"""For administrators: liveness, metrics and a reload of the configuration."""
+"""Endpoints for administrators: liveness, metrics and a reload of the configuration."""
 
 from __future__ import annotations
 
@@ -41,8 +41,7 @@ async def metrics(request: Request) -> Response:
 async def reload(request: Request) -> ReloadAnswer:
     """Read named positions, joint limits and web settings again; only while nothing moves.
 
-    All or nothing: if a file is not valid, the answer says where, and nothing has changed. Takes no body.
-    Changed limits restart the real-time process, with the arm at rest in its place. This takes about a
-    second.
+    If a file is not valid, the answer says where, and nothing changes. Takes no body. Changed limits restart
+    the real-time process while the arm is at rest. This takes about a second.
     """
     return ReloadAnswer.model_validate(asdict(await request.app.state.reloading.reload()))

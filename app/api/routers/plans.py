@@ -1,4 +1,4 @@
-"""Motions and commands to the gripper planned without moving, and run later."""
+"""Motions and gripper commands that are planned first and executed later."""
 
 from __future__ import annotations
 
@@ -94,13 +94,13 @@ async def plan_path(body: PlanPath, request: Request) -> PlanAnswer:
 
 @router.endpoint("POST /robot/plan/sequence", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_sequence(body: PlanSequence, request: Request) -> PlanAnswer:
-    """Plan several motions as one, with round corners. Nothing moves."""
+    """Plan several motions as one, with blends between them. Nothing moves."""
     return await _plan(body.motions, body.radii, body, Call(request))
 
 
 @router.endpoint("POST /robot/plan/gripper", Role.AGENT, timeout_s=20.0, **PLAN)
 async def plan_gripper(body: PlanGripper, request: Request) -> PlanAnswer:
-    """Plan a command to the gripper, for a person to approve. Nothing moves."""
+    """Plan a command to the gripper, which a person can approve. Nothing moves."""
     call = Call(request)
     try:
         asked = GripperRequest.of(body.gripper)
@@ -121,7 +121,7 @@ EXECUTE: dict[str, Any] = {
 
 @router.endpoint("POST /robot/execute", Role.OPERATOR, **EXECUTE)
 async def execute(body: Execute, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Run a plan, if the robot is as it was when the plan was made; answers when the arm has settled."""
+    """Run a plan, if the robot's state has not changed since planning; answers when the arm has settled."""
     return await _execute(body.plan_id, request, gone, how)
 
 
@@ -150,9 +150,10 @@ async def _execute(plan_id: str, request: Request, gone: Gone, how: How) -> Move
 
 @router.endpoint("GET /robot/motion", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def running_motion(query: Annotated[MotionQuery, Query()], request: Request) -> MotionAnswer:
-    """The planned path of the present motion, of any client; empty without a motion.
+    """The planned path of the present motion of any client; empty without a motion.
 
-    A stream has no path. If a motion is joined with the next one of the queue, the path is that of both.
+    A streaming session has no path. If a motion is blended with the next one of the queue, the path is that
+    of both.
     """
     found = Call(request).services.ownership.motion
     if found is None:
@@ -170,7 +171,7 @@ async def running_motion(query: Annotated[MotionQuery, Query()], request: Reques
 
 @router.endpoint("GET /robot/plans", Role.OBSERVER, timeout_s=1.5, responses=responses(422, 503))
 async def kept_plans(request: Request, limit: Limit = None, after: After = None) -> list[KeptPlan]:
-    """The plans that can be run, the oldest first, and the client that has approved each for an agent."""
+    """The plans that can be run, the oldest first. Each has the client that has approved it for an agent."""
     services = Call(request).services
     found = page_of(services.plans.list_valid(), lambda each: each.plan_id, limit, after)
     return [_kept(plan, services) for plan in found]
@@ -196,14 +197,16 @@ async def kept_plan(plan: PlanOfPath, request: Request) -> Response:
     "POST /robot/plans/{plan}/rehearse", Role.AGENT, timeout_s=20.0, responses=responses(404, 409, 422, 503)
 )
 async def rehearse(plan: PlanOfPath, request: Request, gone: Gone) -> RehearsalAnswer:
-    """Run a plan on a simulated copy of the robot, by the real cycle. The robot itself does not move."""
+    """Run a plan on a simulated copy of the robot, with the code of the real-time cycle. The robot itself
+    does not move.
+    """
     call = Call(request)
     return rehearsal(*await call.services.plans.rehearse(plan, gone, call.timeout_s))
 
 
 @router.endpoint("POST /robot/approve", Role.OPERATOR, timeout_s=1.5, responses=responses(404, 503))
 async def approve(body: Approve, request: Request) -> KeptPlan:
-    """Allow an agent to run a plan once, or withdraw that. Look at the plan first."""
+    """Allow an agent to run a plan once, or withdraw the approval. Look at the plan first."""
     return _approve(body.plan_id, request, approved=body.approved)
 
 
@@ -230,7 +233,9 @@ def _approve(plan_id: str, request: Request, *, approved: bool) -> KeptPlan:
 
 
 def rehearsal(plan: Plan, found: Rehearsal | None) -> RehearsalAnswer:
-    """What is answered; None: there was nothing to move, and the plan knows all about it."""
+    """The answer to a dry run. `found` is None if the arm has nothing to move; then the plan has all
+    values.
+    """
     forecast, flaw = plan.forecast, None if found is None else found.flaw
     closest = forecast if found is None else found
     torque = forecast.utilisation["torque"]

@@ -1,4 +1,4 @@
-"""Named positions: reading, teaching and removing them."""
+"""Named positions: reading, teaching and deleting them."""
 
 from __future__ import annotations
 
@@ -32,17 +32,15 @@ class TeachPosition(RequestModel):
         None,
         min_length=1,
         max_length=64,
-        description="Joint positions, rad; without them the present ones.",
+        description="Joint positions, rad. Default: the present ones.",
     )
-    label: Label | None = Field(
-        None, description="Name for people, in any language; without one they see `name`."
-    )
+    label: Label | None = Field(None, description="Displayed name, in any language. Default: `name`.")
     description: str = Field("", max_length=200, description="For people.")
 
 
 @router.endpoint("GET /robot/positions", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def positions(request: Request, limit: Limit = None, after: After = None) -> list[NamedPositionAnswer]:
-    """The named positions: those of the SRDF and those that were taught."""
+    """The named positions: those from the SRDF and the taught ones."""
     found = Call(request).services.positions.all()
     return [_answer(each) for each in page_of(found, lambda each: each.name, limit, after)]
 
@@ -51,7 +49,7 @@ async def positions(request: Request, limit: Limit = None, after: After = None) 
     "POST /robot/positions", Role.OPERATOR, timeout_s=5.0, control=True, responses=responses(409, 503)
 )
 async def teach_position(body: TeachPosition, request: Request) -> NamedPositionAnswer:
-    """Store a position under a name, for all motions to named positions; kept over restarts."""
+    """Store a position under a name, for motions to named positions. It is kept across restarts."""
     services = Call(request).services
     return _answer(await services.positions.teach(body.name, body.joints, body.description, body.label or ""))
 
@@ -66,7 +64,7 @@ async def teach_position(body: TeachPosition, request: Request) -> NamedPosition
 async def forget_position(
     name: Annotated[str, Path(max_length=200, description="Name of a taught position.")], request: Request
 ) -> list[NamedPositionAnswer]:
-    """Remove a taught position; answers the remaining ones."""
+    """Delete a taught position; answers with the remaining ones."""
     services = Call(request).services
     service = services.positions
     await service.forget(name)

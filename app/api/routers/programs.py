@@ -1,4 +1,4 @@
-"""Programs that the service stores: a list, versions, and a run by name."""
+"""Stored programs: listing, versions, and running one by name."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class SaveProgram(RequestModel):
 
     label: Label
     kind: Kind = "sequence"
-    text: str = Field(max_length=MAX_CHARACTERS, description="The file as it is; unknown steps stay in it.")
-    note: str = Field("", max_length=200, description="What this version is about.")
+    text: str = Field(max_length=MAX_CHARACTERS, description="The unchanged file; unknown steps are kept.")
+    note: str = Field("", max_length=200, description="Description of this version.")
 
 
 class RunProgram(RequestModel):
@@ -61,23 +61,26 @@ class RunProgram(RequestModel):
         None, ge=1, le=100_000, description="Waypoint at which the first iteration starts. Default: home."
     )
     hold: bool = Field(False, description="Wait before the first motion until the job is resumed or stepped.")
-    version: int | None = Field(None, ge=1, le=999_999_999, description="Version to run, if not the newest.")
+    version: int | None = Field(
+        None, ge=1, le=999_999_999, description="Version to run. Default: the newest."
+    )
 
 
 class StoredProgramAnswer(BaseModel):
     """A version of a stored program, without its text."""
 
-    id: str = Field(description="Id of the program, for addresses.")
-    label: str = Field(description="Name for people.")
+    id: str = Field(description="Id of the program, used in paths.")
+    label: str = Field(description="Displayed name.")
     kind: Kind
-    version: int = Field(description="Counted from 1.")
+    version: int = Field(description="Number of the version, from 1.")
     author: str = Field(
-        description="The client that saved it: a token's name, or in quotes a name that is not checked."
+        description="The client that saved it: the name of its token, or in quotes a name that was not "
+        "verified."
     )
-    time: str = Field(description="When it was saved, ISO 8601, UTC.")
-    note: str = Field(description="What this version is about.")
+    time: str = Field(description="Time of saving, ISO 8601, UTC.")
+    note: str = Field(description="Description of this version.")
     example: bool = Field(
-        description="It comes with the cell of the robot: it can be run and copied, not changed."
+        description="true: an example of the robot's cell, which can be run and copied, but not changed."
     )
 
 
@@ -100,7 +103,7 @@ async def program(
     request: Request,
     response: Response,
     version: Annotated[
-        int | None, Query(ge=1, le=999_999_999, description="The newest one by default.")
+        int | None, Query(ge=1, le=999_999_999, description="Version to read. Default: the newest.")
     ] = None,
 ) -> StoredTextAnswer:
     """A stored program. `ETag` is its version, for `If-Match` when it is saved."""
@@ -115,7 +118,7 @@ async def program(
 async def program_versions(
     program: Id, request: Request, limit: Limit = None, after: After = None
 ) -> list[StoredProgramAnswer]:
-    """All versions of a stored program that are kept, the newest first."""
+    """All kept versions of a stored program, the newest first."""
     found = await Call(request).services.stored.versions(program)
     return [_answer(each) for each in page_of(found, lambda each: str(each.version), limit, after)]
 
@@ -126,7 +129,7 @@ async def program_versions(
 async def save_program(
     program: Id, body: SaveProgram, request: Request, response: Response, if_match: IfMatch = None
 ) -> StoredProgramAnswer:
-    """Save a version. A new program has no `If-Match`; otherwise it names the version that was changed."""
+    """Save a version. `If-Match` names the version that was changed; omit it for a new program."""
     saved = ProgramText(body.label, body.kind, body.text, body.note)
     made = await Call(request).services.stored.save(program, saved, _version_of(if_match))
     audit.add_details(program=made.id, version=made.version)
@@ -143,7 +146,7 @@ async def save_program(
 async def delete_program(
     program: Id, request: Request, if_match: IfMatch = None
 ) -> list[StoredProgramAnswer]:
-    """Delete a stored program with all its versions; answers the remaining programs."""
+    """Delete a stored program with all its versions; answers with the remaining programs."""
     stored = Call(request).services.stored
     await stored.delete(program, _version_of(if_match))
     return [_answer(each) for each in await stored.all()]
@@ -161,7 +164,7 @@ async def delete_program(
 async def run_program(
     program: Id, body: RunProgram, request: Request, wait: Wait = True
 ) -> StartedAnswer | Response:
-    """Run a stored program; answers when its process runs. Only one at a time."""
+    """Run a stored program; answers when its process runs. Only one program runs at a time."""
     call = Call(request)
     found = await call.services.stored.read(program, body.version)
     audit.add_details(program=found.id, version=found.version)
@@ -181,7 +184,7 @@ def _version_of(if_match: str | None) -> int | None:
         return None
     found = re.fullmatch(r'(?:W/)?"([0-9]{1,9})"', if_match.strip())
     if not found:
-        raise InputError(f'If-Match: {shown(if_match)} is not the ETag of a program, which is like "3"')
+        raise InputError(f'If-Match: {shown(if_match)} is not the ETag of a program; an ETag looks like "3"')
     return int(found[1])
 
 

@@ -1,4 +1,4 @@
-"""Recordings of what the robot did, as MCAP files."""
+"""Recordings of the robot's state over time, as MCAP files."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ async def record(body: AskRecording, request: Request) -> AskedRecordingAnswer:
     responses=responses(404, 422) | FILE,
 )
 async def recording(name: Name, request: Request) -> FileResponse:
-    """One recording: an MCAP file, for Foxglove, `rosbags`, `cobot plot` and `cobot replay`."""
+    """A recording as an MCAP file, for Foxglove, `rosbags`, `cobot plot` and `cobot replay`."""
     path = await asyncio.to_thread(Call(request).services.recordings.path, name)
     return FileResponse(path, media_type=MEDIA_TYPE, filename=name)
 
@@ -85,7 +85,7 @@ async def recording(name: Name, request: Request) -> FileResponse:
     responses=responses(404, 422, 503),
 )
 async def recorded_path(name: Name, request: Request, samples: Samples = 200) -> Response:
-    """The path of the arm in a recording, at some of its cycles, and the events."""
+    """The path of the arm in a recording, at a selection of its cycles, and the events."""
     call = Call(request)
     service = call.services.recordings
     path = await asyncio.to_thread(service.path, name)

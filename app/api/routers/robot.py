@@ -64,7 +64,7 @@ async def joint_states(request: Request) -> JointStates:
 
 @router.endpoint("GET /robot/pose", Role.OBSERVER, timeout_s=1.5, responses=responses(503))
 async def pose(request: Request) -> PoseAnswer:
-    """The TCP in the base frame."""
+    """The pose of the TCP in the base frame."""
     call = Call(request)
     state = await call.services.link.await_measured_state(call.timeout_s)
     x, y, z, qw, qx, qy, qz = state.tcp.tolist()
@@ -84,7 +84,9 @@ async def pose(request: Request) -> PoseAnswer:
     "GET /robot/state", Role.OBSERVER, timeout_s=1.5, response_model=StateAnswer, responses=responses(503)
 )
 async def state(request: Request) -> Response:
-    """The whole state block, as rtloop publishes it in each cycle; also while the robot cannot be read."""
+    """The complete state that the real-time loop publishes in each cycle. It is available even if the robot
+    cannot be read.
+    """
     call = Call(request)
     return state_response((await call.services.link.await_fresh_state(call.timeout_s)).record)
 
@@ -115,7 +117,7 @@ async def move_arc(body: MoveArc, request: Request, gone: Gone, how: How) -> Mov
 
 @router.endpoint("POST /robot/move/sequence", Role.OPERATOR, timeout_s=600.0, control=True, **MOTION)
 async def move_sequence(body: MoveSequence, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
-    """Run several motions as one, with round corners; answers when the arm has arrived and settled."""
+    """Run several motions as one, with blends between them; answers when the arm has arrived and settled."""
     return await _move(Call(request), body, gone, how)
 
 
@@ -133,12 +135,12 @@ async def reset(request: Request) -> ResetAnswer:
 async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
     """Confirm that a person has compared the arm with the findings of the first contact.
 
-    From then on it moves at full speed and accepts streams. If there is nothing to acknowledge, nothing
-    changes.
+    From then on the arm moves at full speed and accepts streaming sessions. If there is nothing to
+    acknowledge, nothing changes.
     """
     services = Call(request).services
     found = await acknowledge_contact(services.link, payload_checked=body.payload_checked)
-    message = "acknowledged: the robot goes at full speed" if found else "there was nothing to acknowledge"
+    message = "acknowledged: the robot moves at full speed" if found else "there was nothing to acknowledge"
     audit.add_details(message=message, payload_checked=body.payload_checked)
     return AcknowledgeAnswer(success=True, message=message, found=found)
 
@@ -166,14 +168,14 @@ def check_queueing(how: MoveQuery) -> None:
     """Reject a blend radius of a motion that is not queued, because no other follows it.
 
     Raises:
-        InputError: there is one.
+        InputError: a motion that is not queued has a blend radius.
     """
     if not how.queue and how.blend_radius > 0.0:
-        raise InputError("blend_radius: is for moves in the queue; it goes with queue=true")
+        raise InputError("blend_radius: is only for queued motions; add queue=true")
 
 
 def answer(outcome: Outcome) -> MoveAnswer:
-    """The end of a motion as JSON, also for the audit log."""
+    """The result of a motion as JSON, also for the audit log."""
     error, stopped_by = outcome.error, outcome.signals.stopped_by
     audit.add_details(motion=outcome.motion_id, error=str(error or ""))
     ended = f"Motion ended by its condition: {stopped_by}" if stopped_by else COMPLETED

@@ -1,4 +1,4 @@
-"""Which robots there are, and the endpoints of any of them by its name."""
+"""The list of robots, and the endpoints of each robot by its name."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ async def robots(request: Request, limit: Limit = None, after: After = None) -> 
 
 
 def device_answer(link: RobotLink) -> DeviceAnswer | None:
-    """What moves a robot; None while that cannot be read."""
+    """The device that moves a robot; None while it cannot be read."""
     device, report = link.device(), link.io()
     return None if device is None else DeviceAnswer.of(*device, report.points if report else ())
 

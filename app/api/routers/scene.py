@@ -1,4 +1,4 @@
-"""What stands around the arm, what it holds, and named frames."""
+"""The scene: objects around the arm, attached objects, and named frames."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ async def scene(request: Request) -> SceneAnswer:
 async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
     """Change the scene, completely or not at all.
 
-    From the response on, every planned motion keeps `planning.collision_margin_m` from the objects; the
-    present motion is stopped if its rest would come closer. The scene is kept over restarts. While the arm
+    After the response, every planned motion keeps `planning.collision_margin_m` from the objects. The present
+    motion is stopped if its remaining path comes closer. The scene is kept across restarts. While the arm
     moves, nothing can be attached or detached, and the carried load cannot change.
     """
     call = Call(request)

@@ -1,4 +1,4 @@
-"""Sequences of motions, and Lua programs, run by a process of their own."""
+"""Sequences of motions and Lua programs, each run in a process of its own."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ router = EndpointRouter(tags=["sequences"])
 
 
 def _text(description: str) -> Any:
-    """A field of a form; no command line can have a NUL."""
+    """A text field of a form. NUL is not allowed, because it cannot be part of a command line."""
     return Form(max_length=1000, pattern=r"^[^\x00-\x1f\x7f]*$", description=description)
 
 
-ACTION = "Not used; taken for compatibility and written to the log."
+ACTION = "Not used; accepted for compatibility and written to the log."
 
 
 # Many parameters: each is a field of the form, and so of the published schema.
@@ -44,8 +44,8 @@ async def start_sequence(
     config: Annotated[
         UploadFile,
         File(
-            description=f"JSON, as {link('sequence.json')}, see docs/sequence-files.md; *.lua: a program, as "
-            f"{link('program.lua')}, see docs/lua.md."
+            description=f"A sequence (JSON) such as {link('sequence.json')}, see docs/sequence-files.md; or "
+            f"a program (*.lua) such as {link('program.lua')}, see docs/lua.md."
         ),
     ],
     n_iterations: Annotated[int, Form(ge=1, le=1_000_000, description="Number of iterations.")] = 3,
@@ -57,9 +57,9 @@ async def start_sequence(
         Form(ge=1, le=100_000, description="Waypoint at which the first iteration starts. Default: home."),
     ] = None,
     bag_path: Annotated[
-        str, _text("A new folder below the recordings folder, for a recording; empty for none.")
+        str, _text("A new folder below the recordings folder, in which to record; empty: no recording.")
     ] = "",
-    topics: Annotated[str, _text("What is recorded, comma separated; empty for all.")] = "",
+    topics: Annotated[str, _text("The data to record, separated by commas; empty: all.")] = "",
     hold: Annotated[
         bool, Form(description="Wait before the first motion until the job is resumed or stepped.")
     ] = False,
@@ -67,7 +67,7 @@ async def start_sequence(
     pose_action: Annotated[str, _text(ACTION)] = "cobot/move_to_pose",
     wait: Wait = True,
 ) -> StartedAnswer | Response:
-    """Start a sequence or a Lua program; answers when its process runs. Only one at a time."""
+    """Start a sequence or a Lua program; answers when its process runs. Only one runs at a time."""
     call = Call(request)
     content = await config.read()
     digest = hashlib.sha256(content).hexdigest()
@@ -108,6 +108,6 @@ async def sequence_status(request: Request) -> SequenceStatusAnswer:
 
 @router.endpoint("GET /sequences/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def sequence_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
-    """Output of the runners, also after their end."""
+    """Output of the sequence and program processes, including ended ones."""
     call = Call(request)
     return LogAnswer(lines=query.lines_of(call.services.sequences.lines))

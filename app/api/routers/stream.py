@@ -1,4 +1,4 @@
-"""The WebSocket of remote clients: states out, targets in."""
+"""The WebSocket for remote clients: the service sends states, the client sends targets."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ from cobot.ipc.layout import Stream
 from cobot.ipc.state_fields import LAYOUT_VERSION
 
 MAX_ANSWERS = 64
-"""Maximum number of answers that wait for a client that does not read; then the oldest is dropped."""
+"""Maximum number of answers that wait for a client which does not read. Beyond it the oldest is dropped."""
 
 MOVING = frozenset({"session", "jog", "control", "target", "setpoint", "move", "chunk", "estop"})
-"""Frames that are news for others when they are refused."""
+"""Frame types that move the arm. If one of them is rejected, an event reports it to other clients."""
 
 router = EndpointRouter()
 
@@ -72,7 +72,9 @@ async def stream(socket: WebSocket) -> None:
 
 
 class StreamConnection:
-    """One client. What it sends is taken at once; it is sent the newest state, whatever it has missed."""
+    """One client. Its messages are handled as they arrive. It gets only the newest state; it may miss
+    others.
+    """
 
     def __init__(self, socket: WebSocket, services: Services, timeout_s: float) -> None:
         self._socket = socket
@@ -97,7 +99,7 @@ class StreamConnection:
         self._tool_version = int(self._streams.info["tool_version"])
 
     async def serve(self) -> None:
-        """Until the client goes."""
+        """Serve until the client disconnects."""
         streams = self._streams
         CLIENT.get().tell = lambda reason: self._answer("control_lost", reason=reason)
         await self._socket.accept()
@@ -144,7 +146,7 @@ class StreamConnection:
             audit.report_refusal(f"{about} on the stream", error.code, str(error))
 
     async def _send(self) -> None:
-        """Answers first; the state is read when it can be sent."""
+        """Send to the client, answers before states. A state is read only when it can be sent."""
         socket = self._socket
         try:
             while True:
@@ -164,14 +166,16 @@ class StreamConnection:
             return
 
     def _report_tool(self) -> None:
-        """Report where the flange is if the tool has changed, before a state with the new TCP."""
+        """Report the flange-to-TCP transform if the tool has changed, before the first state with the new
+        TCP.
+        """
         info = self._streams.info
         if int(info["tool_version"]) != self._tool_version:
             self._tool_version = int(info["tool_version"])
             self._answer("tool", tool_version=self._tool_version, flange=info["flange"].tolist())
 
     def _newest(self) -> np.ndarray | None:
-        """The state, if one is due and there is a new one."""
+        """The newest state, if one is due and has not been sent yet."""
         if not self._due:
             return None
         self._publication, state = self._streams.state_since(self._publication)
@@ -298,7 +302,7 @@ class StreamConnection:
 
     @property
     def _name(self) -> str:
-        """The name of the client, for people."""
+        """The displayed name of the client."""
         client = self._socket.client
         return f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
 

@@ -1,4 +1,4 @@
-"""Studies: questions about the robot that need thousands of computations, in a process of their own."""
+"""Studies: questions about the robot that need thousands of computations, run in a process of their own."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ class StartStudy(RequestModel):
         }
     )
 
-    question: str = Field(min_length=1, max_length=500, description="The question in words, for people.")
+    question: str = Field(min_length=1, max_length=500, description="The question in words.")
     kind: Literal["reach", "placement", "cycle", "robustness", "compare"] = Field(
         description="Kind of the study; each kind has its own keys."
     )
     seed: int | None = Field(None, ge=0, lt=2**63, description="Seed of all random numbers. Default: 0.")
-    metric: str | None = Field(None, max_length=100, description="The result that the answer is about.")
+    metric: str | None = Field(None, max_length=100, description="The metric that decides the answer.")
     robot: Part | None = Field(None, description="Further objects, and another tool than the present one.")
     space: Part | None = Field(None, description="Places or parameters.")
-    targets: Part | None = Field(None, description="For placement: the places to reach.")
+    targets: Part | None = Field(None, description="For placement: the places that the arm must reach.")
     method: str | None = Field(None, max_length=100, description="For reach: ik, free or lin.")
     approach: Any = Field(None, description="Directions of the TCP's z axis.")
     spins: int | None = Field(None, description="Number of turns about each direction.")
     start: str | list[float] | None = Field(
-        None, description="For the method lin: where the line starts, a named position or joints."
+        None, description="For the method lin: the start of the line, a named position or joint positions."
     )
     program: list[Part] | Part | None = Field(
         None, description='Moves, or `{"stored": ID, "moves": {...}}` of a stored program.'
@@ -64,10 +64,10 @@ class StartStudy(RequestModel):
     )
     samples: int | None = Field(None, description="Number of samples of the random parameters.")
     design: str | None = Field(
-        None, max_length=100, description="For robustness: how the samples are distributed."
+        None, max_length=100, description="For robustness: distribution of the samples."
     )
     goal: str | None = Field(
-        None, max_length=100, description="Whether the metric is to be large or small: max or min."
+        None, max_length=100, description="Whether a large or a small metric is better: max or min."
     )
     confidence: float | None = Field(None, description="For robustness: confidence level of the intervals.")
     search: Part | None = Field(None, description="A search with Optuna.")
@@ -88,55 +88,55 @@ class BestPlacement(BaseModel):
 class StudyAnswer(BaseModel):
     """A study."""
 
-    id: str = Field(description="Named by a hash of the question, the robot, its tool and its scene.")
+    id: str = Field(description="Id: a hash of the question, the robot, its tool and its scene.")
     question: str = Field(description="The question in words.")
     kind: str = Field(description="Kind of the study.")
     state: Literal["running", "finished", "partial", "failed"] = Field(
         description="A partial study continues when the same study is started again."
     )
-    reason: str = Field(description="Why it is not finished. Empty while it runs and after it has finished.")
+    reason: str = Field(
+        description="Reason why the study is not finished. Empty while it runs and after it has finished."
+    )
     tasks: int = Field(description="Number of tasks.")
     done: int = Field(description="Number of tasks that are done.")
     rate_hz: float = Field(description="Tasks per second of the present run.")
     left_s: float | None = Field(description="Estimated remaining time, s; null while it is unknown.")
-    answer: dict[str, Any] = Field(description="The answer from the results so far, by names for people.")
+    answer: dict[str, Any] = Field(description="The answer from the results so far, by displayed names.")
     placement: BestPlacement | None = Field(
         description="The best placement; only for a completed study of the kind placement."
     )
-    maps: bool = Field(description="Whether it has a map: GET /studies/{study}/map.")
-    job: str = Field(description="The job of its last run: POST /jobs/{job}/cancel ends it.")
+    maps: bool = Field(description="Whether the study has a map: GET /studies/{study}/map.")
+    job: str = Field(description="The job of the study's last run: POST /jobs/{job}/cancel ends it.")
     owner: str = Field(description="The client that started it.")
-    started_at: str = Field(description="When its last run was started, ISO 8601, UTC.")
-    document: dict[str, Any] = Field(description="The study as requested.")
+    started_at: str = Field(description="Start of the last run, ISO 8601, UTC.")
+    document: dict[str, Any] = Field(description="The requested study.")
 
 
 class StudiesAnswer(BaseModel):
-    """Studies."""
+    """The studies of a robot."""
 
-    studies: list[StudyAnswer] = Field(description="The newest first.")
+    studies: list[StudyAnswer] = Field(description="The studies, the newest first.")
 
 
 class StudyMap(BaseModel):
     """Places with their results, for a map. The lists have one item per place."""
 
-    x: list[float] = Field(description="m in the base frame.")
-    y: list[float] = Field(description="m in the base frame.")
-    z: list[float] = Field(description="m in the base frame.")
+    x: list[float] = Field(description="x of each place in the base frame, m.")
+    y: list[float] = Field(description="y of each place in the base frame, m.")
+    z: list[float] = Field(description="z of each place in the base frame, m.")
     values: dict[str, list[float | None]] = Field(
         description="Values of each metric; null where a place is not reached."
     )
-    ranges: dict[str, list[float]] = Field(
-        description="Lowest and highest value of the scale of each metric."
-    )
-    scale: list[list[float]] = Field(description="Colours of the scale at even distances, RGB, 0 to 255.")
-    spacing: float = Field(description="Distance of neighbouring places, m.")
-    metrics: list[str] = Field(description="The chosen metric first.")
+    ranges: dict[str, list[float]] = Field(description="Lowest and highest value of each metric's scale.")
+    scale: list[list[float]] = Field(description="Evenly spaced colours of the scale, RGB, 0 to 255.")
+    spacing: float = Field(description="Distance between neighbouring places, m.")
+    metrics: list[str] = Field(description="The metrics, the chosen one first.")
     every: int = Field(description="The map shows every Nth place of the study; 1: all of them.")
 
 
 @router.endpoint("GET /studies", Role.OBSERVER, timeout_s=5.0, responses=responses(422))
 async def studies(request: Request, limit: Limit = None, after: After = None) -> StudiesAnswer:
-    """The studies of the robot; of a running one, with its partial answer."""
+    """The studies of the robot. A running study has its partial answer."""
     found = page_of(await Call(request).services.studies.all(), lambda each: each.id, limit, after)
     return StudiesAnswer(studies=[_answer(each) for each in found])
 
@@ -200,7 +200,7 @@ async def study_table(study: Id, request: Request) -> FileResponse:
     "DELETE /studies/{study}", Role.PROGRAMMER, timeout_s=10.0, responses=responses(404, 409, 422, 503)
 )
 async def delete_study(study: Id, request: Request) -> StudiesAnswer:
-    """Delete a study with its results; answers the remaining studies."""
+    """Delete a study with its results; answers with the remaining studies."""
     service = Call(request).services.studies
     await service.delete(study)
     return StudiesAnswer(studies=[_answer(each) for each in await service.all()])

@@ -1,4 +1,4 @@
-"""What is on the flange."""
+"""The tool on the flange."""
 
 from __future__ import annotations
 
@@ -39,8 +39,9 @@ async def tool(request: Request) -> ToolAnswer:
 async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
     """Set the tool, completely or not at all.
 
-    From the response on, every motion is planned with its mass, its TCP and its shapes. The real-time process
-    and the simulation include its weight. The tool is kept over restarts. Only while the arm is at rest.
+    After the response, every motion is planned with the mass, the TCP and the shapes of this tool. The
+    real-time process and the simulation include its weight. The tool is kept across restarts. It can be
+    changed only while the arm is at rest.
     """
     call = Call(request)
     changed = await call.services.tool.change(await asyncio.to_thread(_edit, body), call.name)
@@ -49,7 +50,7 @@ async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
 
 @router.endpoint("POST /robot/tool/calibrate", Role.OPERATOR, timeout_s=1.5)
 async def calibrate_tool(body: TouchedPoints, request: Request) -> TcpFitAnswer:
-    """Find the TCP from points in which the tip touches one fixed point, by least squares.
+    """Calculate the TCP from joint positions in which the tip touches one fixed point, by least squares.
 
     Nothing changes: send the position to POST /robot/tool as `tcp` with an orientation.
     """

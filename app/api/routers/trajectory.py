@@ -58,8 +58,8 @@ async def send_csv(
     file: Annotated[
         UploadFile,
         File(
-            description=f"As {link('trajectory.csv')}: header joint1 ... joint7 or the joints' own names, t; "
-            "angles in rad, t in s."
+            description=f"A CSV file such as {link('trajectory.csv')}. Header: joint1 ... joint7 or the "
+            f"joints' own names, and t. Angles in rad, t in s."
         ),
     ],
     query: Annotated[CsvQuery, Query()],
@@ -79,7 +79,7 @@ async def send_csv(
 
 @router.endpoint("GET /trajectory/logs", Role.OBSERVER, timeout_s=1.5, responses=responses(422))
 async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
-    """Results of trajectories: accepted, arrived, stopped or refused, and why."""
+    """Results of trajectories: accepted, arrived, stopped or rejected, with the reason."""
     call = Call(request)
     return LogAnswer(lines=query.lines_of(call.services.trajectories.lines))
 

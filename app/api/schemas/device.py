@@ -1,4 +1,4 @@
-"""Documents about the device behind a robot: what it can do, and how it is."""
+"""Models about the device behind a robot: its capabilities and its status."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from cobot.robot.io_points import IoKind, IoPoint
 
 
 class Acknowledge(RequestModel):
-    """The checks that the acknowledging client confirms."""
+    """The checks that a client confirms."""
 
     model_config = example({"payload_checked": True})
 
     payload_checked: bool = Field(
         False,
-        description="Tool and load of the arm are those of the model. Not needed if POST /robot/tool has "
-        "set them.",
+        description="true: the model has the tool and load that the arm really carries. Not needed if POST "
+        "/robot/tool has set them.",
     )
 
 
@@ -32,35 +32,37 @@ class AcknowledgeAnswer(BaseModel):
     """What was acknowledged."""
 
     success: Literal[True] = Field(description="Always true.")
-    message: str = Field(description="What applies from now on, in words.")
-    found: str = Field(
-        description='What the first contact had found; "" if there was nothing to acknowledge.'
-    )
+    message: str = Field(description="The result in words.")
+    found: str = Field(description='Findings of the first contact; "" if there was nothing to acknowledge.')
 
 
 class DeviceStatusAnswer(BaseModel):
-    """State that the device reports; "" and null where it reports nothing."""
+    """Status that the device reports; "" and null for values that it does not report."""
 
-    connection: str = Field(description='Such as "connected", or the state of its session.')
-    quality: str = Field(description="Of the connection.")
-    operation_mode: str = Field(description="T1 (reduced speed, by hand), T2 (by hand) or AUT.")
-    safety_stop: str = Field(description='What prevents motions; "" for nothing.')
-    drives: str = Field(description="Whether they are on.")
-    brakes: str = Field(description="Whether they hold the arm.")
-    speed_scaling: float = Field(description="Its own speed override, 0 to 1, which planned motions follow.")
-    packets_lost: int = Field(description="Since it was opened.")
-    device_time_s: float | None = Field(description="On its own clock, s.")
-    text: str = Field(description="Anything else, as a sentence.")
+    connection: str = Field(description='State of the connection or of the session, such as "connected".')
+    quality: str = Field(description="Quality of the connection.")
+    operation_mode: str = Field(
+        description="Operating mode: T1 (manual, reduced speed), T2 (manual) or AUT (automatic)."
+    )
+    safety_stop: str = Field(description='Reason why the device permits no motion; "" if it permits motions.')
+    drives: str = Field(description="Whether the drives are on.")
+    brakes: str = Field(description="Whether the brakes hold the arm.")
+    speed_scaling: float = Field(
+        description="Speed override of the device, 0 to 1. Planned motions follow it."
+    )
+    packets_lost: int = Field(description="Number of packets lost since the connection was opened.")
+    device_time_s: float | None = Field(description="Time on the device's clock, s.")
+    text: str = Field(description="Further information, as a sentence.")
 
 
 class IoAnswer(BaseModel):
-    """An input or output, as the device has reported it."""
+    """An input or output, with the value that the device has reported."""
 
-    name: str = Field(description="As the device, or the program in its cabinet, calls it.")
+    name: str = Field(description="Name that the device, or the program in its cabinet, uses.")
     kind: IoKind = Field(description="boolean, digital (a whole number) or analog.")
-    direction: Literal["input", "output"] = Field(description="An output can be set.")
+    direction: Literal["input", "output"] = Field(description="input or output; an output can be set.")
     value: bool | int | float | None = Field(
-        description="Of its kind; null where the device reports what is no number."
+        description="The value; null if the device reports no finite number."
     )
 
     @classmethod
@@ -78,19 +80,21 @@ class DeviceAnswer(BaseModel):
 
     backend: str = Field(description="The setting robot.backend.")
     hardware: bool = Field(description="Whether a real device moves.")
-    periods_s: list[float] = Field(description="Possible periods of the cycle, s; empty: any.")
-    measured: list[str] = Field(description="Which measured values are real.")
-    able: list[str] = Field(description=f"Which of {', '.join(FLAGS)} it has.")
+    periods_s: list[float] = Field(description="Possible cycle periods, s; empty: any period.")
+    measured: list[str] = Field(description="The quantities that are really measured.")
+    able: list[str] = Field(description=f"Capabilities of the device, out of: {', '.join(FLAGS)}.")
     stops: dict[int, bool] = Field(
         description="Stop categories (IEC 60204-1), each with whether the device itself confirms it."
     )
-    status: DeviceStatusAnswer | None = Field(description="Report of the device; null: it reports nothing.")
-    speed_share: float = Field(description="Share of the planned speed with which it moves now.")
+    status: DeviceStatusAnswer | None = Field(
+        description="Status that the device reports; null: it reports none."
+    )
+    speed_share: float = Field(description="Present speed, as a share of the planned speed.")
     unacknowledged: str = Field(
-        description='What the first contact has found, until it is acknowledged; "" when it is.'
+        description='Findings of the first contact that are not acknowledged yet; "" without any.'
     )
     drives_off: bool = Field(description="Whether a stop of category 1 has switched the drives off.")
-    io: list[IoAnswer] = Field(description="Its inputs and outputs, in its own order.")
+    io: list[IoAnswer] = Field(description="Inputs and outputs, in the device's order.")
 
     @classmethod
     def of(cls, backend: str, device: DeviceReport, points: Sequence[IoPoint]) -> Self:

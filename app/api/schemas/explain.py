@@ -1,4 +1,6 @@
-"""Why there is no motion, as JSON: what the checks have found, and what was tried and works."""
+"""The reason why there is no motion, as JSON: results of the checks, and changes that were tried or that
+work.
+"""
 
 from __future__ import annotations
 
@@ -20,41 +22,43 @@ class FailedCheck(BaseModel):
     value: float = Field(description="Value of the quantity, in `unit`.")
     limit: float = Field(description="Its limit, in `unit`.")
     by: float = Field(description="Distance of the value beyond the limit, in `unit`.")
-    unit: str = Field(description="SI; empty for a share.")
+    unit: str = Field(description="SI unit; empty for a share.")
     share: float | None = Field(
-        description="Where, as a share of the path (of its time, if it has been timed): 0 is the start, 1 "
-        "the goal; null: no particular place."
+        description="Place, as a share of the path (of its duration, if it has been timed): 0 is the start, "
+        "1 the goal; null: no particular place."
     )
-    of: list[str] = Field(description="The joint, or the two bodies that are too close to each other.")
+    of: list[str] = Field(
+        description="Names of the joint, or of the two bodies that are too close to each other."
+    )
 
 
 class Works(BaseModel):
     """A changed request that was planned with all checks."""
 
-    change: Kind = Field(description="What is changed.")
+    change: Kind = Field(description="Kind of the change.")
     says: str = Field(description="The change in words.")
     endpoint: str = Field(
-        description="The endpoint for `body`; /robot/move/... accepts it without `samples`."
+        description="The endpoint for `body`; /robot/move/... accepts the same body without `samples`."
     )
-    body: dict[str, Any] = Field(description="The whole request that works.")
-    duration_s: float = Field(description="Of the motion then, s.")
+    body: dict[str, Any] = Field(description="The complete changed request.")
+    duration_s: float = Field(description="Duration of the changed motion, s.")
 
 
 class Tried(BaseModel):
     """A change that does not work."""
 
-    change: Kind = Field(description="What was changed.")
+    change: Kind = Field(description="Kind of the change.")
     count: int = Field(description="Number of variants that were tried.")
-    says: str = Field(description="The first of them.")
-    why: str = Field(description="Why it does not work.")
+    says: str = Field(description="The first variant.")
+    why: str = Field(description="Reason why the change does not work.")
 
 
 class Explain(BaseModel):
-    """Why there is no motion, and changes that make one possible."""
+    """The reason why there is no motion, and changes that make one possible."""
 
     checks: list[FailedCheck] = Field(description="The failed checks, the decisive one first.")
     motion: int | None = Field(
-        None, description="In a sequence: number of the motion to which `works` applies, from 1."
+        None, description="In a sequence: number of the motion that `works` changes, from 1."
     )
     works: list[Works] = Field(
         [], description="Changes that work, at most one of each kind; only for /robot/plan."
@@ -65,7 +69,7 @@ class Explain(BaseModel):
 
 
 def explain_of(error: CobotError) -> Explain | None:
-    """The facts of an error; None if it has none."""
+    """The checks that an error has failed; None if the error has none."""
     if not error.findings:
         return None
     checks = [_check(found) for found in error.findings]
@@ -86,7 +90,7 @@ def _check(found: Finding) -> FailedCheck:
 
 
 def _in_json(value: float) -> float:
-    """Numbers of absurd requests overflow; JSON has no infinity."""
+    """The value, limited to the range of floats. Extreme requests overflow, and JSON has no infinity."""
     return max(-sys.float_info.max, min(sys.float_info.max, value))
 
 

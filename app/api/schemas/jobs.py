@@ -34,35 +34,37 @@ Answer = TypeVar("Answer")
 class JobRequest(BaseModel):
     """The HTTP request that began a job."""
 
-    path: str = Field(description="Without the version, such as /robot/move/joints.")
+    path: str = Field(description="Path without the API version, such as /robot/move/joints.")
     body: dict[str, Any] | None = Field(
-        description="With the fields that were sent; null without a JSON body, or with one of more than "
+        description="The fields that were sent; null without a JSON body, or if it has more than "
         f"{MAX_BODY} characters."
     )
 
 
 class JobAnswer(BaseModel):
-    """A motion, from its request to its end."""
+    """A request to move, from its arrival to its end."""
 
     id: str = Field(description="Id of this job.")
-    robot: str = Field(description="Which robot moves.")
+    robot: str = Field(description="Name of the robot.")
     kind: JobKind = Field(description="Kind of the request.")
     state: JobState = Field(
-        description="queued, planning, running, paused; or its end: finished, failed, cancelled (it was "
-        "stopped), interrupted (by the end of the service)."
+        description="queued, planning, running or paused; after the end finished, failed, cancelled (it was "
+        "stopped) or interrupted (the service ended)."
     )
     request: str = Field(
         json_schema_extra={"deprecated": True},  # `deprecated=True` would warn at each access
-        description="The path and the body as one text, shortened. Use `requested`.",
+        description="The path and the body as one text, shortened. Use `requested` instead.",
     )
     requested: JobRequest | None = Field(
-        description="The HTTP request; null for a job that began otherwise, such as over ROS."
+        description="The HTTP request; null for a job that was not requested over HTTP, for example over ROS."
     )
     owner: str = Field(description="The client that requested it.")
-    parent: str | None = Field(description="The job of the sequence that it belongs to.")
-    motion_id: int | None = Field(description="Number of its newest motion; null while nothing has moved.")
+    parent: str | None = Field(description="Id of the sequence's job, if this job belongs to a sequence.")
+    motion_id: int | None = Field(
+        description="Number of the job's newest motion; null before the first motion."
+    )
     progress: float = Field(
-        description="Share of the motion's path time that is done, 0 to 1; of a sequence, of its waypoints."
+        description="Completed share of the motion's path time, 0 to 1; for a sequence: of its waypoints."
     )
     planned_duration_s: float | None = Field(description="Duration of the motion at its planned speed.")
     remaining_s: float | None = Field(
@@ -70,28 +72,30 @@ class JobAnswer(BaseModel):
     )
     note: str = Field(description="How the motion differs from the request; empty if it does not.")
     error: RefusedAnswer | None = Field(
-        description="Why it has not arrived, in the form of an error response."
+        description="Reason why the job has not succeeded, in the form of an error response."
     )
     actions: list[ActionAnswer] = Field(description="Results of the actions on the path.")
     waits_for: str | None = Field(description="The condition for which the motion waits now.")
     stopped_by: str | None = Field(description="The condition that has ended the motion.")
     contact: ContactAnswer | None = Field(description="The moment at which it was met.")
-    created_at: datetime = Field(description="When it was requested.")
-    started_at: datetime | None = Field(description="When its first motion began.")
+    created_at: datetime = Field(description="Time of the request.")
+    started_at: datetime | None = Field(description="Time when the first motion began.")
     ended_at: datetime | None = Field(
-        description="When it ended; for a job that a crash interrupted, the last time at which the service "
-        "is known to have run."
+        description="Time of the end; for a job that a crash interrupted, the last time at which the "
+        "service is known to have run."
     )
 
 
 class JobsAnswer(BaseModel):
-    """Jobs."""
+    """A list of jobs."""
 
-    jobs: list[JobAnswer] = Field(description="The newest first; of several robots, one robot after another.")
+    jobs: list[JobAnswer] = Field(
+        description="The jobs, the newest first; with several robots, robot by robot."
+    )
 
 
 class JobsQuery(StrictModel):
-    """Which jobs."""
+    """The jobs that a client asks for."""
 
     model_config = ConfigDict(strict=False)
 
@@ -102,42 +106,46 @@ class JobsQuery(StrictModel):
         ge=1,
         le=KEPT,
         deprecated=True,
-        description="Maximum number of jobs of each robot; without `limit` and `after`.",
+        description="Maximum number of jobs per robot. Ignored with `limit` or `after`.",
     )
-    state: list[JobState] = Field([], description="Only those in one of these states.")
+    state: list[JobState] = Field([], description="Only jobs in one of these states.")
 
 
 class JobQuery(StrictModel):
-    """How long a job is waited for."""
+    """The time for which a client waits for a job."""
 
     model_config = ConfigDict(strict=False)
 
     wait_s: float = Field(
-        0.0, ge=0.0, le=MAX_WAIT_S, description="Answer when the job has ended, or after this time, s."
+        0.0,
+        ge=0.0,
+        le=MAX_WAIT_S,
+        description="Maximum time until the answer, s. The answer comes earlier if the job ends.",
     )
 
 
 class MoveQuery(BaseModel):
-    """Whether a motion is waited for, or queued."""
+    """Whether the client waits for the motion, and whether the motion is queued."""
 
     wait: bool = Field(True, description=WAIT)
     queue: bool = Field(
         False,
-        description="true: run it after the motions that are already queued; answers 202 with the job as "
-        "soon as it is planned.",
+        description="true: run the motion after those that are already queued. The answer is a 202 with the "
+        "job as soon as the motion is planned.",
     )
     blend_radius: float = Field(
         0.0,
         ge=0.0,
         le=1.0,
         allow_inf_nan=False,
-        description="With queue: distance from the end, m, within which the TCP may leave its path to "
-        "continue into the next motion without a stop, if that is queued in time; 0: it stops.",
+        description="With queue: blend radius at the end of this motion, m. Within it the TCP may leave the "
+        "path and continue into the next motion without a stop, if that is queued in time. 0: "
+        "the TCP stops.",
     )
 
 
 class SpeedOverrideBody(RequestModel):
-    """How fast motions go."""
+    """A new speed override."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"fraction": 1.0}]})
 
@@ -145,12 +153,12 @@ class SpeedOverrideBody(RequestModel):
         ge=0.0,
         le=1.0,
         allow_inf_nan=False,
-        description="Share of the planned speed: 0 (the arm waits), or 0.01 to 1.",
+        description="Share of the planned speed: 0 (the arm waits) or 0.01 to 1.",
     )
 
 
 class SpeedOverrideAnswer(BaseModel):
-    """How fast motions go."""
+    """The speed override."""
 
     fraction: float = Field(description="Share of the planned speed.")
 
@@ -159,7 +167,7 @@ Wait = Annotated[bool, Query(description=WAIT)]
 ACCEPTED: dict[int | str, dict[str, Any]] = {
     202: {
         "model": JobAnswer,
-        "description": "With wait=false or queue=true: the job. `Location` is its address.",
+        "description": "With wait=false or queue=true: the job. The header `Location` is its URL.",
     }
 }
 
@@ -178,7 +186,9 @@ def job_answer(record: JobRecord) -> JobAnswer:
 async def answer_end(
     call: Call, caller: Caller, work: Coroutine[Any, Any, Result], answer_to: Callable[[Result], Answer]
 ) -> Answer | JSONResponse:
-    """Do the work of a job and answer with its end, or at once with the job if the client does not wait."""
+    """Do the work of a job and answer with its result. If the client does not wait, answer at once with the
+    job.
+    """
     if caller.waits:
         return answer_to(await work)
     assert caller.job is not None

@@ -1,4 +1,4 @@
-"""Names in requests: ids, which stand in addresses and programs, and labels for people."""
+"""Names in requests: ids, which are used in URLs and programs, and labels for people."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cobot.strict import shown
 
 def _require_printable(text: str) -> str:
     if not text.isprintable() or not text.strip():
-        raise ValueError(f"{shown(text)} has characters that cannot be seen, or none that can")
+        raise ValueError(f"{shown(text)} has invisible characters, or no visible ones")
     return text.strip()
 
 
@@ -21,6 +21,6 @@ Name = Annotated[
 ]
 Label = Annotated[
     str,
-    Field(min_length=1, max_length=100, description="Name for people."),
+    Field(min_length=1, max_length=100, description="Displayed name."),
     AfterValidator(_require_printable),
 ]

@@ -1,4 +1,4 @@
-"""Answers about plans as JSON: the path, what it takes of the limits, and its dry run."""
+"""Answers about plans as JSON: the path, its use of the limits, and its dry run."""
 
 from __future__ import annotations
 
@@ -52,17 +52,17 @@ PLANNED = {
 class PlanPoint(BaseModel):
     """A point of a plan."""
 
-    time_s: float = Field(description="Since the motion's start, s.")
+    time_s: float = Field(description="Time since the motion's start, s.")
     joints: list[float] = Field(description="rad")
-    velocities: list[float] = Field(description="Of the joints, rad/s.")
-    position: list[float] = Field(description="Of the TCP in the base frame: x, y, z, m.")
-    quaternion: list[float] = Field(description="Of the TCP in the base frame: x, y, z, w.")
+    velocities: list[float] = Field(description="Joint velocities, rad/s.")
+    position: list[float] = Field(description="Position of the TCP in the base frame: x, y, z, m.")
+    quaternion: list[float] = Field(description="Orientation of the TCP in the base frame: x, y, z, w.")
 
 
 class MotionPoint(BaseModel):
     """A point of the present motion."""
 
-    time_s: float = Field(description="Of the path, s: at full speed since its beginning.")
+    time_s: float = Field(description="Path time, s: time since the start at full speed.")
     joints: list[float] = Field(description="rad")
 
 
@@ -70,25 +70,27 @@ class MotionAnswer(BaseModel):
     """The path of the present motion, of any client."""
 
     motion_id: int | None = Field(description="Number of the present motion; null without one.")
-    duration_s: float = Field(description="Of its path at full speed, s.")
-    note: str = Field(description="How it differs from the request.")
-    path: list[MotionPoint] = Field(description="Evenly over its time, both ends included.")
+    duration_s: float = Field(description="Duration of the path at full speed, s.")
+    note: str = Field(description="Differences between the motion and the request.")
+    path: list[MotionPoint] = Field(
+        description="Points of the path, evenly spaced in time, both ends included."
+    )
 
 
 class PlanUse(BaseModel):
-    """The share of a limit that a motion uses, for each joint."""
+    """The use of one limit by a motion, for each joint."""
 
-    peak: list[float] = Field(description="The greatest amount: rad/s, rad/s², rad/s³ or N·m.")
-    share: list[float] = Field(description="The same as a share of the robot's limit: 1 is all of it.")
+    peak: list[float] = Field(description="Largest absolute value: rad/s, rad/s², rad/s³ or N·m.")
+    share: list[float] = Field(description="That value as a share of the robot's limit; 1 is the limit.")
 
 
 class DistanceAnswer(BaseModel):
     """The distance between two bodies."""
 
     between: list[str] = Field(description="Their names.")
-    distance_m: float = Field(description="m; negative if they overlap.")
+    distance_m: float = Field(description="Distance, m; negative if the bodies overlap.")
     points: list[list[float]] = Field(
-        description="The nearest points of the first and of the second body in the base frame: x, y, z, m."
+        description="Nearest points of the first and the second body in the base frame: x, y, z, m."
     )
 
     @classmethod
@@ -107,15 +109,15 @@ class PlanDistance(DistanceAnswer):
 
 
 class ClearanceAnswer(BaseModel):
-    """The smallest distances where the arm is now."""
+    """The smallest distances at the arm's present position."""
 
     model_config = example({"closest_self": CLOSEST_SELF, "closest_environment": CLOSEST_ENVIRONMENT})
 
     closest_self: DistanceAnswer | None = Field(
-        description="Between two parts of the robot; null beyond 1 m."
+        description="Smallest distance between two parts of the robot; null above 1 m."
     )
     closest_environment: DistanceAnswer | None = Field(
-        description="Between the robot and its surroundings; null beyond 1 m."
+        description="Smallest distance between the robot and its surroundings; null above 1 m."
     )
 
 
@@ -124,23 +126,34 @@ class PlanAnswer(BaseModel):
 
     model_config = example(PLANNED)
 
-    plan_id: str = Field(description="For POST /robot/execute.")
-    expires_in_s: float = Field(description="Time for which the plan is kept, s; less if there are many.")
-    duration_s: float = Field(description="Duration at full speed, s; 0 if the arm is already there.")
-    note: str = Field(description="What auto took and why, and how a start in collision was left.")
-    path: list[PlanPoint] = Field(description="Evenly over the time, both ends included.")
-    utilisation: dict[str, PlanUse] = Field(description="Of velocity, acceleration, jerk and torque.")
-    closest_self: PlanDistance | None = Field(description="Between two parts of the robot; null beyond 1 m.")
-    closest_environment: PlanDistance | None = Field(
-        description="Between the robot and its surroundings; null beyond 1 m."
+    plan_id: str = Field(description="Id of the plan, for POST /robot/execute.")
+    expires_in_s: float = Field(
+        description="Time for which the plan is kept, s; shorter if there are many plans."
     )
-    signals: list[str] = Field(description="Actions on its path and its conditions, as sentences.")
+    duration_s: float = Field(description="Duration at full speed, s; 0 if the arm is already there.")
+    note: str = Field(
+        description="The planner that auto chose and the reason, and how the motion leaves a "
+        "start in collision."
+    )
+    path: list[PlanPoint] = Field(
+        description="Points of the path, evenly spaced in time, both ends included."
+    )
+    utilisation: dict[str, PlanUse] = Field(
+        description="Use of the limits: velocity, acceleration, jerk and torque."
+    )
+    closest_self: PlanDistance | None = Field(
+        description="Smallest distance between two parts of the robot; null above 1 m."
+    )
+    closest_environment: PlanDistance | None = Field(
+        description="Smallest distance between the robot and its surroundings; null above 1 m."
+    )
+    signals: list[str] = Field(description="Actions on the path and conditions of the motion, as sentences.")
 
 
 class RehearsalFlaw(BaseModel):
     """The first problem of a dry run."""
 
-    time_s: float = Field(description="Since the motion's start.")
+    time_s: float = Field(description="Time since the motion's start, s.")
     joint: str | None = Field(description="The joint; null for a problem of the whole arm.")
     says: str = Field(description="The problem.")
 
@@ -162,16 +175,18 @@ class RehearsalAnswer(BaseModel):
         }
     )
 
-    plan_id: str = Field(description="Of the plan.")
-    runs_through: bool = Field(description="The arm arrives and settles, and there is no `problem`.")
-    duration_s: float = Field(description="Duration at full speed until it settled, or ended otherwise.")
-    planned_duration_s: float = Field(description="Duration of the plan, without settling.")
+    plan_id: str = Field(description="Id of the plan.")
+    runs_through: bool = Field(description="true: the arm arrives and settles, and there is no `problem`.")
+    duration_s: float = Field(
+        description="Duration at full speed until the arm settled or the motion ended otherwise, s."
+    )
+    planned_duration_s: float = Field(description="Duration of the plan without settling, s.")
     effort: list[float] = Field(description="Largest effort of each joint, as a share of its limit.")
     off: list[float] = Field(
-        description="Largest deviation of each joint from its command, rad; for slides m."
+        description="Largest deviation of each joint from its command, rad; for sliding joints m."
     )
-    problem: RehearsalFlaw | None = Field(description="The first one; null: none.")
+    problem: RehearsalFlaw | None = Field(description="The first problem; null: no problem.")
     closest_self: PlanDistance | None = Field(
-        description="As for the plan, along the path of the simulated arm."
+        description="As in the plan, but along the path of the simulated arm."
     )
     closest_environment: PlanDistance | None = Field(description="The same.")

@@ -1,4 +1,4 @@
-"""Requests for plans as JSON, and the plans that are kept; their answers are in `plan_answers`."""
+"""Requests for plans as JSON, and the list of kept plans. The answers are in `plan_answers`."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ Samples = Annotated[
 ExplainIt = Annotated[
     bool,
     Field(
-        description="If there is no plan: search for changes that make one possible, for at most "
-        "`planning.explain_s`; false: only report what has failed."
+        description="true: if planning fails, search for changes that make a plan possible, for at most "
+        "`planning.explain_s`; false: only report the reason."
     ),
 ]
 PlanId = Annotated[
@@ -59,26 +59,28 @@ class KeptPlan(BaseModel):
         }
     )
 
-    plan_id: str = Field(description="Id, for requests that approve or run the plan.")
+    plan_id: str = Field(description="Id of the plan, for requests that approve or run it.")
     by: str = Field(description="The client that requested it: the name of its token.")
     planners: list[str] = Field(description="The planners that were requested.")
     duration_s: float = Field(description="Duration at full speed, s.")
     signals: list[str] = Field(
-        description="Actions on its path, its conditions and commands to the gripper, as sentences."
+        description="Actions on the path, conditions of the motion and commands to the gripper, as sentences."
     )
-    expires_in_s: float = Field(description="The time for which it is still kept.")
+    expires_in_s: float = Field(description="Time for which the plan is still kept, s.")
     approved_by: str | None = Field(
         description="The client that has approved one run by an agent; null: not approved."
     )
 
 
 class Approve(RequestModel):
-    """Which plan an agent may run, once."""
+    """A plan that an agent may run once."""
 
     model_config = example({"plan_id": "plan_2f1c9a0b7d3e4855"})
 
     plan_id: PlanId
-    approved: Annotated[bool, Field(description="false withdraws an approval.")] = True
+    approved: Annotated[bool, Field(description="true: approve the plan; false: withdraw the approval.")] = (
+        True
+    )
 
 
 class Planning(RequestModel):
@@ -121,7 +123,7 @@ class PlanArc(Planning, MoveArc):
 
 
 class PlanPath(Planning, TcpMotion):
-    """Straight lines of the TCP, and their start."""
+    """Straight lines of the TCP, and the start of the plan."""
 
     model_config = example(
         {
@@ -144,7 +146,7 @@ class PlanPath(Planning, TcpMotion):
     )
 
     def polyline(self) -> PlanPose:
-        """The equivalent motion to a pose through the others; with a single pose it is lin."""
+        """The equivalent motion to a pose: a polyline through the other poses, or lin with a single pose."""
         given = self.model_dump(exclude={"poses"}, exclude_unset=True)
         through = [pose.model_dump() for pose in self.poses[:-1]]
         goal = self.poses[-1].model_dump()
@@ -171,7 +173,7 @@ class PlanSequence(Planning, MoveSequence):
 
 
 class PlanGripper(RequestModel):
-    """A command to the gripper."""
+    """A command to the gripper that is planned, not executed."""
 
     model_config = example({"gripper": {"command": "grasp", "width": 0.04}, "samples": 2})
 
@@ -192,7 +194,7 @@ class MotionQuery(StrictModel):
 
 
 class Execute(RequestModel):
-    """Which plan to run."""
+    """The plan to run."""
 
     model_config = example({"plan_id": "plan_2f1c9a0b7d3e4855"})
 

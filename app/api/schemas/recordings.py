@@ -17,24 +17,26 @@ class AskRecording(RequestModel):
 
     action: Literal["dump", "start", "stop"] = Field(
         "dump",
-        description="dump: write the last seconds, which are in memory, to a file; start, stop: of a "
-        "continuous recording.",
+        description="dump: write the last seconds, which are in memory, to a file; start, stop: begin or "
+        "end a continuous recording.",
     )
     seconds: Annotated[float, Field(gt=0.0, le=600.0, allow_inf_nan=False)] | None = Field(
-        None, description="Length of a dump, s; at most what is in memory. Default: `recording.before_s`."
+        None,
+        description="Length of a dump, s; at most the length that is in memory. Default: "
+        "`recording.before_s`.",
     )
 
 
 class AskedRecordingAnswer(BaseModel):
-    """The result of the request."""
+    """The result of a request about recordings."""
 
     names: list[str] = Field(
-        description="Names of the complete files; after start: the beginning of the future names."
+        description="Names of the complete files; after `start`: the prefix of the file names."
     )
 
 
 class RecordingAnswer(BaseModel):
-    """A file."""
+    """A recorded file."""
 
     name: str = Field(description="Name for GET /recordings/{name}.")
     time: str = Field(description="Time of the fault, the e-stop or the request, ISO 8601 in UTC.")
@@ -47,49 +49,51 @@ class RecordingAnswer(BaseModel):
 class RecordedPoint(BaseModel):
     """The arm at one cycle of a recording."""
 
-    time_s: float = Field(description="From the first cycle on, s.")
+    time_s: float = Field(description="Time since the first cycle, s.")
     joints: list[float] = Field(description="Measured, rad.")
     velocities: list[float] = Field(description="Measured, rad/s.")
-    position: list[float] = Field(description="Of the TCP in the base frame: x, y, z, m.")
+    position: list[float] = Field(description="Position of the TCP in the base frame: x, y, z, m.")
 
 
 class RecordedEvent(BaseModel):
     """An event in a recording."""
 
-    time_s: float = Field(description="From the first cycle on, s.")
+    time_s: float = Field(description="Time since the first cycle, s.")
     kind: str = Field(
-        description="What has changed. A fault, an e-stop and an intervention have kinds of their own.",
+        description="Kind of the change. A fault, an e-stop and an intervention have kinds of their own.",
         json_schema_extra={"enum": [*sorted(EVENT_KINDS)]},
     )
-    mode: str = Field(description="Mode of rtloop from then on.")
+    mode: str = Field(description="Mode of the real-time loop from then on.")
     text: str = Field(description="The reason; empty without one.")
 
 
 class RecordedPathAnswer(BaseModel):
     """The path of a recording."""
 
-    duration_s: float = Field(description="From its first to its last cycle, s.")
-    path: list[RecordedPoint] = Field(description="Some of its cycles, evenly spaced.")
-    events: list[RecordedEvent] = Field(description="All of them, the oldest first.")
+    duration_s: float = Field(description="Duration from the first to the last cycle, s.")
+    path: list[RecordedPoint] = Field(description="A selection of cycles, evenly spaced.")
+    events: list[RecordedEvent] = Field(description="All events, the oldest first.")
 
 
 class RecorderAnswer(BaseModel):
     """The process that records."""
 
-    alive: bool = Field(description="Whether it runs.")
-    pid: int = Field(description="0: it has not started yet.")
+    alive: bool = Field(description="Whether the process runs.")
+    pid: int = Field(description="Process id; 0: the process has not started yet.")
     recording: str = Field(
-        description="Beginning of the names of the continuous recording's files; empty: none."
+        description="Prefix of the file names of the continuous recording; empty: there is none."
     )
-    lost: int = Field(description="Cycles that it missed; no recording has them.")
+    lost: int = Field(description="Number of cycles that the process missed; no recording has them.")
     files: int = Field(description="Number of recordings.")
-    bytes: int = Field(description="Their total size in bytes.")
-    problem: str = Field(description="Why nothing can be recorded; empty: no problem.")
+    bytes: int = Field(description="Total size of the recordings in bytes.")
+    problem: str = Field(description="Reason why nothing can be recorded; empty: no problem.")
 
 
 class RecordingsAnswer(BaseModel):
     """The recordings, and the recorder."""
 
-    recordings: list[RecordingAnswer] = Field(description="The newest first.")
-    recorder: RecorderAnswer | None = Field(description="null: this robot is not recorded.")
-    max_bytes: int = Field(description="`recording.max_mb`: beyond it the oldest files are deleted.")
+    recordings: list[RecordingAnswer] = Field(description="The recordings, the newest first.")
+    recorder: RecorderAnswer | None = Field(description="The recorder; null: this robot is not recorded.")
+    max_bytes: int = Field(
+        description="Maximum total size (`recording.max_mb`); above it the oldest files are deleted."
+    )

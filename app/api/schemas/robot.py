@@ -1,6 +1,6 @@
-"""Answers about the arm as JSON, and the requests that go with them.
+"""Answers about the arm as JSON, and the related requests.
 
-Requests for motions, which other documents hold too, are in `cobot.motions.bodies`.
+Requests for motions, which files can contain too, are in `cobot.motions.bodies`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ WAIT = "false: answer 202 with the job at once, instead of the result at the end
 
 
 class MoveAnswer(BaseModel):
-    """How a motion ended. It has arrived and settled when `success` is true."""
+    """The result of a motion. If `success` is true, the arm has arrived and settled."""
 
     model_config = example(
         {
@@ -45,19 +45,22 @@ class MoveAnswer(BaseModel):
     )
 
     success: bool = Field(
-        description="Whether the arm has arrived and settled, or rests because its condition `until` was met."
+        description="true: the arm has arrived and settled, or has stopped because the condition `until` "
+        "was met."
     )
-    message: str = Field(description="The reason, when it has not arrived.")
+    message: str = Field(description="The reason, if `success` is false.")
     code: ErrorCode | None = Field(None, description="A stable word for the reason, null on success.")
-    motion_id: int | None = Field(None, description="Null when nothing moved.")
-    duration_s: float = Field(description="From request to answer, s.")
-    planning_time_s: float = Field(description="Of that, the time for planning, s.")
+    motion_id: int | None = Field(None, description="Number of the motion; null if nothing moved.")
+    duration_s: float = Field(description="Time from request to answer, s.")
+    planning_time_s: float = Field(description="Part of that time that planning took, s.")
     note: str = Field(
         "",
-        description="What auto took and why, how a start in collision or beyond a limit was left, and which "
-        "radius of a sequence was not used.",
+        description="The planner that auto chose and the reason; how the motion left a start in collision "
+        "or beyond a limit; and blend radii of a sequence that were not used.",
     )
-    explain: Explain | None = Field(None, description="Of a motion that cannot be planned: why, as numbers.")
+    explain: Explain | None = Field(
+        None, description="If the motion cannot be planned: the reason, as numbers."
+    )
     actions: list[ActionAnswer] = Field([], description="Results of the actions on the path.")
     stopped_by: str | None = Field(None, description="The condition that has ended the motion.")
     contact: ContactAnswer | None = Field(None, description="The moment at which it was met.")
@@ -79,10 +82,12 @@ class TakeControl(RequestModel):
         TIMEOUT_S,
         ge=TIMEOUTS_S[0],
         le=TIMEOUTS_S[1],
-        description="s; control ends when nothing has moved for this time.",
+        description="Control ends when nothing has moved for this time, s.",
     )
     force: bool = Field(
-        False, description="Take control over: the present motion ends, and the previous holder is informed."
+        False,
+        description="true: take control even if another client has it. The present motion ends, and "
+        "the previous holder is informed.",
     )
 
 
@@ -95,19 +100,19 @@ class ControlAnswer(BaseModel):
     )
     address: str | None = Field(description="Address of the client.")
     how: Literal["explicit", "implicit"] | None = Field(
-        description="explicit: by a lease; implicit: by what moves the arm, for as long as it does."
+        description="explicit: by a lease; implicit: by the present motion, until it ends."
     )
-    what: str | None = Field(description="What moves the arm now.")
-    since: datetime | None = Field(description="When the client took it, if that is known.")
-    until: datetime | None = Field(description="When a lease ends, if nothing moves until then.")
+    what: str | None = Field(description="The request that moves the arm now.")
+    since: datetime | None = Field(description="Time when the client took control, if known.")
+    until: datetime | None = Field(description="Time when the lease ends, if nothing moves until then.")
     speed_fraction: float = Field(description="The speed override: share of the planned speed.")
 
 
 class TakenAnswer(ControlAnswer):
-    """The caller has control."""
+    """The caller has control now."""
 
-    token: str = Field(description="Send it as the header X-Control-Token.")
-    stopped: list[str] = Field(description="What was stopped to take control over.")
+    token: str = Field(description="Token of the lease. Send it as the header X-Control-Token.")
+    stopped: list[str] = Field(description="The request that was stopped to take control over.")
 
 
 class JointStates(BaseModel):
@@ -137,53 +142,55 @@ class Position(BaseModel):
 class Quaternion(BaseModel):
     """Unit quaternion; w is the scalar part."""
 
-    x: float = Field(description="Of the axis, times the sine of half the angle.")
+    x: float = Field(description="x of the rotation axis, times the sine of half the angle.")
     y: float = Field(description="The same.")
     z: float = Field(description="The same.")
     w: float = Field(description="The scalar part.")
 
 
 class Angles(BaseModel):
-    """KUKA ABC: about z, then the new y, then the newest x."""
+    """KUKA angles A, B, C: rotations about z, then the new y, then the newest x."""
 
     a: float = Field(description="About z.")
-    b: float = Field(description="About the new y.")
-    c: float = Field(description="About the newest x.")
+    b: float = Field(description="Angle about the new y.")
+    c: float = Field(description="Angle about the newest x.")
 
 
 class Orientation(BaseModel):
     quaternion: Quaternion = Field(description="The rotation as a unit quaternion.")
-    euler_rad: Angles = Field(description="The same as angles, rad.")
-    euler_deg: Angles = Field(description="The same as angles, degrees.")
+    euler_rad: Angles = Field(description="The same rotation as angles, rad.")
+    euler_deg: Angles = Field(description="The same rotation as angles, degrees.")
 
 
 class PoseAnswer(BaseModel):
-    """The TCP, from the measured joints."""
+    """The pose of the TCP, calculated from the measured joints."""
 
-    position: Position = Field(description="Of the TCP, m.")
-    orientation: Orientation = Field(description="Of the TCP.")
-    frame_id: str = Field(description="The frame in which both are: the robot's base.")
+    position: Position = Field(description="Position of the TCP, m.")
+    orientation: Orientation = Field(description="Orientation of the TCP.")
+    frame_id: str = Field(description="The frame of position and orientation: the robot's base.")
 
 
 class NamedPositionAnswer(BaseModel):
     """A `group_state` of the SRDF, or a taught position."""
 
-    name: str = Field(description="For POST /robot/move/named.")
-    label: str = Field(description="Name for people; `name` if there is no other.")
-    group: str = Field(description="The group of joints in the SRDF; `taught` without one.")
+    name: str = Field(description="Name of the position, for POST /robot/move/named.")
+    label: str = Field(description="Displayed name; `name` if it has no other.")
+    group: str = Field(description="The group of joints in the SRDF; `taught` for a taught position.")
     description: str = Field(description="The description from the SRDF, or from the client that taught it.")
     joints: list[float] = Field(description="rad")
-    taught: bool = Field(description="Whether it was taught, and can be removed.")
+    taught: bool = Field(description="true: a taught position, which can be deleted; false: from the SRDF.")
 
 
 LogLines = Annotated[int, Field(ge=1, le=300, description="Number of lines, the newest ones.")]
 MAX_LINE = 1000
-"""A line of any characters, percent-encoded, is shorter than the limit of a request's header."""
+"""Maximum length of a line in `after`, in characters. Even percent-encoded it then fits into a request's
+header.
+"""
 MAX_LINES = 1_000_000
 
 
 class LogQuery(StrictModel):
-    """How many log lines."""
+    """The number of log lines that a client asks for."""
 
     model_config = ConfigDict(strict=False)
 
@@ -199,7 +206,7 @@ class LogQuery(StrictModel):
     )
 
     def lines_of(self, newest: Callable[[int], list[str]]) -> list[str]:
-        """The lines that were asked for.
+        """The requested lines.
 
         Args:
             newest: returns this number of the newest lines, the oldest first.
@@ -221,38 +228,48 @@ class LogQuery(StrictModel):
 
 
 class LogAnswer(BaseModel):
-    """The newest lines, the oldest of them first, each with its time."""
+    """The newest log lines, the oldest of them first, each with its time."""
 
-    lines: list[str] = Field(description="The oldest of them first.")
+    lines: list[str] = Field(description="The lines, the oldest first.")
 
 
 class StartedAnswer(BaseModel):
-    """The runner has started; /sequences/status reports whether its file is valid."""
+    """The process of the sequence has started. /sequences/status reports whether the sequence file is
+    valid.
+    """
 
-    status: Annotated[Literal["started"], Field(description="The runner's process runs.")] = "started"
-    sequence_id: int = Field(description="Its number, counted from 1.")
-    pid: int = Field(description="The runner's process.")
+    status: Annotated[
+        Literal["started"], Field(description="Always started: the process of the sequence runs.")
+    ] = "started"
+    sequence_id: int = Field(description="Number of the sequence, counted from 1.")
+    pid: int = Field(description="Process id.")
 
 
 class SequenceStatusAnswer(BaseModel):
-    """The newest sequence."""
+    """State of the newest sequence."""
 
-    status: Literal["idle", "running", "finished"] = Field(description="idle: there was no sequence yet.")
-    sequence_id: int | None = Field(description="Its number, counted from 1.")
-    pid: int | None = Field(description="The runner's process.")
+    status: Literal["idle", "running", "finished"] = Field(
+        description="State; idle: there was no sequence yet."
+    )
+    sequence_id: int | None = Field(description="Number of the sequence, counted from 1.")
+    pid: int | None = Field(description="Process id.")
     iteration: int | None = Field(description="From 1.")
     n_iterations: int | None = Field(description="Requested number.")
-    waypoint: int | None = Field(description="Waypoint or step, from 1; 0 is the way home.")
+    waypoint: int | None = Field(
+        description="Number of the present waypoint or step, from 1; 0 is the way home."
+    )
     n_waypoints: int | None = Field(description="Number of waypoints or steps in an iteration.")
     step: str | None = Field(description="Present step, as in the log, including steps inside other steps.")
     started_at: datetime | None = Field(description="When.")
-    finished_at: datetime | None = Field(description="When; null while it runs.")
-    returncode: int | None = Field(description="0: all done; negative: the signal that ended it.")
+    finished_at: datetime | None = Field(description="Time of the end; null while the sequence runs.")
+    returncode: int | None = Field(
+        description="Exit code of the process. 0: success; negative: the signal that ended it."
+    )
     bag_path: str | None = Field(description="The recording's folder; null without one.")
 
 
 class StopAnswer(BaseModel):
-    """What was stopped, where the arm is, how long it took."""
+    """The result of a stop: what was stopped, and where the arm is."""
 
     model_config = example(
         {
@@ -268,19 +285,23 @@ class StopAnswer(BaseModel):
         }
     )
 
-    success: bool = Field(description="The arm is known to be at rest, and nothing will move it.")
-    message: str = Field(description="What was stopped, and what could not be confirmed.")
-    stopped: list[str] = Field(description="What was under way.")
-    position: list[float] | None = Field(description="Measured, rad; null when it is not known.")
-    at_rest: bool = Field(description="Whether the arm is known to stand still.")
-    duration_s: float = Field(description="From request to answer, s.")
+    success: bool = Field(
+        description="true: the arm is known to be at rest, and no pending motion will move it."
+    )
+    message: str = Field(description="A sentence about what was stopped and what could not be confirmed.")
+    stopped: list[str] = Field(description="The request that was in progress.")
+    position: list[float] | None = Field(description="Measured joint positions, rad; null if unknown.")
+    at_rest: bool = Field(description="Whether the arm is known to be at rest.")
+    duration_s: float = Field(description="Time from request to answer, s.")
     category: int = Field(
-        description="The category that was carried out: 2 the drives hold the arm, 1 they are off."
+        description="The stop category that was carried out. 2: the drives hold the arm; 1: the drives are "
+        "off."
     )
     confirmed: bool = Field(
-        description="Use `confirmed_by`. Whether the device itself reports it, not cobot alone.",
+        description="Whether the device itself reports that the arm is at rest. Use `confirmed_by` instead.",
         json_schema_extra={"deprecated": True},
     )
     confirmed_by: Literal["cobot", "device"] | None = Field(
-        description="What has seen the arm at rest: the device itself, or cobot alone; null: neither."
+        description="The source that confirms the arm at rest: the device itself, or only cobot; null: "
+        "neither."
     )

@@ -24,7 +24,7 @@ FIELDS = {
     "height_field": ("heights", "resolution"),
     "point_cloud": ("points", "voxel"),
 }
-"""What each shape needs; a mesh may have `file` instead."""
+"""Fields that each shape requires. A mesh may have `file` instead."""
 OPTIONAL = {"mesh": ("file", "scale", "tolerance"), "height_field": ("floor", "step")}
 SHAPE_FIELDS = list(dict.fromkeys(name for each in (*FIELDS.values(), *OPTIONAL.values()) for name in each))
 Point = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
@@ -50,13 +50,15 @@ class Place(RequestModel):
     frame_id: str = Field(
         "",
         max_length=200,
-        description="The frame of the pose: empty for the base, a named frame, or one that no joint moves. "
-        "Its present place is used.",
+        description="Frame of the pose: empty for the base, a named frame, or a frame of the model that no "
+        "joint moves. The frame's present pose is used.",
     )
 
 
 class PutObject(Place):
-    """A solid, given by its middle; a mesh, a height field and a point cloud by their own origin."""
+    """A solid. The pose is that of its centre; for a mesh, a height field and a point cloud, that of their
+    own origin.
+    """
 
     model_config = _example({"shape": "box", "size": [0.3, 0.4, 0.02], "x": 0.5, "y": -0.6, "z": 0.2})
 
@@ -64,29 +66,32 @@ class PutObject(Place):
         description="Kind of the solid."
     )
     size: list[Length] | None = Field(
-        None, min_length=3, max_length=3, description="Of a box: its edges along its x, y and z, m."
+        None, min_length=3, max_length=3, description="For a box: edges along its x, y and z axes, m."
     )
-    radius: Length | None = Field(None, description="Of a sphere, cylinder or capsule, m.")
+    radius: Length | None = Field(None, description="For a sphere, cylinder or capsule: radius, m.")
     length: Length | None = Field(
-        None, description="Of a cylinder or capsule, along its z, m; of a capsule without the round ends."
+        None,
+        description="For a cylinder or capsule: length along its z axis, m; for a capsule without the "
+        "round ends.",
     )
 
     file: str | None = Field(
         None,
         max_length=40_000_000,
-        description="Of a mesh: an STL (binary or text) or OBJ file as base64, instead of the next two.",
+        description="For a mesh: an STL (binary or text) or OBJ file as base64, instead of `vertices` and "
+        "`triangles`.",
     )
     vertices: list[Point] | None = Field(
-        None, max_length=60_000, fail_fast=True, description="Of a mesh: x, y, z, m."
+        None, max_length=60_000, fail_fast=True, description="For a mesh: vertices, x, y, z each, m."
     )
     triangles: list[Indices] | None = Field(
         None,
         max_length=20_000,
         fail_fast=True,
-        description="Of a mesh: three indices of vertices, from 0 on, each.",
+        description="For a mesh: triangles, each with three indices of vertices from 0.",
     )
     scale: Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)] = Field(
-        1.0, description="For a mesh: its scale, 0.001 for a file in mm."
+        1.0, description="For a mesh: scale, for example 0.001 for a file in mm."
     )
     tolerance: Length = Field(
         0.02,
@@ -96,43 +101,51 @@ class PutObject(Place):
         None,
         fail_fast=True,
         max_length=2000,
-        description="Of a height field: rows along y of heights along x, m; null: an empty cell.",
+        description="For a height field: a list of rows along y, each with heights along x, m; null: an "
+        "empty cell.",
     )
     resolution: Length | None = Field(
-        None, description="Of a height field: the edge of a cell, m; the first one's corner is the origin."
+        None, description="For a height field: edge of a cell, m. The corner of the first cell is the origin."
     )
-    floor: Coordinate = Field(0.0, description="For a height field: the bottom of its columns, m.")
+    floor: Coordinate = Field(0.0, description="For a height field: height of the bottom of its columns, m.")
     step: Length | None = Field(
-        None, description="Of a height field: heights are rounded up to its multiples, m; null: exact."
+        None,
+        description="For a height field: heights are rounded up to multiples of this value, m; null: exact.",
     )
     points: list[Point] | None = Field(
-        None, min_length=1, max_length=200_000, fail_fast=True, description="Of a point cloud: x, y, z, m."
+        None,
+        min_length=1,
+        max_length=200_000,
+        fail_fast=True,
+        description="For a point cloud: points, x, y, z each, m.",
     )
     voxel: Length | None = Field(
         None, description="For a point cloud: edge of the cubes, m; a cube that contains a point is solid."
     )
     mass: Annotated[float, Field(ge=0.0, le=10_000.0, allow_inf_nan=False)] = Field(
-        0.0, description="kg; the arm carries it while the object is attached, together with the tool's."
+        0.0,
+        description="Mass, kg. The arm carries it in addition to the tool's mass while the object is "
+        "attached.",
     )
     centre: list[Coordinate] | None = Field(
         None,
         min_length=3,
         max_length=3,
-        description="Centre of mass: x, y, z from the middle along its own axes, m. Default: uniform "
-        "density.",
+        description="Centre of mass: x, y, z from the object's centre along its own axes, m. Default: "
+        "uniform density.",
     )
     inertia: list[Finite] | None = Field(
         None,
         min_length=6,
         max_length=6,
-        description="About the centre, along its own axes: xx, xy, xz, yy, yz, zz, kg·m². Default: uniform "
-        "density.",
+        description="Inertia about the centre of mass, along the object's own axes: xx, xy, xz, yy, yz, zz, "
+        "kg·m². Default: uniform density.",
     )
 
     @model_validator(mode="after")
     def _of_some_mass(self) -> PutObject:
         if self.mass == 0.0 and {"centre", "inertia"} & self.model_fields_set:
-            raise ValueError("mass: is missing; centre and inertia are of no mass")
+            raise ValueError("mass: is missing; required with centre or inertia")
         return self
 
     @model_validator(mode="after")
@@ -157,7 +170,7 @@ class PutObject(Place):
 
 
 class ChangeScene(RequestModel):
-    """Changes that are made together, in the order of these fields, or not at all."""
+    """Changes to the scene, in the order of these fields. Either all are made, or none."""
 
     model_config = _example(
         {"objects": {"table": {"shape": "box", "size": [0.3, 0.4, 0.02], "x": 0.5, "y": -0.6, "z": 0.2}}}
@@ -206,26 +219,31 @@ class ObjectAnswer(BaseModel):
     name: str = Field(description="Name of the object.")
     shape: str = Field(description="box, sphere, cylinder, capsule, mesh, height_field or point_cloud.")
     size: list[float] = Field(
-        description="m: a box's edges; a radius; a radius and a length; for others the edges of the "
-        "bounding box."
+        description="Size, m. Box: edges. Sphere: radius. Cylinder, capsule: radius and length. Others: "
+        "edges of the bounding box."
     )
-    solids: int = Field(1, description="Convex solids that it is made of for collision checks.")
-    tolerance: float = Field(0.0, description="For a mesh: maximum deviation of these from it, m; 0: exact.")
+    solids: int = Field(
+        1, description="Number of convex solids that represent the object in collision checks."
+    )
+    tolerance: float = Field(
+        0.0, description="For a mesh: maximum deviation of these solids from it, m; 0: exact."
+    )
     position: list[float] = Field(
-        description="Of its middle: x, y, z, m; in the base frame, attached in the TCP's."
+        description="Position of the centre: x, y, z, m; in the base frame, or in the TCP frame if attached."
     )
-    quaternion: list[float] = Field(description="x, y, z, w, likewise.")
-    attached: bool = Field(description="The hand holds it.")
-    touch: list[str] = Field(description="What it may touch while the hand holds it.")
+    quaternion: list[float] = Field(description="Orientation in the same frame: x, y, z, w.")
+    attached: bool = Field(description="Whether the object is attached to the tool.")
+    touch: list[str] = Field(description="Bodies and objects that the object may touch while it is attached.")
     mass: float = Field(0.0, description="kg")
     centre: list[float] | None = Field(None, description="Centre of mass, m; null: uniform density.")
     inertia: list[float] | None = Field(
-        None, description="About the centre: xx, xy, xz, yy, yz, zz, kg·m²; null: uniform density."
+        None,
+        description="Inertia about the centre of mass: xx, xy, xz, yy, yz, zz, kg·m²; null: uniform density.",
     )
 
     @classmethod
     def of(cls, name: str, each: SceneObject) -> ObjectAnswer:
-        """An object as it stands in the scene or on the tool."""
+        """An object as it is in the scene or on the tool."""
         return cls(
             name=name,
             shape=each.shape,
@@ -245,27 +263,27 @@ class ObjectAnswer(BaseModel):
 class FrameAnswer(BaseModel):
     """A named frame."""
 
-    name: str = Field(description="Of the frame.")
-    position: list[float] = Field(description="In the base frame: x, y, z, m.")
-    quaternion: list[float] = Field(description="x, y, z, w")
+    name: str = Field(description="Name of the frame.")
+    position: list[float] = Field(description="Position in the base frame: x, y, z, m.")
+    quaternion: list[float] = Field(description="Orientation in the base frame: x, y, z, w.")
 
 
 class SceneAnswer(BaseModel):
-    """The scene as it is."""
+    """The present scene."""
 
     model_config = _example({"version": 3, "objects": [], "frames": [], "allowed": []})
 
-    version: int = Field(description="Rises with each change; 0: never changed.")
-    objects: list[ObjectAnswer] = Field(description="The objects that stand in the scene or are attached.")
+    version: int = Field(description="Version number, which increases with each change; 0: never changed.")
+    objects: list[ObjectAnswer] = Field(description="The objects in the scene, including attached ones.")
     frames: list[FrameAnswer] = Field(description="Named frames.")
-    allowed: list[list[str]] = Field(description="Pairs that may touch.")
+    allowed: list[list[str]] = Field(description="Pairs of bodies and objects that may touch.")
 
 
 class ChangedAnswer(BaseModel):
-    """What a change has done."""
+    """The result of a change to the scene."""
 
     model_config = _example({"version": 4, "stopped": "", "contacts": []})
 
-    version: int = Field(description="Version of the scene from now on.")
-    stopped: str = Field(description="Why the present motion was stopped; empty if it was not.")
-    contacts: list[str] = Field(description="What the arm touches or nearly touches now.")
+    version: int = Field(description="New version of the scene.")
+    stopped: str = Field(description="Reason why the present motion was stopped; empty if it was not.")
+    contacts: list[str] = Field(description="Bodies and objects that the arm touches or nearly touches now.")

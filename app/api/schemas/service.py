@@ -1,4 +1,4 @@
-"""Answers about the service as JSON: its health, its robots, the audit and a reload."""
+"""Answers about the service as JSON: its health, its robots, the audit log and a reload."""
 
 from __future__ import annotations
 
@@ -35,41 +35,49 @@ class AuditEntry(BaseModel):
     id: str = Field(description="Id of the entry.")
     time: datetime = Field(description="When, UTC.")
     who: str = Field(
-        description="Name of the access token; a client's own name in quotes; anonymous; a local user."
+        description="The client: name of its access token; its own name, in quotes; anonymous; or a local "
+        "user."
     )
-    from_: str = Field(alias="from", description="Address and port, or cli.")
-    what: str = Field(description="Method and path; the vendor service; what a connection has done.")
-    outcome: str = Field(description="HTTP's status, or ok, or what went wrong.")
-    request: str | None = Field(None, description="The X-Request-Id, also in the lines of the log.")
-    repeated: int | None = Field(None, description="How many more of this kind followed in the same second.")
-    details: dict[str, Any] = Field({}, description="Further facts: the motion, the upload, the error.")
+    from_: str = Field(alias="from", description="Address and port of the client, or cli.")
+    what: str = Field(
+        description="The action: HTTP method and path, a vendor service, or an event of a connection."
+    )
+    outcome: str = Field(description="HTTP status, ok, or the error.")
+    request: str | None = Field(None, description="The X-Request-Id, which log lines have too.")
+    repeated: int | None = Field(
+        None, description="Number of further actions of this kind in the same second."
+    )
+    details: dict[str, Any] = Field(
+        {}, description="Further details, such as the motion, the upload or the error."
+    )
 
 
 class AuditAnswer(BaseModel):
-    """The newest entries, the newest of them first."""
+    """Audit entries, the newest first."""
 
-    entries: list[AuditEntry] = Field(description="The newest first.")
-    lost: int = Field(description="Entries that could not be written since the service started.")
-    problem: str = Field(description="Why nothing can be written now; empty: no problem.")
+    entries: list[AuditEntry] = Field(description="The entries, the newest first.")
+    lost: int = Field(description="Number of entries that could not be written since the service started.")
+    problem: str = Field(description="Reason why nothing can be written now; empty: no problem.")
 
 
 class RobotHealth(BaseModel):
-    """Health of a robot; `degraded` comes with `problems`."""
+    """Health of a robot. If the status is `degraded`, `problems` has the reasons."""
 
-    status: Literal["ok", "degraded"] = Field(description="ok: there is no problem.")
-    problems: list[str] = Field(description="What is wrong, a sentence each.")
-    robot: dict[str, Any] = Field(description="The arm: mode, motion, whether it is settled.")
+    status: Literal["ok", "degraded"] = Field(description="ok: no problem; degraded: see `problems`.")
+    problems: list[str] = Field(description="The problems, one sentence each.")
+    robot: dict[str, Any] = Field(description="The arm: its mode, its motion, and whether it has settled.")
     rtloop: dict[str, Any] = Field(description="The real-time process: pid, permissions, overruns.")
     service: dict[str, Any] = Field(
-        description="This service: pid, time since its start, what moves the arm."
+        description="This service: pid, time since its start, and the request that moves the arm."
     )
     planning: dict[str, Any] = Field(
-        description="The planning processes: state, how many are usable and busy, how many were replaced."
+        description="The planning processes: state, and the numbers of usable, busy and replaced processes."
     )
     sequence: dict[str, Any] = Field(description="The newest sequence, as in /sequences/status.")
     session: dict[str, Any] | None = Field(description="The streaming session: number, client, mode.")
     recorder: dict[str, Any] | None = Field(
-        description="What is recorded: the process, the continuous recording, lost cycles, files, problem."
+        description="The recorder: its process, the continuous recording, lost cycles, files, and its "
+        "problem."
     )
 
 
@@ -79,9 +87,9 @@ class HealthAnswer(RobotHealth):
     cycle_us: dict[str, dict[str, float]] = Field(
         description="Wake-up lateness and compute time of the cycle's phases, µs."
     )
-    interventions: dict[str, int] = Field(description="What the safety layer caught, by kind.")
+    interventions: dict[str, int] = Field(description="Number of interventions of the safety layer, by kind.")
     last_interventions_s: dict[str, float | None] = Field(
-        description="Seconds since the last one of each kind; null: there was none."
+        description="Time since the last intervention of each kind, s; null: there was none."
     )
     versions: dict[str, str] = Field(description="Versions of cobot and of the libraries that it uses.")
     robots: dict[str, RobotHealth] = Field(description="Health of each addressed robot, by its name.")
@@ -90,7 +98,7 @@ class HealthAnswer(RobotHealth):
 class LiveAnswer(BaseModel):
     """The service runs."""
 
-    status: Literal["live"] = Field(description="A service that does not run gives no answer.")
+    status: Literal["live"] = Field(description="Always live: a service that does not run gives no answer.")
 
 
 class ReadyAnswer(BaseModel):
@@ -103,7 +111,7 @@ class ReadyAnswer(BaseModel):
 
 
 class ReloadAnswer(BaseModel):
-    """What the reload has done, as sentences."""
+    """The result of a reload, as sentences."""
 
     taken_over: list[str] = Field(description="Changes that apply now; empty if nothing has changed.")
     needs_restart: list[str] = Field(description="Changes that need a restart of cobot.")
@@ -120,9 +128,13 @@ class RobotAnswer(BaseModel):
     """A robot of this service."""
 
     name: str = Field(description="For /robots/{robot}/...")
-    model: str = Field(description="The name of its model, as the model's file has it.")
-    default: bool = Field(description="Endpoints without the name of a robot use this one.")
-    path: str = Field(description="Beginning of the paths of its own endpoints.")
-    base_frame: str = Field(description="The frame of all its poses.")
-    joint_names: list[str] = Field(description="From the base to the flange.")
-    device: DeviceAnswer | None = Field(description="The device that moves it; null while it cannot be read.")
+    model: str = Field(description="Name of the robot's model, from the model's file.")
+    default: bool = Field(
+        description="Whether this is the default robot, which endpoints without a robot's name use."
+    )
+    path: str = Field(description="Prefix of the paths of this robot's endpoints.")
+    base_frame: str = Field(description="The frame of all poses of this robot.")
+    joint_names: list[str] = Field(description="Names of the joints, from the base to the flange.")
+    device: DeviceAnswer | None = Field(
+        description="The device that moves the robot; null while it cannot be read."
+    )

@@ -14,7 +14,7 @@ class ActionAnswer(BaseModel):
     """An action on the path, and its result."""
 
     action: str = Field(description="The field of the action in the request.")
-    does: str = Field(description="What it does.")
+    does: str = Field(description="The action in words.")
     at: str = Field(description="The requested place on the path.")
     planned_s: float = Field(description="The path time of that place, s.")
     fired: bool | None = Field(
@@ -25,7 +25,9 @@ class ActionAnswer(BaseModel):
     position: list[float] | None = Field(
         description="Position of the TCP in the base frame, as measured in that cycle, m."
     )
-    problem: str = Field(description="Why it had no effect; empty if it had one, or has not fired.")
+    problem: str = Field(
+        description="Reason why the action had no effect; empty if it had one, or has not fired."
+    )
 
 
 class ContactAnswer(BaseModel):
@@ -45,21 +47,29 @@ class ContactAnswer(BaseModel):
         }
     )
 
-    position: list[float] = Field(description="Of the TCP in the base frame, m.")
-    quaternion: list[float] = Field(description="Its orientation, x, y, z, w.")
+    position: list[float] = Field(description="Position of the TCP in the base frame, m.")
+    quaternion: list[float] = Field(description="Orientation of the TCP in the base frame: x, y, z, w.")
     force: list[float] = Field(
         description="Force of the surroundings on the TCP, in the base frame, relative to the zero, N."
     )
-    torque: list[float] = Field(description="The same, N·m.")
-    value: float = Field(description="Value of the input, or amount of the force or torque of the condition.")
+    torque: list[float] = Field(
+        description="Torque of the surroundings on the TCP, in the base frame, relative to the zero, N·m."
+    )
+    value: float = Field(
+        description="Value of the input, or magnitude of the force or torque in the condition."
+    )
     path_time_s: float = Field(description="Path time of the cycle, s.")
     robot_time_s: float = Field(description="Time of the cycle on the robot's clock, s.")
-    overshoot_m: float | None = Field(description="Distance that the TCP moved on until it was at rest, m.")
-    retracted_m: float = Field(description="Distance that it moved back along its path after the contact, m.")
+    overshoot_m: float | None = Field(
+        description="Distance that the TCP moved after the contact until it was at rest, m."
+    )
+    retracted_m: float = Field(
+        description="Distance that the TCP moved back along its path after the contact, m."
+    )
 
 
 def action_answers(results: tuple[ActionOutcome, ...]) -> list[ActionAnswer]:
-    """Results as JSON."""
+    """The results of actions as JSON."""
     return [ActionAnswer.model_validate(asdict(each)) for each in results]
 
 

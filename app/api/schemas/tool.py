@@ -22,7 +22,9 @@ EXAMPLE_POINTS = [
     [0.0, 0.316, 0.0, -1.519, 0.0, 1.741, 0.0],
     [0.062, -0.241, -0.051, -2.1, -0.022, 0.845, -0.328],
 ]
-"""The default arm touches one point with a tip 0.15 m before its flange."""
+"""Example for the documentation: the default arm touches one point with a tip 0.15 m in front of its
+flange.
+"""
 
 
 def _example(body: Any) -> ConfigDict:
@@ -52,36 +54,38 @@ class ToolTip(RequestModel):
 
 
 class ToolShape(PutObject):
-    """A solid. Its pose is that of its centre in the flange's frame."""
+    """A solid of the tool. Its pose is that of its centre in the flange frame."""
 
     model_config = _example(
         {"shape": "cylinder", "radius": 0.05, "length": 0.1, "x": 0.0, "y": 0.0, "z": 0.06}
     )
 
-    touch: list[str] = Field([], max_length=100, description="Bodies and objects that it may touch.")
+    touch: list[str] = Field([], max_length=100, description="Bodies and objects that the shape may touch.")
 
     @model_validator(mode="after")
     def _on_the_flange(self) -> ToolShape:
         if self.frame_id:
-            raise ValueError("frame_id: a shape of the tool is given in the flange's frame: leave it out")
+            raise ValueError("frame_id: omit it; a shape of the tool is always given in the flange's frame")
         if self.mass:
-            raise ValueError("mass: that of a shape is part of the tool's mass: give it there")
+            raise ValueError("mass: omit it; the mass of a shape is part of the tool's mass")
         return self
 
 
 class ChangeTool(RequestModel):
-    """The tool. Omitted fields keep their values, but mass, centre and inertia belong together."""
+    """A change of the tool. Omitted fields keep their values, but mass, centre and inertia are set
+    together.
+    """
 
     model_config = _example(
         {"name": "gripper", "mass": 1.2, "centre": [0.0, 0.0, 0.06], "inertia": INERTIA, "tcp": {"z": 0.15}}
     )
 
-    clear: bool = Field(False, description="Start from the bare flange of the model file.")
+    clear: bool = Field(False, description="true: first reset the tool to the bare flange of the model file.")
     name: Annotated[str, Field(max_length=64)] | None = Field(None, description="For people.")
     mass: Finite | None = Field(
         None,
-        description="Mass of tool and load, kg, up to robot.max_payload_kg, in addition to the masses of "
-        "the model.",
+        description="Mass of tool and load, kg, in addition to the masses of the model. Maximum: "
+        "robot.max_payload_kg.",
     )
     centre: list[Finite] | None = Field(
         None, min_length=3, max_length=3, description="Centre of that mass: x, y, z in the flange's frame, m."
@@ -90,9 +94,12 @@ class ChangeTool(RequestModel):
         None,
         min_length=6,
         max_length=6,
-        description="About the centre, along the flange's axes: xx, xy, xz, yy, yz, zz, kg·m².",
+        description="Inertia about the centre of mass, along the flange's axes: xx, xy, xz, yy, yz, zz, "
+        "kg·m².",
     )
-    tcp: ToolTip | None = Field(None, description="In the flange's frame; null: that of the model's file.")
+    tcp: ToolTip | None = Field(
+        None, description="Pose of the TCP in the flange frame; null: the TCP of the model's file."
+    )
     shapes: Annotated[dict[Name, ToolShape], limit_entries(50)] | None = Field(
         None,
         max_length=50,
@@ -102,8 +109,8 @@ class ChangeTool(RequestModel):
         None,
         min_length=3,
         max_length=3,
-        description="Gravitational acceleration in the base frame, m/s², for a tilted base; null: that of "
-        "the model's file.",
+        description="Gravitational acceleration in the base frame, m/s², for a tilted base; null: the value "
+        "of the model's file.",
     )
 
     @model_validator(mode="after")
@@ -112,7 +119,7 @@ class ChangeTool(RequestModel):
         if not given:
             raise ValueError(f"nothing to change; valid are: {', '.join(type(self).model_fields)}")
         if {"centre", "inertia"} & given and self.mass is None:
-            raise ValueError("mass: is missing; centre and inertia are of no mass")
+            raise ValueError("mass: is missing; required with centre or inertia")
         return self
 
 
@@ -136,14 +143,16 @@ class TcpFitAnswer(BaseModel):
         {"position": [0.0, 0.0, 0.15], "point": [0.5, 0.0, 0.3], "error_m": 0.0004, "errors_m": [0.0004] * 4}
     )
 
-    position: list[float] = Field(description="Of the TCP in the flange's frame: x, y, z, m.")
+    position: list[float] = Field(description="Position of the TCP in the flange frame: x, y, z, m.")
     point: list[float] = Field(description="The touched point in the base frame: x, y, z, m.")
     error_m: float = Field(description="Root mean square of `errors_m`, m.")
-    errors_m: list[float] = Field(description="Distance of the tip from the point, for each of them, m.")
+    errors_m: list[float] = Field(
+        description="Distance of the tip from the touched point, for each joint position, m."
+    )
 
 
 class ToolAnswer(BaseModel):
-    """The tool as it is, in the flange's frame."""
+    """The present tool, in the flange frame."""
 
     model_config = _example(
         {
@@ -160,15 +169,19 @@ class ToolAnswer(BaseModel):
         }
     )
 
-    version: int = Field(description="Rises with each change; 0: never changed.")
+    version: int = Field(description="Version number, which increases with each change; 0: never changed.")
     name: str = Field(description="The name of the tool.")
-    mass: float = Field(description="Of tool and load, kg.")
-    centre: list[float] = Field(description="Of that mass, x, y, z, m.")
+    mass: float = Field(description="Mass of tool and load, kg.")
+    centre: list[float] = Field(description="Centre of that mass: x, y, z, m.")
     inertia: list[float] | None = Field(
-        description="About the centre: xx, xy, xz, yy, yz, zz, kg·m²; or none."
+        description="Inertia about the centre of mass: xx, xy, xz, yy, yz, zz, kg·m²; or none."
     )
-    position: list[float] = Field(description="Of the TCP: x, y, z, m.")
-    quaternion: list[float] = Field(description="Of the TCP: x, y, z, w.")
-    shapes: list[ObjectAnswer] = Field(description="What collision checks see of it, in the flange's frame.")
+    position: list[float] = Field(description="Position of the TCP: x, y, z, m.")
+    quaternion: list[float] = Field(description="Orientation of the TCP: x, y, z, w.")
+    shapes: list[ObjectAnswer] = Field(
+        description="Shapes of the tool for collision checks, in the flange frame."
+    )
     gravity: list[float] = Field(description="Gravitational acceleration in the base frame, m/s².")
-    contacts: list[str] = Field(description="After a change: what the arm touches or nearly touches now.")
+    contacts: list[str] = Field(
+        description="After a change: bodies and objects that the arm touches or nearly touches now."
+    )

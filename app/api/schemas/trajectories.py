@@ -11,20 +11,23 @@ from cobot.loose_lists import RequestModel
 from cobot.motions.fields import HOME, Finite, example
 from cobot.strict import StrictModel
 
-VALIDATE = "False skips this check; the safety layer of the real-time process stays."
-RETIME = "Slow down where the limits require it, by any amount; otherwise more than 5 % is refused."
+VALIDATE = "false: skip this check. The safety layer of the real-time process remains active."
+RETIME = (
+    "true: slow the motion down where the limits require it, by any amount; false: reject it if it becomes "
+    "more than 5 % slower."
+)
 SMOOTHING = (
-    "Maximum deviation from the curve through the points where they exceed the limits, rad; 0 "
-    "follows it exactly. Default: the setting planning.smoothing_rad."
+    "Maximum deviation from the curve through the points, where the curve exceeds the limits, rad; 0: "
+    "follow it exactly. Default: the setting planning.smoothing_rad."
 )
 MAX_SMOOTHING_RAD = 0.01
-MOVE_TO_START = "First move to the first point by ptp; otherwise the arm must be there."
+MOVE_TO_START = "true: first move to the first point by ptp; false: the arm must already be there."
 
 
 class TrajectoryPoint(RequestModel):
     """Positions of the joints at a time. Missing rates are those of a smooth curve through all points."""
 
-    positions: list[Finite] = Field(max_length=64, description="rad, one for each joint")
+    positions: list[Finite] = Field(max_length=64, description="Joint positions, rad.")
     time_from_start: Finite = Field(ge=0.0, description="s")
     velocities: list[Finite] | None = Field(None, min_length=1, max_length=64, description="rad/s")
     accelerations: list[Finite] | None = Field(None, min_length=1, max_length=64, description="rad/s²")
@@ -45,7 +48,7 @@ class SendTrajectory(RequestModel):
     )
 
     points: Annotated[list[TrajectoryPoint], FailFast()] = Field(
-        min_length=1, max_length=100_000, description="At strictly increasing times."
+        min_length=1, max_length=100_000, description="The points, at strictly increasing times."
     )
     validate_limits: bool = Field(True, description=VALIDATE)
     retime: bool = Field(False, description=RETIME)
@@ -54,7 +57,7 @@ class SendTrajectory(RequestModel):
 
 
 class CsvQuery(StrictModel):
-    """How to read a CSV file, and what to check; see SendTrajectory."""
+    """Format of a CSV file, and options of the motion; see SendTrajectory."""
 
     model_config = ConfigDict(strict=False)  # a query consists of strings
 
@@ -62,9 +65,9 @@ class CsvQuery(StrictModel):
         None,
         min_length=1,
         max_length=1,
-        description="One character. Default: that of the header, which is a semicolon, a tab, a comma or "
-        "white space. "
-        "Only with semicolons may numbers have decimal commas.",
+        description="Separator of the columns, one character. Default: the separator in the header, which "
+        "is a semicolon, a tab, a comma or white space. Numbers may have decimal commas only "
+        "with semicolons.",
     )
     validate_limits: bool = Field(True, description=VALIDATE)
     retime: bool = Field(False, description=RETIME)
@@ -90,18 +93,21 @@ class SentAnswer(BaseModel):
         }
     )
 
-    status: Annotated[Literal["sent"], Field(description="The motion has begun.")] = "sent"
-    motion_id: int = Field(description="Its number, as in /trajectory/logs and in the state.")
+    status: Annotated[Literal["sent"], Field(description="Always sent: the motion has begun.")] = "sent"
+    motion_id: int = Field(description="Number of the motion, as in /trajectory/logs and in the state.")
     duration_s: float = Field(
         description="Duration of the whole motion, s, including the motion to the start."
     )
     points: int = Field(description="Number of points that were sent.")
-    note: str = Field("", description="Changes of the motion, with the reason; empty: none.")
+    note: str = Field(
+        "", description="Differences between the motion and the request, with the reason; empty: none."
+    )
     blended_rad: float = Field(
-        0.0, description="Distance of the arm from the first point, which was removed smoothly."
+        0.0,
+        description="Distance of the arm from the first point at the start. The motion removes it smoothly.",
     )
     smoothed_rad: float = Field(0.0, description="Maximum deviation of the motion from the curve, rad.")
-    stretch: float = Field(1.0, description="Its duration relative to that of the points.")
+    stretch: float = Field(1.0, description="Duration of the motion relative to that of the points.")
     slowed_s: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
         None, description="Interval of the points' times in which the motion is slower than they require."
     )

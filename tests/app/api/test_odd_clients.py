@@ -39,7 +39,7 @@ def refused(run: VirtualService, content: bytes, headers: dict[str, str] = JSON)
         (b'{"joints": [0],}', "the comma before it is one too many"),
         (b'{"joints": [0] /* home */}', "JSON has no comments"),
         (b'{"joints": [0, None]}', "JSON writes true, false and null"),
-        (json.dumps(BODY.decode()).encode(), "it is JSON inside a JSON string"),
+        (json.dumps(BODY.decode()).encode(), "this is JSON inside a JSON string"),
         (b"[0, 0]", "the body must be an object, got [0, 0]"),
         (b'{"joints": {"joint1": 0}}', "joints: must be a list, got {"),
         (
@@ -64,7 +64,7 @@ def test_a_compressed_body_is_rejected_with_the_header_that_says_so(run: Virtual
             "POST", MOVE, content=gzip.compress(BODY, mtime=0), headers={**JSON, "content-encoding": coding}
         )
         assert (answer.status_code, answer.json()["code"]) == (415, "media_type")
-        assert answer.json()["detail"].startswith(f"the header Content-Encoding says '{coding.lower()}'")
+        assert answer.json()["detail"].startswith(f"the header Content-Encoding is '{coding.lower()}'")
         assert answer.headers["accept-encoding"] == "identity"
     for coding in ("identity", ""):
         answer = run.ask("POST", MOVE, content=b"{}", headers={**JSON, "content-encoding": coding})

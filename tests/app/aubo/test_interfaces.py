@@ -41,7 +41,7 @@ def test_a_folder_with_files_of_the_user_is_refused_and_left_as_it_is(
     before = {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
     assert main() == 2
     said = capsys.readouterr().err
-    assert said.startswith(f"{folder}: has files that this command has not written: ")
+    assert said.startswith(f"{folder}: has other files, which this command has not written: ")
     assert path in said
     assert {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()} == before
 

@@ -124,8 +124,8 @@ def test_where_roll_and_yaw_are_not_unique_the_orientation_still_is(pitch: float
 def test_wrong_numbers_of_numbers_are_refused() -> None:
     assert "p2 must be [x, y, z, rx, ry, rz], got 2" in refusal("poseAdd", p1=POSES[0], p2=[1.0, 2.0])
     assert "rpy must have 3 numbers, got 4" in refusal("rpyToQuaternion", rpy=[0.0] * 4)
-    assert "quat must be [w, x, y, z], 1e-09 to 1e+09 long" in refusal("quaternionToRpy", quat=[0.0] * 4)
-    assert "quat must be [w, x, y, z], 1e-09 to 1e+09 long" in refusal("quaternionToRpy", quat=[1e200] * 4)
+    assert "[w, x, y, z] with a length of 1e-09 to 1e+09" in refusal("quaternionToRpy", quat=[0.0] * 4)
+    assert "[w, x, y, z] with a length of 1e-09 to 1e+09" in refusal("quaternionToRpy", quat=[1e200] * 4)
     assert "quat must be" in refusal("quaternionToRpy", quat=[1.0])
 
 

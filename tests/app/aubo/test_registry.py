@@ -271,10 +271,10 @@ def _on(robot: Any, x: bool = True) -> None:
     ("function", "sentence"),
     [
         (_undocumented, "does not describe x"),
-        (_surplus, "describes x, which it does not take"),
+        (_surplus, "describes x, but the function has no such parameter"),
         (_silent, "has no Returns:"),
         (_nothing, "has no docstring"),
-        (_set, "x is a set[int], possible are: bool"),
+        (_set, "x is a set[int], allowed are: bool"),
         (_on, "x cannot be True by default"),
     ],
 )

@@ -141,7 +141,7 @@ def test_a_key_that_is_none_is_refused(service: VirtualService, key: str, words:
     assert answer.status_code == 422
     assert answer.json()["detail"].startswith(words)
     twice = service.post("/robot/move/joints", NEAR, headers=[(KEY, "x"), (KEY, "y")])
-    assert twice.json()["detail"] == "Idempotency-Key occurs 2 times, allowed is once"
+    assert twice.json()["detail"] == "Idempotency-Key occurs 2 times, allowed is one"
     assert jobs(service) == known
 
 

@@ -115,7 +115,7 @@ def test_to_acknowledge_needs_a_word_about_the_payload(service: VirtualService) 
     assert "tool and load are not confirmed" in refused.json()["detail"]
     assert service.post("/robot/acknowledge", {"payload_checked": 7}).status_code == 422
     done = service.post("/robot/acknowledge", {"payload_checked": True}).json()
-    assert done == {"success": True, "message": "acknowledged: the robot goes at full speed", "found": FOUND}
+    assert done == {"success": True, "message": "acknowledged: the robot moves at full speed", "found": FOUND}
     device = service.health()["robot"]["device"]
     assert (device["unacknowledged"], device["speed_share"]) == ("", 1.0)
     again = service.client(service.url).acknowledge()
