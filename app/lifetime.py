@@ -1,4 +1,4 @@
-"""What runs while the application lives: from the first look at shared memory to the last stop."""
+"""Everything that runs while the application runs, from opening shared memory to the final stop."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 
 STOP_S = 3.0
-"""Timeout for each arm to come to rest when the service ends, s."""
+"""Timeout for each arm to come to rest when the service shuts down, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lifetime:
-    """What one application needs in order to live.
+    """The resources and background tasks of one application.
 
     Attributes:
-        robots: each by its name.
-        agents: what they have begun ends with the application.
-        reload_by_signal: whether SIGHUP has the configuration read again.
+        robots: the robots by name.
+        agents: the MCP endpoint; its running requests end with the application.
+        reload_by_signal: whether SIGHUP reloads the configuration.
     """
 
     settings: Settings
@@ -44,7 +44,7 @@ class Lifetime:
 
     @contextlib.asynccontextmanager
     async def of(self, app: FastAPI) -> AsyncIterator[None]:
-        """Serve the robots for as long as the context lasts; at its end all arms are stopped."""
+        """Serve the robots while the context is open; at its end all arms are stopped."""
         events = self.shared.events
         async with saying_why(app), contextlib.AsyncExitStack() as stack:
             await self._begin(app, stack)
@@ -57,7 +57,7 @@ class Lifetime:
             await _stop_all(serving_now)
 
     async def _begin(self, app: FastAPI, stack: contextlib.AsyncExitStack) -> None:
-        """Begin everything, in the order in which it is needed; it ends in the opposite one."""
+        """Start everything in the order of its dependencies. The context ends it in the reverse order."""
         shared, settings = self.shared, self.settings
         stack.callback(shared.events.close)
         stack.enter_context(log_events(shared.events))
@@ -80,8 +80,10 @@ class Lifetime:
 
 
 def _settle_memory() -> None:
-    """What is there now stays: the collector need not look at it. `app.__main__` had it wait. That it looked
-    once, for what the imports have left, would take a tenth of a second and find next to nothing.
+    """Exclude all present objects from garbage collection, and enable it again; `app.__main__` has disabled
+    it.
+
+    A collection of what the imports have left would take a tenth of a second and find almost nothing.
     """
     gc.freeze()
     gc.enable()

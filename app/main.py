@@ -1,6 +1,6 @@
-"""The web service, put together: what is built, what requests pass, what is documented.
+"""The composition of the web service: its parts, its middleware and its documentation.
 
-Its routes are in `app.routes`, what runs while it lives is in `app.lifetime`.
+Its routes are in `app.routes`; the tasks that run while it lives are in `app.lifetime`.
 """
 
 from __future__ import annotations
@@ -47,10 +47,11 @@ from cobot.config import Settings, load_endpoints
 from cobot.logs.supervision import SupervisorLosses
 from cobot.robot.description import RobotDescription, load_robot
 
-DESCRIPTION = """Moves a robot arm. A motion answers when the arm has arrived and settled; `success` reports
-whether it has. Lengths are in m, angles in rad. Each endpoint of a robot also exists below `/robots/NAME`:
-[endpoints by robot](/docs/robots). The services of the controller's vendor have
-[their own page](/docs/vendor). **This service is not a safety system.**"""
+DESCRIPTION = """Moves a robot arm. The answer to a motion comes when the motion has ended; `success` reports
+whether the arm has arrived and settled. Lengths are in m, angles in rad. Each endpoint of a robot also exists
+below `/robots/NAME`: [endpoints by robot](/docs/robots). The services of the controller's vendor have [their
+own page](/docs/vendor). **This service is not a safety system.**
+"""
 
 
 def create_app(
@@ -65,20 +66,21 @@ def create_app(
     ros_token: str | None = None,
     fleet_token: str | None = None,
 ) -> FastAPI:
-    """The application.
+    """Create the application.
 
     Args:
-        config: the settings' file, for the planning processes.
-        base_url: where the sequence runner finds this service.
-        clock: that all services go by.
-        planner: makes what a robot plans with, from the settings' file, the number of workers and its name.
+        config: the settings file, for the planning processes.
+        base_url: base URL of this service, for the sequence runner.
+        clock: clock of all services.
+        planner: makes the planner of a robot, from the settings file, the number of workers and the robot's
+            name.
         host: address that the service listens on.
-        ros_token: by which the DDS process is known.
-        fleet_token: by which the process of the fleet is known.
-        source: what a reload reads, see `Reloading`.
+        ros_token: token of the DDS process.
+        fleet_token: token of the fleet process.
+        source: the file that a reload reads, see `Reloading`.
 
     Raises:
-        ConfigError: the configuration is wrong.
+        ConfigError: the configuration is invalid.
     """
     endpoints = changed(routes.ENDPOINTS, load_endpoints(settings.web.endpoints, routes.ENDPOINTS))
     robots = {name: load_robot(each) for name, each in settings.each.items()}
@@ -154,7 +156,7 @@ def _set_state(app: FastAPI, settings: Settings, shared: SharedParts, endpoints:
 
 
 def _add_middleware(app: FastAPI, settings: Settings, tokens: Authenticator, *, required: bool) -> None:
-    """What each request passes, the innermost first: what is refused leaves a trail too."""
+    """Add the middleware, the innermost first. So rejected requests appear in the audit log too."""
     app.add_middleware(Clients)
     app.add_middleware(BodyLimit, all_bytes=settings.web.limits.bodies_bytes)
     app.add_middleware(StartFailure)
@@ -172,7 +174,7 @@ def _add_middleware(app: FastAPI, settings: Settings, tokens: Authenticator, *, 
 
 
 def _document(app: FastAPI, robots: dict[str, RobotDescription], table: dict[str, Role] | None) -> None:
-    """Describe the REST API; `table`: which role each endpoint needs, where one is needed at all."""
+    """Describe the REST API. `table` has the role that each endpoint needs; None if no tokens are needed."""
     limits = {name: robot.limits for name, robot in robots.items()}
     swagger.install(app, partial(openapi.version, limits))
     app.openapi = openapi.with_limits(app.openapi, limits)  # type: ignore[method-assign]
@@ -181,7 +183,7 @@ def _document(app: FastAPI, robots: dict[str, RobotDescription], table: dict[str
 
 
 def _document_vendor(app: FastAPI, names: list[str], table: dict[str, Role] | None) -> None:
-    """Describe the vendor's services of the robots with these names; `table` as in `_document`."""
+    """Describe the vendor services of the robots with these names; `table` as in `_document`."""
 
     def schema() -> dict[str, Any]:
         return vendor.schema(app.openapi(), names)

@@ -1,4 +1,4 @@
-"""Gives memory back to the system after requests that needed much of it.
+"""Returns memory to the system after requests that needed much of it.
 
 Python and the C library keep freed memory for reuse. After a flood of large messages they keep four times as
 much as the service needs.
@@ -15,9 +15,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 LOOK_S, MAX_S = 2.0, 15.0
-"""Interval between two looks at the memory, s. It grows to the second value while freeing has no effect."""
+"""Interval between two checks of the memory, s. It grows to the second value while freeing has no effect."""
 GROWTH = 1.05
-"""Factor by which the memory may grow before it is freed, which takes some milliseconds."""
+"""Growth of the memory, as a factor, above which it is freed. Freeing takes some milliseconds."""
 ARENAS = 2
 _M_ARENA_MAX = -8
 _libc = ctypes.CDLL(None)
@@ -25,17 +25,19 @@ _page_bytes = os.sysconf("SC_PAGE_SIZE")
 
 
 def share_arenas() -> None:
-    """Have all threads of this process take memory from two places, before there are any threads.
+    """Make all threads of this process share two memory arenas. Call it before the first thread starts.
 
-    By default glibc makes one for each thread, up to eight a core, and what is left in each of them after a
-    flood lies scattered and cannot be given back.
+    By default glibc makes one arena for each thread, up to eight per core. After a flood of requests, free
+    memory is scattered over these arenas and cannot be returned.
     """
     with contextlib.suppress(AttributeError):
         _libc.mallopt(_M_ARENA_MAX, ARENAS)
 
 
 async def give_back() -> None:
-    """For as long as the service runs. Where the C library is another than glibc, Python's share alone."""
+    """Return memory while the service runs. With a C library other than glibc, only Python's own memory is
+    returned.
+    """
     with Path("/proc/self/statm").open("rb", buffering=0) as statm:  # later there may be no descriptor left
         await _give_back(lambda: int(os.pread(statm.fileno(), 99, 0).split()[1]) * _page_bytes)
 

@@ -1,7 +1,7 @@
 """`python -m app.openapi_document`: print the OpenAPI document of a service with the default configuration.
 
-It is the `/openapi.json` of such a service, but a robot may have any name: `packages/cobot-client-js` is made
-from it and is for every service.
+It equals the `/openapi.json` of such a service, except that a robot may have any name.
+`packages/cobot-client-js` is generated from it and works with every service.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from cobot.config import load_settings
 
 
 def openapi_document() -> str:
-    """The document as JSON."""
+    """The OpenAPI document as JSON."""
     document = create_app(load_settings(None), None, DEFAULT_URL).openapi()
     for path, operations in document["paths"].items():
         if path.startswith(BY_NAME):

@@ -1,9 +1,10 @@
-"""Reading the configuration again while every robot stands still: POST /admin/reload, and SIGHUP.
+"""Reload of the configuration while all robots are at rest: POST /admin/reload, and SIGHUP.
 
-All or nothing. The files are validated as a whole, copied, and the copy is what is taken over (see
-`cobot.launch.running_config`): named positions, joint limits and the web settings of `LIVE_WEB`. Other
-changes need a restart, and the answer lists them. New joint limits apply everywhere: in the service at once,
-in new planning processes, and in rtloop, which the supervisor restarts. Until then no motion may begin.
+Either the whole configuration is reloaded, or nothing changes. The files are copied and the copy is validated
+as a whole (see `cobot.launch.running_config`). Then named positions, joint limits and the web settings of
+`LIVE_WEB` are applied. Other changes need a restart; the answer lists them. New joint limits apply in the
+service at once, in new planning processes, and in rtloop, which the supervisor restarts. Until rtloop has
+restarted no motion may begin.
 """
 
 from __future__ import annotations
@@ -41,23 +42,24 @@ from cobot.robot.limits import check_positions
 from cobot.types import RESTING, JointLimits
 
 LIVE_WEB = ("allowed_hosts", "allowed_origins", "max_body_bytes", "max_json_bytes", "stop_on_disconnect")
-"""Settings of the section `web` that a reload changes. Their users read them from `app.state.web` each time,
-or are notified."""
+"""Settings of the section `web` that a reload changes. Code that uses them reads `app.state.web` each time,
+or is notified.
+"""
 BY_CONTENT = {"web.endpoints", "web.joint_limits", "robot.srdf", "robot.cell"}
-"""Files whose content counts, not their place."""
+"""Settings with a file name. Their change is detected by the file's content, not by its name."""
 STATE_TIMEOUT_S = 1.5
 RTLOOP_TIMEOUT_S = 20.0
 POLL_S = 0.02
 NAME = "the reload of the configuration"
 SIGNAL = "SIGHUP", "this computer", NAME
-"""The client, the address and the action that the audit has for a reload without a request."""
+"""The client, the address and the action in the audit entry for a reload by signal."""
 
 log = logging.getLogger("cobot.reload")
 
 
 @dataclass(frozen=True, slots=True)
 class Reloaded:
-    """What a reload has done, for people: what counts from now on, and what does not before a restart."""
+    """The result of a reload, as sentences: changes that apply now, and changes that need a restart."""
 
     taken_over: list[str]
     needs_restart: list[str]
@@ -65,7 +67,7 @@ class Reloaded:
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """What was read: of each robot what it becomes, and what the reload will answer."""
+    """The new configuration: the new description of each robot, and the answer of the reload."""
 
     settings: Settings
     robots: dict[str, RobotDescription]
@@ -74,14 +76,14 @@ class _Read:
 
 
 class Reloading:
-    """Reads the configuration again.
+    """Reloads the configuration.
 
     Args:
-        settings: as they are in force.
-        config: the file that they come from.
-        source: what the user edits, where `config` is the supervisor's copy of it; None where there is no
-            supervisor, which means that joint limits need a restart.
-        state: of the application; its `web` is replaced, and `origins` told.
+        settings: the present settings.
+        config: the file from which they were read.
+        source: the file that the user edits, if `config` is the supervisor's copy of it. None without a
+            supervisor; then new joint limits need a restart.
+        state: state of the application. A reload replaces its `web` and updates its `origins`.
     """
 
     def __init__(self, settings: Settings, config: Path | None, source: Path | None, state: State) -> None:
@@ -93,7 +95,7 @@ class Reloading:
 
     @property
     def settings(self) -> Settings:
-        """The settings in force."""
+        """The present settings."""
         return self._settings
 
     @property
@@ -103,13 +105,13 @@ class Reloading:
         return self._source if own else None
 
     async def reload(self) -> Reloaded:
-        """Take over what the files say now.
+        """Reload the files and apply their changes.
 
         Raises:
             InputError: the files are not valid; the error says where. Nothing has changed.
             ConflictError: a client moves a robot, or a robot is outside the new limits.
-            UnavailableError: a robot does not answer, so it is unknown whether it rests; or rtloop, which has
-                the new limits, has not come back.
+            UnavailableError: a robot does not answer, so it is unknown whether it is at rest; or rtloop has
+                not restarted with the new limits.
         """
         robots: dict[str, Services] = self._state.robots
         with contextlib.ExitStack() as claims:
@@ -128,7 +130,7 @@ class Reloading:
         return read.answer
 
     def processes(self) -> dict[str, ProcessState]:
-        """What the supervisor runs, by name; empty without one."""
+        """The processes that the supervisor runs, by name; empty without a supervisor."""
         return {} if self._running is None else self._running.processes()
 
     def begin(self) -> None:
@@ -139,11 +141,11 @@ class Reloading:
         try:
             answer = await self.reload()
         except CobotError as exc:
-            log.error("reload refused: %s", exc)
+            log.error("reload rejected: %s", exc)
             self._state.audit.record(*SIGNAL, exc.code)
             return
         self._state.audit.record(*SIGNAL, "ok", taken_over=answer.taken_over)
-        log.info("reload: taken over: %s", "; ".join(answer.taken_over) or "nothing has changed")
+        log.info("reload: applied: %s", "; ".join(answer.taken_over) or "nothing has changed")
         if answer.needs_restart:
             log.warning("reload: needs a restart: %s", "; ".join(answer.needs_restart))
 
@@ -163,9 +165,9 @@ class Reloading:
             raise InputError(str(exc)) from exc
         needs_restart = list(_differences(self._settings, new))
         if endpoints != load_endpoints(self._settings.web.endpoints):
-            needs_restart.append("web.endpoints: what the file says")
+            needs_restart.append("web.endpoints: the content of the file")
         needs_restart += [
-            f"robot.cell of {name}: what the file says"
+            f"robot.cell of {name}: the content of the file"
             for name in self._settings.each.keys() & new.each.keys()
             if cell_of(self._settings.each[name]) != cell_of(new.each[name])
         ]
@@ -174,7 +176,7 @@ class Reloading:
     def _compare(
         self, settings: Settings, robots: dict[str, RobotDescription], needs_restart: list[str]
     ) -> _Read:
-        """With what is in force."""
+        """Compare the new configuration with the present one."""
         taken_over: list[str] = []
         new_limits = []
         for name, robot in robots.items():
@@ -194,7 +196,7 @@ class Reloading:
         return _Read(settings, robots, new_limits, Reloaded(taken_over, needs_restart))
 
     def _merge(self, new: Settings) -> Settings:
-        """What is in force, with that of the new settings which needs no restart."""
+        """The present settings, with those new values that need no restart."""
         web = {key: getattr(new.web, key) for key in LIVE_WEB}
         merged = []
         for name, each in self._settings.each.items():
@@ -223,14 +225,14 @@ class Reloading:
             robots[name].servo.restore_limits()
 
     async def _enforce(self, services: Services) -> None:
-        """Have planning processes and rtloop that know the new limits."""
+        """Make planning processes and rtloop use the new limits."""
         await asyncio.gather(services.planning.renew(), self._restart_rtloop(services))
 
     async def _restart_rtloop(self, services: Services) -> None:
         link, name = services.link, services.robot.name
         process = self.processes().get(f"rtloop {name}" if self._settings.robots else "rtloop")
         if process is None:
-            raise UnavailableError("the supervisor has not told which process rtloop is; restart cobot")
+            raise UnavailableError("the supervisor has not reported the process id of rtloop; restart cobot")
         with contextlib.suppress(ProcessLookupError):  # it has died: the next one reads the new limits anyway
             os.kill(process.pid, signal.SIGTERM)
         deadline_s = link.clock.now_s() + RTLOOP_TIMEOUT_S
@@ -241,8 +243,8 @@ class Reloading:
                     return
             if link.clock.now_s() > deadline_s:
                 raise UnavailableError(
-                    "the new joint limits count, but rtloop has not come back within "
-                    f"{RTLOOP_TIMEOUT_S:.0f} s: the log says why"
+                    "the new joint limits apply, but rtloop has not restarted within {RTLOOP_TIMEOUT_S:.0f} "
+                    "s: see the log"
                 )
             await asyncio.sleep(POLL_S)
 
@@ -251,8 +253,8 @@ async def _require_rest(services: Services) -> None:
     state = await services.link.await_fresh_state(STATE_TIMEOUT_S)
     if state.mode not in RESTING or state.session or not state.settled:
         raise ConflictError(
-            f"robot {services.robot.name} is not at rest (mode {state.mode.name}): the configuration is read "
-            "again only while nothing moves"
+            f"robot {services.robot.name} is not at rest (mode {state.mode.name}): the configuration can be "
+            f"reloaded only while nothing moves"
         )
 
 
@@ -260,15 +262,13 @@ def _require_within(services: Services, limits: JointLimits) -> None:
     """Reject new limits that do not include the arm's present position."""
     position = services.link.state().commanded_position
     try:
-        check_positions(
-            limits, position, f"robot {services.robot.name} stands beyond the new limits: the angle"
-        )
+        check_positions(limits, position, f"robot {services.robot.name} is outside the new limits: the angle")
     except LimitError as exc:
         raise ConflictError(f"{exc}; move it there first") from exc
 
 
 def _differences(old: Settings, new: Settings) -> Iterator[str]:
-    """What a reload does not take over."""
+    """The differences that a reload does not apply."""
     if list(old.each) != list(new.each):
         yield f"robots: {', '.join(old.each)} → {', '.join(new.each)}"
     said = set()

@@ -1,4 +1,4 @@
-"""What the service can do for one robot. Routers call one of these; only these touch shared memory."""
+"""All services for one robot. Routers call only these; only these access shared memory."""
 
 from __future__ import annotations
 
@@ -70,12 +70,12 @@ class SharedParts:
     """Parts that the services of all robots share; see `app.main.create_app`.
 
     Attributes:
-        slowest_move_s: the longest time that a request may take to move the arm.
+        slowest_move_s: the longest timeout of a request that moves the arm, s.
         sync: moves the robots together.
         several: whether there is more than one robot, so that log lines and addresses must name it.
         tokens: the tokens of running programs.
         events: the events of the service, for its listeners.
-        study_turn: held while a study of any robot runs.
+        study_turn: a lock that is held while a study of any robot runs.
     """
 
     config: Path | None
@@ -139,7 +139,7 @@ class Services:
 async def serving_robot(
     settings: Settings, robot: RobotDescription, shared: SharedParts
 ) -> AsyncIterator[Services]:
-    """One robot's services, for as long as the context lasts.
+    """Run the services of one robot while the context is open.
 
     Raises:
         UnavailableError, ConflictError, LayoutError: see `RobotLink`.
@@ -173,7 +173,7 @@ def _services(
     link: RobotLink,
     planning: PlanningService,
 ) -> Services:
-    """Make all services of one robot. Each is made after those that it needs."""
+    """Make all services of one robot, each after those that it depends on."""
     longest_s = loading_s(settings.rt.trajectory_capacity, settings.rt.period_s)
     # The time of a motion is that of full speed.
     latest_s = shared.slowest_move_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
@@ -256,7 +256,7 @@ def _services(
 
 
 def _tell_job(link: RobotLink, record: JobRecord) -> None:
-    """Have an event say that a job has changed its state."""
+    """Publish an event about a job that has changed its state."""
     link.events.publish(
         "job",
         job=record.id,

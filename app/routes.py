@@ -1,4 +1,4 @@
-"""Which routes the application has, and in which order they are tried."""
+"""The routes of the application, in the order in which they are matched."""
 
 from __future__ import annotations
 
@@ -70,7 +70,9 @@ OF_A_ROBOT = (
     common.router,
     stream.router,
 )
-"""Their routes are there a second time, below the name of any robot. What is polled comes first."""
+"""Routers whose routes exist a second time, below the name of each robot. Frequently polled routes come
+first.
+"""
 OF_THE_SERVICE = (
     robots.router,
     operations.router,
@@ -85,15 +87,15 @@ OF_THE_SERVICE = (
 def install(
     app: FastAPI, endpoints: Mapping[str, Endpoint], names: list[str], agents: McpEndpoint | None
 ) -> None:
-    """Serve all endpoints that are enabled, before what is there already.
+    """Serve all enabled endpoints, with priority over the existing routes.
 
-    Routes are matched one after the other, so those of the documentation come last. They are no included
-    routers, for the nesting that FastAPI keeps of these is matched in each request too.
+    Routes are matched one after the other, so those of the documentation come last. `include_router` is not
+    used, because FastAPI would then match nested routers in each request.
 
     Args:
-        endpoints: as the user wants them, by name.
-        names: of all robots, for the documentation.
-        agents: None where there is no way for them.
+        endpoints: the endpoints by name, with the user's changes.
+        names: names of all robots, for the documentation.
+        agents: the endpoint for agents; None if it is disabled.
     """
     plain = _enabled(OF_A_ROBOT, endpoints)
     routes = [*plain, *robots.twins(plain, names), *_enabled(OF_THE_SERVICE, endpoints)]
@@ -106,12 +108,14 @@ def install(
 
 
 def _enabled(routers: Iterable[APIRouter], endpoints: Mapping[str, Endpoint]) -> list[BaseRoute]:
-    """The routes of all endpoints that are enabled: copies, because an application guards its own."""
+    """Copies of the routes of all enabled endpoints. They are copies, because each application adds its own
+    access check.
+    """
     return [copy(route) for endpoint, route in _routes(routers) if endpoints[endpoint.name].enabled]
 
 
 def _routes(routers: Iterable[APIRouter]) -> Iterator[tuple[Endpoint, BaseRoute]]:
-    """Each route with what is declared of it."""
+    """Each route with the declaration of its endpoint."""
     for router in routers:
         for route in router.routes:
             endpoint = declared(route)
@@ -120,4 +124,4 @@ def _routes(routers: Iterable[APIRouter]) -> Iterator[tuple[Endpoint, BaseRoute]
 
 
 ENDPOINTS = {endpoint.name: endpoint for endpoint, _ in _routes([*OF_A_ROBOT, *OF_THE_SERVICE])}
-"""All endpoints by their names, as they are declared."""
+"""The declarations of all endpoints, by name."""

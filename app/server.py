@@ -34,14 +34,14 @@ from cobot.logs.supervision import SupervisorLosses
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4
 SWITCH_S = 0.001
-"""Maximum time for which a thread that parses large data keeps the event loop from the interpreter, s."""
+"""Maximum time for which a thread that parses large data may block the event loop, s."""
 PING_S = 5.0
 
 log = logging.getLogger("cobot.service")
 
 
 class Server(uvicorn.Server):
-    """Serves connections that find a place in a crowd."""
+    """The server. Each connection needs a place in a crowd."""
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ class Server(uvicorn.Server):
         limits: ConnectionLimits,
         end_streams: Callable[[], None] = lambda: None,
     ) -> None:
-        """end_streams: ends answers that would go on for ever."""
+        """end_streams: ends endless answers."""
         super().__init__(config)
         self._limits = limits
         self._end_streams = end_streams
@@ -81,13 +81,13 @@ class Server(uvicorn.Server):
 def main(
     arguments: argparse.Namespace, ros_token: str | None, fleet_token: str | None, blanks: list[Forked]
 ) -> int:
-    """Serve until SIGTERM; the exit status: 0, or 2 when it could not start.
+    """Serve until SIGTERM. Returns the exit status: 0, or 2 if the service could not start.
 
     Args:
         arguments: see `app.arguments`.
-        ros_token: by which the DDS process is known.
-        fleet_token: by which the process of the fleet is known.
-        blanks: processes that are there already, to become the first planning processes.
+        ros_token: token of the DDS process.
+        fleet_token: token of the fleet process.
+        blanks: processes that were started in advance and become the first planning processes.
     """
     start_logging("service")
     try:
@@ -139,7 +139,7 @@ def main(
 
 
 def _url(host: str, port: int, secure: bool) -> str:
-    """Where this service is reached from this computer."""
+    """The URL of this service on this computer."""
     host = ANY_ADDRESS.get(host, host)
     scheme = "https" if secure else "http"
     return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"

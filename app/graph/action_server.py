@@ -1,8 +1,9 @@
-"""The common part of all action servers: accept, run, feedback, cancel, and results that are kept.
+"""The common part of all action servers: acceptance, execution, feedback, cancellation, and kept results.
 
-An action `/a` of type T shows itself the way ROS 2 takes actions apart: the services `/a/_action/send_goal`
-(T_SendGoal), `/a/_action/get_result` (T_GetResult), `/a/_action/cancel_goal` (action_msgs/srv/CancelGoal) and
-the topics `/a/_action/feedback`, `/a/_action/status`. A transport that has services and topics needs no more.
+As in ROS 2, an action `/a` of type T consists of the services `/a/_action/send_goal` (T_SendGoal),
+`/a/_action/get_result` (T_GetResult), `/a/_action/cancel_goal` (action_msgs/srv/CancelGoal) and the topics
+`/a/_action/feedback`, `/a/_action/status`. A transport that has services and topics needs nothing else for
+actions.
 
 Source: https://design.ros2.org/articles/actions.html
 """
@@ -32,7 +33,9 @@ KEPT_S = 900.0
 """Time for which the newest `MAX_KEPT` results are kept for clients that ask late, s."""
 
 ASKER: ContextVar[object] = ContextVar("asker", default=None)
-"""On whose behalf the present task asks for goals: `ActionServer.abandon` ends them when that has gone."""
+"""The client for which the present task sends goals. `ActionServer.abandon` ends these goals when the client
+disconnects.
+"""
 
 ENDS = "the service is shutting down"
 
@@ -40,15 +43,15 @@ log = logging.getLogger("cobot.graph")
 
 
 class ActionGoal:
-    """A goal from being asked for until its result is forgotten.
+    """A goal, from the request until its result is dropped.
 
     Attributes:
         id: the id that the client chose.
         asker: the client, see `ASKER`.
-        status, result: the result is None until it is there.
-        accepted_ns: when, ns since 1970.
-        accepted: done when it was accepted, or with the exception that refused it.
-        ended: set when the result is there.
+        status, result: the result is None until the goal has ended.
+        accepted_ns: time of acceptance, ns since 1970.
+        accepted: a future that is done on acceptance, or has the exception that rejected the goal.
+        ended: set when the goal has its result.
     """
 
     def __init__(self, goal_id: uuid.UUID, on_feedback: Callable[[Message], None] | None) -> None:
@@ -72,7 +75,7 @@ class ActionServer:
     """Serves one action on the graph.
 
     Args:
-        owner: the client that offers it; None for the service's own.
+        owner: the client that offers the action; None for an action of the service itself.
     """
 
     def __init__(self, graph: Graph, action: GraphAction, owner: object = None) -> None:
@@ -101,18 +104,18 @@ class ActionServer:
     async def begin(
         self, goal_id: uuid.UUID, arguments: Message, on_feedback: Callable[[Message], None] | None = None
     ) -> ActionGoal:
-        """Have a goal worked on; returns when it was accepted.
+        """Start a goal. Returns when the action has accepted it.
 
         Args:
-            arguments: of the goal, complete and checked.
-            on_feedback: called with each feedback, quickly.
+            arguments: the goal message, complete and validated.
+            on_feedback: called with each feedback; it must be quick.
 
         Raises:
-            CobotError: it is refused, with the reason.
+            CobotError: the goal is rejected; the error has the reason.
         """
         self._forget()
         if goal_id in self._goals:
-            raise ConflictError(f"goal {goal_id.hex} of {self.action.name} was sent already")
+            raise ConflictError(f"goal {goal_id.hex} of {self.action.name} was already sent")
         if sum(goal.running for goal in self._goals.values()) >= MAX_RUNNING:
             raise ConflictError(f"{self.action.name} already has {MAX_RUNNING} running goals, the maximum")
         goal = ActionGoal(goal_id, on_feedback)
@@ -134,7 +137,7 @@ class ActionServer:
         return goal
 
     def cancel(self, goal_id: uuid.UUID) -> CancelCode:
-        """Cancel a goal. It ends when the action ends it."""
+        """Cancel a goal. The goal ends when the action ends it."""
         goal = self._goals.get(goal_id)
         if goal is None:
             return CancelCode.UNKNOWN_GOAL_ID
@@ -148,13 +151,13 @@ class ActionServer:
         return CancelCode.NONE
 
     def abandon(self, asker: object) -> None:
-        """Cancel all goals of a client that is gone, because no other client can end them."""
+        """Cancel all goals of a client that has disconnected, because no other client can end them."""
         for goal in list(self._goals.values()):
             if goal.asker is asker and goal.running:
                 self.cancel(goal.id)
 
     def accept(self, goal: ActionGoal) -> None:
-        """It is worked on."""
+        """Mark a goal as accepted and running."""
         if goal.accepted.done():
             return
         goal.accepted_ns = self._graph.clock.wall_ns()
@@ -164,16 +167,16 @@ class ActionServer:
         self._publish_status()
 
     def explain(self, what: str, error: CobotError) -> None:
-        """Tell what becomes of a goal and why, in the log and on /rosout."""
+        """Report the fate of a goal and the reason, in the log and on /rosout."""
         text = f"a goal of {self.action.name} {what}: {error}"
         log.warning("%s", text)
         self._graph.warn(text)
 
     def feedback(self, goal: ActionGoal, values: Message) -> None:
-        """It goes on.
+        """Send feedback of a running goal.
 
         Raises:
-            InputError: that is no feedback of this action's type.
+            InputError: the message is not feedback of this action's type.
         """
         if not goal.accepted_ns or not goal.running:
             return
@@ -183,7 +186,7 @@ class ActionServer:
             goal.on_feedback(self._messages.checked(f"{self.action.type_}_Feedback", values))
 
     async def close(self) -> None:
-        """Give up what runs."""
+        """Cancel all running goals."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
@@ -202,7 +205,7 @@ class ActionServer:
                 raise RejectedGoalError(f"{name} has not accepted the goal")
             result, status = self._messages.checked(type_, values), goal.handle.status
             if status not in (GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED):
-                log.error("%s returned without saying what became of the goal", name)
+                log.error("%s returned without setting the status of the goal", name)
                 status = GoalStatus.ABORTED
         except CobotError as exc:
             if not self._refuse(goal, exc):
@@ -224,7 +227,7 @@ class ActionServer:
                 self._publish_status()
 
     def _refuse(self, goal: ActionGoal, reason: CobotError) -> bool:
-        """Whether there was still something to refuse."""
+        """Reject a goal that is not accepted yet. Returns whether it could still be rejected."""
         if goal.accepted.done():
             return False
         goal.accepted.set_exception(reason)
@@ -266,7 +269,9 @@ class ActionServer:
         return {"status": int(goal.status), "result": goal.result}
 
     async def _serve_cancel_goal(self, request: Message) -> Message:
-        """No id and no time: all. A time: also all that were accepted until then."""
+        """Serve CancelGoal. Without an id and a time it cancels all goals; with a time also all that were
+        accepted until then.
+        """
         info = request["goal_info"]
         goal_id, stamp = self._uuid(info["goal_id"]), info["stamp"]
         until_ns = stamp["sec"] * 1_000_000_000 + stamp["nanosec"]

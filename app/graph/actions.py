@@ -1,4 +1,4 @@
-"""What an action has to be, to be offered on the graph; `app.graph.action_server` does all the rest."""
+"""The interface of an action that is offered on the graph. `app.graph.action_server` does all the rest."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ class CancelCode(IntEnum):
 
 
 class GraphAction(Protocol):
-    """One action.
+    """An action that the graph offers.
 
     Attributes:
-        name: "/iiwa/servo_mode".
-        type_: "aubo_interfaces/action/ServoMode".
-        definition: the text of the .action file; "" where `cobot.ros` knows the type.
+        name: such as "/iiwa/servo_mode".
+        type_: such as "aubo_interfaces/action/ServoMode".
+        definition: the text of the .action file; "" if `cobot.ros` knows the type.
     """
 
     name: str
@@ -52,24 +52,24 @@ class GraphAction(Protocol):
     definition: str
 
     async def execute(self, goal: Message, handle: GoalHandle) -> Message:
-        """Work on a goal; the result.
+        """Execute a goal and return its result.
 
-        Call `handle.accept()` once it is sure that the goal will be worked on, set `handle.status` to
-        SUCCEEDED, CANCELED or ABORTED before returning, and return soon after `handle.cancel_requested` is
-        set. A CobotError before `accept` refuses the goal with its text; after it, the goal is aborted.
+        Call `handle.accept()` once the goal is known to be executable. Before returning, set `handle.status`
+        to SUCCEEDED, CANCELED or ABORTED. Return soon after `handle.cancel_requested` is set. A CobotError
+        before `accept` rejects the goal with its text; after it, the goal is aborted.
 
         Raises:
-            RejectedGoalError: the goal is refused.
+            RejectedGoalError: the goal is rejected.
         """
         ...
 
 
 class GoalHandle:
-    """What an action sees of a goal.
+    """The action's view of a goal.
 
     Attributes:
         goal_id: 32 hexadecimal digits.
-        cancel_requested: set when the goal is to be cancelled.
+        cancel_requested: set when a client cancels the goal.
         status: the status of the goal.
     """
 
@@ -81,11 +81,11 @@ class GoalHandle:
         self._server = server
 
     def accept(self) -> None:
-        """The goal will be worked on, and is from now on. May be called again, which does nothing."""
+        """Accept the goal; its execution begins. Further calls do nothing."""
         self._server.accept(self._goal)
 
     def explain(self, error: CobotError) -> None:
-        """Tell why the goal fails, for types whose result has no room for it."""
+        """Report why the goal fails, for types whose result has no field for a reason."""
         self._server.explain("fails", error)
 
     def feedback(self, values: Message) -> None:

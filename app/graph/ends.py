@@ -1,4 +1,4 @@
-"""The ends of a topic: its publishers, its subscriptions, and the topic that holds them."""
+"""Publishers and subscriptions of a topic, and the topic that holds them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ log = logging.getLogger("cobot.graph")
 
 
 class Keeper(Protocol):
-    """What the ends need of `Topics`."""
+    """The methods of `Topics` that publishers and subscriptions call."""
 
     messages: Messages
     gateways: set[object]
@@ -26,8 +26,8 @@ class Publisher:
     """The right of an owner to publish on a topic. Made by `Graph.advertise`.
 
     Attributes:
-        binding: its type applies to all clients while it lasts.
-        latch: later subscribers get `last`.
+        binding: whether its type applies to all clients while the advertisement lasts.
+        latch: whether later subscribers get `last`.
         on_demand: called with the number of subscribers when it has changed.
     """
 
@@ -46,14 +46,14 @@ class Publisher:
 
     @property
     def subscribers(self) -> int:
-        """How many subscriptions take messages of this type."""
+        """The number of subscriptions that take messages of this type."""
         return sum(each.takes(self.type) for each in self._topic.subscriptions)
 
     def publish(self, message: Message | bytes) -> None:
         """Give a message to all subscribers.
 
         Args:
-            message: a dict, in which ROS's defaults may be missing, or CDR.
+            message: a dict, in which fields with ROS's default may be missing; or CDR bytes.
 
         Raises:
             InputError: it is not a message of the topic's type; no subscriber gets it.
@@ -80,9 +80,9 @@ class Subscription:
     """A client's subscription to a topic. Made by `Graph.subscribe`.
 
     Attributes:
-        type: of the messages that it takes; None for all types.
-        on_other_type: called with a sentence when the topic is advertised with another type, of which the
-            subscription gets nothing.
+        type: type of the messages that it takes; None for all types.
+        on_other_type: called with a sentence when the topic is advertised with another type. The subscription
+            gets no messages of that type.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Subscription:
         self._callback = callback
 
     def takes(self, type_: str) -> bool:
-        """Whether it gets messages of this type."""
+        """Whether the subscription gets messages of this type."""
         return self.type is None or self.type == type_
 
     def deliver(self, message: Message) -> None:
@@ -122,9 +122,9 @@ class Topic:
     """A topic, as long as it has a publisher or a subscriber.
 
     Attributes:
-        declared: the type that the service itself accepts here from every publisher.
-        local: the DDS process has this topic itself.
-        owner: the only one that may publish here; None if all may.
+        declared: the only type that publishers may use here, fixed by the service itself.
+        local: whether the DDS process publishes this topic itself.
+        owner: the only owner that may publish here; None if all may.
     """
 
     name: str
@@ -141,7 +141,7 @@ class Topic:
 
     @property
     def types(self) -> list[str]:
-        """The type that applies to all clients; without one, all in use, those of publishers first."""
+        """The type that applies to all clients. Without one, all types in use, those of publishers first."""
         if advertised := self.advertised:
             return [advertised]
         used = [each.type for each in self.publishers]
@@ -155,7 +155,7 @@ class Topic:
                 publisher.on_demand(publisher.subscribers)
 
     def report_type(self, type_: str) -> None:
-        """Tell the subscriptions of other types that they get nothing."""
+        """Tell subscriptions with another type that they get no messages."""
         for subscription in tuple(self.subscriptions):
             if not subscription.takes(type_) and subscription.on_other_type is not None:
                 subscription.on_other_type(

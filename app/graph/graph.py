@@ -1,9 +1,9 @@
-"""The graph: topics, services and actions inside the web service, for every transport the same.
+"""The graph: topics, services and actions inside the web service, the same for every transport.
 
-Everything runs on the one event loop. The topic /cobot/graph describes the graph, for networks that mirror
-it, as a JSON object in a std_msgs/msg/String: `topics` with name, type, publishers,
-subscribers and latched, `services` and `actions` with name and type, and `definitions`, the texts of their
-types. A subscriber gets the present description, and a new one with each change.
+Everything runs on one event loop. The topic /cobot/graph describes the graph for networks that mirror it. Its
+messages are std_msgs/msg/String with a JSON object: `topics` with name, type, publishers, subscribers and
+latched; `services` and `actions` with name and type; and `definitions`, the texts of their types. A
+subscriber gets the present description, and a new one after each change.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ class Graph(Topics):
     """Topics, services and actions. Made in the running event loop.
 
     Attributes:
-        actions: by name.
-        clock: of the service.
-        services: by name.
-        warn: tells people something for which a message of ROS has no field.
+        actions: the actions by name.
+        clock: clock of the service.
+        services: the services by name.
+        warn: reports a warning to people, if the ROS message has no field for it.
     """
 
     def __init__(self, messages: Messages, clock: Clock = SYSTEM) -> None:
@@ -75,20 +75,20 @@ class Graph(Topics):
         """Offer a service.
 
         Args:
-            name: "/iiwa/RobotConfig/getDof".
-            type_: "aubo_interfaces/srv/GetDof".
-            function: called with the complete request; the response.
-            local: not for other networks.
-            role: that a transport's client has to have.
+            name: such as "/iiwa/RobotConfig/getDof".
+            type_: such as "aubo_interfaces/srv/GetDof".
+            function: called with the complete request; returns the response.
+            local: whether the service is hidden from other networks.
+            role: role that a client needs.
 
         Raises:
-            InputError: no valid name, or no known type.
-            ConflictError: there is such a service.
+            InputError: the name is invalid, or the type unknown.
+            ConflictError: a service with this name exists.
         """
         name = absolute(name)
         type_ = self.messages.resolved(type_, "srv")
         if name in self.services:
-            raise ConflictError(f"there is a service {name} already")
+            raise ConflictError(f"the service {name} already exists")
         made = self.services[name] = GraphService(name, type_, function, owner, local, role)
         self.note_change()
         return made
@@ -102,7 +102,7 @@ class Graph(Topics):
         """A service by its name.
 
         Raises:
-            NotFoundError: there is none.
+            NotFoundError: there is no such service.
         """
         service = self.services.get(absolute(name))
         if service is None:
@@ -110,12 +110,12 @@ class Graph(Topics):
         return service
 
     async def call_service(self, name: str, arguments: Message) -> Message:
-        """Call a service; what is missing in the request is ROS's default.
+        """Call a service. Fields that are missing in the request get ROS's default.
 
         Raises:
             NotFoundError: no such service.
             InputError: a wrong request.
-            CobotError: what the service raises.
+            CobotError: an error of the service.
         """
         service = self.service(name)
         request = self.messages.checked(f"{service.type}_Request", arguments)
@@ -125,20 +125,20 @@ class Graph(Topics):
         """Offer an action.
 
         Raises:
-            InputError: no valid name or type.
-            ConflictError: there is such an action.
+            InputError: the name or the type is invalid.
+            ConflictError: an action with this name exists.
         """
         if action.definition:
             self.messages.add({action.type_: action.definition})
         self.messages.resolved(action.type_, "action")
         if action.name in self.actions:
-            raise ConflictError(f"there is an action {action.name} already")
+            raise ConflictError(f"the action {action.name} already exists")
         server = self.actions[action.name] = ActionServer(self, action, owner)
         self.note_change()
         return server
 
     async def remove_action(self, server: ActionServer) -> None:
-        """Offer it no longer; what runs is given up."""
+        """Withdraw an action. Its running goals are cancelled."""
         if self.actions.get(server.action.name) is server:
             del self.actions[server.action.name]
             await server.close()
@@ -151,13 +151,13 @@ class Graph(Topics):
         arguments: Message,
         on_feedback: Callable[[Message], None] | None = None,
     ) -> tuple[GoalStatus, Message]:
-        """Have an action work on a goal, to its end: its status and result.
+        """Send a goal to an action and wait for its end. Returns its status and result.
 
         Args:
             goal_id: 32 hexadecimal digits, never used before.
 
         Raises:
-            InputError: no such action, a wrong goal, or it is refused (`RejectedGoalError`).
+            InputError: the action is unknown, or the goal is invalid or rejected (`RejectedGoalError`).
         """
         server = self.action(name)
         checked = self.messages.checked(f"{server.action.type_}_Goal", arguments)
@@ -166,10 +166,10 @@ class Graph(Topics):
         return goal.status, goal.result
 
     def cancel(self, name: str, goal_id: str) -> None:
-        """Have a goal given up. `send_goal` returns when it has been.
+        """Cancel a goal. `send_goal` returns once it has ended.
 
         Raises:
-            InputError: no such action, or no such goal that is under way.
+            InputError: the action is unknown, or it has no such running goal.
         """
         code = self.action(name).cancel(_uuid(goal_id))
         if code:
@@ -179,7 +179,7 @@ class Graph(Topics):
         """An action by its name.
 
         Raises:
-            NotFoundError: there is none.
+            NotFoundError: there is no such action.
         """
         server = self.actions.get(absolute(name))
         if server is None:
@@ -188,7 +188,9 @@ class Graph(Topics):
         return server
 
     def graph(self) -> dict[str, Any]:
-        """What there is for other networks: without what is theirs, and what they have themselves."""
+        """The part of the graph that other networks may mirror: without what they own and what they already
+        have.
+        """
         services = [
             {"name": service.name, "type": service.type}
             for service in self.services.values()
@@ -208,12 +210,12 @@ class Graph(Topics):
         }
 
     def note_change(self) -> None:
-        """The graph has changed: its watchers are notified soon."""
+        """Called after a change of the graph. Its watchers are notified soon."""
         if self._changing is None:
             self._changing = self._loop.call_later(GRAPH_DELAY_S, self._publish_graph)
 
     async def close(self) -> None:
-        """Give up all goals."""
+        """Cancel all goals."""
         if self._changing is not None:
             self._changing.cancel()
         for server in tuple(self.actions.values()):

@@ -1,8 +1,8 @@
 """Topics by name, with their types, publishers and subscribers.
 
-A message is a ROS message as a dict, complete and checked against its type when it is published; subscribers
-must not change it. Delivery is a call: a subscriber that needs time keeps a queue of its own, so that no
-publisher ever waits.
+A message is a ROS message as a dict. It is completed and validated when it is published; subscribers must not
+change it. It is delivered by a function call. A slow subscriber keeps a queue of its own, so that publishers
+never wait.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ MAX_NAME = 255
 class Topics:
     """All topics, by name.
 
-    A topic has the type with which it is advertised, until its last advertiser ends. Neither a subscription
-    nor a gateway, which only mirrors what others have subscribed, fixes it for others.
+    A topic has the type with which it is advertised, until its last advertisement ends. A subscription does
+    not fix the type for others. Neither does a gateway, because it only mirrors the subscriptions of others.
 
     Attributes:
-        messages: the types.
-        gateways: owners that only mirror what others have, on another network: they do not show in the
-            graph, and what they publish they do not get back.
+        messages: the known message types.
+        gateways: owners that only mirror the graph to another network. They do not appear in the graph, and
+            do not get their own messages back.
     """
 
     def __init__(self, messages: Messages) -> None:
@@ -52,13 +52,13 @@ class Topics:
         """Publish on a topic.
 
         Args:
-            topic: "/iiwa/status".
-            type_: "std_msgs/msg/String".
-            latch: later subscribers get the last message.
+            topic: such as "/iiwa/status".
+            type_: such as "std_msgs/msg/String".
+            latch: whether later subscribers get the last message.
             owner: the client or part of the service that publishes.
-            local: the DDS process has this topic itself and must not mirror it.
-            alone: no other owner may publish there from now on.
-            inferred: the type was not given, but taken from a subscription.
+            local: whether the DDS process has this topic itself and must not mirror it.
+            alone: whether no other owner may publish on the topic from now on.
+            inferred: whether the type was taken from a subscription, because the client gave none.
             on_demand: called with the number of subscribers, when it changes and now.
 
         Raises:
@@ -95,12 +95,12 @@ class Topics:
         declares: bool = False,
         on_other_type: Callable[[str], None] | None = None,
     ) -> Subscription:
-        """Get a topic's messages, the last one of each latched publisher first.
+        """Subscribe to a topic. The first messages are the last ones of all latched publishers.
 
         Args:
-            type_: None for what is published, whatever its type.
+            type_: type of the messages; None: all types that are published.
             callback: called with each message, in the event loop; it must be quick.
-            declares: the topic is the service's own and always has this type.
+            declares: whether the topic belongs to the service and always has this type.
             on_other_type: see `Subscription`.
 
         Raises:
@@ -119,7 +119,7 @@ class Topics:
         return subscription
 
     def drop(self, topic: Topic, end: Publisher | Subscription) -> None:
-        """Forget a publisher or a subscription; nothing happens if that was done already."""
+        """Remove a publisher or a subscription. Does nothing if it has already been removed."""
         ends: list[Any] = topic.publishers if isinstance(end, Publisher) else topic.subscriptions
         if end not in ends:
             return
@@ -152,10 +152,10 @@ class Topics:
         return (0, 0) if entry is None else (len(entry.publishers), len(entry.subscriptions))
 
     def note_change(self) -> None:
-        """Called when there is another topic, publisher or subscription, or one less."""
+        """Called after a topic, a publisher or a subscription was added or removed."""
 
     def graph_of_topics(self) -> list[dict[str, Any]]:
-        """The topics that another network may mirror: without what is its own, and what it has itself.
+        """The topics that another network may mirror: without those that it owns or already has.
 
         A topic without an advertiser is listed once with each type that is subscribed, so that no
         subscription fixes the type for the others.
@@ -183,7 +183,7 @@ class Topics:
         return sum(end.owner not in self.gateways for end in ends)
 
     def _topic(self, name: str, type_: str | None) -> tuple[Topic, str | None]:
-        """A topic, made if there is none, and the type that is asked for, in full."""
+        """A topic, which is created if necessary, and the full name of the requested type."""
         name = absolute(name)
         entry = self._topics.get(name)
         if type_ is not None:
@@ -199,7 +199,7 @@ class Topics:
 
 
 def absolute(name: str) -> str:
-    """The name with the slash in front that clients may leave out.
+    """The name with its leading slash, which clients may omit.
 
     Raises:
         InputError: the name is invalid.

@@ -1,4 +1,4 @@
-"""Accepts connections: some at a time, as many as there are descriptors for."""
+"""Accepts connections, only a few at a time, and at most as many as there are file descriptors for."""
 
 from __future__ import annotations
 
@@ -22,30 +22,33 @@ BACKLOG = 1024
 AT_ONCE = 32
 """Maximum number of connections that are accepted in one iteration of the event loop."""
 SHARE = 1 / 8
-"""Maximum share of the places of an address that are accepted in one iteration."""
+"""Maximum number of connections per iteration, as a share of the connections that one address may have."""
 HANDSHAKES_AT_ONCE = 4
 """Maximum number accepted in one iteration with TLS. Each costs a signature and about a millisecond."""
 GRACE_S = 0.02
-"""Time that a newcomer has for its request when places are scarce, s. The accept rate follows from it; other
-connections wait in the kernel's queue."""
+"""Time for a new connection to send its request when there are few free places, s. It also determines the
+rate of acceptance. Other connections wait in the kernel's queue.
+"""
 SPARE_DESCRIPTORS = 64
-"""Descriptors that stay free for files, planning workers and sequences that are opened later."""
+"""Number of file descriptors that stay free for files, planning processes and sequences that are opened
+later.
+"""
 MIN_PLACES = 8
 EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 PAUSE_S = 0.05
-"""When the system has no room for another connection, it is asked again after this time."""
+"""Time until the next attempt to accept if the system has no resources for another connection, s."""
 LOOK_S, LOOK_AGAIN_S = 0.5, 0.02
 """Interval between checks of deadlines, and the interval after a check that found too many at once, s."""
 UNREAD_S = 10.0
 """Time after which a connection whose client reads nothing is closed, s."""
 TCP_CLOSE, TCP_CLOSE_WAIT = 7, 8
-"""States of a connection as Linux numbers them, in the first byte of its TCP_INFO."""
+"""Linux's numbers for two states of a connection, in the first byte of its TCP_INFO."""
 
 log = logging.getLogger("cobot.service")
 
 
 def crowd_for(limits: ConnectionLimits) -> Crowd:
-    """A crowd with as many places as are configured, or as the system grants descriptors on request."""
+    """A crowd with as many places as configured, or fewer if the system grants fewer file descriptors."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != hard:
         with contextlib.suppress(OSError, ValueError):
@@ -65,7 +68,7 @@ def crowd_for(limits: ConnectionLimits) -> Crowd:
 
 
 class Acceptor:
-    """A listening socket whose connections find their places in a crowd."""
+    """A listening socket. Each of its connections gets a place in a crowd."""
 
     def __init__(
         self,
@@ -99,7 +102,9 @@ class Acceptor:
             self._pausing.cancel()
 
     async def wait_closed(self) -> None:
-        """Connections end by themselves."""
+        """Part of asyncio's interface of a server. There is nothing to wait for: connections end by
+        themselves.
+        """
 
     def _look(self) -> None:
         more = self._crowd.expire(self._loop.time())
@@ -127,7 +132,9 @@ class Acceptor:
         task: asyncio.Task[None]
 
         def close() -> None:
-            """For a newcomer, before the protocol has it. Without a handshake TLS can say nothing."""
+            """Close a new connection before the protocol has it. With TLS no answer is possible without a
+            handshake.
+            """
             if not self._tls:
                 turn_away(connection)
             task.cancel()
@@ -150,7 +157,7 @@ class Acceptor:
         task.add_done_callback(end_greeting)
 
     async def _connect(self, connection: socket.socket, visit: Visit) -> None:
-        """Have the protocol take over, once TLS, if any, is agreed upon."""
+        """Hand a connection over to the protocol, after the TLS handshake if there is TLS."""
         try:
             connection.setblocking(False)
             if self._tls:
@@ -166,7 +173,7 @@ class Acceptor:
         """Wait for the first byte. A client that speaks HTTP without TLS gets an answer.
 
         Raises:
-            OSError: there will be no handshake.
+            OSError: the client does not begin a handshake.
         """
         ready = asyncio.Event()
         self._loop.add_reader(connection, ready.set)
@@ -181,7 +188,7 @@ class Acceptor:
             raise ConnectionResetError
 
     def _admit(self) -> int:
-        """How many may come in now."""
+        """The number of connections that may be accepted now."""
         most = max(1.0, min(HANDSHAKES_AT_ONCE if self._tls else AT_ONCE, SHARE * self._crowd.per_address))
         now_s = self._loop.time()
         self._credit += (now_s - self._credited_s) * self._crowd.per_address / GRACE_S

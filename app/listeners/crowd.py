@@ -1,12 +1,12 @@
-"""The open connections, and which of them is evicted so that a stop can still come in.
+"""The open connections, and the choice of the one that is evicted, so that a client can always send a stop.
 
-The number of connections is limited, in all and for each address. When there is no room, a newcomer replaces
-a connection that loses little: one that has not sent a request yet, one between two requests, or one whose
-body is still on its way. It is the oldest such connection of the address that has most of them. A new
-connection has some time to send its request before it can be evicted; otherwise each newcomer of a flood
-would cost a stop its place. A connection that waits for /stop or /health is evicted last, for some time,
-unless half of an address's connections wait so.
-If all connections are being served, the newcomer gets a reserve place, which answers only /stop and /health.
+The number of connections is limited, in total and for each address. When all places are taken, a new
+connection replaces one that loses little. This is a connection that has not sent a request yet, is between
+two requests, or is still sending a body. Of these, the oldest one is chosen, from the address that has most
+of them. A new connection has some time to send its request before it can be evicted. Otherwise, in a flood,
+each new connection could evict a stop. For some time, a connection that waits for /stop or /health is evicted
+last, unless more than half of its address's connections wait in this way. If all connections are being
+served, the new one gets a reserve place, on which only /stop and /health are answered.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from enum import Enum, auto
 
 
 class Doing(Enum):
-    """What a connection is about; those of the first four can be closed without any loss but their own."""
+    """The activity of a connection. In the first four states it can be closed without harm to others."""
 
     ASKING = auto()  # its request, or the beginning of one, is on its way
     IDLE = auto()  # between two requests
@@ -30,9 +30,13 @@ class Doing(Enum):
 
 CLOSABLE = (Doing.ASKING, Doing.IDLE, Doing.SENDING, Doing.WAITING)
 SETTLED_S = 0.25
-"""Time for a new connection to send its request, s. Then it is evicted before those that have sent one."""
+"""Time for a new connection to send its request, s. After that it is evicted before those that have sent
+one.
+"""
 TURN_S = 2.0
-"""Time for which /stop or /health may wait for its turn, s. Then it is evicted before new connections."""
+"""Maximum time for which a waiting /stop or /health is protected, s. After that it is evicted before new
+connections.
+"""
 
 EXPIRING = 4
 """Maximum number of expired connections that are closed at once."""
@@ -43,11 +47,11 @@ class Visit:
     """A connection from its acceptance to its end.
 
     Attributes:
-        reserved: whether it has a place of the reserve.
-        since_s: when it was accepted.
-        deadline_s: when it has to have gone on; see `Crowd.expire`.
-        close: ends it at once.
-        expire: ends it because its time is up.
+        reserved: whether it has a reserve place.
+        since_s: time of acceptance.
+        deadline_s: time by which the connection must have progressed; see `Crowd.expire`.
+        close: closes the connection at once.
+        expire: closes the connection because its deadline has passed.
     """
 
     reserved: bool
@@ -85,10 +89,11 @@ def _settled_s(visit: Visit) -> float:
 
 
 class Crowd:
-    """All visits.
+    """All connections of the service.
 
     Args:
-        places: for connections; per_address: for those of one address; reserve: beyond them.
+        places: number of connections; per_address: maximum number from one address; reserve: number of
+            additional reserve places.
     """
 
     def __init__(self, places: int, per_address: int, reserve: int) -> None:
@@ -108,14 +113,14 @@ class Crowd:
         return self._count + self._reserved.count
 
     def hurries(self, now_s: float, grace_s: float) -> bool:
-        """Whether a new connection might cost one its place of the reserve that has just got it."""
+        """Whether a new connection could evict one that has only just got its reserve place."""
         if self._count < self.per_address or self._reserved.count < self._reserve:
             return False
         oldest = self._reserved.connection_to_evict(now_s)
         return oldest is not None and now_s - oldest.since_s < grace_s
 
     def enter(self, address: str, close: Callable[[], object], now_s: float = 0.0) -> Visit | None:
-        """A place for a new connection; None if there is none at all."""
+        """A place for a new connection; None if there is none."""
         own = self._addresses.get(address)
         room = True
         if own is not None and own.count >= self.per_address:
@@ -131,7 +136,7 @@ class Crowd:
         return visit
 
     def go_on(self, visit: Visit, doing: Doing, deadline_s: float = math.inf) -> None:
-        """A connection has come further. Nothing happens for one that has been closed."""
+        """Note that a connection has progressed. Does nothing for a closed connection."""
         here = visit._among.visits
         visit.deadline_s = deadline_s
         if here[visit.doing].pop(visit, self) is None:
@@ -139,7 +144,7 @@ class Crowd:
             here[doing][visit] = None
 
     def leave(self, visit: Visit) -> None:
-        """A connection is closed, or as good as that."""
+        """Note that a connection is closed or is being closed."""
         among = visit._among
         if among.visits[visit.doing].pop(visit, self) is None and not visit.reserved:
             self._count -= 1
@@ -147,9 +152,9 @@ class Crowd:
                 del self._addresses[among.name]
 
     def expire(self, now_s: float) -> bool:
-        """End some that have not come further in time; whether there are more.
+        """Close some connections that have not progressed by their deadline. Returns whether there are more.
 
-        A flood's connections come together, and would end together: 300 take 70 ms.
+        The connections of a flood arrive together and would expire together: closing 300 takes 70 ms.
         """
         overdue = [each for each in self if each.deadline_s < now_s]
         for visit in overdue[:EXPIRING]:

@@ -1,4 +1,4 @@
-"""Flow control of one connection: when it reads on, and when the application may write more."""
+"""Flow control of one connection: when it continues to read, and when the application may write more."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from uvicorn.protocols.http.flow_control import FlowControl
 
 
 class Flow(FlowControl):
-    """Reads on when the application wants more, unless what has been read waits for its turn."""
+    """Flow control of a connection. It continues to read when the application wants more, unless received
+    data still waits for its turn.
+    """
 
     def __init__(self, transport: Transport, go_on: Callable[[], None]) -> None:
         self._paused = False
@@ -20,7 +22,7 @@ class Flow(FlowControl):
 
     @property
     def write_paused(self) -> bool:
-        """Whether there is something to `drain` before more may be written."""
+        """Whether the application must `drain` before it may write more."""
         return self._paused or self._transport.is_closing()
 
     @write_paused.setter
@@ -28,7 +30,9 @@ class Flow(FlowControl):
         self._paused = paused
 
     async def drain(self) -> None:
-        """Until more can be written; on a connection that has just closed, until it is known to be."""
+        """Wait until more can be written. If the connection has just closed, wait until the application can
+        know it.
+        """
         await super().drain()
         if self._transport.is_closing():
             await asyncio.sleep(0)

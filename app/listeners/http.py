@@ -1,7 +1,7 @@
-"""HTTP in bounded pieces: header, body, time, and whose turn it is.
+"""HTTP connections with bounded work: limits of header, body and time, and turns between connections.
 
-What a client sends is fed to the parser in slices, one a turn, so that the costliest bytes that fit into a
-packet cost no other connection more than a slice. What is refused here is answered in the form of
+Received data is passed to the parser in slices, one in each turn. So even the costliest data delays other
+connections by at most one slice. A request that is rejected here gets an answer in the form of
 `app.api.errors`, and the connection is closed.
 """
 
@@ -32,21 +32,23 @@ from cobot.config import ConnectionLimits
 from cobot.errors import BusyError, NotSupportedError
 
 SLICE_BYTES = 4096
-"""Maximum number of bytes that the parser gets at once: at most a thousand pieces, about a millisecond."""
+"""Maximum number of bytes that the parser gets at once. They have at most a thousand parts and take about a
+millisecond.
+"""
 ROBOT = rb"(?:" + VERSION.encode() + rb")?(?:/robots/[A-Za-z0-9_-]+)?"
 STOP = re.compile(rb"POST " + ROBOT + rb"/stop[ ?]")
-"""Takes no turn."""
+"""Pattern of a stop. It takes no turn."""
 HEALTH = re.compile(rb"GET " + ROBOT + rb"/health(?:/\w+)?[ ?]")
-"""This and a stop are answered on a place of the reserve."""
+"""Pattern of a health request. It and a stop are also answered on a reserve place."""
 EVENTS = re.compile(ROBOT + rb"/events(?:[?]|$)")
-"""Answered without an end."""
+"""Pattern of requests whose answers are endless."""
 ABSOLUTE = re.compile(rb"[a-z][a-z0-9+.-]*://([^/?#]*)(.*)", re.IGNORECASE | re.DOTALL)
-"""A target with scheme and host; its host and what follows."""
+"""Pattern of a target with scheme and host: the host, and the rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """What all connections of a service have in common."""
+    """Objects that all connections of a service share."""
 
     crowd: Crowd
     turns: Turns
@@ -54,11 +56,11 @@ class Shared:
 
 
 def _nothing() -> None:
-    """Do nothing: the callback of a client that is gone."""
+    """Do nothing: the callback for a client that has disconnected."""
 
 
 class _Refused(Exception):
-    """The parser must not continue, because the response has been sent."""
+    """Raised to stop the parser, because the response has already been sent."""
 
 
 class HttpProtocol(HttpToolsProtocol):
@@ -119,7 +121,7 @@ class HttpProtocol(HttpToolsProtocol):
             self._feed(data)
 
     def _has_place(self, data: bytes) -> bool:
-        """Whether a request may stay. On a reserve place most may not, which is visible without a turn.
+        """Whether a request may stay. On a reserve place most requests may not; this check needs no turn.
 
         A waiting /stop or /health keeps its place for longer than a connection without a request.
         """
@@ -136,14 +138,16 @@ class HttpProtocol(HttpToolsProtocol):
         )
 
     def _make_room(self) -> None:
-        """Make room for a newcomer. Inform the client if it may have sent a request and reads."""
+        """Close this connection for a new one. Send an answer if the client has perhaps sent a request and
+        reads answers.
+        """
         if self.transport.get_write_buffer_size():
             self.transport.abort()
         else:
             self._answer_last(CROWDED)
 
     def _wait(self) -> None:
-        """For a turn, unless it waits for one already."""
+        """Wait for a turn, unless already waiting for one."""
         if not self._waits:
             self._waits = True
             self._turns.wait(self._advance)
@@ -225,19 +229,23 @@ class HttpProtocol(HttpToolsProtocol):
         self._note()
 
     def _require_chunked(self) -> None:
-        """Require `chunked`, the only Transfer-Encoding known. Any other would be read as the content.
+        """Require `chunked`, the only supported Transfer-Encoding. With any other, the encoded data would be
+        taken for the content.
 
-        RFC 9112, 6.1. The parser itself refuses it together with Content-Length, and `chunked` before others.
+        RFC 9112, 6.1. The parser itself rejects Transfer-Encoding together with Content-Length, and `chunked`
+        before another encoding.
         """
         codings = [value.strip().lower() for name, value in self.headers if name == b"transfer-encoding"]
         if codings and (codings != [b"chunked"] or self.parser.get_http_version() != "1.1"):
-            detail = "Transfer-Encoding: the only one that is understood is chunked, once, in HTTP/1.1"
+            detail = "Transfer-Encoding: only chunked is supported, once, in HTTP/1.1"
             self._refuse(501, detail, NotSupportedError.code)
             raise _Refused
 
     def _require_handshake(self) -> None:
-        """What asks for a WebSocket has no body, is of HTTP/1.1 (RFC 6455, 4.2.1), and waits for the answers
-        that come before its own: they would stand among its frames.
+        """Require a valid request for a WebSocket: HTTP/1.1 and no body (RFC 6455, 4.2.1).
+
+        Earlier answers of the connection must be complete. Otherwise they would come between the WebSocket's
+        frames.
         """
         if self.cycle is not None and not self.cycle.response_complete:
             self.transport.abort()
@@ -247,13 +255,13 @@ class HttpProtocol(HttpToolsProtocol):
             for name, value in self.headers
         )
         if sized or self.parser.get_http_version() != "1.1":
-            self._refuse(400, "a WebSocket is asked for in HTTP/1.1, by a request without a body", "input")
+            self._refuse(400, "a WebSocket must be requested in HTTP/1.1, without a body", "input")
             raise _Refused
 
     def _take_host(self) -> None:
-        """Take the host from a target with scheme and host, as proxies get it. It overrides `Host`.
+        """Take the host from an absolute target, which clients send to proxies. It overrides `Host`.
 
-        RFC 9112, 3.2.2. A `Host` that is missing or duplicated stays so, and is refused.
+        RFC 9112, 3.2.2. A missing or duplicate `Host` is not repaired, and is rejected later.
         """
         absolute = ABSOLUTE.fullmatch(self.url)
         if absolute is not None:
@@ -285,15 +293,18 @@ class HttpProtocol(HttpToolsProtocol):
         self._note()
 
     def timeout_keep_alive_handler(self) -> None:
-        """A request may be on its way: then this is its answer."""
+        """Close an idle connection. If a request is on its way, this is its answer."""
         idle = (
-            f"nothing was asked for {self._limits.idle_timeout_s:g} s (web.limits.idle_timeout_s): ask again"
+            f"the connection was idle for {self._limits.idle_timeout_s:g} s (web.limits.idle_timeout_s): "
+            f"send the request again"
         )
         if not self.transport.is_closing():
             self._refuse(503, idle, BusyError.code)
 
     def shutdown(self) -> None:
-        """What has no end has been ended; one that reads nothing of it is not waited for, now or later."""
+        """End the connection. Endless answers have already ended. Do not wait, now or later, for a client
+        that does not read them.
+        """
         super().shutdown()
         self._ends = True
         if self.flow.write_paused:
@@ -309,8 +320,8 @@ class HttpProtocol(HttpToolsProtocol):
             self.transport.abort()
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
-        """At once for a stop, and for who waits to be asked for a body; else when the body is there: who
-        sends it slowly, and perhaps goes away again, has cost next to nothing.
+        """Start the application at once for a stop, and if the client waits for permission to send the body.
+        Otherwise start it when the body is complete, so that slow or incomplete bodies cost almost nothing.
         """
         start = super()._start_asgi_task
         self._answering = cycle
@@ -331,7 +342,7 @@ class HttpProtocol(HttpToolsProtocol):
         return self._begun_s + limits.body_timeout_s + self._body_bytes / limits.body_bytes_per_s
 
     def _note(self) -> None:
-        """What this connection is about, for the crowd."""
+        """Report the activity of this connection to the crowd."""
         if self._in_body:
             self._crowd.go_on(self._visit, Doing.SENDING, self._body_deadline_s)
         elif self.cycle is not None and not self.cycle.response_complete:
@@ -349,7 +360,7 @@ class HttpProtocol(HttpToolsProtocol):
             self.transport.abort()
         elif self._in_body:
             slowest = f"web.limits: {limits.body_timeout_s:g} s, and {limits.body_bytes_per_s} bytes a second"
-            self._refuse(408, f"the body came too slowly ({slowest})", "timeout")
+            self._refuse(408, f"the body arrived too slowly ({slowest})", "timeout")
         else:
             self._refuse(408, f"the header was not complete after {limits.header_timeout_s:g} s", "timeout")
 
@@ -364,7 +375,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._refuse(431, f"the header is larger than the limit of {limit}", "header")
 
     def _refuse(self, status: int, detail: str, code: str) -> None:
-        """Answer, unless an answer is under way, and close."""
+        """Send an error, unless an answer is already being sent, and close the connection."""
         self._answer_last(refusal(status, detail, code))
 
     def _answer_last(self, answer: bytes) -> None:

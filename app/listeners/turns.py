@@ -1,9 +1,9 @@
-"""The order in which the event loop serves connections, so that no crowd keeps a stop waiting.
+"""The order in which the event loop serves connections, so that many clients cannot delay a stop.
 
-All connections share one thread. Without an order, each iteration of its loop serves all that have sent
-something: with 500 of them it takes a fifth of a second, and a stop needs several iterations. So work is done
-in small pieces, as many in an iteration as fit into some milliseconds. A connection with more work waits for
-the next iteration, first come first served. A stop takes no turn.
+All connections share one thread. Without an order, each iteration of the event loop serves all connections
+that have sent data. With 500 of them an iteration takes a fifth of a second, and a stop needs several
+iterations. So work is done in small pieces, as many per iteration as fit into some milliseconds. A connection
+with more work waits for the next iteration, first come first served. A stop is served at once.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from collections.abc import Callable
 MAX_TURNS = 16
 """Maximum number of pieces of work that are begun in one iteration, while iterations are short."""
 LONG_S = 0.003
-"""After an iteration that took longer, fewer are begun in the next one, down to a single one."""
+"""Threshold for the duration of an iteration, s. After a longer one, the next iteration begins fewer pieces,
+at least one.
+"""
 
 
 class Turns:
-    """The pieces of work that wait for their iteration. Belongs to the running event loop."""
+    """The pieces of work that wait for their iteration. Each event loop has one such object."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -30,21 +32,21 @@ class Turns:
         self._renewing = False
 
     def mine(self) -> bool:
-        """Whether a piece of work may be done at once; if so, it counts as done."""
+        """Whether a piece of work may be done at once. If so, it is counted."""
         if self._waiting or self._left <= 0:
             return False
         self._count()
         return True
 
     def wait(self, work: Callable[[], object]) -> None:
-        """Do a piece of work when it is its turn: perhaps at once."""
+        """Do a piece of work when it is its turn, which may be at once."""
         if self.mine():
             work()
         else:
             self._waiting.append(work)
 
     async def turn(self) -> None:
-        """Go on when it is the caller's turn."""
+        """Wait for the caller's turn."""
         if self.mine():
             return
         turn = self._loop.create_future()

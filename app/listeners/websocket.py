@@ -1,4 +1,4 @@
-"""WebSockets in bounded pieces; and next to nothing is buffered for a client that reads slowly."""
+"""WebSocket connections with bounded work and almost no buffer for clients that read slowly."""
 
 from __future__ import annotations
 
@@ -19,14 +19,18 @@ from cobot.addresses import VERSION
 
 UNSENT_BYTES = 4096
 SLICE_BYTES = 1024
-"""Maximum number of bytes that the parser gets at once: at most some 170 frames, about two milliseconds."""
+"""Maximum number of bytes that the parser gets at once. They have at most 170 frames and take about two
+milliseconds.
+"""
 MAX_FRAGMENTS = 1024
-"""Maximum number of frames of a message."""
+"""Maximum number of frames in one message."""
 TOO_BIG = 1009
 
 
 def keep_nothing_unsent(transport: Transport) -> None:
-    """From now on, what a client does not read is not made: it gets what is new then."""
+    """Keep unsent data minimal. A slow client then gets the newest data, because data is created only when it
+    can be sent.
+    """
     # Not 0: with TLS even an empty buffer would be too full.
     transport.set_write_buffer_limits(high=1, low=0)
     connection = transport.get_extra_info("socket")
@@ -34,7 +38,7 @@ def keep_nothing_unsent(transport: Transport) -> None:
 
 
 class StreamProtocol(WebSocketsSansIOProtocol):
-    """A connection that was HTTP before. It sends only the newest data; what it receives waits for a turn."""
+    """A WebSocket connection. It sends only the newest data. Received data waits for a turn."""
 
     def __init__(self, *, crowd: Crowd, turns: Turns, visit: Visit, **uvicorn: Any) -> None:
         super().__init__(**uvicorn)
@@ -81,7 +85,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         return message
 
     async def send(self, message: ASGISendEvent) -> None:
-        """Raises ClientDisconnected once the connection is closed, from whichever side."""
+        """Send an event. Raises ClientDisconnected once the connection is closed, from whichever side."""
         try:
             await super().send(message)
         except RuntimeError:
@@ -104,7 +108,9 @@ class StreamProtocol(WebSocketsSansIOProtocol):
             self._pong = b""
 
     def handle_ping(self) -> None:
-        """Answer it; to one who reads no answers only the newest, as RFC 6455 permits (5.5.3)."""
+        """Answer a ping. If the client does not read, only the newest ping is answered, as RFC 6455 (5.5.3)
+        permits.
+        """
         pong = b"".join(self.conn.data_to_send())
         if self.writable.is_set():
             self.transport.write(pong)
@@ -124,7 +130,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
             event.data = b""
 
     def _wait(self) -> None:
-        """For a turn, unless it waits for one already."""
+        """Wait for a turn, unless already waiting for one."""
         if not self._waits:
             self._waits = True
             self._turns.wait(self._advance)

@@ -1,6 +1,7 @@
-"""`cobot mcp`: a running service for agents that start a program and talk to it by its input and output.
+"""`cobot mcp`: connects a running service to agents that start a program and talk to it over standard input
+and output.
 
-It passes messages on and knows nothing of them, so that the service alone says what an agent may do.
+It only passes messages on. So the service alone decides what an agent may do.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from cobot.client.tls import tls_context, token_from_environment
 
 
 def main() -> int:
-    """Until the input ends; the exit status."""
+    """Pass messages on until the input ends. Returns the exit status."""
     parser = argparse.ArgumentParser(prog="cobot mcp", description=__doc__)
     parser.add_argument("--url", required=True, help="of the service")
     anyio.run(_bridge, parser.parse_args().url.rstrip("/") + MCP)

@@ -1,6 +1,6 @@
-"""The arguments of tools: one model of each, which is published as its schema and which calls are checked by.
+"""The arguments of tools. Each tool has one model, which is published as its schema and validates calls.
 
-The library's own model of a tool ignores arguments that it does not know, and reads numbers from strings.
+The MCP library's own model of a tool ignores unknown arguments and accepts strings as numbers.
 """
 
 from __future__ import annotations
@@ -15,14 +15,16 @@ from cobot.errors import InputError
 from cobot.strict import StrictModel, sentences
 
 CONTEXT = "ctx"
-"""What tools get from the library."""
+"""Name of the parameter through which tools get the library's context."""
 
 
 Tool = Callable[..., Any]
 
 
 def takes_fields_of(body: type[BaseModel], *names: str) -> Callable[[Tool], Tool]:
-    """A tool's `**fields` are these fields of a REST body, with its ranges, descriptions and defaults."""
+    """Replace a tool's `**fields` with fields of a REST body, including their ranges, descriptions and
+    defaults.
+    """
 
     def sign(tool: Tool) -> Tool:
         hints = get_type_hints(tool, include_extras=True)
@@ -44,7 +46,7 @@ def takes_fields_of(body: type[BaseModel], *names: str) -> Callable[[Tool], Tool
 
 
 def arguments_of(tool: Callable[..., Any]) -> type[StrictModel]:
-    """The model of a tool's arguments, from its signature."""
+    """The model of a tool's arguments, derived from its signature."""
     hints = get_type_hints(tool, include_extras=True)
     fields: dict[str, Any] = {
         name: (hints[name], ... if parameter.default is Parameter.empty else parameter.default)
@@ -55,7 +57,9 @@ def arguments_of(tool: Callable[..., Any]) -> type[StrictModel]:
 
 
 def require_valid(model: type[StrictModel], name: str, arguments: dict[str, Any]) -> None:
-    """Raises InputError: naming the tool, the argument, its value and what is valid."""
+    """Raises InputError: an argument is invalid. The error has the tool, the argument, its value and the
+    valid values.
+    """
     try:
         model.model_validate(arguments)
     except ValidationError as exc:

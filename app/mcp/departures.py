@@ -1,8 +1,8 @@
-"""Who leaves while the arm moves for it: its connection is closed, or it says that it cancels its request.
+"""Agents that leave while the arm moves for them: they close the connection or cancel the request.
 
-The library behind /mcp/mcp notices neither with clients before protocol 2026: it asks a request that is
-answered by one JSON document for its body alone, and, as requests are independent of each other, takes a
-cancellation for one of another connection's.
+With clients before protocol 2026, the library behind /mcp/mcp notices neither. If the answer is one JSON
+document, the library reads only the body of the request, so it misses the end of the connection. It also
+cannot match a cancellation to its request, because requests are independent of each other.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from starlette.types import Message, Receive, Scope
 from app.api.middleware.clients import client_of
 
 GONE = "cobot.gone"
-"""Key of a request's scope: an event that is set when the client is gone."""
+"""Key of a request's scope: an event that is set when the client has left."""
 CANCELLED = "notifications/cancelled"
 Key = tuple[str, str, str]
 
@@ -30,11 +30,11 @@ class Departures:
 
     @contextmanager
     def watch(self, scope: Scope, message: object, body: bytes, receive: Receive) -> Iterator[Receive]:
-        """While a request waits and is served: what it receives after its body. Its scope has the event that
-        ends what it has begun.
+        """Watch a request while it waits and is served: the messages that it receives after its body. Its
+        scope has the event that ends its motion.
 
         Args:
-            message: what the body says.
+            message: the decoded body.
         """
         asked = message if isinstance(message, dict) else {}
         self._hear(scope, asked)
@@ -73,6 +73,8 @@ async def _watch(receive: Receive, gone: asyncio.Event) -> None:
 
 
 def _key(scope: Scope, request_id: Any) -> Key:
-    """The key of a request: its client, the client's computer and its number, because there is no session."""
+    """The key of a request: its client, the client's computer and the request's number, because there are no
+    sessions.
+    """
     client = client_of(scope)
     return client.name, client.address, str(request_id)

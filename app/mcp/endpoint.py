@@ -1,7 +1,7 @@
-"""Where agents reach the service: POST /mcp/mcp.
+"""The endpoint for agents: POST /mcp/mcp.
 
-The library behind it takes a second of computing time to import. So it is imported in a thread when the first
-agent connects, and services without agents do not pay for it.
+The import of the MCP library takes a second of computing time. So it is imported in a thread when the first
+agent connects. Services without agents never import it.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ MAX_BODY_BYTES = 32_768
 """Maximum size of a request. The arguments of a tool take some hundred bytes, and the library needs about a
 microsecond of the event loop for each byte."""
 STOPPED = "cobot.stopped"
-"""What came of a stop that a request has asked for: status and document."""
+"""Key of a request's scope: status and document of the stop that the request has asked for."""
 REST_S = 0.02
-"""From the beginning of one request to that of the next: each takes the event loop 10 ms or more."""
+"""Minimum time between the beginnings of two requests, s. Each takes 10 ms or more of the event loop."""
 
 
 class McpEndpoint:
-    """An ASGI application; `close` ends whatever it has begun."""
+    """The ASGI application for agents. `close` ends everything that it has begun."""
 
     def __init__(self) -> None:
         self._manager: StreamableHTTPSessionManager | None = None
@@ -71,10 +71,10 @@ class McpEndpoint:
 
 
 async def _body(receive: Receive) -> bytes | None:
-    """The whole body; None if the client goes before it has sent that.
+    """The whole body; None if the client disconnects before it has sent all of it.
 
     Raises:
-        PayloadError: it is too large.
+        PayloadError: the body is too large.
     """
     body = bytearray()
     more = True
@@ -90,8 +90,8 @@ async def _body(receive: Receive) -> bytes | None:
 
 
 async def _stop(scope: Scope, message: object) -> None:
-    """Stop the arm, if that is what a request asks for: before it waits for its turn among all others. What
-    came of it is in the scope, for the tool to answer.
+    """Stop the arm if the request asks for a stop, before the request waits for its turn. The result is
+    stored in the scope, for the tool to answer.
     """
     match message:
         case {"method": "tools/call", "params": {"name": "stop", **asked}}:
@@ -102,7 +102,7 @@ async def _stop(scope: Scope, message: object) -> None:
 
 
 def _decoded(body: bytes) -> object:
-    """What it says; None if it is no JSON, which the library says better."""
+    """The decoded JSON; None if it is not JSON. Then the library answers with a better error."""
     try:
         return json.loads(body)
     except (ValueError, RecursionError):
@@ -110,7 +110,9 @@ def _decoded(body: bytes) -> object:
 
 
 async def _run(manager: StreamableHTTPSessionManager, entered: asyncio.Event) -> None:
-    """Until it is cancelled: the library's task group has to be left by the task that has entered it."""
+    """Run the session manager until cancelled. The task that enters the library's task group must also leave
+    it.
+    """
     async with manager.run():
         entered.set()
         await asyncio.Event().wait()

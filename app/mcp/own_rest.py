@@ -1,7 +1,7 @@
-"""The REST API, called inside this process on behalf of the client of another request.
+"""The REST API, called inside this process on behalf of an agent.
 
-The client, its address and its token are those of that request. So roles, control, limits and the audit are
-those of the REST API.
+The client, its address and its token are those of the agent's request. So roles, control, limits and the
+audit log apply as in the REST API.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _OF_THE_CONNECTION = ("type", "asgi", "http_version", "scheme", "server", "clien
 
 
 class OwnRest:
-    """For one robot, or, without a name, as the plain paths are.
+    """The REST API of one robot; without a name, the paths without a robot.
 
     Attributes:
-        services: of the robot that is meant.
+        services: services of the addressed robot.
     """
 
     def __init__(self, scope: Scope, robot: str) -> None:
@@ -40,7 +40,7 @@ class OwnRest:
         self._prefix = address("", robot) if robot else ""
 
     async def ask(self, method: str, path: str, body: Any = None, **params: Any) -> tuple[int, Any]:
-        """The status and the document of an answer."""
+        """Call an endpoint. Returns the status and the document of its answer."""
         headers = [(name, value) for name, value in self._scope["headers"] if name in PASSED_ON]
         content = b"" if body is None else json.dumps(body).encode()
         if body is not None:

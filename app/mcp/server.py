@@ -30,32 +30,32 @@ from cobot.strict import shown
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
-INSTRUCTIONS = """\
-You look at a robot arm, plan its motions and, where that is permitted, run them.
-Plan first, look at the preview, tell a person what the arm will do, then execute the plan.
-Lengths are in m, angles in rad, in the base frame: x forward, z up.
-A refusal says what is wrong and what is allowed: change the request, do not repeat it.
-When anything looks wrong, stop. This is not a safety system."""
+INSTRUCTIONS = """\ You look at a robot arm, plan its motions and, where that is permitted, run them. Plan
+first, look at the preview, tell a person what the arm will do, then execute the plan. Lengths are in m,
+angles in rad, in the base frame: x forward, z up. A rejection says what is wrong and what is allowed: change
+the request, do not repeat it. If anything looks wrong, stop. This is not a safety system.
+"""
 MANUAL = f"""\
 {INSTRUCTIONS}
 
-1. get_state tells where the arm is, list_positions and get_scene what there is to go to and to keep clear of.
+1. get_state reports where the arm is, list_positions the named positions, get_scene the obstacles.
 2. plan_to_position, plan_to_joints, plan_to_pose, plan_path and plan_arc answer a plan_id, the duration, a \
 sampled path, how much of each limit is used and the closest distances. Nothing has moved.
-3. preview draws the plan, rehearse runs it on a simulated copy of the robot and tells what goes wrong first.
+3. preview draws the plan, rehearse runs it on a simulated copy of the robot and reports the first problem.
 4. execute runs it, if an operator has approved it (each approval is for one run) or if the settings of \
 the robot draw a fence and the plan is within: a box for the TCP, a speed, a payload, planners, hours. The \
 arm has to be where the plan begins; limits, scene and tool have to be as they were.
-5. get_gripper tells what the fingers hold. plan_gripper_move, plan_gripper_grasp, plan_gripper_release and \
-plan_gripper_home answer a plan_id too; only a plan that an operator has approved commands the gripper, and \
-the arm has to be where it was. A grasp that attaches an object changes the scene: \
-plan the next motion after it.
-6. stop brings the arm to rest, stop_gripper the fingers. why_did_it_stop tells why it stands still."""
+5. get_gripper reports what the fingers hold. plan_gripper_move, plan_gripper_grasp, plan_gripper_release and
+\ plan_gripper_home answer a plan_id too; only a plan that an operator has approved commands the gripper, and
+\ the arm has to be where it was. A grasp that attaches an object changes the scene: \ plan the next motion
+after it.
+6. stop stops the arm, stop_gripper the fingers. why_did_it_stop reports why the arm does not move.
+"""
 
 
 class AgentServer(MCPServer[Any]):
-    """The MCP library's server with cobot's tools. It checks the role before the arguments, describes wrong
-    arguments briefly, and records each call in the audit, rejected ones too.
+    """The MCP library's server with cobot's tools. It checks the role before the arguments, describes invalid
+    arguments briefly, and records each call in the audit log, including rejected ones.
     """
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ class AgentServer(MCPServer[Any]):
             self.add_tool(tool, annotations=kind, structured_output=False)
 
     async def list_tools(self) -> list[MCPTool]:
-        """The library's list, with the schemas that calls are checked against."""
+        """The list of tools, with the schemas that validate calls."""
         return [
             each.model_copy(update={"input_schema": self._known[each.name][1].model_json_schema()})
             for each in await super().list_tools()
@@ -74,7 +74,7 @@ class AgentServer(MCPServer[Any]):
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
-        """What is refused is a result with `is_error`, with the reason in words and its code."""
+        """Call a tool. A rejected call is a result with `is_error`, with the reason in words and its code."""
         if name not in self._known:
             valid = ", ".join(self._known)
             return refusal(NotFoundError(f"there is no tool {shown(name)}; valid are: {valid}"))
@@ -128,15 +128,15 @@ class AgentServer(MCPServer[Any]):
 
 
 def refused_by(exc: BaseException | None) -> CobotError | None:
-    """The error that a tool's error stands for; None for a mistake in the tool."""
+    """The error behind a tool's error; None for a programming error in the tool."""
     return exc if exc is None or isinstance(exc, CobotError) else refused_by(exc.__cause__)
 
 
 def refusal(error: CobotError, text: str = "") -> CallToolResult:
-    """The result of a call that is refused: a sentence, and as structured content its code too.
+    """The result of a rejected call: a sentence, and its code as structured content.
 
     Args:
-        text: the sentence, if it says more than the error.
+        text: the sentence; empty: that of the error.
     """
     sentence = text or str(error)
     return CallToolResult(
@@ -160,10 +160,11 @@ def _audit(what: str, **details: object) -> Iterator[None]:
 
 
 def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
-    """Answers requests for `MCP` without sessions, which could be lost or stolen.
+    """The MCP library's manager of requests. It runs without sessions, because sessions could be lost or
+    stolen.
 
-    `app.api.middleware.access` has checked hosts and clients before, so the library's own check of hosts is
-    off.
+    The library's own check of hosts is off, because `app.api.middleware.access` has already checked hosts and
+    clients.
     """
     server = AgentServer()
     _offer_resources(server, app)
@@ -200,7 +201,7 @@ def _offer_resources(server: MCPServer, app: FastAPI) -> None:
 
     @server.resource("cobot://limits/{robot}", mime_type="application/json")
     def limits(robot: str) -> str:
-        """The limits of a robot's joints: rad, rad/s, rad/s², rad/s³, N·m (m, N of slides)."""
+        """The limits of a robot's joints: rad, rad/s, rad/s², rad/s³, N·m; for sliding joints m and N."""
         if robot not in app.state.robots:
             raise ResourceError(f"there is no robot {shown(robot)}; valid are: {', '.join(app.state.robots)}")
         found = app.state.robots[robot].robot.limits
@@ -214,10 +215,10 @@ def _offer_resources(server: MCPServer, app: FastAPI) -> None:
 def _offer_prompts(server: MCPServer) -> None:
     @server.prompt()
     def move_safely(goal: str) -> str:
-        """Go somewhere with a look beforehand."""
+        """Move to a goal, with a preview first."""
         return (
             f"Bring the arm to: {goal}. Read cobot://manual. Plan it, look at the preview, say in two "
-            "sentences what the arm will do, how long it takes and how near it comes to anything, then "
+            f"sentences what the arm will do, how long it takes and how near it comes to obstacles, then "
             "execute the plan. If it is refused because it is not approved, "
             "tell me the plan_id and wait for me."
         )
@@ -226,6 +227,6 @@ def _offer_prompts(server: MCPServer) -> None:
     def diagnose() -> str:
         """Find out why the arm does not move."""
         return (
-            "Use why_did_it_stop, get_state and get_log. Say why the arm stands still, since when, and "
+            "Use why_did_it_stop, get_state and get_log. Say why the arm does not move, since when, and "
             "what a person has to do. Do not move it."
         )

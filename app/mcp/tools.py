@@ -1,4 +1,4 @@
-"""The tools, with the words that agents read."""
+"""The tools, with the descriptions that agents read."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ from cobot.motions.planners import GOAL_ALONE, summaries
 
 Ctx = Context[Any, Request]
 Robot = Annotated[str, Field(max_length=64, description="Name of the robot; empty for the default one.")]
-Name = Annotated[PositionName, Field(description="A position of list_positions.")]
+Name = Annotated[PositionName, Field(description="Name of a position, from list_positions.")]
 JointAngles = Annotated[
-    Joints, FailFast(), Field(description="rad, one for each joint, in the order of get_state.")
+    Joints, FailFast(), Field(description="Joint angles, rad, one for each joint, in the order of get_state.")
 ]
 PosePlanner = Annotated[str, OneOf(GOAL_ALONE), Field(description=summaries(GOAL_ALONE))]
 LOOKS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
@@ -52,7 +52,7 @@ REHEARSE = "POST /robot/plans/{plan}/rehearse"
 
 
 class _Rest:
-    """The REST API for a tool: what is refused there is an error of the tool, with the reason in words."""
+    """The REST API for a tool. A rejected request becomes an error of the tool, with the reason in words."""
 
     def __init__(self, ctx: Ctx, robot: str) -> None:
         request = ctx.request_context.request
@@ -73,7 +73,9 @@ class _Rest:
 
 
 def read_decision(answer: tuple[int, Any]) -> Any:
-    """The document of an answer; raises ToolError: it is no success, with the reason in words."""
+    """The document of an answer. Raises ToolError if the answer is not a success, with the reason in
+    words.
+    """
     status, content = answer
     if status == HTTPStatus.OK:
         return content
@@ -98,17 +100,19 @@ async def list_positions(ctx: Ctx, robot: Robot = "") -> Any:
 
 
 async def get_scene(ctx: Ctx, robot: Robot = "") -> Any:
-    """The objects around the arm and in its hand, and the named frames: every plan keeps clear of them."""
+    """The objects around the arm and in its hand, and the named frames. Every plan avoids these objects."""
     return await _Rest(ctx, robot).get("/scene")
 
 
 async def plan_to_position(ctx: Ctx, name: Name, speed: Speed = 0.1, robot: Robot = "") -> Any:
-    """Plan a motion to a named position. Nothing moves; answers a plan_id."""
+    """Plan a motion to a named position. Nothing moves; answers with a plan_id."""
     return await _plan(ctx, robot, "named", {"name": name, "speed": speed})
 
 
 async def plan_to_joints(ctx: Ctx, joints: JointAngles, speed: Speed = 0.1, robot: Robot = "") -> Any:
-    """Plan a motion to joint angles in rad, in the order of get_state. Nothing moves; answers a plan_id."""
+    """Plan a motion to joint angles in rad, in the order of get_state. Nothing moves; answers with a
+    plan_id.
+    """
     return await _plan(ctx, robot, "joints", {"joints": joints, "speed": speed})
 
 
@@ -116,17 +120,19 @@ async def plan_to_joints(ctx: Ctx, joints: JointAngles, speed: Speed = 0.1, robo
 @takes_fields_of(PlanPose, "speed", "frame_id", "free_axes", "end_joints")
 async def plan_to_pose(
     ctx: Ctx,
-    x: Annotated[Coordinate, Field(description="m, in the frame.")],
-    y: Annotated[Coordinate, Field(description="m, in the frame.")],
-    z: Annotated[Coordinate, Field(description="m, in the frame.")],
+    x: Annotated[Coordinate, Field(description="x, m, in the frame.")],
+    y: Annotated[Coordinate, Field(description="y, m, in the frame.")],
+    z: Annotated[Coordinate, Field(description="z, m, in the frame.")],
     a: Annotated[Angle, Field(description="KUKA angle A about z, rad.")] = 0.0,
-    b: Annotated[Angle, Field(description="B about the new y, rad; 3.14159 points the tool down.")] = 3.14159,
-    c: Annotated[Angle, Field(description="C about the newest x, rad.")] = 0.0,
+    b: Annotated[
+        Angle, Field(description="KUKA angle B about the new y, rad; 3.14159 points the tool down.")
+    ] = 3.14159,
+    c: Annotated[Angle, Field(description="KUKA angle C about the newest x, rad.")] = 0.0,
     planner: PosePlanner = "ptp",
     robot: Robot = "",
     **fields: Any,
 ) -> Any:
-    """Plan a motion of the TCP to a pose: m and rad. Nothing moves; answers a plan_id."""
+    """Plan a motion of the TCP to a pose: m and rad. Nothing moves; answers with a plan_id."""
     body = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "planner": planner}
     return await _plan(ctx, robot, "pose", body | fields)
 
@@ -134,7 +140,7 @@ async def plan_to_pose(
 @takes_fields_of(PlanPath, "poses", "radius", "speed", "frame_id", "free_axes", "cyclic")
 async def plan_path(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
     """Plan straight lines of the TCP through poses: m and rad. A path that leads back to its start can be
-    repeated if `cyclic` is true. Nothing moves; answers a plan_id.
+    repeated if `cyclic` is true. Nothing moves; answers with a plan_id.
     """
     return await _plan(ctx, robot, "path", fields)
 
@@ -143,53 +149,53 @@ async def plan_path(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
     PlanArc, "centre", "axis", "angle", "rise", "turn_tool", "speed", "frame_id", "free_axes", "cyclic"
 )
 async def plan_arc(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
-    """Plan an arc, a circle or a helix of the TCP about an axis: m and rad. Nothing moves; answers a
+    """Plan an arc, a circle or a helix of the TCP about an axis: m and rad. Nothing moves; answers with a
     plan_id.
     """
     return await _plan(ctx, robot, "arc", fields)
 
 
 async def get_gripper(ctx: Ctx, robot: Robot = "") -> Any:
-    """The gripper: width (m), force (N), whether it moves, what it holds, and the ranges that it has."""
+    """The gripper: width (m), force (N), whether it moves, the object that it holds, and its ranges."""
     return await _Rest(ctx, robot).get("/robot/gripper")
 
 
 @takes_fields_of(GripperMove, "width", "speed", "force")
 async def plan_gripper_move(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
-    """Plan to bring the fingers to a width. Nothing moves; answers a plan_id."""
+    """Plan to move the fingers to a width. Nothing moves; answers with a plan_id."""
     return await _plan_gripper(ctx, robot, "move", fields)
 
 
 @takes_fields_of(GripperGrasp, "width", "tolerance_inner", "tolerance_outer", "speed", "force", "if_missed")
 async def plan_gripper_grasp(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
-    """Plan to close the fingers on an object and hold it. Nothing moves; answers a plan_id."""
+    """Plan to close the fingers on an object and hold it. Nothing moves; answers with a plan_id."""
     return await _plan_gripper(ctx, robot, "grasp", fields)
 
 
 @takes_fields_of(GripperRelease, "width")
 async def plan_gripper_release(ctx: Ctx, robot: Robot = "", **fields: Any) -> Any:
-    """Plan to open the fingers and let go of the object where the arm is now. Nothing moves; answers a
-    plan_id.
+    """Plan to open the fingers and release the object at the arm's present position. Nothing moves; answers
+    with a plan_id.
     """
     return await _plan_gripper(ctx, robot, "release", fields)
 
 
 async def plan_gripper_home(ctx: Ctx, robot: Robot = "") -> Any:
-    """Plan to activate the gripper, in which its fingers may close and open and drop what they hold. Nothing
-    moves; answers a plan_id.
+    """Plan to activate the gripper. Its fingers may then close and open, and drop a held object. Nothing
+    moves; answers with a plan_id.
     """
     return await _plan_gripper(ctx, robot, "home", {})
 
 
 async def stop_gripper(ctx: Ctx, robot: Robot = "") -> Any:
-    """Stop the fingers where they are, no matter which client moves them. What they hold stays held. Always
-    permitted; the arm goes on.
+    """Stop the fingers where they are, no matter which client moves them. A held object stays held. Always
+    permitted; the arm continues to move.
     """
     return await _Rest(ctx, robot).post("/robot/gripper/stop")
 
 
 async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:
-    """A picture of a plan: the arm at its end, faintly at its start, the way of the TCP in blue."""
+    """A picture of a plan: the arm at its end, faintly at its start, the path of the TCP in blue."""
     rest = _Rest(ctx, robot)
     try:
         png = await rest.services.plans.picture(plan_id)
@@ -200,8 +206,8 @@ async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:
 
 async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any]:
     """Run a plan that an operator has approved, or that is within the fence of this robot's settings. Answers
-    when the arm has arrived or the gripper has ended its command; `success` says whether it has. Stops both
-    if you go away meanwhile.
+    when the motion or the gripper command has ended; `success` reports whether it reached its goal. If you
+    disconnect meanwhile, both stop.
     """
     rest = _Rest(ctx, robot)
     identity, scope = rest.scope[IDENTITY], rest.scope
@@ -237,8 +243,8 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
 
 
 async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
-    """Run a plan on a simulated copy of the robot. The robot does not move; answers whether it would run
-    through, how long it takes, how much of each joint's effort, how near it comes, and what goes wrong first.
+    """Run a plan on a simulated copy of the robot. The robot does not move. Answers whether the plan runs to
+    its end, its duration, the effort of each joint, the smallest distances, and the first problem.
     """
     rest = _Rest(ctx, robot)
     scope, plans = rest.scope, rest.services.plans
@@ -252,7 +258,7 @@ async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
 
 
 async def stop(ctx: Ctx, robot: Robot = "") -> Any:
-    """Bring the arm to rest at once, no matter which client moves it. Always permitted."""
+    """Stop the arm at once, no matter which client moves it. Always permitted."""
     rest = _Rest(ctx, robot)
     done = rest.scope.get(STOPPED)  # when the request came in
     return await rest.post("/stop") if done is None else read_decision(done)
@@ -273,12 +279,12 @@ async def get_sequence(ctx: Ctx, lines: LogLines = 50, robot: Robot = "") -> Any
 
 
 async def get_log(ctx: Ctx, lines: LogLines = 50, robot: Robot = "") -> Any:
-    """The last lines about motions."""
+    """The last log lines about motions."""
     return await _Rest(ctx, robot).get("/trajectory/logs", n=lines)
 
 
 async def why_did_it_stop(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
-    """Why the arm stands still: mode, reason, what the safety layer has intervened in, the last motions."""
+    """Why the arm does not move: mode, reason, interventions of the safety layer, the last motions."""
     rest = _Rest(ctx, robot)
     state = rest.services.link.state()
     return {
@@ -324,4 +330,4 @@ TOOLS: tuple[tuple[Callable[..., Any], Role, ToolAnnotations], ...] = (
     (stop, Role.OBSERVER, MOVES),
     (stop_gripper, Role.OBSERVER, MOVES),
 )
-"""Each tool, and the role without which not even its arguments are looked at."""
+"""Each tool, and the role that it needs. Without the role, the arguments are not even validated."""

@@ -1,6 +1,7 @@
-"""The fingers of a robot's gripper on the graph: /{robot}/gripper/joint_states, with each new reading.
+"""Publishes the fingers of a robot's gripper on the graph: /{robot}/gripper/joint_states, with each new
+reading.
 
-The DDS process takes the fingers in /{robot}/joint_states from there.
+The DDS process copies the fingers from there into /{robot}/joint_states.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ from cobot.ros.robot_messages import JOINT_STATES
 
 
 class GripperTopics:
-    """See the module. A gripper without a width has no fingers, and publishes none.
+    """The topic of one gripper. A gripper without a width has no fingers and publishes nothing.
 
     Args:
-        name: of the robot.
+        name: name of the robot.
     """
 
     def __init__(self, graph: Graph, gripper: GripperService, name: str, clock: Clock) -> None:
@@ -29,12 +30,12 @@ class GripperTopics:
         gripper.on_reading.append(self._read)
 
     def close(self) -> None:
-        """Publish nothing any more."""
+        """Stop publishing."""
         self._gripper.on_reading.remove(self._read)
 
     @property
     def fingers(self) -> FingerState | None:
-        """The fingers; None if they are not known now."""
+        """The joint states of the fingers; None if they are unknown now."""
         if self._fingers is None or self._clock.now_s() - self._fingers[0] > FRESH_S:
             return None
         return self._fingers[1]

@@ -1,6 +1,6 @@
-"""A robot's own topics on the graph.
+"""The topics of a robot on the graph.
 
-The DDS process has all but `status` and `joint_cmd` itself, straight from shared memory.
+The DDS process publishes all of them itself, directly from shared memory, except `status` and `joint_cmd`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRE
 
 RATE_HZ = 100.0
 STATUS_TICKS = 10
-"""The status is published with every tenth state."""
+"""Number of states per status message."""
 
 
 class RobotTopics:
@@ -24,11 +24,11 @@ class RobotTopics:
 
     The last joints are the fingers of a gripper.
 
-    States are read only while there is a subscriber. Only the service publishes them; any client may publish
-    frames.
+    States are read only while there is a subscriber. Only the service may publish them; any client may
+    publish frames.
 
     Args:
-        prefix: of the frames' names.
+        prefix: prefix of the frames' names.
     """
 
     def __init__(self, graph: Graph, services: Services, name: str, tcp: str, prefix: str = "") -> None:
@@ -74,7 +74,7 @@ class RobotTopics:
         )
 
     def close(self) -> None:
-        """Read nothing any more."""
+        """Stop reading states."""
         self._tool.on_change.remove(self._publish_latched)
         if self._gripper is not None:
             self._gripper.close()

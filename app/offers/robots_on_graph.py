@@ -1,4 +1,4 @@
-"""The graph with all that this service has to offer on it."""
+"""The graph, with everything that this service offers on it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LOG = "rcl_interfaces/msg/Log"
 async def serving(
     robots: Mapping[str, Services], tcps: Mapping[str, str], clock: Clock
 ) -> AsyncIterator[Graph]:
-    """A graph for as long as the context lasts.
+    """Serve a graph while the context is open.
 
     Args:
         robots: the services of each robot by its name.
@@ -64,14 +64,16 @@ async def serving(
 
 
 def _warn(rosout: Publisher, clock: Clock, text: str) -> None:
-    """Publish a warning where ROS 2 shows those of nodes."""
+    """Publish a warning on /rosout, where ROS 2 shows warnings of nodes."""
     if rosout.subscribers:
         stamp = ros_time(clock.wall_ns())
         rosout.publish({"stamp": stamp, "level": logging.WARNING, "name": "cobot", "msg": text})
 
 
 async def _take_control(services: Services, request: Message) -> Message:
-    """For the client that asks: true takes it until it disconnects or lets it be unused, false lets go."""
+    """Take control for the client that calls (true), until it disconnects or the lease expires; or release it
+    (false).
+    """
     success, message = await services.control.set_control(request["data"])
     return {"success": success, "message": message}
 

@@ -1,4 +1,4 @@
-"""The manual at `/manual`: the site that `make docs` builds, with its search and without any network.
+"""The manual at `/manual`: the site that `make docs` builds. Its search works without a network.
 
 Its pages are static files of this package, and the same for every robot.
 """
@@ -29,13 +29,13 @@ _INLINE = re.compile(rb"<script>(.*?)</script>", re.DOTALL)
 
 
 def inline_scripts(site: Path) -> Iterator[str]:
-    """The hashes of the scripts within the pages, as a Content-Security-Policy allows them."""
+    """The hashes of the inline scripts in the pages, for a Content-Security-Policy."""
     for body in {body for page in site.glob("*.html") for body in _INLINE.findall(page.read_bytes())}:
         yield f"'sha256-{base64.b64encode(hashlib.sha256(body).digest()).decode()}'"
 
 
 class _Manual:
-    """The site as it was built last; an error before it is built."""
+    """The last build of the site; an error if it was never built."""
 
     def __init__(self, site: Path) -> None:
         self._site = site

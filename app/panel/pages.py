@@ -34,9 +34,8 @@ def page_headers(scripts: Sequence[str] = (), styles: Sequence[str] = ()) -> dic
     """The headers of static pages.
 
     Args:
-        scripts: sources of scripts that are allowed besides the service's own files, as a
-            Content-Security-Policy has them.
-        styles: the same for styles.
+        scripts: additional allowed sources of scripts, in the form of a Content-Security-Policy.
+        styles: additional allowed sources of styles.
     """
     policy = (
         "default-src 'none'",
@@ -87,7 +86,8 @@ def find_three(name: str) -> Path:
         name: one of `THREE_MODULES`.
 
     Raises:
-        NotFoundError: the panel uses no module of this name, or the package is not installed or lacks it.
+        NotFoundError: the panel does not use a module with this name, or the package is not installed or has
+            no such file.
     """
     if name not in THREE_MODULES:
         raise NotFoundError(f"there is no {name!r} here; the modules are {', '.join(THREE_MODULES)}")
@@ -103,9 +103,9 @@ def find_three(name: str) -> Path:
 
 
 def planners_module() -> str:
-    """The module of the panel with the planners that need only a goal, and the default one.
+    """The JavaScript module with the planners that need only a goal, and the default planner.
 
-    `pose` is whether the goal is a pose, and not joint angles.
+    `pose` is true if the goal is a pose, and false if it is joint angles.
     """
     table = {
         name: {"pose": PLANNERS[name].follows_path, "summary": PLANNERS[name].summary} for name in GOAL_ALONE

@@ -1,6 +1,7 @@
-"""Clients of ROS 1's actions, which are five topics, and what they send here instead.
+"""Clients that use actions of ROS 1, which consist of five topics: error messages that name the operations to
+use here.
 
-rosbridge of ROS 2 has operations for actions, so these topics lead nowhere: an error says what to send.
+rosbridge for ROS 2 has operations for actions, so these topics have no effect.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ TYPES = re.compile(r".*Action(Goal|Feedback|Result)")
 
 
 def refuse_topic(actions: Mapping[str, object], topic: str, type_: str | None) -> None:
-    """Refuse what a ROS 1 client of an action advertises, publishes or subscribes.
+    """Reject the topics with which a ROS 1 client uses an action.
 
     Args:
-        actions: by their names.
-        type_: if the client says one.
+        actions: the actions by name.
+        type_: type from the client, None without one.
 
     Raises:
-        InputError: it is such a topic, with the operation that sends a goal.
+        InputError: the topic is one of a ROS 1 action. The error names the operation that sends a goal.
     """
     name, _, last = topic.rpartition("/")
     name = f"/{name.lstrip('/')}"
@@ -31,7 +32,7 @@ def refuse_topic(actions: Mapping[str, object], topic: str, type_: str | None) -
         return
     meant = name if name in actions else f"one of {', '.join(actions) or 'none'}"
     raise InputError(
-        f"{shown(topic)} is a topic of an action of ROS 1, which does nothing here: send the operation "
+        f"{shown(topic)} is a topic of a ROS 1 action, which has no effect here: send the operation "
         f"send_action_goal, or cancel_action_goal, with `action` {meant}, and read action_feedback and "
         "action_result"
     )

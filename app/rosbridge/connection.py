@@ -1,14 +1,14 @@
 """One client of rosbridge v2, apart from its WebSocket.
 
-All that it has advertised, subscribed and offered is its own and ends with it; goals that it has sent, as an
-operation or by the services of ROS's actions, are cancelled then. Messages to it wait in an `Outbox`.
+When the client disconnects, its advertisements, subscriptions and offers end, and its goals are cancelled.
+This includes goals that it has sent through the services of a ROS action. Messages to it wait in an `Outbox`.
 
-One operation is ours: `{"op": "cobot_gateway"}` says that this client mirrors the graph to another network.
-What it advertises, subscribes and offers does not show in the topic /cobot/graph, by which it knows what to
-mirror, and what it publishes is not sent back to it. It may advertise one topic with several types; `type` of
-`publish` and `unadvertise` then says which one.
+cobot adds one operation: `{"op": "cobot_gateway"}` declares that this client mirrors the graph to another
+network. The topic /cobot/graph tells it what to mirror, without its own advertisements, subscriptions and
+offers. It does not get its own messages back. It may advertise one topic with several types; the field `type`
+of `publish` and `unadvertise` then selects one.
 
-Calls and goals run as tasks next to the messages that follow; at most `MAX_PENDING` at a time.
+Calls and goals run as tasks while further messages are handled; at most `MAX_PENDING` at a time.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ MAX_ENDS = 1024
 MAX_LATCHED = 16 * 2**20
 """Maximum length of all latched messages of a client, in characters. They are kept until it disconnects."""
 UNREAD_CHARACTERS = 1024
-"""Number of characters at the start of a message without decoding that are searched for `UNREAD`."""
+"""Number of characters in which `UNREAD` is searched, at the start of a message that is not decoded."""
 UNREAD = re.compile(r'"(op|id|service|action)"\s*:\s*("(?:[^"\\]|\\.){0,512}"|\d{1,18}\b)')
 """Pattern of the fields that are read from a message that is not decoded."""
 ANSWERS = {"call_service": "service_response", "send_action_goal": "action_result"}
@@ -59,11 +59,11 @@ class RosbridgeConnection:
     """A client, from its first message to its last.
 
     Args:
-        name: for the log.
-        identity: whose it is.
+        name: name in the log.
+        identity: identity of the client.
 
     Attributes:
-        outbox: what is to be sent to it.
+        outbox: messages that wait to be sent to the client.
     """
 
     def __init__(self, graph: Graph, name: str, identity: Identity = SERVICE) -> None:
@@ -80,7 +80,9 @@ class RosbridgeConnection:
         self._latched: dict[str, int] = {}
 
     def prepared(self, content: Any) -> Any:
-        """A decoded message for `take`. All work that grows with its size is done here, in another thread."""
+        """Prepare a decoded message for `take`, in another thread. All work that grows with the size of the
+        message is done here.
+        """
         try:
             asked = op.operation(content)
             type_ = self._type_of(asked)
@@ -95,13 +97,13 @@ class RosbridgeConnection:
             return content  # a mistake, which `take` will find as well; or the graph has changed meanwhile
 
     def take(self, content: Any, size: int = 0) -> str | None:
-        """Take a decoded message, or the result of `prepared`. Errors in it are reported to the client.
+        """Handle a decoded message, or the result of `prepared`. Errors are reported to the client.
 
         Args:
-            size: its characters.
+            size: number of characters of the message.
 
         Returns:
-            A message that this one has completed, to be decoded and taken as well.
+            A message that this fragment has completed, which must be decoded and handled as well.
         """
         message_id = content.get("id") if isinstance(content, dict) else getattr(content, "id", None)
         try:
@@ -117,13 +119,13 @@ class RosbridgeConnection:
         return None
 
     def complain(self, error: CobotError, message_id: Any = None) -> None:
-        """Tell the client, unless it does not want to know."""
+        """Report an error to the client, unless the client has disabled error messages."""
         if self._level != "none":
             status = {"op": "status", "level": "error", "msg": str(error), "code": int(code_of(error))}
             self.outbox.mention(status if message_id is None else {**status, "id": message_id})
 
     def reject_unread(self, text: str, error: PayloadError) -> None:
-        """Answers a message that is too large to be decoded, so that its sender does not wait in vain.
+        """Answer a message that is too large to be decoded, so that the client does not wait in vain.
 
         Its operation and its id are read from the beginning of the text, where clients write them.
         """
@@ -138,12 +140,12 @@ class RosbridgeConnection:
         self.outbox.answer({"op": answer, **about, **status, **reason}, None)
 
     def tell(self, sentence: str) -> None:
-        """Tell the client what it has not asked for, unless it does not want to know."""
+        """Send the client an unrequested message, unless it has disabled such messages."""
         if self._level != "none":
             self.outbox.mention({"op": "status", "level": "warning", "msg": sentence})
 
     async def close(self) -> None:
-        """The client is gone."""
+        """Clean up after the client has disconnected."""
         self.outbox.close()
         for server in list(self._graph.actions.values()):
             server.abandon(self)
@@ -166,7 +168,7 @@ class RosbridgeConnection:
                 _require_plain(asked.compression)
                 refuse_topic(self._graph.actions, asked.topic, asked.type)
                 if asked.topic not in self.outbox.feeds and len(self.outbox.feeds) >= MAX_ENDS:
-                    raise ConflictError(f"a client may subscribe {MAX_ENDS} topics")
+                    raise ConflictError(f"a client may subscribe to at most {MAX_ENDS} topics")
                 self.outbox.subscribe(self._graph, asked, self, self.tell)
             case op.Unsubscribe():
                 self.outbox.unsubscribe(asked.topic, asked.id)
@@ -265,11 +267,11 @@ class RosbridgeConnection:
                 self._latched.pop(asked.topic, None)
 
     def _key(self, topic: str, type_: str | None) -> tuple[str, str | None]:
-        """The key of a publisher: a gateway may have one for each type."""
+        """The key of a publisher. A gateway may have one publisher for each type."""
         return topic, type_ if self in self._graph.gateways else None
 
     def _begin(self, work: Coroutine[Any, Any, None], compression: str | None) -> None:
-        """Answer something while other messages are taken."""
+        """Start a task that answers a message, while other messages are handled."""
         try:
             _require_plain(compression)
             if len(self._tasks) >= MAX_PENDING:
@@ -314,7 +316,7 @@ class RosbridgeConnection:
 
     def _send_goal(self, asked: op.SendActionGoal) -> None:
         if asked.id in self._goals:
-            raise ConflictError(f"the goal {shown(asked.id)} is under way already")
+            raise ConflictError(f"the goal {shown(asked.id)} is already in progress")
         goal_id = uuid.uuid4().hex
         self._begin(self._pursue(asked, goal_id), asked.compression)
         self._goals[asked.id] = asked.action, goal_id
@@ -366,7 +368,7 @@ class RosbridgeConnection:
         return None
 
     def _arguments(self, arguments: Message | list[Any] | None, type_: str) -> Message:
-        """Clients may leave the names out."""
+        """The arguments as a dictionary. Clients may omit the names."""
         if not isinstance(arguments, list):
             return {} if arguments is None else arguments
         names = list(self._graph.messages.record(type_).fields)

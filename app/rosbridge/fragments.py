@@ -1,4 +1,4 @@
-"""Messages in pieces, as rosbridge's op `fragment` has them."""
+"""Messages in fragments, rosbridge's operation `fragment`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from cobot.errors import InputError
 MAX_INCOMPLETE = 8
 """Maximum number of incomplete messages of one client. Another one replaces the oldest."""
 PIECE = 100
-"""Characters that each piece counts in addition to its own, because an empty piece takes memory too."""
+"""Number of characters that each fragment counts in addition to its own, because an empty fragment takes
+memory too.
+"""
 
 
 @dataclass(slots=True)
@@ -20,14 +22,14 @@ class _Incomplete:
     total: int
     pieces: dict[int, str] = field(default_factory=dict)
     held: int = 0
-    """How many characters are held, with `PIECE` for each piece."""
+    """Number of held characters, including `PIECE` for each fragment."""
 
 
 class MessageAssembly:
-    """Puts the pieces of one client's messages together, in whatever order they come.
+    """Assembles the fragments of one client's messages, in any order.
 
     Args:
-        limit: of the characters of all that is incomplete.
+        limit: maximum number of characters of all incomplete messages together.
     """
 
     def __init__(self, limit: int) -> None:
@@ -35,10 +37,11 @@ class MessageAssembly:
         self._incomplete: dict[Id, _Incomplete] = {}
 
     def add(self, fragment: Fragment) -> str | None:
-        """The message, if this was its last piece.
+        """Add a fragment. Returns the message if it is complete.
 
         Raises:
-            InputError: the piece contradicts those before it, or all is too much; the message is forgotten.
+            InputError: the fragment contradicts earlier ones, or the limit is exceeded. The incomplete
+                message is dropped.
         """
         known = self._incomplete.setdefault(fragment.id, _Incomplete(fragment.total))
         if known.total != fragment.total or fragment.num >= known.total:
@@ -57,12 +60,12 @@ class MessageAssembly:
             raise InputError(f"incomplete messages hold more than {self._limit} characters")
         if len(self._incomplete) > MAX_INCOMPLETE:
             del self._incomplete[next(iter(self._incomplete))]
-            raise InputError(f"more than {MAX_INCOMPLETE} messages are incomplete: the oldest is forgotten")
+            raise InputError(f"more than {MAX_INCOMPLETE} messages are incomplete: the oldest is dropped")
         return None
 
 
 def in_pieces(text: str, size: int | None, name: str) -> Iterator[str]:
-    """A message as it is sent: whole, or as fragments of `size` characters."""
+    """A message in the form in which it is sent: whole, or as fragments of `size` characters."""
     if size is None or len(text) <= size:
         yield text
         return

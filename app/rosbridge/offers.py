@@ -24,7 +24,7 @@ ENDED = (GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED)
 
 
 class Offers:
-    """What one client advertises: its topics, services and actions."""
+    """The advertisements of one client: its topics, services and actions."""
 
     def __init__(self, graph: Graph, outbox: Outbox, owner: RosbridgeConnection) -> None:
         self._graph = graph
@@ -52,7 +52,7 @@ class Offers:
         self._graph.remove_service(service)
         for about, answer in self._calls.values():
             if absolute(about) == service.name and not answer.done():
-                answer.set_exception(UnavailableError(f"{name} is not offered any more"))
+                answer.set_exception(UnavailableError(f"{name} is no longer offered"))
 
     def take_response(self, asked: op.ServiceResponse) -> None:
         name, answer = self._calls.get(asked.id, ("", None))
@@ -84,14 +84,14 @@ class Offers:
             ended.set_result(asked)
 
     async def close(self) -> None:
-        """The client is gone, and with it what it offered."""
+        """Withdraw all offers of the client, which has disconnected."""
         for name in tuple(self._services):
             self.remove_service(name)
         for name in tuple(self._actions):
             await self.remove_action(name)
 
     async def pursue(self, name: str, goal: Message, handle: GoalHandle) -> Message:
-        """Have the client work on a goal of one of its actions."""
+        """Let the client execute a goal of one of its actions."""
         goal_id = f"{name}:{handle.goal_id}"
         ended: asyncio.Future[op.ActionResult] = asyncio.get_running_loop().create_future()
         self._goals[goal_id] = handle, ended

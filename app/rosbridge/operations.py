@@ -1,4 +1,4 @@
-"""What clients of rosbridge may send, checked.
+"""The operations that clients of rosbridge may send, and their validation.
 
 Source: https://github.com/RobotWebTools/rosbridge_suite/blob/ros2/ROSBRIDGE_PROTOCOL.md
 """
@@ -19,7 +19,7 @@ Name = Annotated[str, Field(min_length=1, max_length=512)]
 
 
 class Operation(BaseModel):
-    """Clients send keys of many versions of the protocol: those that mean nothing here are ignored."""
+    """An operation. Clients send keys of many protocol versions, so unknown keys are ignored."""
 
     model_config = ConfigDict(extra="ignore", strict=True, frozen=True)
 
@@ -27,7 +27,7 @@ class Operation(BaseModel):
 
 
 class Answered(Operation):
-    """What is answered may be answered in pieces."""
+    """An operation that has an answer. The answer may be sent in fragments."""
 
     compression: str | None = None
     fragment_size: Annotated[int, Field(ge=64)] | None = None
@@ -40,14 +40,14 @@ class Advertise(Operation):
 
 
 class Unadvertise(Operation):
-    """`type`: which one, of a gateway's several."""
+    """Ends an advertisement. `type` selects one of a gateway's several types."""
 
     topic: Name
     type: Name | None = None
 
 
 class Publish(Operation):
-    """`type`: of a topic that a gateway has advertised with several."""
+    """Publishes a message. `type` selects one of the types with which a gateway has advertised the topic."""
 
     topic: Name
     type: Name | None = None
@@ -163,10 +163,10 @@ OPERATIONS: dict[str, type[Operation]] = {
 
 
 def operation(content: Any) -> Operation:
-    """A decoded message, checked.
+    """Validate a decoded message.
 
     Raises:
-        InputError: naming what is wrong, and what is valid.
+        InputError: the message is invalid. The error has the problem and the valid values.
     """
     if not isinstance(content, dict):
         raise InputError(f"a message must be a JSON object, got {shown(content)}")

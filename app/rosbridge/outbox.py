@@ -1,4 +1,6 @@
-"""What waits to be sent to one client: answers that must arrive, and topics of which the newest counts."""
+"""Messages that wait to be sent to one client: answers, which must all arrive, and topics, of which the
+newest message counts.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,9 @@ from cobot.ros.codec import without_nan
 from cobot.ros.messages import Message
 
 MAX_BYTES = 32 * 2**20
-"""A client that lets answers of more than this pile up is disconnected."""
+"""Maximum size of waiting answers, in bytes. A client with more is disconnected."""
 MAX_OPTIONAL = 256
-"""Number of waiting messages of a client from which feedback and status are left out."""
+"""Number of waiting messages above which feedback and status are dropped."""
 MAX_PER_TOPIC = 100
 """Maximum number of subscriptions or advertisements of one topic by a client; they differ by their ids."""
 DEFAULT_QUEUE = 100
@@ -28,7 +30,7 @@ DEFAULT_QUEUE = 100
 
 
 def dumps(content: Message) -> str:
-    """JSON, with null for numbers that are none."""
+    """JSON, with null for numbers that are not finite."""
     try:
         return json.dumps(content, allow_nan=False)
     except ValueError:
@@ -36,7 +38,9 @@ def dumps(content: Message) -> str:
 
 
 class TopicFeed:
-    """A topic on its way to one client, which may have subscribed several times: the widest one counts."""
+    """A topic that one client has subscribed to, possibly several times. The most permissive subscription
+    decides.
+    """
 
     def __init__(
         self,
@@ -81,7 +85,7 @@ class TopicFeed:
             self._timer.cancel()
 
     def next(self) -> Message | None:
-        """A message, if one may go now."""
+        """The next message, if one may be sent now."""
         if not self._queue:
             return None
         now_s = self._loop.time()
@@ -100,7 +104,7 @@ class TopicFeed:
 
     @property
     def type(self) -> str | None:
-        """The type of its messages; None: any type that is published."""
+        """The type of the topic's messages; None: any type that is published."""
         return self._subscription.type
 
     def _wake_up(self) -> None:
@@ -126,7 +130,9 @@ class TopicFeed:
 
 
 class Outbox:
-    """All of it, in the order in which it is sent: answers first, then a message of each topic in turn."""
+    """All messages for one client, in the order of sending: answers first, then one message of each topic in
+    turn.
+    """
 
     def __init__(self) -> None:
         self.feeds: dict[str, TopicFeed] = {}
@@ -138,7 +144,7 @@ class Outbox:
         self._numbers = itertools.count()
 
     def answer(self, content: dict[str, Any], fragment_size: int | None = None) -> None:
-        """Send this; `overfull` is set when too much waits."""
+        """Queue an answer. Sets `overfull` if too much data waits."""
         if self._closed:
             return
         for text in in_pieces(dumps(content), fragment_size, f"fragment:{next(self._numbers)}"):
@@ -149,12 +155,12 @@ class Outbox:
         self.wake.set()
 
     def mention(self, content: dict[str, Any], fragment_size: int | None = None) -> None:
-        """Send this if the client keeps up."""
+        """Queue an optional message, unless the client is too slow."""
         if len(self._answers) < MAX_OPTIONAL:
             self.answer(content, fragment_size)
 
     def texts(self) -> Iterator[str]:
-        """What can go now; ends when there is nothing."""
+        """The messages that can be sent now. The iteration ends when there are none."""
         while True:
             found = False
             yield from self._take_answers()
@@ -168,14 +174,14 @@ class Outbox:
                 return
 
     def subscribe(self, graph: Graph, request: Subscribe, owner: object, tell: Callable[[str], None]) -> None:
-        """A request for a topic.
+        """Subscribe the client to a topic.
 
         Args:
             tell: called with a sentence if the topic is advertised with another type later.
 
         Raises:
             InputError: see `Graph.subscribe`.
-            ConflictError: there are too many for this topic.
+            ConflictError: the client has too many subscriptions of this topic.
         """
         feed = self.feeds.get(request.topic)
         if feed is None:

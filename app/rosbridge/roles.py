@@ -1,4 +1,4 @@
-"""Which role each operation of rosbridge needs; calls of services need in addition that of the service."""
+"""The role that each operation of rosbridge needs. A service call also needs the role of the service."""
 
 from __future__ import annotations
 

@@ -49,12 +49,12 @@ DEFINITIONS = {
     "rosapi_msgs/srv/DeleteParam": "string name\n---\n",
 }
 NODE = "/cobot"
-"""The service is one node: to rosapi, all that there is on the graph is its."""
+"""Name of the only node. All topics and services of the graph belong to it."""
 UNKNOWN = ""
 
 
 def add_rosapi(graph: Graph) -> None:
-    """Offer them."""
+    """Offer the services of /rosapi."""
     graph.messages.promise(DEFINITIONS)
     for name, (type_, answer) in _services(graph).items():
 
@@ -72,7 +72,7 @@ def add_rosapi(graph: Graph) -> None:
 
 
 def _services(graph: Graph) -> dict[str, tuple[str, Callable[[Message], Message]]]:
-    """By name: the type and what answers."""
+    """The type and the function of each service, by name."""
 
     def named(table: Callable[[], dict[str, str]], wanted: str) -> list[str]:
         return [name for name, type_ in table().items() if type_ == wanted]
@@ -148,7 +148,7 @@ def _node(graph: Graph, node: str) -> Message:
 
 
 def _details(messages: Messages, name: str) -> list[Message]:
-    """A type and those that it is made of, each once."""
+    """A type and all types that it contains, each once."""
     made: dict[str, Message] = {}
     waiting = [name]
     while waiting:
@@ -170,7 +170,7 @@ def _details(messages: Messages, name: str) -> list[Message]:
 
 
 def _example(type_: str, length: int) -> str:
-    """As rosapi has it."""
+    """An example value of a type, in rosapi's form."""
     if length >= 0:
         return "[]"
     if "/" in type_:

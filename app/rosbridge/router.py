@@ -24,7 +24,9 @@ from cobot.ros.message_limits import MAX_MESSAGE, check_message
 PATH = "/rosbridge"
 MAX_CONNECTIONS = 32
 MAX_FRAME_BYTES = 2 * MAX_MESSAGE
-"""A larger frame closes the connection; a message that is too large, in a smaller frame, is an error only."""
+"""Maximum size of a frame, in bytes. A larger frame closes the connection. A smaller frame with too large a
+message is only an error.
+"""
 TRY_LATER = 1013
 
 router = EndpointRouter()
@@ -78,8 +80,8 @@ async def _receive(socket: WebSocket, connection: RosbridgeConnection, large: as
 
 
 async def _receive_one(socket: WebSocket, connection: RosbridgeConnection, large: asyncio.Lock) -> bool:
-    """Take the next message; whether there was one. Nothing of it is kept while the one after is awaited:
-    decoded it has three times its size, and each connection would hold one.
+    """Handle the next message, and return whether there was one. The message is freed before the next one is
+    awaited. Otherwise each connection would hold a decoded message, which has three times the size.
     """
     message = await socket.receive()
     if message["type"] != "websocket.receive":

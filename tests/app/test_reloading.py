@@ -216,10 +216,10 @@ def test_a_signal_has_its_answer_in_the_log(service: VirtualService, tmp_path: P
 
     edit(tmp_path / "arm.srdf", 'name="work"', 'name="bench"')
     service.run(hang_up())
-    assert "INFO reload: taken over: named positions: bench added, work removed" in service.output
+    assert "INFO reload: applied: named positions: bench added, work removed" in service.output
     edit(service.config, "web: {", "web: {port: x, ")
     service.run(hang_up())
-    assert "ERROR reload refused: " in service.output
+    assert "ERROR reload rejected: " in service.output
     assert "web.port: " in service.output
 
 

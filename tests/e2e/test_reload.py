@@ -215,7 +215,7 @@ def test_an_arm_is_not_left_beyond_its_limits(run: Edited) -> None:
     run.limit("joint1", "max_position", 1.5)
     answer = run.reload()
     assert answer.status_code == 409
-    assert "stands beyond the new limits: the angle of joint1 is 2 rad" in answer.json()["detail"]
+    assert "is outside the new limits: the angle of joint1 is 2 rad" in answer.json()["detail"]
     run.limit("joint1", "max_position", 2.97)
     run.go_home()
 
@@ -224,12 +224,12 @@ def test_sighup_reads_the_configuration_again_and_the_log_has_the_answer(run: Ed
     run.edit(run.config.name, "rt: {", "rt: {priority: 70, ")
     pid = run.child("rtloop")
     run.process.send_signal(signal.SIGHUP)
-    run.until(lambda: "taken over: named positions: desk added, bench removed" in run.output)
+    run.until(lambda: "applied: named positions: desk added, bench removed" in run.output)
     run.until(lambda: "needs a restart: rt.priority: 80 → 70" in run.output)
     assert run.child("rtloop") == pid
     (run.folder / "limits.yaml").rename(run.folder / "away.yaml")
     run.process.send_signal(signal.SIGHUP)
-    run.until(lambda: re.search(r"reload refused: .*limits\.yaml: no such file", run.output))
+    run.until(lambda: re.search(r"reload rejected: .*limits\.yaml: no such file", run.output))
     (run.folder / "away.yaml").rename(run.folder / "limits.yaml")
     assert run.healthy()
 

@@ -304,7 +304,7 @@ def test_what_ends_the_moves_leaves_the_arm_at_rest_and_free(robot: Robot, metho
 
 
 def test_a_gentler_stop_than_the_limits_is_not_supported(robot: Robot) -> None:
-    assert "from 10 rad/s²" in robot.fails(Code.NOT_SUPPORTED, "MotionControl", "stopJoint", acc=2.0)
+    assert "at least 10 rad/s²" in robot.fails(Code.NOT_SUPPORTED, "MotionControl", "stopJoint", acc=2.0)
     robot.fails(Code.NOT_SUPPORTED, "MotionControl", "stopLine", acc=1.0)
     assert robot("MotionControl", "stopJoint", acc=31.0) == 0
 

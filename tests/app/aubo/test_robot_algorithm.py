@@ -174,9 +174,9 @@ def test_a_tip_is_found_from_touches_of_one_point(services: Any, robot: RobotDes
         fails = ask.fails
         assert "3 poses" in await fails("calibrateTcpPosition", Code.INPUT, poses=json.dumps(poses[:2]))
         alike = json.dumps([poses[0]] * 4)
-        assert "turned too little" in await fails("calibrateTcpPosition", Code.INPUT, poses=alike)
+        assert "rotated too little" in await fails("calibrateTcpPosition", Code.INPUT, poses=alike)
         axis = json.dumps([[0.0, 0.0, 0.0, angle, 0.0, 0.0] for angle in (0.0, 0.5, 1.0)])
-        assert "about one axis only" in await fails("calibrateTcpPosition", Code.INPUT, poses=axis)
+        assert "about only one axis" in await fails("calibrateTcpPosition", Code.INPUT, poses=axis)
         words = json.dumps([["x"] * 6] * 3)
         assert "poses[0] must be a list of numbers" in await fails(
             "calibrateTcpPosition", Code.INPUT, poses=words

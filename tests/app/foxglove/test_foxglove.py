@@ -175,11 +175,14 @@ def test_it_comes_at_the_rate_that_was_asked_for_and_no_more_after_unsubscribe(r
         ({"op": "subscribe", "subscriptions": [3]}, "each is an object"),
         ({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}, "there is no channel 99"),
         ({"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1}]}, "id: a whole number"),
-        ({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 1}] * 2}, "a subscription 1 already"),
+        (
+            {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 1}] * 2},
+            "subscription 1 exists already",
+        ),
         ({"op": "unsubscribe", "subscriptionIds": ["x"]}, "subscriptionIds: a whole number"),
         ("no JSON", "is not valid JSON"),
         (["a", "list"], "op:"),
-        (b"\1binary", "binary messages are not understood"),
+        (b"\1binary", "binary messages are not supported"),
     ],
 )
 def test_what_is_not_understood_is_said_and_the_rest_goes_on(

@@ -278,7 +278,7 @@ def test_a_service_gets_a_complete_request_and_answers_completely() -> None:
         assert await graph.call_service("/s", {}) == {"success": False, "message": ""}
         with pytest.raises(InputError, match="SetBool_Request: data: must be true or false"):
             await graph.call_service("/s", {"data": 1})
-        with pytest.raises(ConflictError, match="there is a service /s already"):
+        with pytest.raises(ConflictError, match="the service /s already exists"):
             graph.add_service("s", "std_srvs/srv/SetBool", answer, owner=1)
         graph.remove_service(service)
         graph.remove_service(service)
@@ -363,9 +363,9 @@ def test_a_goal_is_refused_with_the_reason() -> None:
             await graph.send_goal("/count", "one", {})
         goal_id = new_id()
         await graph.send_goal("/count", goal_id, {"until": 0})
-        with pytest.raises(ConflictError, match="was sent already"):
+        with pytest.raises(ConflictError, match="was already sent"):
             await graph.send_goal("/count", goal_id, {"until": 0})
-        with pytest.raises(ConflictError, match="there is an action /count already"):
+        with pytest.raises(ConflictError, match="the action /count already exists"):
             graph.add_action(Count())
 
     live(test)

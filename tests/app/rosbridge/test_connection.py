@@ -403,7 +403,7 @@ def test_a_client_offers_a_service_to_another() -> None:
         two.ask("call_service", service="/s")
         await one.next()
         one.ask("unadvertise_service", service="/s")
-        assert "is not offered any more" in (await two.next())["values"]
+        assert "is no longer offered" in (await two.next())["values"]
         assert "/s" not in graph.services
 
     live(test)
@@ -435,7 +435,7 @@ def test_what_a_client_had_ends_with_it() -> None:
         while len(answers) < 2:
             answers |= {message["op"]: message for message in two.got()}
             await asyncio.sleep(0)
-        assert "is not offered any more" in answers["service_response"]["values"]
+        assert "is no longer offered" in answers["service_response"]["values"]
         assert (answers["action_result"]["status"], answers["action_result"]["result"]) == (6, True)
         assert not graph.gateways
         assert not [name for name in graph.topics() if name in "/a /b" or "/act" in name]
@@ -451,7 +451,7 @@ def test_a_goal_with_feedback_and_cancel() -> None:
         told = await one.next()
         assert told == {"op": "action_feedback", "action": "/wait", "id": "g", "values": {"now": 1}}
         one.ask("send_action_goal", action="/wait", args=[True], id="g")
-        assert "the goal 'g' is under way already" in errors(one)[0]
+        assert "the goal 'g' is already in progress" in errors(one)[0]
         two.ask("cancel_action_goal", action="/wait", id="g")
         assert "no goal 'g' of /wait is under way" in errors(two)[0]
         one.ask("cancel_action_goal", action="/wait", id="g")

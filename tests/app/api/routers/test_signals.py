@@ -136,12 +136,12 @@ def test_distances_are_lengths_of_the_path_of_the_tcp(run: WiredService) -> None
         (
             {"pause_while": {"input": "part", "edge": "rising"}},
             422,
-            "pause_while.edge: an edge does not last",
+            "pause_while.edge: an edge has no duration",
         ),
         (
             {"until": {"force": {"direction": {"x": 0.0, "y": 0.0, "z": 0.0}}}},
             422,
-            "until.force.direction: has",
+            "until.force.direction: the length",
         ),
         ({"until": {"torque": {"joint": "elbow"}}}, 422, "until.torque.joint: there is no joint 'elbow'"),
         ({"until": {"force": {}, "relative_to": "zero"}}, 409, "POST /robot/force/zero makes one"),
