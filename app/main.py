@@ -50,8 +50,7 @@ from cobot.robot.description import RobotDescription, load_robot
 DESCRIPTION = """Moves a robot arm. The answer to a motion comes when the motion has ended; `success` reports
 whether the arm has arrived and settled. Lengths are in m, angles in rad. Each endpoint of a robot also exists
 below `/robots/NAME`: [endpoints by robot](/docs/robots). The services of the controller's vendor have [their
-own page](/docs/vendor). **This service is not a safety system.**
-"""
+own page](/docs/vendor). **This service is not a safety system.**"""
 
 
 def create_app(
