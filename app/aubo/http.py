@@ -44,7 +44,8 @@ JSON_TYPES: dict[str, dict[str, Any]] = {
     "json": {"type": "string", "contentMediaType": "application/json"},
 }
 DESCRIPTION = """The services of the controller's vendor, the same as on ROS 2. Each answers with a `code`; 0
-is success, see docs/services.md. Lengths in m, angles in rad. The REST API is on [a page of its own](/docs)."""
+is success, see docs/services.md. Lengths in m, angles in rad. The REST API is on
+[a page of its own](/docs)."""
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 POSE = [0.4, 0.0, 0.5, 0.0, 3.1, 0.0]
 VIA, END = [0.45, 0.1, 0.55, 0.0, 3.1, 0.0], [0.4, 0.2, 0.55, 0.0, 3.1, 0.0]
