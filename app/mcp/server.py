@@ -40,8 +40,8 @@ MANUAL = f"""\
 {INSTRUCTIONS}
 
 1. get_state reports where the arm is, list_positions the named positions, get_scene the obstacles.
-2. plan_to_position, plan_to_joints, plan_to_pose, plan_path and plan_arc answer with a plan_id, the duration, \
-a sampled path, how much of each limit is used and the closest distances. Nothing has moved.
+2. plan_to_position, plan_to_joints, plan_to_pose, plan_path and plan_arc answer with a plan_id, the \
+duration, a sampled path, how much of each limit is used and the closest distances. Nothing has moved.
 3. preview draws the plan, rehearse runs it on a simulated copy of the robot and reports the first problem.
 4. execute runs it, if an operator has approved it (each approval is for one run) or if the settings of \
 the robot draw a fence and the plan is within: a box for the TCP, a speed, a payload, planners, hours. The \
