@@ -17,12 +17,16 @@ def add_parsers(commands: Any, config: argparse.ArgumentParser) -> None:
         "backup", parents=[config], help="write settings, tool, scene, positions and programs to one file"
     )
     restore = commands.add_parser(
-        "restore", parents=[config], help="check such a file, and restore it now or with the next start"
+        "restore",
+        parents=[config],
+        help="check a backup, and restore it now, or at the next start if cobot is running",
     )
     support = commands.add_parser(
         "support", parents=[config], help="write configuration, versions, health and logs to one file"
     )
     for each in (backup, support):
-        each.add_argument("file", type=Path, metavar="FILE", help="to be made; a ZIP archive")
-    restore.add_argument("file", type=Path, metavar="FILE", help="that cobot backup or the panel has made")
+        each.add_argument("file", type=Path, metavar="FILE", help="the ZIP archive to write")
+    restore.add_argument(
+        "file", type=Path, metavar="FILE", help="a backup written by cobot backup or by the panel"
+    )
     options.add_service_options(support, robot=False)

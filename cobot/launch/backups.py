@@ -44,9 +44,9 @@ def run(chosen: argparse.Namespace) -> None:
 
 
 def restore_staged(settings: Settings, config: Path | None) -> Settings:
-    """Restore what is staged, before a start. The settings to start with.
+    """Restore a staged backup before a start, and return the settings to start with.
 
-    An archive that cannot be restored does not prevent the start; the log has the reason.
+    A backup that cannot be restored does not prevent the start; the log gives the reason.
     """
     if not staged_file(settings).exists():
         return settings
@@ -69,7 +69,7 @@ def _restore(chosen: argparse.Namespace, settings: Settings) -> None:
         with keeping_alone(settings):
             activate(settings, chosen.config)
     except ConflictError:
-        _tell(backup, "cobot runs: the next start restores")
+        _tell(backup, "cobot is running, so the next start will restore the backup")
         return
     record_from_cli(settings, f"restore {chosen.file}")
     _tell(backup, "restored")
@@ -84,7 +84,7 @@ def _tell(backup: Backup, what: str) -> None:
 
 
 def _support(chosen: argparse.Namespace, settings: Settings) -> None:
-    """From the service, or from the files if it does not answer."""
+    """Write a bundle with data from the service, or from the files alone if the service does not answer."""
     if chosen.file.exists():
         raise InputError(f"{chosen.file}: {EXISTS}")
     verify = True if chosen.certificate is None else chosen.certificate
@@ -93,7 +93,7 @@ def _support(chosen: argparse.Namespace, settings: Settings) -> None:
         with Client(url, token=chosen.token, verify=verify, timeout_s=SUPPORT_TIMEOUT_S) as client:
             client.fetch_support(chosen.file)
     except UnavailableError as exc:
-        print(f"cobot: {plain_lines(exc)}; the bundle has the files only", file=sys.stderr)
+        print(f"cobot: {plain_lines(exc)}; the bundle contains only the files", file=sys.stderr)
         _write(chosen.file, make_bundle(settings, {}))
 
 
@@ -106,7 +106,7 @@ def _content(path: Path) -> bytes:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Make a file for its owner; one that exists is left as it is."""
+    """Create a file that only its owner can read. An existing file is never overwritten."""
     try:
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
             file.write(content)

@@ -1,4 +1,4 @@
-"""`cobot check`: everything that can be known to be wrong before anything moves."""
+"""`cobot check`: finds the errors that can be found before anything moves."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from cobot.types import PlannerName, Scaling, vector
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """One item: what was found, or what is wrong."""
+    """The result for one item: what was found, or what is wrong."""
 
     item: str
     good: bool
@@ -45,7 +45,7 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> list[Checked]
 
     Checks the endpoints file, the address, the folders, the model with its limits, whether the drives can
     hold the arm in every posture, the backend, and of each named position: limits, self-collision, that the
-    drives can hold it, and that a ptp motion leads there from the start position.
+    drives can hold it, and that a ptp motion from the start position reaches it.
 
     Args:
         config: the settings' file, for the real-time process.
@@ -115,13 +115,14 @@ class _Report:
 
 
 def _address(web: WebSection) -> str:
-    """Whether it is one of this computer's; the port may well be in use, by cobot itself."""
+    """Check that the address belongs to this computer. The port may be in use, because cobot itself may be
+    running."""
     _resolve(web)
     return f"{web.host} port {web.port}"
 
 
 def _resolve(web: WebSection) -> str:
-    """The address that it listens on."""
+    """The address on which the service listens."""
     try:
         family, _, _, _, address = socket.getaddrinfo(web.host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as listener:
@@ -148,7 +149,8 @@ def _core(cpu: int | None) -> str:
 
 
 def _folder(folder: Path) -> str:
-    """Nothing is made: it would be of who checks, and the service perhaps of another user."""
+    """Check that a folder can be written to. It is not created, because it would belong to the user who
+    checks, and the service may run as another user."""
     try:
         there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
         with tempfile.TemporaryFile(dir=there):
@@ -170,15 +172,15 @@ def _log(settings: Settings) -> str:
 
 
 def _backend(settings: Settings, config: Path | None) -> str:
-    """Whether the real-time process, as `cobot run` would start it, can make it."""
+    """Check that the real-time process, started as `cobot run` would start it, can create the backend."""
     return _said_by("rtloop", config, "--robot", settings.robot.name)
 
 
 def _said_by(module: str, config: Path | None, *options: str) -> str:
-    """What a process of cobot says with --check.
+    """The last line that a process of cobot prints with --check.
 
     Raises:
-        ConfigError: it does not find all in order.
+        ConfigError: the process has found an error.
     """
     command = [*RUN_MODULE, module, "--check", *options]
     command += ["--config", str(config)] if config else []
@@ -190,14 +192,14 @@ def _said_by(module: str, config: Path | None, *options: str) -> str:
 
 
 def _visuals(robot: RobotDescription) -> str:
-    """How many visuals the robot has; whether all their meshes can be read."""
+    """The number of visuals of the robot. Checks that all their meshes can be read."""
     found = visuals_of(robot.model_file)
     size = sum(len(found.read_mesh(number)) for number in range(len(found.meshes)))
     return f"{len(found.visuals)}, with {len(found.meshes)} meshes of {size / 1e6:.1f} MB"
 
 
 def _efforts(robot: RobotDescription, settings: Settings) -> str:
-    """Whether the drives hold the arm, with its tool, in all postures free of collisions."""
+    """Check that the drives hold the arm, with its tool, in all postures free of collisions."""
     attach_tool_and_objects(robot, settings)
     holding = examine(robot.model, robot.collision, robot.limits)
     carried = robot.model.carried.mass

@@ -25,7 +25,7 @@ EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit status: 0 good, 1 failed, 2 wrong usage."""
+    """Run the command line and return the exit status: 0 for success, 1 for failure, 2 for wrong usage."""
     parser = make_parser()
     chosen = parser.parse_args(arguments)
     chosen.is_program = arguments is None  # otherwise the process belongs to a caller that may have threads
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(chosen: argparse.Namespace) -> int:
-    """Import what the command needs, and nothing else."""
+    """Run the command. Imports only the modules that the command needs."""
     try:
         if chosen.command == "token":
             token.run(chosen)
@@ -142,7 +142,7 @@ def _new_robot(chosen: argparse.Namespace) -> int:
     )
     folder = chosen.output or Path(chosen.file.name.split(".")[0])
     robot.write(folder)
-    print(f"{folder} has been made. Guessed values, please check them:")
+    print(f"{folder} has been created. Check these guessed values:")
     for sentence in robot.guessed:
         print(f"  {plain_lines(sentence)}")
     config = typed("--config", str(folder))
@@ -169,8 +169,8 @@ def _stop(chosen: argparse.Namespace) -> int:
 
 
 def _running(robots: Sequence[str]) -> list[Settings]:
-    """Settings of this user's running cobots with these robots, or of all without names. Their audit is
-    there."""
+    """Settings of this user's running cobots that have one of these robots, or of all if `robots` is
+    empty."""
     from cobot.launch.running_config import RunningConfig
 
     found = []
@@ -183,7 +183,8 @@ def _running(robots: Sequence[str]) -> list[Settings]:
 
 
 def _become_client(chosen: argparse.Namespace) -> NoReturn:
-    """Become the runner or the bridge for agents. Both are ordinary clients, unknown to this library."""
+    """Replace this process by the program runner or the bridge for agents. Both are ordinary clients of the
+    service."""
     if chosen.command == "lua":
         url = address(chosen.url, chosen.robot) if chosen.robot else chosen.url
         command = [*RUN_MODULE, "cobot.runner", "run", "--lua", "--url", url, "--", str(chosen.file)]
@@ -195,7 +196,7 @@ def _become_client(chosen: argparse.Namespace) -> NoReturn:
 
 
 def _with_cell(settings: Settings, cell: Path | None) -> Settings:
-    """The settings with this cell for the default robot; None keeps that of the settings."""
+    """The settings with this cell for the default robot. With None the cell of the settings is kept."""
     if cell is None:
         return settings
     robot = {"robot": settings.robot.model_copy(update={"cell": cell_file(cell.resolve())})}

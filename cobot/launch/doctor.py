@@ -1,4 +1,5 @@
-"""`cobot doctor`: checks whether this computer suits a punctual robot, and prints the commands that help.
+"""`cobot doctor`: checks whether this computer can run the real-time cycle on time, and prints commands that
+help.
 
 It reads and probes, and changes nothing. This module is long because it lists all that can be wrong with a
 computer.
@@ -51,7 +52,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """One line of the report. `remedy` is the command to type."""
+    """One line of the report. `remedy` is the command that solves the problem."""
 
     item: str
     verdict: Severity
@@ -143,7 +144,7 @@ def configuration(settings: Settings, config: Path | None) -> Iterator[Diagnosis
 
 
 def kernel(machine: Machine) -> Diagnosis:
-    """Whether a process that is due runs soon."""
+    """Whether the kernel is a real-time kernel, which runs a process that is due without delay."""
     version = machine.read("/proc/sys/kernel/version")
     found = f"Linux {machine.read('/proc/sys/kernel/osrelease')} {version}"
     if "PREEMPT_RT" in version or machine.read("/sys/kernel/realtime") == "1":
@@ -158,7 +159,7 @@ def kernel(machine: Machine) -> Diagnosis:
 
 
 def governor(machine: Machine) -> Diagnosis:
-    """Whether the cores slow down when they have little to do, as in the cycle."""
+    """Whether the cores slow down while they are idle, as they are between two cycles."""
     found = machine.each("/sys/devices/system/cpu", "cpu[0-9]*/cpufreq/scaling_governor")
     if not found:
         return Diagnosis("governor", Severity.OK, "Linux does not choose the cores' frequency here")
@@ -188,7 +189,7 @@ def clock_source(machine: Machine) -> Diagnosis:
 
 
 def cores(count: int) -> Diagnosis:
-    """Whether planning and the service leave one core to the cycle."""
+    """Whether there is a core for the cycle, in addition to those that planning and the service use."""
     found = f"{count} for this process"
     if count >= WELL_CORES:
         return Diagnosis("cores", Severity.OK, found)
@@ -323,7 +324,7 @@ def port(settings: Settings, machine: Machine) -> Diagnosis:
 
 
 def listening(machine: Machine, number: int) -> int | None:
-    """The first process that has the socket of a TCP port; None if none is visible."""
+    """The first process that listens on a TCP port; None if no such process is visible."""
     inodes = set()
     for table in ("tcp", "tcp6"):
         for line in machine.read(f"/proc/net/{table}").splitlines()[1:]:
@@ -340,13 +341,13 @@ def listening(machine: Machine, number: int) -> int | None:
 
 
 def compiler(checkout: Path) -> Diagnosis:
-    """Whether a compiler is present. It is needed only to build cobot; setup.py has the rule."""
+    """Whether a compiler is present. Only building cobot needs one, see setup.py."""
     if not (checkout / "setup.py").is_file():
         return Diagnosis("compiler", Severity.OK, "not needed: cobot is installed")
     command = [sys.executable, "setup.py", "preflight"]
     done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=False)
     if done.returncode == 0:
-        return Diagnosis("compiler", Severity.OK, "there is one, for the checkout")
+        return Diagnosis("compiler", Severity.OK, "found; the checkout needs it")
     remedy = "sudo apt-get install gcc python3-dev"
     return Diagnosis("compiler", Severity.PROBLEM, done.stderr.strip(), remedy)
 

@@ -1,4 +1,4 @@
-"""Whether `api_endpoints.yaml` is right: only the service knows which endpoints there are, so it is asked."""
+"""Check of `api_endpoints.yaml` by the service, because only the service knows which endpoints exist."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from cobot.errors import ConfigError
 from cobot.launch.process import RUN_MODULE
 
 MAX_WAIT_S = 60.0
-"""How long the service may take to tell which endpoints it has, s: 2 s, and more on a computer under load."""
+"""Timeout for the service to list its endpoints, s. Usually it needs 2 s, and more on a busy computer."""
 
 
 def check_endpoints(path: Path) -> dict[str, EndpointChange]:
-    """Read the file. A file that changes nothing costs no look at the service.
+    """Read and check the file. The service is started only if the file changes something.
 
     Raises:
         ConfigError: see `load_endpoints`.
@@ -33,10 +33,12 @@ def check_endpoints(path: Path) -> dict[str, EndpointChange]:
             )
         except subprocess.TimeoutExpired as exc:
             raise ConfigError(
-                f"{path}: the service has not told within {MAX_WAIT_S:g} s which endpoints it has: start "
+                f"{path}: the service has not listed its endpoints within {MAX_WAIT_S:g} s: start "
                 "again when the computer has less to do"
             ) from exc
         if done.returncode != 0:
             said = done.stderr.strip().splitlines()
-            raise ConfigError(said[-1] if said else f"{path}: the service ends with status {done.returncode}")
+            raise ConfigError(
+                said[-1] if said else f"{path}: the service ended with status {done.returncode}"
+            )
     return changes

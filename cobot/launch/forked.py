@@ -1,4 +1,4 @@
-"""Fast first start of each process, without a second import of what its parent has imported.
+"""Fast first start of each process, without importing again what its parent has imported.
 
 Imports are most of the cost of a start, and the parent already has half of them. So the supervisor forks its
 children, and the service its planning processes, before they have threads of their own. Each fork waits for
@@ -49,11 +49,12 @@ class Forked:
     def become(
         self, command: Sequence[str], output: int, descriptors: Sequence[int], environment: Mapping[str, str]
     ) -> bool:
-        """Turn it into the process of a command, which begins like `RUN_MODULE`. False if it has ended.
+        """Let the process run a command, which begins with `RUN_MODULE`. Returns False if the process has
+        ended.
 
         Args:
-            output: descriptor of its output.
-            descriptors: descriptors that it keeps, under the same numbers.
+            output: descriptor of the command's output.
+            descriptors: descriptors that the command inherits, under the same numbers.
         """
         task = {"command": list(command), "descriptors": list(descriptors), "environment": dict(environment)}
         try:

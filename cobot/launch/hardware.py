@@ -75,13 +75,13 @@ def _device(name: str) -> DeviceReport | None:
 
 
 def _backend(item: str, checked: Sequence[Checked], device: DeviceReport | None) -> Checked:
-    """Whether the backend can be created, and moves something real."""
+    """Whether the backend can be created and drives real hardware."""
     said = next((each for each in checked if each.item == item), None)
     if device is not None:
         what = "hardware" if device.capabilities.hardware else "a simulation: robot.backend names no hardware"
         return Checked(item, device.capabilities.hardware, what)
     if said is None or not said.good:
-        return Checked(item, False, "it cannot be created: see above")
+        return Checked(item, False, "the backend cannot be created: see above")
     return Checked(item, ": hardware;" in said.found, said.found)
 
 
@@ -98,8 +98,11 @@ def _limits(backend: str, checked: Sequence[Checked]) -> Checked | tuple[str, st
     said = next((each.found for each in checked if each.item == backend), "")
     _, told, less = said.partition(f"; {LESS}: ")
     if told:
-        return Checked(item, True, f"{LESS}, and those limits are used: {less}")
-    return item, "the device reports none below the model's: compare them with its data sheet"
+        return Checked(item, True, f"{LESS}; the device's limits are used: {less}")
+    return (
+        item,
+        "the device reports no limits below those of the model: compare the model with the data sheet",
+    )
 
 
 def _load(settings: Settings) -> Checked | tuple[str, str]:
@@ -109,7 +112,10 @@ def _load(settings: Settings) -> Checked | tuple[str, str]:
     except CobotError as exc:
         return Checked(item, False, str(exc))
     if not tool.version:
-        return (item, "never set: POST /robot/tool, or check the model's own; the same in the controller")
+        return (
+            item,
+            "never set: POST /robot/tool, or check the tool of the model; set the same in the controller",
+        )
     return Checked(item, True, f"{tool.name or 'no name'}, {tool.mass:g} kg; set the same in the controller")
 
 

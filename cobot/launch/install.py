@@ -80,7 +80,7 @@ def commands() -> list[list[str]]:
 
 
 def install(out: TextIO, prefix: Path | None, *, dry_run: bool, command: Sequence[str] | None = None) -> None:
-    """Write what is missing or different, tell the system, and print both.
+    """Write the files that are missing or different, make the system read them, and print each step.
 
     Args:
         prefix: a folder in place of /: only files are written, below it.
@@ -130,7 +130,7 @@ def uninstall(out: TextIO, prefix: Path | None, *, dry_run: bool) -> None:
 
 
 def _write(file: File, out: TextIO, root: Path, dry_run: bool) -> bool:
-    """Whether it was, or would be, written."""
+    """Write a file if it differs. Returns whether it was written, or with `dry_run` would be."""
     target = _below(root, file.path)
     old = target.read_text(encoding="utf-8") if target.exists() else None
     if old is not None and (old == file.content or file.keep is Keep.THEIRS):
@@ -177,8 +177,8 @@ def _require_system(what: str) -> None:
 
 
 def _require_readable(python: Path) -> None:
-    """Check that the service's user can read the installation, which is not so below /root or a closed
-    home."""
+    """Check that the service's user can read the installation. It cannot below /root or a closed home
+    folder."""
     for folder in (python.absolute().parent, *python.absolute().parents):
         if not folder.stat().st_mode & stat.S_IXOTH:
             raise InstallError(
@@ -253,7 +253,7 @@ WatchdogSec=10
 Restart=on-failure
 RestartSec=2
 
-# Limits of a punctual cycle. rtloop asks for SCHED_FIFO itself (rt.priority), so nothing else runs with it.
+# Limits for a cycle that runs on time. Only rtloop requests SCHED_FIFO (rt.priority).
 LimitRTPRIO=98
 LimitMEMLOCK=infinity
 LimitNICE=-10

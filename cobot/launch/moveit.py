@@ -136,10 +136,10 @@ def generate_launch_description():
 
 
 def write_moveit_config(settings: Settings, folder: Path) -> Path:
-    """Write the package of the default robot to a folder, and return the package's own folder.
+    """Write the package for the default robot into a folder. Returns the folder of the package.
 
     Raises:
-        ConfigError: the folder cannot be written, or has such a package already.
+        ConfigError: the folder cannot be written, or already contains such a package.
     """
     made = folder / package_name(settings)
     if made.exists():

@@ -1,4 +1,5 @@
-"""What `cobot backend new` and `cobot gripper new` have in common: a name, and a folder of files."""
+"""Parts that `cobot backend new` and `cobot gripper new` share: checking a name, and writing a folder of
+files."""
 
 from __future__ import annotations
 
@@ -16,15 +17,15 @@ MAX_LENGTH = 40
 
 
 def check_name(name: str, taken: Mapping[str, str], what: str, suffix: str) -> None:
-    """See that a name can be one of a new class.
+    """Check that a new backend or gripper can have this name.
 
     Args:
-        taken: the names that there are, with their places.
+        taken: the existing names, each with the place where it is defined.
         what: "backend" or "gripper".
-        suffix: that makes a name of a word of Python.
+        suffix: appended to the examples of valid names in messages.
 
     Raises:
-        ConfigError: it cannot.
+        ConfigError: the name is invalid, reserved by Python, or taken.
     """
     if len(name) > MAX_LENGTH or not NAME.fullmatch(name):
         raise ConfigError(
@@ -32,21 +33,21 @@ def check_name(name: str, taken: Mapping[str, str], what: str, suffix: str) -> N
             f"letter first, at most {MAX_LENGTH}, such as my_{suffix}"
         )
     if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in sys.stdlib_module_names:
-        raise ConfigError(f"{name!r} is a word of Python: choose another name, such as {name}_{suffix}")
+        raise ConfigError(f"{name!r} is reserved by Python: choose another name, such as {name}_{suffix}")
     if name in taken:
         valid = ", ".join(sorted(taken))
         raise ConfigError(f"{name!r} is taken by {taken[name]}; the {what}s are: {valid}")
 
 
 def write_package(folder: Path, files: Mapping[str, str]) -> None:
-    """Make a folder with these files, whole or not at all.
+    """Create a folder with these files, either completely or not at all.
 
     Raises:
-        ConfigError: the place cannot be used; nothing has been written.
+        ConfigError: the folder exists or cannot be written; nothing has been written.
     """
     parent = folder.parent
     if folder.exists():
-        raise ConfigError(f"{folder}: is there already; choose another --dir, or remove it")
+        raise ConfigError(f"{folder}: exists already; choose another --dir, or remove it")
     if not parent.is_dir():
         raise ConfigError(f"{folder}: cannot be written: there is no folder {parent}; make it first")
     try:

@@ -1,4 +1,4 @@
-"""What the `cobot` command understands: every command with its options."""
+"""The command line of `cobot`: every command with its options."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ DESCRIPTION = """\
 A robot arm behind a REST service.
 
   cobot run      start the simulated (or real) robot and the service, and watch over both
-  cobot run FILE    run a sequence (.json) or program (.lua) at the service that runs, see docs/cli.md
-  cobot state, move, send, jobs, watch, teleop   use a service that runs, see docs/cli.md
-  cobot acknowledge   let a real robot move faster after a first look at it, see docs/safety.md
+  cobot run FILE    run a sequence (.json) or program (.lua) at a running service, see docs/cli.md
+  cobot state, move, send, jobs, watch, teleop   use a running service, see docs/cli.md
+  cobot acknowledge   let a real robot move faster, once you have inspected it, see docs/safety.md
   cobot check    validate the whole configuration, without starting anything
   cobot simulate fri   a simulated robot controller for any client of KUKA's FRI, see docs/kuka-fri.md
   cobot simulate robotiq   a simulated gripper for any client of Robotiq's, see docs/grippers.md
-  cobot backend  list, make and test what drives a robot, see docs/your-backend.md
-  cobot gripper  list, make and test what drives a gripper, see docs/your-gripper.md
+  cobot backend  list, create and test robot drivers (backends), see docs/your-backend.md
+  cobot gripper  list, create and test gripper drivers, see docs/your-gripper.md
   cobot new-robot   make the configuration of another arm from its URDF or MJCF, see docs/your-robot.md
   cobot study    answer a question that needs thousands of computations, see docs/studies.md
   cobot fleet    all cells of a plant on one page, with one stop for all, see docs/fleet.md
-  cobot stop     bring every arm of this computer to rest, whatever has become of the service
+  cobot stop     stop every arm of this computer, even if the service has crashed or is overloaded
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
-  cobot record   write down what the robot did or does; cobot plot draws it, cobot replay moves the arm again
+  cobot record   record the motion of the robot; cobot plot draws a recording, cobot replay repeats it
   cobot mcp      let an agent that speaks MCP over stdio use a running service, see docs/mcp.md
   cobot token    make, list and revoke the tokens that a service on the network asks for
-  cobot backup   write what people have set up to one file; cobot restore takes it back
+  cobot backup   write the configuration and the programs to one file; cobot restore restores them
   cobot support  write versions, health, logs and settings without secrets to one file
-  cobot doctor   whether this computer is fit for it, and what to type where it is not
-  cobot completion  print what makes bash, zsh or fish complete commands
-  cobot install  make it a service of systemd; cobot uninstall takes that back
+  cobot doctor   check whether this computer suits real-time control, and print commands that help
+  cobot completion  print a script with which bash, zsh or fish complete commands
+  cobot install  install cobot as a systemd service; cobot uninstall removes the service
 
 The first run needs no configuration: open http://localhost:8007 and move the arm."""
 
 SIMULATORS = {"fri": "rtloop.backends.fri.simulator", "robotiq": "cobot.grippers.robotiq.simulator"}
-"""Modules of what `cobot simulate` runs; each knows its own options."""
+"""Modules that `cobot simulate` runs. Each defines its own options."""
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -92,7 +92,7 @@ def _add_run(commands: Any, config: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--clock",
         choices=["realtime", "fast"],
-        help="instead of rt.clock; fast simulates motions as fast as the machine can",
+        help="clock to use instead of rt.clock; fast simulates motions as fast as the computer can",
     )
     run.add_argument(
         "--cell",
@@ -104,19 +104,23 @@ def _add_run(commands: Any, config: argparse.ArgumentParser) -> None:
 
 
 def _add_clients(commands: Any) -> None:
-    """What becomes a client of a running service."""
+    """Add the commands that are clients of a running service."""
     service = argparse.ArgumentParser(add_help=False)
     service.add_argument("--url", metavar="URL", default=options.default_url(), help=options.URL_HELP)
     service.add_argument(
         "--token",
         metavar="TOKEN",
-        help="for a service that asks for one; COBOT_TOKEN tells it to fewer people",
+        help="access token, if the service requires one; the variable COBOT_TOKEN keeps it out of process "
+        "lists",
     )
     service.add_argument(
-        "--certificate", type=Path, metavar="FILE", help="of a service with https and no public certificate"
+        "--certificate",
+        type=Path,
+        metavar="FILE",
+        help="certificate to trust, for an https service without a public certificate",
     )
     lua = commands.add_parser("lua", parents=[service], help="run a Lua program at a running service")
-    lua.add_argument("file", type=Path, metavar="FILE", help="- for standard input")
+    lua.add_argument("file", type=Path, metavar="FILE", help="the Lua program; - for standard input")
     lua.add_argument("--robot", metavar="NAME", help="the robot to move, instead of the default one")
     commands.add_parser(
         "mcp", parents=[service], help="let an agent that speaks MCP over stdio use a running service"
@@ -124,40 +128,40 @@ def _add_clients(commands: Any) -> None:
 
 
 def _add_simulate_and_backend(commands: Any) -> None:
-    simulate = commands.add_parser("simulate", help="run a simulated robot controller, for any client of its")
+    simulate = commands.add_parser("simulate", help="run a simulated robot controller or gripper")
     simulate.add_argument(
-        "device", choices=list(SIMULATORS), help="fri: a KUKA LBR behind its FRI; robotiq: a gripper"
+        "device", choices=list(SIMULATORS), help="fri: a KUKA LBR with its FRI; robotiq: a gripper"
     )
     simulate.add_argument(
         "options",
         nargs=argparse.REMAINDER,
         metavar="...",
-        help="its own; cobot simulate fri --help lists them",
+        help="options of the simulator; cobot simulate fri --help lists them",
     )
     study = commands.add_parser("study", help="answer a question that needs thousands of computations")
     study.add_argument(
         "options",
         nargs=argparse.REMAINDER,
         metavar="...",
-        help="FILE.yaml or show FOLDER; each says more with --help",
+        help="FILE.yaml or show FOLDER; add --help for details",
     )
     fleet = commands.add_parser("fleet", help="show and stop the cells of a fleet, or run its hub")
     fleet.add_argument(
         "options",
         nargs=argparse.REMAINDER,
         metavar="...",
-        help="serve, list, show, watch or stop; each says more with --help",
+        help="serve, list, show, watch or stop; add --help for details",
     )
     for name, text in (
-        ("backend", "list, make and test what drives a robot"),
-        ("gripper", "list, make and test what drives a gripper"),
+        ("backend", "list, create and test robot drivers (backends)"),
+        ("gripper", "list, create and test gripper drivers"),
     ):
         devices = commands.add_parser(name, help=text)
         devices.add_argument(
             "options",
             nargs=argparse.REMAINDER,
             metavar="...",
-            help="list, new NAME or test NAME; each says more with --help",
+            help="list, new NAME or test NAME; add --help for details",
         )
 
 
@@ -166,7 +170,7 @@ def _add_check(commands: Any, config: argparse.ArgumentParser) -> None:
         "check", parents=[config], help="validate files, folders, model, limits, named positions"
     )
     validate.add_argument(
-        "--hardware", action="store_true", help="and walk through the list before a real arm's first motion"
+        "--hardware", action="store_true", help="also print the checklist for the first motion of a real arm"
     )
 
 
@@ -174,44 +178,55 @@ def _add_stop(commands: Any, config: argparse.ArgumentParser) -> None:
     stop = commands.add_parser(
         "stop",
         parents=[config],
-        help="stop every robot that runs on this computer, without the service; 0 if all are at rest",
+        help="stop every robot on this computer, without the service; exit status 0 if all are at rest",
     )
-    stop.add_argument("--robot", metavar="NAME", help="only this one; with --config: only those of the file")
-    stop.add_argument("--estop", action="store_true", help="latched: nothing moves until POST /robot/reset")
+    stop.add_argument(
+        "--robot", metavar="NAME", help="stop only this robot; with --config, only those of the file"
+    )
+    stop.add_argument(
+        "--estop", action="store_true", help="latch the stop: nothing moves until POST /robot/reset"
+    )
     remote = stop.add_argument_group("through the service of --url")
     remote.add_argument(
         "--category",
         type=int,
         choices=(options.OFF, options.HELD),
         default=options.HELD,
-        help="2: held on its path (%(default)s); 1: as fast as the limits permit, then the drives go off",
+        help="2: stop on the path, drives stay on (%(default)s); 1: stop as fast as the limits permit, "
+        "then drives off",
     )
     options.add_service_options(remote, robot=False)
 
 
 def _add_doctor_and_install(commands: Any, config: argparse.ArgumentParser) -> None:
-    examine = commands.add_parser("doctor", parents=[config], help="examine this computer")
-    examine.add_argument("--json", action="store_true", help="as a list of objects, for programs")
+    examine = commands.add_parser(
+        "doctor", parents=[config], help="check whether this computer suits real-time control"
+    )
+    examine.add_argument("--json", action="store_true", help="print the findings as JSON, for programs")
     for name, text in (
-        ("install", "write a systemd unit, a settings file and what belongs to them"),
-        ("uninstall", "take away what install has written; your settings, logs and state stay"),
+        ("install", "install cobot as a systemd service, with a settings file"),
+        ("uninstall", "remove the systemd service; your settings, logs and state stay"),
     ):
         system = commands.add_parser(name, help=text)
         system.add_argument("--dry-run", action="store_true", help="only print what would change")
-        system.add_argument("--prefix", type=Path, metavar="DIR", help="write below DIR, and run nothing")
+        system.add_argument(
+            "--prefix", type=Path, metavar="DIR", help="write the files below DIR, and run no commands"
+        )
 
 
 def _add_new_robot(commands: Any) -> None:
     new = commands.add_parser("new-robot", help="make the configuration of an arm from its URDF or MJCF")
     new.add_argument("file", type=Path, metavar="FILE", help="URDF, xacro or MJCF")
-    new.add_argument("--output", type=Path, metavar="FOLDER", help="to be made; FILE's name without it")
+    new.add_argument(
+        "--output", type=Path, metavar="FOLDER", help="folder to create; by default the name of FILE"
+    )
     new.add_argument(
         "--actuators",
         nargs="+",
         action="extend",
         default=[],
         metavar="JOINT",
-        help="that drives move; else those of the arm",
+        help="joints that drives move; by default those of the arm",
     )
     new.add_argument(
         "--without",
@@ -219,7 +234,7 @@ def _add_new_robot(commands: Any) -> None:
         action="extend",
         default=[],
         metavar="JOINT",
-        help="that are not part of the arm",
+        help="joints that are not part of the arm",
     )
     new.add_argument(
         "--package",
@@ -228,7 +243,7 @@ def _add_new_robot(commands: Any) -> None:
         action="extend",
         default=[],
         metavar="FOLDER",
-        help="where ROS packages are found",
+        help="folder of a ROS package, or a folder that contains packages",
     )
     new.add_argument(
         "--xacro",
@@ -240,24 +255,26 @@ def _add_new_robot(commands: Any) -> None:
         help="arguments of a xacro file",
     )
     new.add_argument(
-        "--hulls", action="store_true", help="take the convex hull of each mesh, never several solids"
+        "--hulls", action="store_true", help="use one convex hull for each mesh, never several solids"
     )
     new.add_argument(
         "--skip-missing-meshes",
         action="store_true",
-        help="leave out shapes whose mesh does not exist; nothing keeps them from touching",
+        help="leave out shapes whose mesh does not exist; their collisions are not detected",
     )
-    new.add_argument("--base", metavar="BODY", help="the base frame")
+    new.add_argument("--base", metavar="BODY", help="body that becomes the base frame")
     new.add_argument(
-        "--tcp", metavar="SITE", help="site or link that is the TCP; chooses one of several arms"
+        "--tcp", metavar="SITE", help="site or link that becomes the TCP; selects one of several arms"
     )
-    new.add_argument("--srdf", type=Path, metavar="FILE", help="groups, states and pairs that may touch")
-    new.add_argument("--group", metavar="NAME", help="the group of the SRDF whose joints drives move")
+    new.add_argument(
+        "--srdf", type=Path, metavar="FILE", help="SRDF with groups, states and pairs of links that may touch"
+    )
+    new.add_argument("--group", metavar="NAME", help="group of the SRDF whose joints the drives move")
     new.add_argument(
         "--density",
         type=float,
         metavar="KG_PER_M3",
-        help="of links without <inertial>, instead of 1100 kg/m³",
+        help="density of links without <inertial>, instead of 1100 kg/m³",
     )
     new.add_argument(
         "--mass",
@@ -266,17 +283,17 @@ def _add_new_robot(commands: Any) -> None:
         action="extend",
         default=[],
         metavar="LINK=KG",
-        help="mass of a link, instead of the file's or an assumed one",
+        help="mass of a link, instead of the mass in the file or an assumed mass",
     )
 
 
 def _add_moveit(commands: Any, config: argparse.ArgumentParser) -> None:
     moveit = commands.add_parser("moveit-config", parents=[config], help="write a package for MoveIt 2")
-    moveit.add_argument("folder", type=Path, metavar="FOLDER", help="where the package is made, as a folder")
+    moveit.add_argument("folder", type=Path, metavar="FOLDER", help="folder in which the package is created")
 
 
 def _settings_file(argument: str) -> Path:
-    """A folder stands for the file in it that `cobot new-robot` writes."""
+    """The settings file of an option. For a folder, the file in it that `cobot new-robot` writes."""
     file = Path(argument)
     if not file.is_dir():
         return file

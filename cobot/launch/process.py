@@ -1,4 +1,5 @@
-"""Requests of a process to Linux about itself, and the states of other processes."""
+"""Functions with which a process asks Linux to change its own properties, or for the state of other
+processes."""
 
 from __future__ import annotations
 
@@ -22,17 +23,18 @@ RUN_MODULE = (sys.executable, "-P", "-m")
 """The command that starts an installed module. -P excludes modules in the current folder."""
 
 AUTOGROUP = Path("/proc/self/autogroup")
-"""Priority of its session among the others."""
+"""File with the niceness of this process's session relative to other sessions."""
 AUTOGROUP_TRIES, AUTOGROUP_PAUSE_S = 10, 0.1
 
 MIN_DESCRIPTORS = 64
 MIN_ADDRESS_SPACE = 1 << 30
-"""Address space of one process [bytes]: the largest uses 0.8 GB on two cores, mostly reserved by
-libraries."""
+"""Minimum address space of a process, in bytes. The largest process uses 0.8 GB on two cores, mostly reserved
+by libraries."""
 
 
 class Niceness(IntEnum):
-    """Niceness of threads when there are more than cores: planning must not delay a stop."""
+    """Niceness of threads. It counts when there are more threads than cores: planning must not delay a
+    stop."""
 
     PROMPT = -10  # threads that answer people
     ORDINARY = 0
@@ -70,7 +72,8 @@ def is_traced(pid: int) -> bool:
 
 
 def require_limits() -> None:
-    """Check this process's limits before large imports, because libraries without memory fail unclearly.
+    """Check this process's limits before large imports, because libraries that run out of memory give no
+    clear error.
 
     Raises:
         UnavailableError: a limit of this process is below what a robot needs.
@@ -90,7 +93,8 @@ def require_limits() -> None:
 
 
 def in_words(main: Callable[[], int]) -> int:
-    """The exit status of a process: 2, with a message, if the computer has run out of a resource."""
+    """Run `main` and return its exit status. If the computer runs out of a resource, print a message and
+    return 2."""
     try:
         return main()
     except (OSError, MemoryError, ImportError, RuntimeError) as exc:
@@ -107,10 +111,9 @@ def be(niceness: Niceness, *, session: bool = False) -> None:
     A lower niceness needs root or CAP_SYS_NICE, as SCHED_FIFO does; without it nothing changes.
 
     Args:
-        session: niceness of the session, if one begins with this process. By default Linux shares the
-            processor among sessions first, and niceness counts only within a session (sched(7), the
-            autogroup feature). Control groups can change that. Use it for processes that wait most of the
-            time.
+        session: niceness of the session that this process has started, if it has. By default Linux shares the
+            processor among sessions first, and niceness counts only within a session (sched(7), the autogroup
+            feature). Control groups can change that. Use it for processes that wait most of the time.
     """
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
@@ -120,7 +123,8 @@ def be(niceness: Niceness, *, session: bool = False) -> None:
 
 
 def _write_again(file: Path, text: str) -> None:
-    """Linux accepts ten of these per second from processes without CAP_SYS_ADMIN, as in a container."""
+    """Write to the file again and again until Linux accepts it. Linux accepts ten writes per second from
+    processes without CAP_SYS_ADMIN, as in a container."""
     for _ in range(AUTOGROUP_TRIES):
         try:
             file.write_text(text, encoding="ascii")
@@ -131,7 +135,7 @@ def _write_again(file: Path, text: str) -> None:
 
 
 def has_terminal() -> bool:
-    """Whether this process has a terminal that is still there."""
+    """Whether this process has a terminal that is still open."""
     try:
         os.close(os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY))
     except OSError:

@@ -15,33 +15,56 @@ def add_parsers(commands: Any) -> None:
     """Add the commands."""
     service = argparse.ArgumentParser(add_help=False)
     service.add_argument("--url", metavar="URL", default=default_url(), help=URL_HELP)
-    service.add_argument("--robot", metavar="NAME", help="instead of the default one")
-    service.add_argument("--token", metavar="TOKEN", help="for a service that asks for one; else COBOT_TOKEN")
-    service.add_argument("--certificate", type=Path, metavar="FILE", help="of a service with https")
-    record = commands.add_parser("record", help="write down what the robot did or does")
+    service.add_argument(
+        "--robot", metavar="NAME", help="the robot to record or to move, instead of the default one"
+    )
+    service.add_argument(
+        "--token", metavar="TOKEN", help="access token, if the service requires one; by default COBOT_TOKEN"
+    )
+    service.add_argument(
+        "--certificate", type=Path, metavar="FILE", help="certificate to trust, for a service with https"
+    )
+    record = commands.add_parser("record", help="record the motion of the robot")
     actions = record.add_subparsers(dest="action", metavar="ACTION", required=True)
-    dump = actions.add_parser("dump", parents=[service], help="the last seconds, which are in memory")
-    dump.add_argument("--seconds", type=float, metavar="S", help="without it recording.before_s")
+    dump = actions.add_parser("dump", parents=[service], help="save the last seconds, which are in memory")
+    dump.add_argument(
+        "--seconds", type=float, metavar="S", help="number of seconds to save; by default recording.before_s"
+    )
     actions.add_parser("start", parents=[service], help="begin a continuous recording")
-    stop = actions.add_parser("stop", parents=[service], help="end it")
+    stop = actions.add_parser("stop", parents=[service], help="end a continuous recording")
     for parser in (dump, stop):
-        parser.add_argument("--output", type=Path, metavar="FOLDER", help="fetch the files to there too")
-    actions.add_parser("list", parents=[service], help="print what there is")
+        parser.add_argument(
+            "--output", type=Path, metavar="FOLDER", help="folder into which the files are also copied"
+        )
+    actions.add_parser("list", parents=[service], help="list the recordings")
     get = actions.add_parser("get", parents=[service], help="fetch a recording")
     get.add_argument("name", metavar="NAME")
     get.add_argument(
-        "--output", type=Path, metavar="FOLDER", default=Path(), help="without it the current one"
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        default=Path(),
+        help="target folder; by default the current one",
     )
-    plot = commands.add_parser("plot", help="draw a recording, as SVG")
+    plot = commands.add_parser("plot", help="draw a recording as an SVG file")
     plot.add_argument("file", type=Path, metavar="FILE", help="an MCAP file of cobot's")
-    plot.add_argument("--output", type=Path, metavar="FILE", help="without it that of FILE with .svg")
-    replay = commands.add_parser("replay", parents=[service], help="have the arm do again what was recorded")
+    plot.add_argument(
+        "--output", type=Path, metavar="FILE", help="SVG file to write; by default FILE with the ending .svg"
+    )
+    replay = commands.add_parser("replay", parents=[service], help="repeat a recorded motion")
     replay.add_argument("file", type=Path, metavar="FILE", help="an MCAP file of cobot's")
-    replay.add_argument("--move-to-start", action="store_true", help="go to where it begins first")
     replay.add_argument(
-        "--measured", action="store_true", help="where the arm was, not where it was told to be"
+        "--move-to-start", action="store_true", help="first move to the start of the recording"
     )
     replay.add_argument(
-        "--smoothing-rad", type=float, metavar="RAD", help="instead of planning.smoothing_rad"
+        "--measured", action="store_true", help="use the measured positions instead of the commanded ones"
     )
-    replay.add_argument("--csv", type=Path, metavar="FILE", help="only write the points there; nothing moves")
+    replay.add_argument(
+        "--smoothing-rad",
+        type=float,
+        metavar="RAD",
+        help="smoothing to use instead of planning.smoothing_rad",
+    )
+    replay.add_argument(
+        "--csv", type=Path, metavar="FILE", help="only write the points to this file; nothing moves"
+    )

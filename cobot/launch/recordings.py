@@ -1,4 +1,4 @@
-"""`cobot record`, `cobot plot` and `cobot replay`: recordings on the command line: docs/recording.md."""
+"""`cobot record`, `cobot plot` and `cobot replay`: recordings on the command line, see docs/recording.md."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ EVERY_S = 0.02
 
 
 def run(chosen: argparse.Namespace) -> None:
-    """Do it.
+    """Execute the command.
 
     Raises:
-        CobotError: what the service or the file has against it.
+        CobotError: the service rejects the request, or the file cannot be used.
     """
     match chosen.command:
         case "plot":

@@ -36,7 +36,7 @@ PROCESSES = "processes.json"
 
 @dataclass(frozen=True, slots=True)
 class ProcessState:
-    """A process as the supervisor knows it; `restarts` counts from the supervisor's start."""
+    """State of a process, as the supervisor sees it. `restarts` counts from the supervisor's start."""
 
     pid: int
     restarts: int
@@ -59,7 +59,8 @@ class RunningConfig:
 
     @classmethod
     def mine(cls) -> list[RunningConfig]:
-        """The copies of this user's cobots that run or were killed. Copies of other users are not trusted."""
+        """The copies of this user's cobots that are running or were killed. Copies of other users are not
+        trusted."""
         found = []
         for folder in FOLDER.glob("cobot-*.run"):
             with contextlib.suppress(OSError):
@@ -73,8 +74,8 @@ class RunningConfig:
         return self.folder / SETTINGS
 
     def create(self, settings: Settings) -> None:
-        """Start with an empty folder, and remove the rest of a killed run. Another user's folder is
-        refused, because its owner could change the robot's configuration.
+        """Start with an empty folder, and remove the files of a killed run. Another user's folder is
+        rejected, because its owner could change the robot's configuration.
 
         Raises:
             SharedMemoryError: see `prepare`.
@@ -109,7 +110,7 @@ class RunningConfig:
         return new
 
     def commit(self) -> None:
-        """Make the last prepared copy the configuration, at once and as a whole."""
+        """Make the last prepared copy the current configuration, in one atomic step."""
         os.replace(self.folder / f"new-{SETTINGS}", self.file)
 
     def remove(self) -> None:
@@ -151,7 +152,7 @@ class RunningConfig:
         return content
 
     def _copy(self, source: Path, name: str) -> str:
-        """Copy a file. A missing file is left to its reader to report."""
+        """Copy a file. A missing file is not an error here; the process that reads it reports it."""
         if not source.is_file():
             return str(source)
         target = self.folder / f"{name}{source.suffix}"
@@ -159,7 +160,8 @@ class RunningConfig:
         return str(target)
 
     def _copy_cell(self, source: Path, name: str) -> str:
-        """Copy a cell file with its meshes. One that is wrong is left to its reader to report."""
+        """Copy a cell file with its meshes. An invalid file is not an error here; the process that reads it
+        reports it."""
         source = cell_file(source)
         try:
             meshes = load_cell(source).files
@@ -173,7 +175,7 @@ class RunningConfig:
         return str(target)
 
     def _remove_unused(self) -> None:
-        """Remove the editions before the present one, and those that never took effect."""
+        """Remove all editions except the current one, including those that never took effect."""
         present = self.file.read_text(encoding="utf-8") if self.file.exists() else ""
         for file in self.folder.glob("[0-9]*-*"):
             if file.name in present:

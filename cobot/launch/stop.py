@@ -34,13 +34,13 @@ FOLLOWED_S = 0.25
 
 @dataclass(frozen=True, slots=True)
 class StopRequest:
-    """A stop that rtloop has been asked for.
+    """A stop that has been requested from rtloop.
 
     Attributes:
         count: the counter that rtloop reports once it has noticed the stop.
-        moving: the motion that it ends, for people; "" for none.
-        followed: number of the heartbeat by which the service has followed the stop.
-        followed_s: when to wait for it no longer: the service may not run.
+        moving: the motion that the stop ends, for people; "" for none.
+        followed: number of the service's heartbeat by which it has followed the stop.
+        followed_s: time until which to wait for that heartbeat, because the service may not run.
     """
 
     memory: RobotMemory
@@ -54,7 +54,7 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
     """Stop these robots, or all that run on this computer if none is named, and report the result.
 
     Args:
-        latched: e-stop: nothing moves until a reset.
+        latched: whether this is an e-stop, after which nothing moves until a reset.
 
     Returns:
         Whether all of them are known to be at rest.
@@ -77,7 +77,8 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
 
 
 def not_asked(url: str | None) -> str:
-    """The command for the service of other commands, if it is on another computer; else "".
+    """A hint if the service in the environment variable is on another computer, with the command to stop it;
+    else "".
 
     Args:
         url: value of the environment variable.
@@ -126,7 +127,7 @@ def _report(name: str, stop: StopRequest, deadline_s: float, *, latched: bool, o
 
 
 def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
-    """Wait for the arm. Returns why it is not known to be at rest, "" if it is."""
+    """Wait until the arm is at rest. Returns the reason why it is not known to be at rest; "" if it is."""
     problem = "rtloop has not started yet"
     while time.monotonic() < deadline_s:
         state = _state(stop.memory)
@@ -137,7 +138,7 @@ def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
             if age_s > STALE_S:
                 problem = f"rtloop has published nothing for {age_s:.1f} s"
                 if _has_ended(stop.memory):
-                    return f"{problem}: it does not run"
+                    return f"{problem}: it is not running"
             elif measured_s > STALE_S:
                 problem = f"not measured for {measured_s:.1f} s: {text(state['reason'])}"
             elif seen and not _moving(state) and state["settled"]:
@@ -163,7 +164,7 @@ def _has_ended(memory: RobotMemory) -> bool:
 
 
 def _state(memory: RobotMemory) -> np.ndarray | None:
-    """A copy of the newest state; None if there is none."""
+    """A copy of the latest state; None if there is none."""
     try:
         return memory.state.read().copy() if memory.state.sequence else None
     except TornReadError:
@@ -171,7 +172,7 @@ def _state(memory: RobotMemory) -> np.ndarray | None:
 
 
 def _moving(state: np.ndarray) -> str:
-    """The present motion of the arm, for people; "" for none."""
+    """The current motion of the arm, for people; "" for none."""
     if int(state["session"]):
         return f"session {int(state['session'])}"
     if LoopMode(int(state["mode"])) not in RESTING or int(state["motion_result"]) == MotionResult.RUNNING:

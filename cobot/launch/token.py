@@ -16,13 +16,13 @@ from cobot.config import load_settings
 
 ROLES = {role.name.lower(): role for role in Role if role is not Role.PUBLIC}
 DESCRIPTION = """\
-Access to the service when it asks for tokens, see docs/security.md.
+Manage the tokens with which clients access the service, see docs/security.md.
 
-  observer     looks: states, logs, health
-  agent        also plans motions, and runs those that an operator or the settings have approved
+  observer     reads states, logs, health
+  agent        also plans motions, and runs motions that an operator or the settings have approved
   operator     also moves the arm, resets it, streams to it, runs existing programs
   programmer   also uploads programs, and changes tool, payload, limits
-  admin        also reads the audit, and has the settings read again
+  admin        also reads the audit, and reloads the settings
 
 A running service notices a new or revoked token within a second."""
 
@@ -31,16 +31,18 @@ def add_parser(commands: Any, config: argparse.ArgumentParser) -> None:
     """Add the command; `config` has the option --config."""
     parser = commands.add_parser(
         "token",
-        help="make, list and revoke access tokens",
+        help="create, list and revoke access tokens",
         description=DESCRIPTION,
         formatter_class=argparse.RawTextHelpFormatter,
     )
     config = argparse.ArgumentParser(add_help=False, parents=[config])
     config.add_argument(
-        "--file", type=Path, metavar="FILE", help="of the tokens; default: that of the settings, web.tokens"
+        "--file", type=Path, metavar="FILE", help="the file of tokens; by default web.tokens of the settings"
     )
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    create = actions.add_parser("create", parents=[config], help="make a token, and print it this one time")
+    create = actions.add_parser(
+        "create", parents=[config], help="create a token and print it; it is shown only once"
+    )
     create.add_argument("name", metavar="NAME", help="name of a person or a program, for the audit")
     create.add_argument("--role", required=True, choices=list(ROLES))
     create.add_argument(

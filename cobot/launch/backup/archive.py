@@ -1,4 +1,4 @@
-"""ZIP archives, written and read in memory. Nothing is unpacked to a place that an archive names.
+"""ZIP archives, written and read in memory. Nothing is unpacked to a path that an archive names.
 
 An archive of another person may be hostile. Its files are found by their whole names, in bounded memory, and
 links, folders, encrypted files, files that appear twice and wrong checksums are rejected.
@@ -24,7 +24,7 @@ MAX_TOTAL_BYTES = 300_000_000
 MAX_FILES = 10_000
 MANIFEST = "manifest.json"
 _TIME = (1980, 1, 1, 0, 0, 0)
-"""Time of each file, so that equal contents make equal archives."""
+"""Modification time written for every file, so that equal contents make equal archives."""
 
 
 def pack(files: Mapping[str, bytes], about: Mapping[str, Any]) -> bytes:
@@ -50,7 +50,7 @@ def unpack(content: bytes) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Read an archive of `pack`: its manifest, and the contents of its files by name.
 
     Raises:
-        InputError: it is not such an archive, is too large, or is damaged.
+        InputError: the content is not such an archive, is too large, or is damaged.
     """
     if len(content) > MAX_ARCHIVE_BYTES:
         raise InputError(f"the archive has {len(content)} bytes, allowed are {MAX_ARCHIVE_BYTES}")
@@ -85,7 +85,7 @@ def _require_plain(entries: list[zipfile.ZipInfo]) -> None:
 
 
 def _read(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
-    """A file, of which no more is decompressed than its size in the list of files."""
+    """Read a file. No more bytes are decompressed than the archive lists as its size."""
     with archive.open(entry) as file:
         content = file.read(entry.file_size + 1)
     if len(content) != entry.file_size:
@@ -104,5 +104,5 @@ def _checked(files: dict[str, bytes]) -> tuple[dict[str, Any], dict[str, bytes]]
         raise InputError(f"{shown(other)} is only in the archive or only in its {MANIFEST}")
     for name, content in files.items():
         if hashlib.sha256(content).hexdigest() != sums[name]:
-            raise InputError(f"{shown(name)} is damaged: its checksum is another one than in {MANIFEST}")
+            raise InputError(f"{shown(name)} is damaged: its checksum differs from the one in {MANIFEST}")
     return manifest, files

@@ -41,7 +41,7 @@ KINDS: Mapping[str, TypeAdapter[Any]] = {
     "scene": TypeAdapter(Scene),
     "positions": TypeAdapter(dict[str, NamedPosition]),
 }
-"""Documents of each robot, and how they are checked. The scene includes the named frames."""
+"""The kinds of documents that each robot has, with their validators. The scene includes the named frames."""
 _PROGRAM = re.compile(r"programs/(?P<id>[a-z0-9][a-z0-9_-]{0,63})/(?P<version>[1-9][0-9]{0,8})\.json")
 
 
@@ -61,9 +61,11 @@ class Backup:
     """The content of an archive that has been checked.
 
     Attributes:
-        about: who made it: `cobot`, `created`, and `robots` with their joints.
-        settings: text of the settings file; None if there was none of its own.
-        robots: by name, the contents of its files by their names in the archive, without `robots/NAME/`.
+        about: keys of the manifest: `cobot` (the version that made it), `created`, and `robots` with their
+            joints.
+        settings: text of the user's settings file; None if there was none.
+        robots: for each robot, the contents of its files by name (the path in the archive without
+            `robots/NAME/`).
     """
 
     about: dict[str, Any]
@@ -72,7 +74,7 @@ class Backup:
 
     @property
     def summary(self) -> list[str]:
-        """What is in it, for people: a line for each robot."""
+        """The content for people: a line for each robot."""
         lines = [f"{name}: {_counted(files)}" for name, files in self.robots.items()]
         return [*(["the settings file"] if self.settings is not None else []), *lines]
 
@@ -109,7 +111,8 @@ def read_backup(content: bytes, settings: Settings) -> Backup:
     """Check an archive completely, for these robots.
 
     Raises:
-        InputError: it is not a backup, is damaged or hostile, or is of other robots or a newer cobot.
+        InputError: the content is not a backup, is damaged or hostile, or is from other robots or a newer
+            cobot.
     """
     about, files = unpack(content)
     if about.get("format") != FORMAT:
@@ -120,8 +123,8 @@ def read_backup(content: bytes, settings: Settings) -> Backup:
     of, here = about.get("robots"), joints_of(settings)
     if of != here:
         raise InputError(
-            f"the backup is of other robots: {shown(of)}, here are {shown(here)}; robots and joints must "
-            "have the same names"
+            f"the backup is of other robots: {shown(of)}; this cobot has {shown(here)}; robots and joints "
+            "must have the same names"
         )
     robots: dict[str, dict[str, bytes]] = {name: {} for name in here}
     for path, text in files.items():
@@ -129,7 +132,7 @@ def read_backup(content: bytes, settings: Settings) -> Backup:
             continue
         _, name, inner = (*path.split("/", 2), "", "")[:3]
         if not path.startswith("robots/") or name not in robots or not _is_valid(inner, text, path):
-            raise InputError(f"the backup has {shown(path)}, which does not belong into one")
+            raise InputError(f"the backup has {shown(path)}, which is not a file of a backup")
         robots[name][inner] = text
     return Backup(about, files.get(SETTINGS), robots)
 
@@ -152,7 +155,7 @@ def activate(settings: Settings, source: Path | None) -> Backup:
     """Restore the staged archive, while no cobot runs with these settings.
 
     Raises:
-        InputError: it is not valid. It is put aside, and nothing has changed.
+        InputError: the archive is not valid. It is put aside, and nothing has changed.
         UnavailableError: no space or no permission. The next start tries again.
     """
     staged = staged_file(settings)
@@ -194,7 +197,7 @@ def _restore(settings: Settings, files: Mapping[str, bytes]) -> None:
 
 
 def _require_settings(text: bytes, source: Path, robots: list[str]) -> None:
-    """That the settings can be read where they will be, and are of these robots."""
+    """Check that the settings can be read in their final folder, and are of these robots."""
     trial = source.with_name(f".{source.name}.restore")
     try:
         with open_new(trial) as file:
@@ -211,7 +214,11 @@ def _require_settings(text: bytes, source: Path, robots: list[str]) -> None:
 
 
 def _is_valid(name: str, text: bytes, path: str) -> bool:
-    """Whether a robot has a file of this name. Its content is checked."""
+    """Whether a robot in a backup may have a file of this name. Also checks its content.
+
+    Raises:
+        InputError: the content is invalid.
+    """
     if found := _PROGRAM.fullmatch(name):
         document = _json(text, path)
         if document.get("id") != found["id"] or document.get("version") != int(found["version"]):
@@ -259,7 +266,7 @@ def _read(path: Path) -> bytes:
 
 
 def _release(text: str) -> tuple[int, ...]:
-    """The first two numbers of a version; (0,) of anything else."""
+    """The first two numbers of a version; (0,) if the text is not a version."""
     found = re.match(r"(\d+)\.(\d+)", text)
     return (int(found[1]), int(found[2])) if found else (0,)
 

@@ -67,7 +67,7 @@ def _yaml(settings: Settings) -> bytes:
 
 
 def _hidden(value: Any) -> Any:
-    """The settings with the values of all keys that name a secret replaced."""
+    """A copy of the settings in which the value of each secret key is replaced."""
     if isinstance(value, dict):
         return {
             key: REMOVED if _SECRET.search(str(key)) and isinstance(each, str) else _hidden(each)
@@ -87,7 +87,7 @@ def _computer() -> dict[str, Any]:
 
 
 def _end_of(path: Path) -> bytes:
-    """The end of a file, from the beginning of a line."""
+    """The last lines of a file. The first one is complete."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, os.SEEK_END)

@@ -14,10 +14,11 @@ from cobot.robot.model import RobotModel
 from cobot.types import JointLimits
 
 FRICTION_SHARE = 0.3
-"""Maximum fraction of the effort left after holding the arm that friction and damping may take at full speed.
+"""Maximum share of friction and damping at full speed in the effort that is left after holding the arm.
 Planned motions use the rest."""
 MIN_SHARE = 0.05
-"""Fraction of an effort that friction and damping may take if it does not even hold the arm."""
+"""Share of the whole effort that friction and damping may always take, even if no effort is left after
+holding."""
 
 
 def report_holding(holding: Holding, assumed: bool) -> list[str]:
@@ -42,8 +43,8 @@ def report_holding(holding: Holding, assumed: bool) -> list[str]:
 
 
 def payload_left(robot: RobotModel, collision: CollisionChecker) -> tuple[float, str]:
-    """`robot.max_payload_kg`, and a sentence on it. It is never more than the weight of the arm: larger
-    efforts in a file are placeholders."""
+    """The value of `robot.max_payload_kg`, and a sentence that explains it. It is at most the mass of the
+    arm, because larger efforts in a file are placeholders."""
     moving = float(robot.mj.body_mass[robot.mj.body_weldid != 0].sum())
     found, hold = payload(robot, collision, robot.limits)
     mass = _rounded_down(min(found, moving))
@@ -67,7 +68,8 @@ def total_mass(mj: mujoco.MjModel) -> str:
 def reduce_friction(
     spec: mujoco.MjSpec, robot: RobotModel, limits: JointLimits, holding: Holding
 ) -> list[str]:
-    """Reduce friction and damping that the drives cannot overcome at full speed; returns sentences."""
+    """Reduce friction and damping that the drives cannot overcome at full speed. Returns sentences for the
+    report."""
     mj = robot.mj
     needed = {hold.joint: hold.needed for hold in holding.hardest}
     said = []
@@ -84,7 +86,8 @@ def reduce_friction(
         joint.damping = np.asarray(joint.damping) * factor
         said.append(
             f"{name}: friction reduced from {friction:.3g} to {factor * friction:.3g} {unit}, damping from "
-            f"{damping:.3g} to {factor * damping:.3g} {per}: at full speed those of the file take {lost:.3g} "
+            f"{damping:.3g} to {factor * damping:.3g} {per}: at full speed the values of the file take "
+            f"{lost:.3g} "
             f"{unit}, and holding the arm leaves the drive {left:.3g} {unit}"
         )
     kept = [
@@ -100,7 +103,7 @@ def _rounded(hold: HoldingEffort) -> str:
 
 
 def _rounded_down(value: float) -> float:
-    """Round to two digits."""
+    """Round down to two digits."""
     if value <= 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)

@@ -1,8 +1,8 @@
-"""The width of fingers that turn, as a function of the angle of their first joint: measured by MuJoCo.
+"""Measures with MuJoCo the width of turning fingers as a function of the angle of their first joint.
 
-It is the distance between the ends of both fingers, or between the end of a jaw and that of the link that
-carries it, as the convex shapes have it that collide. The ends are cut off these shapes where the fingers are
-closed: nearer to the axis of a jaw its link is close at every angle.
+The width is the distance between the ends of both fingers, or between the end of a jaw and the end of the
+link that carries it. It is measured between the convex collision shapes. Only their ends count, cut off with
+the fingers closed, because near its axis a jaw is close to its link at every angle.
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ from scipy.spatial import ConvexHull, QhullError
 from cobot.types import Array
 
 END_M, END_SHARE = 0.02, 0.25
-"""The end of a finger is this long, at most this share of the finger."""
+"""Length of the end of a finger, m, and its maximum as a share of the finger's length."""
 FROM_TIP_M, FROM_TIP_SHARE = 0.01, 0.25
-"""The TCP is this far from the fingertips, at most this share of the fingers' length."""
+"""Distance of the TCP from the fingertips, m, and its maximum as a share of the fingers' length."""
 ANGLES, WIDTHS = 129, 17
-"""Number of angles at which the width is measured, and of those that are kept."""
+"""Number of angles at which the width is measured, and number of widths in the result."""
 FAR_M, NEAR_M = 2.0, 1e-4
-"""Largest distance that is measured, and distance of two axes that count as one."""
+"""Largest distance that is measured, and distance up to which two axes count as one, m."""
 GROWS_M, TOUCH_M = 1e-7, 1e-4
-"""Growth from one angle to the next, and width that counts as none."""
+"""Minimum growth of the width from one angle to the next, and width below which fingers count as touching,
+m."""
 SAME_REACH = 0.9
-"""A third branch that reaches as far as this share of the second one is a third finger."""
+"""A third branch counts as a finger if its reach is at least this share of the second one's reach."""
 STROKES_M, CLOSED_SHARE = (0.001, 0.5), 0.5
 
 
@@ -39,7 +40,7 @@ class Hinge:
 
     Attributes:
         axis, anchor: in the frame of its body.
-        carrier: the body that carries the branch, if the joint is the first one of a branch; else "".
+        carrier: the body that carries the branch if this joint is the first of a branch; else "".
     """
 
     name: str
@@ -58,9 +59,9 @@ class MeasuredFingers:
     Attributes:
         closed, open: angles of the first joint, rad.
         widths: at equal steps of the angle from closed to open, m.
-        further_m: how much further out of the hand closed fingers reach than open ones.
-        tcp: where the fingertips meet, in the frame of the carrier: position, and rotation matrix, whose x
-            axis leads from the second to the first finger and whose z axis leads out of the hand.
+        further_m: distance by which closed fingers reach further out of the hand than open ones.
+        tcp: the point where the fingertips meet, in the frame of the carrier: position and rotation matrix.
+            Its x axis points from the second to the first finger, its z axis out of the hand.
         carrier: the body that carries the fingers.
     """
 
@@ -73,10 +74,10 @@ class MeasuredFingers:
 
 
 class Linkage:
-    """The fingers of a specification without their joints, which have them again here.
+    """A copy of a specification whose finger joints had been removed, with these joints added again.
 
     Args:
-        rest: where the joints are in the specification, rad.
+        rest: angles at which the joints were removed, rad.
     """
 
     def __init__(self, spec: mujoco.MjSpec, joints: Sequence[Hinge], rest: Mapping[str, float]) -> None:
@@ -114,7 +115,8 @@ class Linkage:
         return place, quaternion
 
     def measure(self, span: tuple[float, float]) -> MeasuredFingers | str:
-        """Measure the width in a range of the first joint, rad; or say why there is none."""
+        """Measure the width over a range of the first joint, rad. Returns the reason if that is
+        impossible."""
         sides = self._sides(span[0])
         if isinstance(sides, str):
             return sides
@@ -142,7 +144,8 @@ class Linkage:
     def _steady(
         self, span: tuple[float, float], sides: Sequence[str], bodies: Sequence[Sequence[int]]
     ) -> tuple[list[list[int]], tuple[float, float]] | str:
-        """The ends of both fingers, and the angles between which they open; or why there are none."""
+        """The ends of both fingers, and the angles between which they open; or the reason why there are
+        none."""
         groups = self._cut_ends(sides, bodies)
         if not all(groups):
             return "it has no second finger where the first one ends"
@@ -151,7 +154,7 @@ class Linkage:
         return ends if isinstance(ends, str) else (groups, ends)
 
     def _cut_ends(self, sides: Sequence[str], bodies: Sequence[Sequence[int]]) -> list[list[int]]:
-        """Add the ends of both fingers as shapes; which they are."""
+        """Add the ends of both fingers as shapes. Returns the shapes of each finger."""
         fingers = [body for each in bodies[: len(sides)] for body in each]
         out, corners = self._out(sides), self._corners(self._shapes(fingers))
         far, near = float((corners @ out).max()), float(self._middle(sides) @ out)
@@ -161,7 +164,7 @@ class Linkage:
         return [[int(self._mj.geom(name).id) for name in each] for each in names]
 
     def _sides(self, angle: float) -> list[str] | str:
-        """The first links of the two fingers, or that of the jaw: those that reach farthest."""
+        """The first links of the two fingers, which are the branches that reach farthest. A jaw has one."""
         self.turn(angle)
         begins = [each.body for each in self._joints if each.carrier]
         middle = self._middle(begins)
@@ -181,7 +184,7 @@ class Linkage:
         return self._data.joint(next(each.name for each in self._joints if each.body == body))
 
     def _middle(self, bodies: Sequence[str]) -> Array:
-        """Of the axes of the bodies' joints."""
+        """The point in the middle of the axes of the bodies' joints."""
         return np.asarray(np.mean([self._joint(body).xanchor for body in bodies], axis=0))
 
     def _tip(self, side: str) -> Array:
@@ -192,13 +195,13 @@ class Linkage:
         return np.asarray(joint.xanchor + across[np.argmax(np.linalg.norm(across, axis=1))])
 
     def _apart(self, angle: float, side: str, others: Sequence[int]) -> float:
-        """Between the tip of a finger and the nearest corner of other bodies."""
+        """The distance between the tip of a finger and the nearest corner of other bodies."""
         self.turn(angle)
         corners = self._corners(self._shapes(others))
         return float(np.linalg.norm(corners - self._tip(side), axis=1).min())
 
     def _out(self, sides: Sequence[str]) -> Array:
-        """The direction in which the fingers lead out of the hand."""
+        """The direction in which the fingers point out of the hand."""
         out = np.mean([self._tip(side) for side in sides], axis=0) - self._middle(sides)
         if len(sides) > 1:
             across = self._middle(sides[:1]) - self._middle(sides[1:])
@@ -207,7 +210,7 @@ class Linkage:
         return np.asarray(out / np.linalg.norm(out))
 
     def _add_end(self, bodies: Sequence[int], out: Array, level: float) -> list[str]:
-        """Add what bodies have beyond a plane, as shapes that touch nothing; their names."""
+        """Add the parts of bodies beyond a plane as shapes that collide with nothing. Returns their names."""
         names = []
         for geom in self._shapes(bodies):
             body = int(self._mj.geom_bodyid[geom])
@@ -225,7 +228,7 @@ class Linkage:
         return names
 
     def _distance(self, angle: float, groups: Sequence[Sequence[int]]) -> float:
-        """Between the nearest shapes of two groups; negative if they overlap."""
+        """The distance between the nearest shapes of two groups; negative if they overlap."""
         self.turn(angle)
         mj, data, pairs = self._mj, self._data, itertools.product(*groups)
         return float(min(mujoco.mj_geomDistance(mj, data, one, other, FAR_M, None) for one, other in pairs))
@@ -243,7 +246,7 @@ class Linkage:
     def _tcp(
         self, ends: tuple[float, float], sides: Sequence[str], groups: Sequence[Sequence[int]], carrier: str
     ) -> tuple[float, tuple[Array, Array]]:
-        """How much further closed fingers reach than open ones, and the TCP: see `MeasuredFingers`."""
+        """The values `further_m` and `tcp` of `MeasuredFingers`."""
         shapes = [geom for side in sides for geom in self._shapes(self._carried(side))]
         closed, opened = ends
         self.turn(closed)
@@ -281,12 +284,13 @@ class Linkage:
         return np.flatnonzero(weld == weld[self._mj.body(body).id]).tolist()
 
     def _shapes(self, bodies: Sequence[int]) -> list[int]:
-        """The shapes of bodies that collide."""
+        """The collision shapes of bodies."""
         mj = self._mj
         return [geom for geom in range(mj.ngeom) if mj.geom_bodyid[geom] in bodies and mj.geom_contype[geom]]
 
     def _corners(self, shapes: Sequence[int]) -> Array:
-        """Corners of the convex shapes, of the boxes around those without corners, in the world: (n, 3)."""
+        """Corners of the convex shapes in the world, shape (n, 3). Shapes without corners give those of their
+        box."""
         mj, found = self._mj, [np.zeros((0, 3))]
         for geom in shapes:
             if mj.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
@@ -320,7 +324,8 @@ def _cut_off(corners: Array, out: Array, level: float) -> Array | None:
 
 
 def _stretch(angles: Array, widths: Sequence[float]) -> tuple[float, float] | str:
-    """The angles between which the fingers open steadily, from closed to open; or why there are none."""
+    """The angles, closed and open, between which the width grows steadily; or the reason why there are
+    none."""
     if widths[0] > widths[-1]:
         angles, widths = angles[::-1], widths[::-1]
     last = int(np.argmax(widths))
@@ -330,8 +335,8 @@ def _stretch(angles: Array, widths: Sequence[float]) -> tuple[float, float] | st
     low, high = max(widths[first], 0.0), widths[last]
     if high - low > STROKES_M[1] or low > CLOSED_SHARE * high or high - low < STROKES_M[0]:
         return (
-            f"the ends of its fingers are {1e3 * low:.3g} to {1e3 * high:.3g} mm apart; allowed are closed "
-            f"fingers at most {CLOSED_SHARE:g} times as far apart as open ones, and a travel of "
+            f"the ends of its fingers are {1e3 * low:.3g} to {1e3 * high:.3g} mm apart; closed fingers may "
+            f"be at most {CLOSED_SHARE:g} times as far apart as open ones, and the travel must be "
             f"{1e3 * STROKES_M[0]:g} to {1e3 * STROKES_M[1]:g} mm"
         )
     closed = float(angles[first])

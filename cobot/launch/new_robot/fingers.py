@@ -1,8 +1,8 @@
 """The fingers that `cobot new-robot` keeps as a gripper: two that slide towards each other.
 
-Their joints leave the model, as all joints that are not the arm's do. The settings say how the links slide
-(`robot.gripper.hand`), and the simulation has them slide again. The model has them open, because planned
-motions keep clear of the fingers where the model has them.
+Like all joints that are not the arm's, their joints are removed from the model. The settings describe how the
+links slide (`robot.gripper.hand`), and the simulation moves them. In the model the fingers are open, because
+planned motions avoid collisions with the fingers at their place in the model.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from cobot.types import Array
 TRAVELS_M = (0.001, 0.5)
 FORCES_N, SPEEDS_M_S = (1.0, 2000.0), (0.01, 1.0)
 OPPOSITE = 0.9
-"""Cosine of the angle from which on two fingers move towards each other."""
+"""Two fingers move towards each other if the cosine between their directions is below minus this value."""
 APART_M = 1e-4
 LIGHT_KG, LIGHT_M = 0.02, 0.01
-"""Mass and radius of the ball that stands for a finger without a mass: it slides, so it needs one."""
+"""Mass and radius of the ball that replaces a finger without a mass. A finger that slides needs a mass."""
 TCP = "between_fingers"
 FROM_TIP_M, FROM_TIP_SHARE = 0.01, 0.25
 """Distance of the TCP from the fingertips, m, and its maximum as a share of the fingers' length."""
@@ -38,7 +38,7 @@ class _Slide:
 
     Attributes:
         axis: in the frame of its body, unit length.
-        low, high: its positions where the leader of both is at its lower and its upper bound, m.
+        low, high: positions of this joint at the lower and the upper bound of the leading joint, m.
     """
 
     name: str
@@ -53,8 +53,8 @@ class FingerPair:
     """Two fingers of a file.
 
     Attributes:
-        joints: the leader's is the first one.
-        coupled: one follows the other.
+        joints: the first one is the leader.
+        coupled: whether the second joint follows the first one.
         rate: velocity and effort of the leader in the file, 0 for unknown.
     """
 
@@ -70,10 +70,10 @@ class FingerPair:
 
         Args:
             mj: the compiled specification.
-            rest: where the joints are in it, m.
+            rest: positions of the joints in the specification, m.
 
         Returns:
-            The hand and its description; or why these fingers are none.
+            The hand and its description; or the reason why these fingers cannot be simulated.
         """
         data = mujoco.MjData(mj)
         mujoco.mj_kinematics(mj, data)
@@ -112,7 +112,7 @@ class FingerPair:
         )
 
     def _opening(self, axes: Sequence[Array], middles: Sequence[Array | None]) -> list[float]:
-        """For each joint 1 if the finger opens along its axis, else -1."""
+        """For each joint: 1 if the finger opens along the joint's axis, else -1."""
         signs = [1.0, 1.0]
         first, second = middles
         if first is not None and second is not None:
@@ -127,8 +127,10 @@ class FingerPair:
         return signs
 
     def add_tcp(self, spec: mujoco.MjSpec, mj: mujoco.MjModel) -> str | None:
-        """Add a site between the fingertips of open fingers; its name. Its z axis leads out of the hand, and
-        its x axis is that of the first finger. None for fingers without shapes.
+        """Add a site between the tips of the open fingers. Returns its name, or None for fingers without
+        shapes.
+
+        The z axis of the site points out of the hand; its x axis is that of the first finger.
 
         Args:
             mj: the compiled specification.
@@ -173,7 +175,7 @@ class FingerPair:
 def sliding_pair(
     fingers: Sequence[MovingJoint], rates: Mapping[str, tuple[float, float]]
 ) -> FingerPair | str:
-    """The two fingers of a gripper that can be simulated; or why these are none."""
+    """The two sliding fingers of a gripper; or the reason why they cannot be simulated."""
     if len(fingers) != 2 or any(each.joint.type != mujoco.mjtJoint.mjJNT_SLIDE for each in fingers):
         return "cobot simulates two fingers that slide"
     leader, other = fingers if not fingers[0].leader else (fingers[1], fingers[0])

@@ -21,7 +21,7 @@ SAMPLES = 500
 """Number of random positions that are checked for self-collision."""
 MARGIN_M = 0.005
 NEAR_SHARE = 0.8
-"""Fraction of the distance between links that are always close, which streams keep."""
+"""Distance that streams keep, as a share of the distance between links that are always close."""
 VELOCITY = {False: 1.0, True: 0.25}
 """Guessed velocity of a hinge, rad/s, and of a slide, m/s."""
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
@@ -30,9 +30,9 @@ MAX_ACCELERATION = 100.0
 """The largest guess, rad/s²; for a slide m/s². A velocity that would need more, such as 1e4, is a
 placeholder."""
 MANY_TURNS_RAD = 8.0 * np.pi
-"""Range beyond which a file may be in degrees, because few joints turn so far."""
+"""Range beyond which the file probably has degrees, because few joints turn that far."""
 EFFORT_RESERVE = 2.5
-"""Guessed effort, as a multiple of the largest need for gravity and the guessed acceleration in the
+"""Guessed effort, as a multiple of the largest effort that gravity and the guessed acceleration need in the
 samples."""
 
 EARTH = (0.0, 0.0, -9.81)
@@ -42,7 +42,7 @@ EARTH = (0.0, 0.0, -9.81)
 def base_and_tcp(
     spec: mujoco.MjSpec, joints: list[str], base: str | None, tcp: str, guessed: list[str]
 ) -> tuple[str, str]:
-    """Base frame, guessed if it is None, and TCP, which becomes a site if it is a body.
+    """The base frame, guessed if `base` is None, and the TCP. If the TCP is a body, a site is added.
 
     Raises:
         ConfigError: there is no such base, or it moves.
@@ -54,7 +54,7 @@ def base_and_tcp(
         raise ConfigError(f"--base: {base!r} {told}; valid are: {valid}")
     if base is None:
         base = spec.joint(joints[0]).parent.parent.name
-        guessed.append(f"base_frame {base}: what the first joint stands on (--base)")
+        guessed.append(f"base_frame {base}: the link below the first joint (--base)")
     if spec.site(tcp) is None and spec.body(tcp) is not None:
         spec.body(tcp).add_site(name=tcp)
     return base, tcp
@@ -109,7 +109,7 @@ def limits(
         if velocity * ACCELERATION_PER_VELOCITY > MAX_ACCELERATION:
             unit = "m" if slides else "rad"
             guessed.append(
-                f"{name}: acceleration limited to {MAX_ACCELERATION:g} {unit}/s², though the file has a "
+                f"{name}: acceleration limited to {MAX_ACCELERATION:g} {unit}/s², though the file gives a "
                 f"velocity of {velocity:g} {unit}/s"
             )
         velocities[index], known[index] = velocity, effort
@@ -120,7 +120,7 @@ def limits(
 
 
 def efforts(robot: RobotModel, guessed: list[str]) -> Array:
-    """The efforts of the limits; where one is 0, the arm's need with a reserve."""
+    """The efforts of the limits. An effort of 0 is replaced by what the arm needs, with a reserve."""
     limits, needed = robot.limits, np.zeros(robot.limits.dof)
     for joints in _samples(limits)[:100]:
         accelerating = np.abs(robot.mass_matrix(joints)) @ limits.max_acceleration
@@ -130,7 +130,7 @@ def efforts(robot: RobotModel, guessed: list[str]) -> Array:
         needed[joint] = max(1.0, np.ceil(EFFORT_RESERVE * needed[joint]))
         guessed.append(
             f"{limits.names[joint]}: effort {needed[joint]:g} {limits.effort_unit(int(joint))}, "
-            f"{EFFORT_RESERVE:g} times the need"
+            f"{EFFORT_RESERVE:g} times what the arm needs"
         )
     return np.where(known, limits.max_effort, needed)
 
@@ -151,9 +151,9 @@ def write_limits(limits: JointLimits, file: Path) -> None:
 def pairs_that_touch(
     robot: RobotModel, disabled: list[tuple[str, str]], guessed: list[str]
 ) -> list[tuple[str, str]]:
-    """The pairs of links within 5 mm of each other at every sample, without the disabled pairs.
+    """The pairs of links that are within 5 mm of each other in every sample, except disabled pairs.
 
-    A solid of the surroundings counts by its own name, and only if no sample is inside it.
+    Each solid of the surroundings counts as a link of its own, and only if no sample is inside it.
     """
     checker = CollisionChecker(robot, MARGIN_M, map(frozenset, disabled))
     distances = checker.clearance.distances(_samples(robot.limits), MARGIN_M)
@@ -169,7 +169,7 @@ def pairs_that_touch(
     pairs = [both for both, touch in of_links.items() if touch.all()]
     also = ", which the SRDF does not disable" if disabled else ""
     guessed += [
-        f"{first} and {second} may touch: they do in each of {SAMPLES} positions{also}"
+        f"{first} and {second} may touch, because they do in each of {SAMPLES} positions{also}"
         for first, second in pairs
     ]
     return pairs
@@ -200,13 +200,13 @@ def stream_margin(
 
 
 def report_odd_world(mj: mujoco.MjModel, guessed: list[str]) -> None:
-    """Report origins that look like millimetres, and a gravity that is not the Earth's."""
+    """Report origins that look like millimetres, and gravity that differs from the Earth's."""
     moving = mj.body_weldid != 0
     length_m = float(np.linalg.norm(mj.body_pos[moving], axis=1).sum())
     if length_m >= LARGE_M:
         guessed.append(
             f"the origins of the moving links add up to {length_m:.4g} m, which looks like millimetres: "
-            "URDF and MJCF have metres"
+            "URDF and MJCF use metres"
         )
     if not np.allclose(mj.opt.gravity, EARTH, atol=0.05):
         words = ", ".join(f"{value:.4g}" for value in mj.opt.gravity)

@@ -22,7 +22,7 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array
 
 START_NAMES = ("home", "ready", "default")
-"""What files call the state that a robot starts in, the preferred one first."""
+"""Usual names of the state in which a robot starts, in order of preference."""
 STEP_RAD, MAX_STEPS = np.pi / 4.0, 3
 MAX_TURNED = 3
 """Maximum number of joints that are not at their reference."""
@@ -30,14 +30,14 @@ ROOM_SHARE, MAX_ROOM = 0.02, 0.05
 """Distance from the limits: a share of the range, and its maximum, rad or m."""
 WIDE_MARGIN_M = 0.02
 LISTED, LISTED_SHARE = 20, 0.5
-"""Pairs that a message lists at most, and in what share of the random positions they touch."""
+"""Maximum number of pairs in a message, and the share of random positions in which a listed pair touches."""
 HELD_SHARE = 0.9
 COST_TURNED, COST_RIGHT_ANGLE = 1.0, 0.25
-"""For each joint that is turned, and for each 90° that it is turned by."""
+"""Cost of each joint that is not at its reference, and of each 90° by which it is turned."""
 COST_HOLDING = 8.0
-"""Multiplied by the greatest share of an effort that holding takes."""
+"""Cost factor for the greatest share of a joint's effort that holding the arm takes."""
 COST_BELOW, COST_NARROW, COST_SINGULAR = 4.0, 1.0, 0.4
-"""For a link below the base, for links nearer than the wide margin, and for a singular posture."""
+"""Cost of a link below the base, of links nearer than the wide margin, and of a singular posture."""
 SINGULAR = 0.01
 """Ratio of the least to the greatest singular value of the Jacobian, with lengths as shares of the reach."""
 SAMPLES = 500
@@ -51,7 +51,8 @@ def start_name(names: Iterable[str]) -> str | None:
 
 
 def keyframe(spec: mujoco.MjSpec) -> dict[str, float] | None:
-    """Joint positions of the keyframe to start in, by name: one named so, or the only one."""
+    """Joint positions, by name, of the start keyframe: the one with a name in `START_NAMES`, or the only
+    one."""
     keys = {key.name: key for key in spec.keys if len(key.qpos)}
     name = start_name(keys) or (next(iter(keys)) if len(keys) == 1 else None)
     if name is None:
@@ -73,7 +74,7 @@ def positions(
     states: Mapping[str, Array],
     guessed: list[str],
 ) -> dict[str, Array]:
-    """The states of the files that the robot can be in, and `home` if none of them is to start in.
+    """The states of the files that the robot can be in. `home` is added if none of them is a start state.
 
     Raises:
         ConfigError: the arm touches itself in each posture that was tried.
@@ -92,7 +93,7 @@ def positions(
 
 
 def _flaw(robot: RobotModel, collision: CollisionChecker, joints: Array) -> str:
-    """Why the robot cannot be in a position; empty if it can."""
+    """The reason why the robot cannot be in a position; empty if it can."""
     try:
         check_positions(robot.limits, joints)
     except CobotError as exc:
@@ -104,7 +105,7 @@ def _flaw(robot: RobotModel, collision: CollisionChecker, joints: Array) -> str:
 
 
 def _choose(file: Path, robot: RobotModel, collision: CollisionChecker, base: str) -> tuple[Array, str]:
-    """The posture, and how it was found."""
+    """The chosen posture, and a sentence on how it was found."""
     choice = _Choice(robot, collision, base)
     best, least = None, float("inf")
     for own_cost, joints in choice.candidates():
@@ -133,7 +134,7 @@ class _Choice:
         self._options = [self._values(index) for index in range(robot.dof)]
 
     def _values(self, index: int) -> list[float]:
-        """What a person would give a joint, the reference first."""
+        """Values that a person would choose for a joint, the reference first."""
         low, high = float(self._limits.min_position[index]), float(self._limits.max_position[index])
         room = min(MAX_ROOM, ROOM_SHARE * (high - low))
         reference = float(self._robot.mj.qpos0[index])
@@ -169,7 +170,7 @@ class _Choice:
             return cost + COST_NARROW * (not clearance.is_free(joints))
 
     def _is_below_base(self, joints: Array) -> bool:
-        """Whether an arm that stands upright reaches below what it stands on."""
+        """Whether a link of an upright arm is below the base."""
         self._data.qpos[:] = joints
         mujoco.mj_kinematics(self._robot.mj, self._data)
         up = self._data.xmat[self._base].reshape(3, 3)[:, 2]
@@ -184,7 +185,7 @@ class _Choice:
         return bool(values[-1] < SINGULAR * values[0])
 
     def nearest_free(self) -> Array | None:
-        """The best random position, one that can be held if there is any."""
+        """The random position nearest to 0, preferably one that the drives can hold."""
         limits, rows = self._limits, self._random()
         zero = np.clip(self._robot.mj.qpos0, limits.min_position, limits.max_position)
         free = [joints for joints in (zero, *rows) if self._collision.is_free(joints)]

@@ -1,4 +1,5 @@
-"""The `<inertial>` elements of a robot's file: which of them state a body, and which no body can have.
+"""The `<inertial>` elements of a robot's file: finds incomplete ones, and repairs those that no body can
+have.
 
 A tensor I about the centre of mass belongs to a body if and only if the second moments
 Σ = ½ tr(I) E - I of its mass are positive semidefinite; the triangle inequality of the principal moments is
@@ -27,13 +28,14 @@ from cobot.xml_file import where
 FLOOR = 1e-6
 """Least second moment of a repaired tensor, as a share of their sum: MuJoCo checks without a tolerance."""
 ROUNDING = 1e-3
-"""Smaller changes, as a share of the tensor, are rounding of the file and not reported."""
+"""Changes below this share of the tensor are rounding errors of the file, and are not reported."""
 MAX_RADIUS, MIN_RADIUS = 30.0, 0.001
-"""Radius of gyration of a body, as a share of the size of its shapes. Between these the file is believed,
-because shapes may be smaller than the link; beyond, the inertia is in other units, such as kg·mm²."""
+"""Limits of the radius of gyration of a body, as a share of the size of its shapes. Between them the file is
+believed, because shapes may be smaller than the link. Beyond them the inertia is in other units, such as
+kg·mm²."""
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 MASSLESS_KG = 1e-6
-"""Files give this to frames, for readers that need a mass."""
+"""Some files give this mass to frames, for programs that need a mass for each link."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +43,8 @@ class Stated:
     """What remains of an `<inertial>` that MuJoCo cannot use.
 
     Attributes:
-        mass: kg; None if that is missing too.
-        why: what is wrong with it, for the report.
+        mass: kg; None if the mass is missing too.
+        why: what is wrong with the element, for the report.
     """
 
     mass: float | None
@@ -106,12 +108,12 @@ def _fit_size(body: mujoco.MjsBody, solid: Solid) -> str | None:
     _set(body, 0.4 * body.mass * solid.reach**2 * np.eye(3))
     return (
         f"inertia replaced: {body.mass:g} kg with a radius of gyration of {radius:.3g} m do not fit shapes "
-        f"that reach {solid.reach:.3g} m; taken is a ball of that radius"
+        f"that reach {solid.reach:.3g} m; the inertia of a ball of that radius is used"
     )
 
 
 def _make_possible(body: mujoco.MjsBody, balance: bool) -> str | None:
-    """Cut off the negative part of the second moments, unless MuJoCo is to balance the moments."""
+    """Cut off the negative part of the second moments, unless the file asks MuJoCo to balance the moments."""
     tensor = _tensor(body)
     principal = np.linalg.eigvalsh(tensor)
     moments, axes = np.linalg.eigh(0.5 * np.trace(tensor) * np.eye(3) - tensor)
@@ -126,7 +128,7 @@ def _make_possible(body: mujoco.MjsBody, balance: bool) -> str | None:
         return None
     return (
         f"inertia repaired: no body has the principal moments {_listed(principal)} kg·m², as each must be "
-        f"above 0 and at most the sum of the others; taken are {_listed(np.linalg.eigvalsh(whole))} kg·m²"
+        f"above 0 and at most the sum of the others; used are {_listed(np.linalg.eigvalsh(whole))} kg·m²"
     )
 
 

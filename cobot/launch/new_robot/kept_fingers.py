@@ -1,4 +1,5 @@
-"""Which joints after an arm are a gripper that can be simulated: two that slide, or some that turn."""
+"""Finds a gripper that can be simulated in the joints after an arm: two joints that slide, or some that
+turn."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ Fingers = FingerPair | TurningFingers
 def kept_fingers(
     fingers: Sequence[MovingJoint], rates: Mapping[str, tuple[float, float]], degrees: bool
 ) -> Fingers | str:
-    """The gripper; or why there is none.
+    """The gripper; or the reason why there is none.
 
     Args:
         degrees: whether the specification has its angles in degrees.

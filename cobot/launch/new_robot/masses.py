@@ -1,6 +1,6 @@
 """The masses that `cobot new-robot` assumes for links without a usable `<inertial>`.
 
-Each is reported. Afterwards every link of the specification has an inertial of its own.
+Each assumed mass is reported. Afterwards every link of the specification has its own inertial.
 """
 
 from __future__ import annotations
@@ -21,24 +21,25 @@ from cobot.launch.robot_file.typed import typed
 from cobot.types import Array
 
 DENSITY_KG_M3 = 1100.0
-"""Mass by the volume of the shapes for collisions (meshes as their convex hulls, overlaps counted once): the
-median of 71 robots with stated masses, see docs/your-robot.md."""
+"""Mass per volume of the collision shapes (meshes as their convex hulls, overlaps counted once). The value is
+the median of 71 robots with stated masses, see docs/your-robot.md."""
 DENSITIES_KG_M3 = (1.0, 30_000.0)
 MAX_MASS_KG = 10_000.0
 BALL_SHARE, MIN_BALL_M = 0.125, 0.005
 """Radius of the ball that stands for a moving link without a shape: a share of the mean distance between
 joints, and at least the second value, m."""
 NOTHING_KG = 1e-9
-"""What MuJoCo gives a link without mass while the shapes are weighed."""
+"""Mass of a massless link while MuJoCo computes the masses of the shapes."""
 FROM_GEOM = mujoco.mjtInertiaFromGeom
 
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """What the user says about masses.
+    """The options of the user for masses.
 
     Attributes:
-        density: of links without an inertial, kg/m³; None for `DENSITY_KG_M3`, and in MJCF for its own.
+        density: of links without an inertial, kg/m³. None means `DENSITY_KG_M3`, or in MJCF the densities of
+            the file.
         masses: kg, by link.
     """
 
@@ -77,14 +78,16 @@ class _Link:
 def settle(
     file: Path, spec: mujoco.MjSpec, wishes: Wishes, stated: Mapping[str, Stated] | None
 ) -> tuple[list[str], bool]:
-    """Give each link its inertial. Returns a sentence for each that is not the file's, and whether the mass
-    of a moving link has been assumed.
+    """Give each link its inertial.
+
+    Returns a sentence for each inertial that is not from the file, and whether the mass of a moving link has
+    been assumed.
 
     Args:
         stated: what `inertials.set_aside` found in a URDF; None for MJCF.
 
     Raises:
-        ConfigError: a wish that cannot be, or MuJoCo's reason.
+        ConfigError: an option for a mass is impossible, or MuJoCo rejects the specification.
     """
     wishes.check(file, [body.name for body in spec.bodies[1:] if body.name])
     settling = _Settling(file, spec, wishes, stated)
@@ -137,7 +140,7 @@ class _Settling:
         return _Link(body, 0, stated, missing)
 
     def _give_density(self) -> None:
-        """To the shapes of links without an inertial, but those that are only seen: their density is 0."""
+        """Set the density of the shapes of links without an inertial. Shapes that are only visual get 0."""
         meshes = {mesh.name: mesh for mesh in self._spec.meshes}
         for link in self._links:
             shapes = list(link.body.geoms) if link.missing else []
@@ -148,8 +151,8 @@ class _Settling:
                     meshes[shape.meshname].inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
 
     def _weigh(self, file: Path) -> tuple[mujoco.MjModel, Array]:
-        """MuJoCo's model with the masses of the shapes, and a mask of those that have one. The inertias of
-        the file are ignored.
+        """MuJoCo's model with the masses of the shapes, and a mask of the shapes that have a mass. The
+        inertias of the file are ignored.
         """
         draft = self._spec.copy()
         draft.compiler.boundmass = draft.compiler.boundinertia = NOTHING_KG
@@ -197,13 +200,11 @@ class _Settling:
             self._said.append(f"{link.name}: {sentence}")
 
     def _is_open(self, link: _Link) -> bool:
-        """Whether it moves, and the user gives no mass for it."""
+        """Whether a link moves and the user gives no mass for it."""
         return self._moves(link) and link.name not in self._wishes.masses
 
     def _require_some_mass(self) -> None:
-        """Raises:
-        ConfigError: nothing that moves has any mass, so each one would be made up.
-        """
+        """Raises: ConfigError: no moving link has a mass, so every mass would be a guess."""
         moving = [link for link in self._links if self._moves(link)]
         masses = self._wishes.masses
         if moving and not any(each.body.explicitinertial or each.name in masses for each in moving):
@@ -214,7 +215,7 @@ class _Settling:
             )
 
     def _report_massless(self) -> None:
-        """A moving link without mass, whose fixed links have none either, becomes a small ball."""
+        """Turn a moving link into a small ball if neither it nor the links fixed to it have a mass."""
         frames = []
         for link in self._links:
             if link.body.explicitinertial or not self._moves(link):
@@ -263,7 +264,7 @@ class _Settling:
         )
 
     def _report_bounds(self) -> None:
-        """MuJoCo applies them when it compiles."""
+        """Report the file's bounds on masses and inertias. MuJoCo applies them when it compiles."""
         compiler = self._spec.compiler
         for what, bound, unit in (
             ("masses", compiler.boundmass, "kg"),

@@ -1,4 +1,4 @@
-"""`cobot new-robot`: from a URDF, xacro or MJCF file to a folder for `cobot run --config`.
+"""`cobot new-robot`: converts a URDF, xacro or MJCF file to a folder for `cobot run --config`.
 
 The folder has model.xml (MJCF), meshes, joint_limits.yaml, robot.srdf and cobot-setting.yaml. It is built
 next to its final place and checked there, so it is either complete or does not exist.
@@ -73,15 +73,17 @@ class NewRobot:
     """A robot to be made from a file.
 
     Attributes:
-        actuators: the driven joints; empty for those of the arm. All others are fixed at their position.
+        actuators: the driven joints; empty means the joints of the arm. All others are fixed at their
+            position.
         without: joints that are not part of the arm.
         wishes: masses that the user gives.
         srdf, group: an SRDF, and its group of driven joints.
         packages: folders of the packages of package://NAME/..., or folders that contain them.
-        hulls: whether each mesh collides as its convex hull, even if that fills free space.
+        hulls: whether each mesh is replaced by its convex hull for collisions, even if the hull fills free
+            space.
         skip_missing_meshes: whether shapes whose mesh does not exist are left out.
         xacro: values of the arguments of a xacro file.
-        guessed: sentences, filled in by `write`.
+        guessed: sentences on guessed values, filled in by `write`.
     """
 
     file: Path
@@ -192,7 +194,7 @@ class NewRobot:
             load_robot(load_settings(folder / SETTINGS_FILE))
 
     def _read(self, root: Element, folder: Path, worker: Worker) -> _Source:
-        """The file, with its meshes in the folder."""
+        """Read the file, and put its meshes into the folder."""
         if root.tag == "mujoco":
             check_mjcf(self.file, root)
             spec = read_mjcf(self.file, worker)
@@ -239,7 +241,7 @@ class NewRobot:
         return semantics, tree, find_arm(self.file, root, spec, tree, self.tcp)
 
     def _semantics(self, root: Element, spec: mujoco.MjSpec, tree: JointTree, files: Tree) -> Semantics:
-        """Data of the SRDF; without an SRDF the joints that the user has named."""
+        """The data of the SRDF. Without an SRDF they contain the joints that the user has named."""
         if self.srdf is None:
             if self.group is not None:
                 raise ConfigError("--group chooses a group of an SRDF; give that too, with --srdf FILE")
@@ -259,8 +261,10 @@ class NewRobot:
         semantics: Semantics,
         own_state: dict[str, float],
     ) -> tuple[list[str], str | None, Fingers | None, dict[str, float]]:
-        """The joints of the arm, its TCP if that is known, its fingers if they can be simulated, and where
-        all other joints are fixed; their links stay.
+        """Keep only the joints of the arm; the links of the others stay.
+
+        Returns the joints of the arm, its TCP if that is known, its fingers if they can be simulated, and the
+        positions at which all other joints are fixed.
         """
         spec = source.spec
         for telescope in find_telescopes(spec, chain):
@@ -326,10 +330,10 @@ class NewRobot:
         linkage: Sequence[str],
         why_fixed: str,
     ) -> dict[str, float]:
-        """All joints except the arm's; where they are fixed, which is reported.
+        """Fix all joints except those of the arm. Returns and reports the positions at which they are fixed.
 
         Args:
-            why_fixed: why the fingers are; "" if they may move.
+            why_fixed: the reason why the fingers are fixed; "" if they may move.
         """
         nodes = JointTree(spec).nodes
         slides = {name for name, node in nodes.items() if node.joint.type == mujoco.mjtJoint.mjJNT_SLIDE}

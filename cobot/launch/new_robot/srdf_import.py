@@ -1,4 +1,4 @@
-"""What `cobot new-robot --srdf` takes over from an SRDF: the group, its states, and the pairs of links whose
+"""Data that `cobot new-robot --srdf` reads from an SRDF: the group, its states, and the pairs of links whose
 collisions are disabled. Names that the robot does not have are reported.
 """
 
@@ -19,7 +19,7 @@ from cobot.types import Array, vector
 from cobot.xml_file import parse, where
 
 GROUP = "arm"
-"""The name of a group where there is no SRDF."""
+"""Name of the group if there is no SRDF."""
 OTHER_NAMES = (
     ("passive_joint", "name", "joints"),
     ("virtual_joint", "child_link", "links"),
@@ -28,7 +28,8 @@ OTHER_NAMES = (
     ("end_effector", "parent_group", "groups"),
     ("group_state", "group", "groups"),
 )
-"""Elements and attributes whose names are only checked, and what they name."""
+"""Elements and attributes that are not used. Only the names in them are checked: (element, attribute,
+kind)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,7 @@ class Tree:
 
     @classmethod
     def of_urdf(cls, root: Element) -> Tree:
-        """A joint that mimics another one does not move by itself."""
+        """The tree of a URDF. A joint that mimics another one does not count as a moving joint."""
         joints = []
         for joint in root.findall("joint"):
             parent, child = (joint.find(end) for end in ("parent", "child"))
@@ -65,7 +66,8 @@ class Tree:
 
     @classmethod
     def of_mjcf(cls, spec: mujoco.MjSpec) -> Tree:
-        """A body without joints is fixed by one without a name. A solid of the world counts as a link."""
+        """The tree of an MJCF file. A body without joints gets a fixed joint without a name. A solid of the
+        world counts as a link."""
         joints = [
             FileJoint(joint.name if joint else "", body.parent.name, body.name, joint is not None)
             for body in spec.bodies[1:]
@@ -75,7 +77,7 @@ class Tree:
         return cls(tuple(joints), frozenset(each.name for each in links if each.name))
 
     def above(self, link: str) -> list[FileJoint]:
-        """The joints from a link up to the root."""
+        """The joints on the way from a link up to the root."""
         found: list[FileJoint] = []
         while len(found) <= len(self.joints):
             joints = [joint for joint in self.joints if joint.child == link]
@@ -88,13 +90,13 @@ class Tree:
 
 @dataclass(slots=True)
 class Semantics:
-    """What an SRDF says about one group of a robot.
+    """The data in an SRDF about one group of a robot.
 
     Attributes:
         group: its name.
-        joints: those that drives move; empty for those of the arm that the robot's file has.
-        base, tcp: links, where the SRDF names them.
-        states: joint positions by joint, by the state's name, of all groups.
+        joints: joints that drives move; empty means the joints of the arm in the robot's file.
+        base, tcp: links, if the SRDF names them.
+        states: the states of all groups by name; each has joint positions by joint.
         own_states: names of the states of this group.
         pairs: links whose collisions are disabled.
         said: sentences for the report.
@@ -110,7 +112,7 @@ class Semantics:
     said: list[str] = field(default_factory=list)
 
     def states_of(self, names: tuple[str, ...], of_model: dict[str, float] | None) -> dict[str, Array]:
-        """Positions of these joints: the states that have all of them, and `home` of the model's file."""
+        """Positions of these joints in each state that has all of them, and in `home` of the model's file."""
         found: dict[str, Array] = {}
         for state, values in self.states.items():
             missing = [name for name in names if name not in values]
@@ -127,9 +129,9 @@ def read_srdf(file: Path, tree: Tree, group: str | None, arm: Sequence[str], onl
     """Read an SRDF for the robot of a tree.
 
     Args:
-        group: the group that is chosen; None for the only one, or the one with the joints of the arm.
-        arm: the joints of the arm, as far as they are known.
-        only_arm: the user has named these joints, and no group's.
+        group: name of the chosen group. None means the only group, or the one with the joints of the arm.
+        arm: the known joints of the arm.
+        only_arm: whether the user has named these joints instead of a group.
 
     Raises:
         ConfigError: the file is not an SRDF, or the group cannot be chosen.
@@ -234,7 +236,8 @@ class _Reader:
                 self._exists(what, str(element.get(attribute)), known[what])
 
     def _read_ends(self, found: Semantics) -> None:
-        """Base and TCP: those of the group's chain, else the TCP of the end effector on the group."""
+        """Read base and TCP from the group's chain. Without a chain, the TCP is that of the group's end
+        effector."""
         group = self._groups.get(found.group)
         chains = [] if group is None else group.findall("chain")
         if len(chains) == 1 and self._chain(chains[0]):
@@ -252,7 +255,8 @@ class _Reader:
         return bool(joints) and above.issuperset(joints)
 
     def _read_states(self, found: Semantics) -> None:
-        """The first one of each name; those of the group before others."""
+        """Read the states. Of several with one name, the first counts, and states of the group count before
+        others."""
         states = self._root.findall("group_state")
         for state in sorted(states, key=lambda state: state.get("group") != found.group):
             name = state.get("name") or ""
@@ -279,8 +283,10 @@ class _Reader:
         return values[0]
 
     def _pairs(self) -> list[tuple[str, str]]:
-        """The pairs of `disable_collisions`; a link of `disable_default_collisions` is in a pair with each
-        other one that `enable_collisions` does not name with it.
+        """The pairs of links whose collisions are disabled.
+
+        These are the pairs of `disable_collisions`, and each link of `disable_default_collisions` with every
+        other link, except pairs in `enable_collisions`.
         """
         disabled = self._named_pairs("disable_collisions")
         enabled = {frozenset(pair) for pair in self._named_pairs("enable_collisions")}

@@ -1,7 +1,7 @@
 """The fingers that `cobot new-robot` keeps as a gripper: two that turn together, or a jaw that turns.
 
-Their joints leave the model, as those of `fingers` do. The settings say how the links turn
-(`robot.gripper.hand`), and which width belongs to which angle: see `finger_widths`.
+Their joints are removed from the model, as in `fingers`. The settings describe how the links turn
+(`robot.gripper.hand`), and give the width for each angle: see `finger_widths`.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from cobot.strict import sentences
 FORCES_N, SPEEDS_M_S = (1.0, 2000.0), (0.01, 1.0)
 TURNS_RAD = (0.05, 6.3)
 LIGHT_KG, LIGHT_M = 0.02, 0.01
-"""Mass and radius of the ball that stands for a finger without a mass: it moves, so it needs one."""
+"""Mass and radius of the ball that replaces a finger without a mass. A finger that moves needs a mass."""
 TCP = "between_fingers"
 FAR_M = 0.001
-"""The output reports by how much closed fingers reach further, from this length on."""
+"""If closed fingers reach further than open ones by at least this length, the output reports it."""
 
 
 @dataclass(slots=True)
@@ -35,9 +35,9 @@ class TurningFingers:
     """Fingers of a file that turn.
 
     Attributes:
-        joints: the first one leads, all others follow.
-        range: of the first one, rad.
-        rate: its velocity and effort in the file, 0 for unknown.
+        joints: the first one is the leader, all others follow it.
+        range: range of the leader, rad.
+        rate: velocity and effort of the leader in the file, 0 for unknown.
     """
 
     joints: tuple[Hinge, ...]
@@ -105,7 +105,7 @@ class TurningFingers:
         )
 
     def add_tcp(self, spec: mujoco.MjSpec, mj: mujoco.MjModel) -> str | None:
-        """Add a site where the fingertips meet, whose z axis leads out of the hand; its name."""
+        """Add a site where the fingertips meet, with its z axis out of the hand. Returns its name."""
         if self._found is None:
             return None
         position, turn = self._found.tcp
@@ -117,7 +117,7 @@ class TurningFingers:
 def turning_fingers(
     fingers: Sequence[MovingJoint], rates: Mapping[str, tuple[float, float]], degrees: bool
 ) -> TurningFingers | str:
-    """The fingers of a gripper that turn, if it can be simulated; or why it cannot.
+    """The turning fingers of a gripper; or the reason why they cannot be simulated.
 
     Args:
         degrees: whether the specification has its angles in degrees.
@@ -155,7 +155,7 @@ def turning_fingers(
 def _followed(
     node: MovingJoint, nodes: Mapping[str, MovingJoint], degrees: bool
 ) -> tuple[float, float] | str:
-    """Offset and ratio of a joint's angle to that of the first joint; or why it has none."""
+    """Offset and ratio of a joint's angle to that of the first joint; or the reason why there are none."""
     offset, ratio, seen = 0.0, 1.0, {node.name}
     while node.leader:
         if any(node.polynomial[2:]) or not node.polynomial[1]:

@@ -1,4 +1,4 @@
-"""Volumes and sizes of the shapes of a robot's links. What several shapes of a link share counts once."""
+"""Volumes and sizes of the shapes of a robot's links. Overlaps of a link's shapes count once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Solid:
     """The shapes of one link.
 
     Attributes:
-        centre: of their extent, in the link's frame, m.
+        centre: centre of the shapes' extent, in the link's frame, m.
         reach: greatest distance from the centre, m.
     """
 
@@ -91,7 +91,7 @@ class _Shape:
 
     @cached_property
     def volume(self) -> float:
-        """m³; 0 of kinds that have none."""
+        """Volume of the shape, m³; 0 for kinds without a volume."""
         if self._kind == KINDS.mjGEOM_MESH:
             return 0.0 if self._hull is None else float(self._hull.volume)
         return float(_VOLUMES[self._kind](*self._size)) if self._kind in _VOLUMES else 0.0
@@ -138,4 +138,4 @@ _VOLUMES: dict[int, Callable[[float, float, float], float]] = {
     int(KINDS.mjGEOM_CYLINDER): lambda r, half, _z: 2.0 * np.pi * r**2 * half,
     int(KINDS.mjGEOM_CAPSULE): lambda r, half, _z: 2.0 * np.pi * r**2 * (half + 2.0 / 3.0 * r),
 }
-"""By the kind of a shape, of its size as MuJoCo has it."""
+"""Functions for the volume of each kind of shape, given MuJoCo's three sizes of the shape."""

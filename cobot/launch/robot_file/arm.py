@@ -1,4 +1,4 @@
-"""Which joints of a file are the arm: the chain from the base to the TCP, without fingers."""
+"""Finds the joints of the arm in a file: the chain from the base to the TCP, without fingers."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ TCP_NAMES = tuple(
         "eef", "end_?effector", "grip", "flange",
     )
 )  # fmt: skip
-"""Names of sites and links that are the TCP, the likeliest first."""
+"""Names of sites and links that are probably the TCP, the most probable first."""
 RIVAL_JOINTS = 4
-"""A chain with as many joints of its own is another arm; a head or a wheel has fewer."""
+"""A chain with at least this many joints of its own is another arm; a head or a wheel has fewer."""
 
 
 def find_arm(
     file: Path, root: Element, spec: mujoco.MjSpec, tree: JointTree, tcp: str | None
 ) -> list[MovingJoint]:
-    """The arm's joints, from the base on, with all of a telescope.
+    """The joints of the arm in order from the base, including all joints of a telescope.
 
     Args:
-        root: the file's, for the lines in messages.
-        tcp: the site or body at the end of the chain; None for the only arm there is.
+        root: the root element of the file, for the line numbers in messages.
+        tcp: the site or body at the end of the chain; None if the file has only one arm.
 
     Raises:
         ConfigError: there is no joint or no such TCP; there are several arms; joints of the arm are coupled.
@@ -69,7 +69,7 @@ def find_arm(
 def named_arm(
     file: Path, root: Element, spec: mujoco.MjSpec, tree: JointTree, names: Container[str]
 ) -> list[MovingJoint]:
-    """The joints of these names, in the file's order, and those that are in a telescope with one of them.
+    """The joints with these names, and the other joints of their telescopes, in the file's order.
 
     Raises:
         ConfigError: one is neither a hinge nor a slide, or has no name; joints are coupled.
@@ -77,8 +77,8 @@ def named_arm(
     for joint in spec.joints:
         if joint.name in names and joint.type not in MOVABLE:
             raise ConfigError(
-                f"{file}: joint {joint.name!r} is a free or ball joint: an arm has a base that stands, and "
-                "hinges and slides; take the joint out of the file, or leave it out of --actuators"
+                f"{file}: joint {joint.name!r} is a free or ball joint: an arm has a fixed base, and "
+                "hinges and slides; remove the joint from the file, or leave it out of --actuators"
             )
     stages = {
         other.name
@@ -119,7 +119,7 @@ def _require_serial(file: Path, root: Element, spec: mujoco.MjSpec, chain: list[
 
 
 def _mimic(root: Element, follower: str) -> Element | None:
-    """What makes a joint follow another one: <mimic> in URDF, <equality><joint> in MJCF."""
+    """The element that makes a joint follow another one: <mimic> in URDF, <equality><joint> in MJCF."""
     for joint in root.iter("joint"):
         if joint.get("name") == follower and (mimic := joint.find("mimic")) is not None:
             return mimic
@@ -139,7 +139,7 @@ def _coupled(place: str, what: str, names: list[str]) -> ConfigError:
 
 def guess_tcp(last_link: mujoco.MjsBody) -> tuple[str, bool]:
     """A site or body that moves with the last link, and whether its name says that it is the TCP. Without
-    such a name it is the last one before the fingers.
+    such a name, the last body before the fingers is taken.
     """
     bodies = rigid_with(last_link)
     names = [name for body in bodies for name in (*(site.name for site in body.sites), body.name)]
@@ -156,7 +156,7 @@ def _only_arm(file: Path, tree: JointTree) -> list[MovingJoint]:
     arms = _arms(tree)
     if len(arms) > 1 and not all(tree.is_finger(arm[0]) for arm in arms):
         raise ConfigError(
-            f"{file}: has {len(arms)} chains of joints; choose one by its end, the others then stay where "
+            f"{file}: has {len(arms)} chains of joints; choose one by its end; the others then stay where "
             f"they are, with their shapes: {'; '.join(map(_described, arms))}"
         )
     return arms[0] if arms else []
@@ -209,7 +209,8 @@ def _chains(tree: JointTree) -> list[list[MovingJoint]]:
 
 
 def _without_rods(path: list[MovingJoint]) -> list[MovingJoint]:
-    """A branch that ends in joints which follow others is a linkage's, unless the TCP is on it."""
+    """The path without the joints at its end that follow others: they belong to a linkage, unless they carry
+    the TCP."""
     top = len(path)
     while top and path[top - 1].leader:
         top -= 1
@@ -218,12 +219,12 @@ def _without_rods(path: list[MovingJoint]) -> list[MovingJoint]:
 
 
 def _without_jaw(path: list[MovingJoint]) -> list[MovingJoint]:
-    """A last joint that does not move the TCP is a jaw, whatever its name."""
+    """The path without a last joint that does not move the TCP: such a joint is a jaw, whatever its name."""
     if len(path) > RIVAL_JOINTS and not _has_tcp(path) and _has_tcp(path[:-1]):
         return path[:-1]
     return path
 
 
 def _has_tcp(path: list[MovingJoint]) -> bool:
-    """Whether a name says that the last link of the path has the TCP."""
+    """Whether a name on the last link of the path says that it is the TCP."""
     return guess_tcp(path[-1].joint.parent)[1]

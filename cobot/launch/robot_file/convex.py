@@ -1,7 +1,7 @@
-"""Convex solids of a mesh for collision checking: its hull, or several solids where a hull would be wrong.
+"""Convex solids of a mesh for collision checking: its hull, or several solids if the hull would be wrong.
 
-A hull is wrong where it fills much of the free space of the mesh, such as the inside of a yoke. This is
-measured on a grid: cells that the mesh encloses or meets, and the depth of the others within the hull.
+A hull is wrong if it fills much free space, such as the inside of a yoke. A grid measures this: the mesh
+encloses or touches some cells, and the depth of the other cells in the hull counts.
 """
 
 from __future__ import annotations
@@ -18,17 +18,18 @@ from cobot.robot.mesh import Indices, cells_met, cells_outside
 from cobot.types import Array
 
 VOID_M, VOID_SHARE = 0.02, 0.1
-"""Distances from the mesh beyond which a point makes a hull wrong, if it exceeds both: m, and a share of the
+"""A hull is wrong if one of its points is further from the mesh than both of these: m, and a share of the
 mesh's size."""
 CELLS = 24
 """Number of grid cells along the longest side."""
 CLUSTERS = 40
-"""Resolution along the longest side, to which the mesh is simplified before it is decomposed."""
+"""Number of cells along the longest side of the mesh. Before the decomposition, all vertices of a cell are
+merged."""
 MAX_SOLIDS = 8
 CONCAVITY = 0.12
-"""Concavity beyond which a solid is split again, as a share of its size."""
+"""Concavity above which a solid is split again, as a share of its size."""
 THICKNESS_SHARE, MIN_THICKNESS_M = 1e-3, 1e-3
-"""Thickness of flat meshes: the greater value of the two."""
+"""Thickness of flat meshes: a share of their size or a length in m, whichever is greater."""
 COVERED_M = 1e-4
 
 
@@ -37,9 +38,9 @@ class Solids:
     """The convex solids of a mesh.
 
     Attributes:
-        solids: hulls, outward faces.
-        void_m: how deep the hull of the whole mesh fills its free space.
-        is_wrong: whether that is too much.
+        solids: convex hulls with outward faces.
+        void_m: depth of the free space that the hull of the whole mesh fills.
+        is_wrong: whether this depth is too large.
         flat: whether the mesh was flat and has been given a thickness.
     """
 
@@ -93,7 +94,8 @@ def _with_thickness(corners: Array) -> Array:
 
 
 def _void(vertices: Array, triangles: Indices, hull: trimesh.Trimesh, size_m: float) -> float:
-    """The greatest distance, m, of a point in the hull from the mesh and its interior, to within a cell."""
+    """The greatest distance of a point in the hull from the mesh and its interior, m. Accurate to one
+    cell."""
     low = vertices[triangles].min(axis=(0, 1))
     high = vertices[triangles].max(axis=(0, 1))
     counts = np.maximum(1, np.ceil((high - low) / (size_m / CELLS) - 1e-9)).astype(np.int64)
@@ -151,7 +153,7 @@ def _clustered(vertices: Array, triangles: Indices, cell_m: float) -> tuple[Arra
 
 
 def _covering(hulls: list[trimesh.Trimesh], points: Array) -> list[trimesh.Trimesh]:
-    """The hulls, each extended by the points outside all hulls that are closest to it."""
+    """The hulls. Each is extended to the points outside all hulls that are closest to it."""
     outside = np.stack([_beyond(hull, points) for hull in hulls])
     nearest, missed = outside.argmin(axis=0), outside.min(axis=0) > COVERED_M
     return [

@@ -1,4 +1,4 @@
-"""Leaving out of a specification the joints that do not move."""
+"""Removes from a specification the joints that do not move."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cobot.robot.quaternion import Quaternion, exp, normalised, product, rotated
 
 
 def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
-    """Remove all other joints and what refers to them, and all actuators, sensors and keys. Mocap bodies
-    stay where they are.
+    """Remove all joints except `kept`, everything that refers to them, and all actuators, sensors and keys.
+    Mocap bodies stay where they are.
 
     Returns:
-        Where each of the other joints stays, rad or m.
+        The position at which each removed joint stays, rad or m.
     """
     for element in (*spec.actuators, *spec.sensors, *spec.keys):
         spec.delete(element)
@@ -42,7 +42,7 @@ def keep_joints(spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
 
 
 def remove_shapes(branches: Iterable[MovingJoint]) -> None:
-    """Leave of the links behind these joints only their mass."""
+    """Remove the shapes of the links that these joints move. Only their masses stay."""
     for branch in branches:
         pending = [branch.joint.parent]
         while pending:

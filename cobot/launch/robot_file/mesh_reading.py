@@ -77,13 +77,14 @@ def _content(file: Path) -> bytes:
 
 
 def _msh(content: bytes) -> tuple[Array, Indices]:
-    """MuJoCo's format: numbers of vertices, normals, texture coordinates and faces, and these in turn."""
+    """Read MuJoCo's format: the counts of vertices, normals, texture coordinates and faces, then the data in
+    this order."""
     counts = np.frombuffer(content, "<i4", 4).tolist()
     vertices, normals, coordinates, faces = counts
     if min(counts) < 0 or 16 + 4 * (3 * (vertices + normals + faces) + 2 * coordinates) != len(content):
-        raise InputError("is not a mesh of MuJoCo: its size does not fit its numbers")
+        raise InputError("is not a mesh of MuJoCo: its size does not match its counts")
     places = np.frombuffer(content, "<f4", 3 * vertices, 16).astype(float).reshape(-1, 3)
     triangles = np.frombuffer(content, "<i4", 3 * faces, len(content) - 12 * faces).reshape(-1, 3)
     if not faces or triangles.min() < 0 or triangles.max() >= vertices:
-        raise InputError("has no triangles, or one of vertices that do not exist")
+        raise InputError("has no triangles, or a triangle with vertices that do not exist")
     return places, triangles.astype(np.int64)

@@ -1,4 +1,4 @@
-"""The mesh files of a robot: finding them, and writing what is made of them into the folder."""
+"""The mesh files of a robot: finds them, and writes their convex solids into the robot's folder."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from cobot.xml_file import numbers, shown, where
 
 FORMATS = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".msh")
 LARGE_M, SMALL_M = 10.0, 1e-3
-"""Sizes of a link beyond these are another unit's."""
+"""A link that is larger or smaller than this probably has another unit."""
 SPLIT_TIMEOUT_S = 60.0
-"""For decomposing one mesh; then its hull is taken."""
+"""Timeout for decomposing one mesh, s. After it the hull of the mesh is used."""
 
 
 class MissingMeshError(ConfigError):
@@ -92,12 +92,12 @@ class Meshes:
                 self.said.append(
                     f"{link}: {path.name} has become {len(answer['files'])} convex solids for collisions, "
                     f"because its hull would fill {1000.0 * answer['void']:.0f} mm of free space (--hulls to "
-                    "take the hull)"
+                    "use the hull)"
                 )
             except ConfigError:
                 self.said.append(
-                    f"{link}: the hull of {path.name} is taken for collisions, although it fills "
-                    f"{1000.0 * answer['void']:.0f} mm of free space: decomposing it failed or takes too long"
+                    f"{link}: the hull of {path.name} is used for collisions, although it fills "
+                    f"{1000.0 * answer['void']:.0f} mm of free space: decomposing it failed or took too long"
                 )
         self._report(path, link, answer)
         return [into / name for name in answer["files"]]
@@ -134,19 +134,19 @@ def mesh_error(file: Path, mesh: Element, link: str, reason: str) -> ConfigError
 
 
 def odd_size(size_m: float) -> str:
-    """What is odd about a length in a robot's file; "" for nothing."""
+    """A sentence if a length in a robot's file is implausible; else ""."""
     if size_m >= LARGE_M:
         return (
-            f"is {size_m:.4g} m long, which looks like millimetres: URDF has metres; give the mesh "
+            f"is {size_m:.4g} m long, which looks like millimetres: URDF uses metres; give the mesh "
             'scale="0.001 0.001 0.001"'
         )
     if size_m <= SMALL_M:
-        return f"is {1000.0 * size_m:.3g} mm long, which looks like a scale that is applied twice"
+        return f"is {1000.0 * size_m:.3g} mm long, as if its scale were applied twice"
     return ""
 
 
 def safe_stem(path: Path) -> str:
-    """A file's name without its ending, of characters that every reader takes."""
+    """A file's name without its ending, reduced to characters that every program accepts."""
     return "".join(each if each.isascii() and each.isalnum() else "_" for each in path.stem)[:40]
 
 
@@ -179,8 +179,8 @@ def located(file: Path, name: str, packages: Sequence[Path]) -> Path:
     """The file that a URDF names: relative to it, absolute, or in a package.
 
     Raises:
-        ConfigError: the name and where it was looked for, without the file and the link; MissingMeshError
-            if it does not exist.
+        ConfigError: the name is invalid; the message does not name the file and the link.
+        MissingMeshError: the file does not exist; the message names the places that were searched.
     """
     if "\0" in name or len(name) > 1000:
         raise ConfigError(f"{shown(name)} is not a file name")

@@ -40,7 +40,7 @@ def read_mjcf(file: Path, worker: Worker) -> mujoco.MjSpec:
     """The specification of an MJCF file, without textures.
 
     Raises:
-        ConfigError: MuJoCo's reason, or that the model is too large.
+        ConfigError: MuJoCo cannot read the file, or the model is too large.
     """
     try:
         worker.ask("mjcf", file=absolute(file))
@@ -52,7 +52,7 @@ def read_mjcf(file: Path, worker: Worker) -> mujoco.MjSpec:
 
 
 def remove_textures(spec: mujoco.MjSpec) -> None:
-    """Leave materials their colours alone: nothing draws textures."""
+    """Remove textures, which nothing draws. Materials keep their colours."""
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
     for texture in list(spec.textures):
@@ -60,8 +60,10 @@ def remove_textures(spec: mujoco.MjSpec) -> None:
 
 
 def mjcf_rates(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
-    """What `urdf_rates` is, by a MJCF file's actuators, which know no velocity: what the strongest of a joint
-    can do, by its range of forces, or of a motor's commands.
+    """The same as `urdf_rates` for an MJCF file: velocity and effort of each joint from the file's actuators.
+
+    An actuator gives no velocity, so that is 0. The effort is that of the joint's strongest actuator, from
+    its range of forces, or for a motor from its range of commands.
     """
     rates: dict[str, tuple[float, float]] = {}
     for actuator in spec.actuators:
@@ -94,7 +96,7 @@ def add_motor(spec: mujoco.MjSpec, joint: str) -> None:
 
 
 def has_bounds(flag: int, bounds: np.ndarray) -> bool:
-    """Whether a range counts: with `auto`, if there is one."""
+    """Whether a range applies. With the flag `auto` it applies if it is not empty."""
     return flag == mujoco.mjtLimited.mjLIMITED_TRUE or (
         flag == mujoco.mjtLimited.mjLIMITED_AUTO and bool(bounds[0] < bounds[1])
     )

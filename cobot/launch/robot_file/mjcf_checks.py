@@ -1,4 +1,5 @@
-"""Elements of MJCF that make many others, counted before MuJoCo makes them."""
+"""Counts the elements of an MJCF file, including those that other elements create, before MuJoCo creates
+them."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ MAX_ELEMENTS = 5_000
 read a file grows with the square of this number.
 """
 MAX_JOINTS = 500
-"""Maximum number of joints in a file. Leaving one out takes as long as the file has others."""
+"""Maximum number of joints in a file. The time to remove a joint grows with the number of the others."""
 MAX_CELLS = 4_000_000
 """Maximum number of cells in a height field: 2000 by 2000."""
 MAX_INCLUDED = 100
@@ -26,7 +27,7 @@ MULTIPLYING = ("replicate", "composite")
 SOFT = ("flexcomp", "flex")
 JOINTS = ("joint", "freejoint")
 ALLOCATING = re.compile("nkey|nuser")
-"""Attributes of <size> that allocate memory for each element."""
+"""Attributes of <size> whose value allocates memory, also for each element."""
 TEXTS = re.compile(
     r"name|.*(class|joint|body|geom|site|file|mesh)\d?|material|texture|target|prefix|model|tendon"
 )
@@ -34,8 +35,8 @@ TEXTS = re.compile(
 
 
 def check_mjcf(file: Path, root: Element) -> None:
-    """Reject files that would make more elements than any arm has, a height field of monstrous size, or
-    soft bodies, numbers that are not finite, or names that are none.
+    """Reject files with far too many elements, a height field that is far too large, soft bodies, numbers
+    that are not finite, or invalid names.
 
     Raises:
         ConfigError: names the line, the element, the number and the limit.
@@ -92,7 +93,7 @@ class _Counter:
 
 
 def _check_name(file: Path, element: Element, name: str | None) -> None:
-    """MuJoCo takes any; here they become keys, topics and words of errors."""
+    """Check a name. MuJoCo accepts any name, but cobot uses it as a key, in topics and in messages."""
     if name and not is_printable(name):
         raise ConfigError(
             f"{where(file, element)}: <{element.tag}> has the name {shown(name)}; give it a printable name "
@@ -101,7 +102,7 @@ def _check_name(file: Path, element: Element, name: str | None) -> None:
 
 
 def _check_finite(file: Path, element: Element) -> None:
-    """MuJoCo only warns of NaN, and saves it as 0."""
+    """Reject a number that is not finite. MuJoCo only warns of NaN, and saves it as 0."""
     for attribute, text in element.items():
         if TEXTS.fullmatch(attribute):
             continue
@@ -114,7 +115,7 @@ def _check_finite(file: Path, element: Element) -> None:
 
 
 def _product(file: Path, element: Element, attribute: str) -> int:
-    """The product of the whole numbers in an attribute, which has up to three; 1 for none."""
+    """The product of the up to three whole numbers in an attribute; 1 if there are none."""
     text = element.get(attribute, "1")
     try:
         return math.prod(max(1, int(float(word))) for word in text.split()[:3])

@@ -1,4 +1,4 @@
-"""ROS packages that a robot's file names, as `package://NAME/...` or, in xacro, `$(find NAME)`."""
+"""Finds the ROS packages that a robot's file names as `package://NAME/...` or, in xacro, `$(find NAME)`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def find_package(name: str, file: Path, given: Sequence[Path], inner: str = "") 
             whatever the folder's name is.
 
     Raises:
-        ConfigError: the package is not there; says what to do.
+        ConfigError: the package was not found; the message says what to do.
     """
     for folder in _candidates(name, file, given):
         if (folder / name).is_dir():

@@ -12,14 +12,15 @@ MEDIUM = ("density", "viscosity", "wind")
 
 
 def remove_passive_forces(spec: mujoco.MjSpec) -> list[str]:
-    """Remove them from the specification of an arm without its gripper; a sentence for each kind."""
+    """Remove these forces from the specification of an arm without its gripper. Returns a sentence for each
+    kind."""
     found = {
         "springs": [joint.name for joint in spec.joints if np.any(joint.stiffness)],
         "tendons": [tendon.name or "one without a name" for tendon in spec.tendons if _acts(tendon)],
         "gravity compensation (gravcomp)": [body.name for body in spec.bodies if body.gravcomp],
         "margins of joint limits": [joint.name for joint in spec.joints if joint.margin],
     }
-    said = [f"{kind} of the file removed, because plans do not know them: {', '.join(names)}"
+    said = [f"{kind} of the file removed, because planning ignores them: {', '.join(names)}"
             for kind, names in found.items() if names]  # fmt: skip
     for joint in spec.joints:
         joint.stiffness, joint.margin = np.zeros_like(joint.stiffness), 0.0
@@ -34,13 +35,14 @@ def remove_passive_forces(spec: mujoco.MjSpec) -> list[str]:
 
 
 def _acts(tendon: mujoco.MjsTendon) -> bool:
-    """Whether it pulls, brakes or limits."""
+    """Whether a tendon pulls, brakes or limits joints."""
     forces = (tendon.stiffness, tendon.damping, tendon.frictionloss)
     return any(map(np.any, forces)) or bool(tendon.range[0] < tendon.range[1])
 
 
 def _remove_margins(spec: mujoco.MjSpec) -> list[str]:
-    """Have contacts push only where shapes touch: cobot keeps distances by its own settings."""
+    """Set the margins of contacts to 0, so that contact forces act only where shapes touch. cobot keeps
+    distances by its own settings."""
     overrides = int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
     shapes = [*spec.geoms, *spec.pairs]
     had = any(shape.margin or shape.gap for shape in shapes) or bool(spec.option.enableflags & overrides)
@@ -55,4 +57,4 @@ def _remove_medium(spec: mujoco.MjSpec) -> list[str]:
         return []
     spec.option.density = spec.option.viscosity = 0.0
     spec.option.wind = np.zeros(3)
-    return ["the medium of the file (density, viscosity, wind) is removed: cobot does not know its drag"]
+    return ["the medium of the file (density, viscosity, wind) is removed: cobot does not simulate its drag"]

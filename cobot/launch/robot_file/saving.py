@@ -17,7 +17,7 @@ EXACT = {
     "site": {"pos": "pos", "quat": "quat"},
 }
 INERTIAL = {"pos": "ipos", "quat": "iquat", "mass": "mass", "diaginertia": "inertia"}
-"""Attributes of the file that are written with all digits, and what MuJoCo calls them."""
+"""Attributes of model.xml that are written with all digits, and the names of their fields in MuJoCo."""
 
 
 def compiled(file: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
@@ -33,7 +33,8 @@ def compiled(file: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def save(spec: mujoco.MjSpec, folder: Path) -> None:
-    """With names of meshes relative to the file, and all digits: MuJoCo writes six, some micrometres."""
+    """Save model.xml with mesh names relative to the file, and with all digits. MuJoCo writes six digits,
+    which is only exact to some micrometres."""
     mj, root = spec.compile(), ElementTree.fromstring(spec.to_xml().replace(f"{folder}/", ""))
     for tag, fields in EXACT.items():
         for element in root.iter(tag):
@@ -46,7 +47,7 @@ def save(spec: mujoco.MjSpec, folder: Path) -> None:
 
 
 def _refine(element: Element, compiled: object, fields: dict[str, str]) -> None:
-    """Write the numbers that stand there rounded with all their digits."""
+    """Replace rounded numbers by those with all digits."""
     for attribute, field_name in fields.items():
         if (text := element.get(attribute)) is not None:
             rounded, exact = np.array(text.split(), dtype=float), np.ravel(getattr(compiled, field_name))

@@ -30,8 +30,8 @@ class Telescope:
     Attributes:
         first: the joint that leads, nearest to the base.
         others: the joints that follow it, in the order of the chain.
-        lines: for each of these its position at q = 0, seen from its reference, and its travel for each
-            metre of the first.
+        lines: for each of `others`: its position at q = 0 relative to its reference, and its travel for each
+            metre of the first joint.
     """
 
     first: MovingJoint
@@ -40,17 +40,17 @@ class Telescope:
 
     @property
     def travel(self) -> float:
-        """That of the last stage for each metre of the first."""
+        """Travel of the last stage for each metre of the first."""
         return 1.0 + sum(abs(slope) for _, slope in self.lines)
 
     def merge(self, spec: mujoco.MjSpec, rates: dict[str, tuple[float, float]]) -> str:
-        """Make it one joint with the name of the first.
+        """Make the telescope one joint with the name of the first.
 
         Args:
             rates: velocity and effort of the joints, 0 for unknown; changed for the first joint.
 
         Returns:
-            What has been done, for the user.
+            A sentence on the change, for the user.
         """
         joint, travel = self.first.joint, self.travel
         rates[self.first.name] = self._rate(rates)
@@ -82,18 +82,19 @@ class Telescope:
         return (
             f"telescope found: {self.first.name} moves {', '.join(names)} too. They are one joint, whose "
             f"position is the travel of the last stage: {travel:g} times that of {self.first.name} in the "
-            "file. All stages move with the last one, so collisions with the stages between are not found "
-            "where it is extended"
+            "file. All stages move with the last one, so collisions with the middle stages of an "
+            "extended telescope are not found"
         )
 
     def rescale(self, states: Iterable[dict[str, float]]) -> None:
-        """Have states of the file give the travel of the last stage."""
+        """Convert the states of the file: the value of the joint becomes the travel of the last stage."""
         for state in states:
             if self.first.name in state:
                 state[self.first.name] *= self.travel
 
     def _rate(self, rates: dict[str, tuple[float, float]]) -> tuple[float, float]:
-        """Velocity of the last stage, within those of all joints, and the effort at it."""
+        """Maximum velocity of the last stage, with each joint within its own, and the effort at the last
+        stage."""
         velocity, effort = rates.get(self.first.name, (0.0, 0.0))
         velocities = [velocity] if velocity else []
         for node, (_, slope) in zip(self.others, self.lines, strict=True):
@@ -102,7 +103,7 @@ class Telescope:
         return min(velocities, default=0.0) * self.travel, effort / self.travel
 
     def _ranges(self) -> list[tuple[float, float]]:
-        """Ranges of the first joint, one from each joint that has limits."""
+        """Ranges for the first joint: one follows from each joint that has limits."""
         joint = self.first.joint
         found = [tuple(joint.range)] if has_bounds(joint.limited, joint.range) else []
         for node, (start, slope) in zip(self.others, self.lines, strict=True):
@@ -131,7 +132,8 @@ def find_telescopes(spec: mujoco.MjSpec, chain: Sequence[MovingJoint]) -> list[T
 def _line(
     spec: mujoco.MjSpec, first: MovingJoint, other: MovingJoint, lines: dict[str, tuple[float, float]]
 ) -> tuple[float, float] | None:
-    """Start and slope of a joint that follows the first along its axis and in its direction; else None."""
+    """Start and slope of a joint that follows the first joint along its axis and in its direction; else
+    None."""
     both_slide = first.joint.type == other.joint.type == mujoco.mjtJoint.mjJNT_SLIDE
     if not both_slide or other.leader not in lines or any(other.polynomial[2:]):
         return None

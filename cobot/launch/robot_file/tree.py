@@ -1,4 +1,4 @@
-"""The joints of a specification as a tree: which follow others, which are fingers, which linkages."""
+"""The joints of a specification as a tree. Shows which follow others, are fingers, or belong to linkages."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from cobot.launch.robot_file.mjcf import has_bounds
 
 FINGER = re.compile(r"finger|gripper|jaw|claw|knuckle|thumb|robotiq", re.IGNORECASE)
 ARM_JOINT = re.compile(r"roll|pitch|yaw|rotat|twist|tilt|wrist", re.IGNORECASE)
-"""A joint with such a name turns a whole gripper: `gripper_roll` is the arm's."""
+"""A joint with such a name turns a whole gripper. So `gripper_roll` is a joint of the arm."""
 HAND = re.compile(r"(?:^|[^a-z])hand(?:[^a-z]|$)", re.IGNORECASE)
 LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 ARM_JOINTS, HAND_FINGERS, FINGER_JOINTS = 4, 3, 5
-"""Three branches of up to five joints after four joints are a hand: a torso has fewer before its arms."""
+"""Minimum number of joints before a hand, minimum number of its fingers, and maximum number of joints in a
+finger. A torso has fewer joints before its arms."""
 MOVABLE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -26,9 +27,10 @@ class MovingJoint:
     """A hinge or a slide.
 
     Attributes:
-        name: a joint without one has its number in the file.
-        leader: the joint that this one follows, "" for none.
-        polynomial: this joint's distance from its reference by that of its leader: a0 + a1 x + a2 x² + ...
+        name: its name; for a joint without a name, its number in the file.
+        leader: the joint that this one follows; "" for none.
+        polynomial: coefficients of a0 + a1 x + a2 x² + ..., which gives the distance of this joint from its
+            reference, for a distance x of the leader from its own reference.
     """
 
     name: str
@@ -39,7 +41,7 @@ class MovingJoint:
     polynomial: tuple[float, ...] = ()
 
     def reference(self, degrees: bool) -> float:
-        """Where the joint is when its body is as the file draws it, rad or m.
+        """Position of the joint when its body is placed as in the file, rad or m.
 
         Args:
             degrees: whether the specification has its angles in degrees.
@@ -48,7 +50,7 @@ class MovingJoint:
 
     @property
     def path(self) -> list[MovingJoint]:
-        """From the base to this joint."""
+        """The joints from the base to this joint."""
         path, node = [self], self.parent
         while node is not None:
             path.append(node)
@@ -66,7 +68,7 @@ class MovingJoint:
 
     @property
     def depth(self) -> int:
-        """The number of joints on the longest way from here to an end."""
+        """The number of joints on the longest way from this joint to an end."""
         depth, level = 0, [self]
         while level:
             depth, level = depth + 1, [child for node in level for child in node.children]
@@ -74,7 +76,7 @@ class MovingJoint:
 
 
 class JointTree:
-    """The hinges and slides of a file, without those that are held still.
+    """The hinges and slides of a file, except those that are kept fixed.
 
     Attributes:
         nodes: by name, in the file's order.
@@ -113,8 +115,8 @@ class JointTree:
             pending += ((child, last) for child in reversed(body.bodies))
 
     def resting(self, degrees: bool) -> dict[str, float]:
-        """Where each joint stays that no drive moves, rad or m: at its reference or where its leader has it,
-        and within its range.
+        """The position at which each joint without a drive stays, rad or m: its reference or the position
+        that its leader gives, limited to its range.
 
         Args:
             degrees: whether the specification has its angles in degrees.
@@ -143,14 +145,15 @@ class JointTree:
         return last.path if last else []
 
     def ball_below(self, node: MovingJoint) -> mujoco.MjsJoint | None:
-        """A ball joint that this joint moves, or that comes before it at the same body."""
+        """A ball joint that this joint moves, or that precedes it on the same body."""
         return next((ball for ball in self._balls if _is_within(ball.parent, node.joint.parent)), None)
 
     def leaves(self) -> Iterator[MovingJoint]:
         return (node for node in self.nodes.values() if not node.children)
 
     def is_finger(self, node: MovingJoint) -> bool:
-        """By its name, or as one of several short branches that are many, slides or coupled."""
+        """Whether a joint belongs to a finger: by its name, or because it is on one of several short branches
+        that are many, slide or are coupled."""
         if FINGER.search(node.name) and not ARM_JOINT.search(node.name):
             return True
         branches = node.parent.children if node.parent else self.roots
@@ -240,8 +243,8 @@ def _unit(joint: mujoco.MjsJoint, degrees: bool) -> float:
 
 
 def _tied(spec: mujoco.MjSpec) -> Iterator[str]:
-    """The bodies that the file ties to another one, which closes a loop. A mocap body is none: it is a handle
-    by which a program pulls the arm.
+    """The bodies that the file ties to another body, which closes a loop. A tie to a mocap body does not
+    count: it is a handle with which a program pulls the arm.
     """
     for each in spec.equalities:
         if each.type in LOOPS:

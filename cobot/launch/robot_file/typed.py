@@ -1,4 +1,4 @@
-"""Options as a person types them, for the way out that an error offers."""
+"""Options as a person types them, for the commands that an error message suggests."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import shlex
 def typed(option: str, *values: str) -> str:
     """The option with its values, quoted for a shell.
 
-    A value that begins with a hyphen would be read as an option, so `=` ties it to its own.
+    A value that begins with a hyphen would be read as an option, so it is joined to its option by `=`.
     """
     if any(value.startswith("-") for value in values):
         return shlex.join(f"{option}={value}" for value in values)

@@ -1,7 +1,7 @@
 """URDF as a MuJoCo specification.
 
-MuJoCo reads what counts alone: checked links and joints, limits as the format means them, and
-meshes as convex solids in metres. So errors of the file are found before, with their lines.
+MuJoCo reads only checked links and joints, limits as the format defines them, and meshes as convex solids in
+metres. So errors of the file are found before MuJoCo reads it, with their line numbers.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ CHILDREN = {
     "mujoco": ("compiler", "option"),
 }
 FIXED = ("origin", "parent", "child")
-"""What counts of a fixed joint: a <mimic> means nothing there."""
+"""Elements of a fixed joint that are kept. A <mimic> has no meaning in a fixed joint."""
 MAX_NAME = 250
-"""Longer names are no files; the system rejects them."""
+"""Maximum length of a file name. The system rejects longer ones."""
 DIRECTORIES = ("meshdir", "texturedir", "assetdir", "autolimits")
-"""Compiler options that do not fit the copy."""
+"""Compiler options that would be wrong for the copy in the new folder."""
 
 
 def read_joints(file: Path, root: Element, still: Container[str]) -> mujoco.MjSpec:
-    """The specification of a URDF that `check_urdf` accepts, without shapes and masses; only what counts is
-    left in `root`. It is read in no time, so what its joints are refused for needs no wait for the meshes.
+    """The specification, without shapes and masses, of a URDF that `check_urdf` accepts. Unused elements are
+    removed from `root`. It is read quickly, so invalid joints are reported before the meshes are read.
 
     Args:
-        still: the joints that stay where they are.
+        still: the joints that are kept fixed.
 
     Raises:
         ConfigError: names the joint and the way out.
@@ -61,7 +61,7 @@ def read_joints(file: Path, root: Element, still: Container[str]) -> mujoco.MjSp
 
 
 def read_urdf(file: Path, root: Element, meshes: Meshes) -> mujoco.MjSpec:
-    """The whole specification, after `read_joints`.
+    """The complete specification. Call it after `read_joints`.
 
     Raises:
         ConfigError: names the link or the mesh, and the way out.
@@ -86,7 +86,7 @@ def _load(file: Path, root: Element) -> mujoco.MjSpec:
 
 
 def _add_world(root: Element) -> None:
-    """Put the root link on another one, as it would become MuJoCo's world and lose its name."""
+    """Put the root link on a new link. Otherwise it would become MuJoCo's world and lose its name."""
     children = {child.get("link") for child in root.iter("child")}
     names = [str(link.get("name")) for link in root.findall("link")]
     first = next(name for name in names if name not in children)
@@ -100,7 +100,7 @@ def _add_world(root: Element) -> None:
 
 
 def _strip(root: Element) -> None:
-    """Remove what is for other programs, or only to be seen."""
+    """Remove elements that are for other programs, or only visual."""
     for parent in list(root.iter()):
         kept = CHILDREN.get(parent.tag)
         if parent.tag == "joint" and parent.get("type") == "fixed":
@@ -111,7 +111,7 @@ def _strip(root: Element) -> None:
 
 
 def _apply_meshdir(file: Path, root: Element) -> None:
-    """Name the meshes that are in the compiler's `meshdir` by their path, as MuJoCo finds them: without
+    """Replace the names of meshes in the compiler's `meshdir` by their paths, as MuJoCo does. Without
     `strippath="false"` only the last part of a name counts.
     """
     compiler = root.find("mujoco/compiler")
@@ -127,7 +127,7 @@ def _apply_meshdir(file: Path, root: Element) -> None:
 
 
 def _replace_meshes(link: Element, meshes: Meshes) -> None:
-    """Have a <collision> for each convex solid of a mesh."""
+    """Replace each mesh by one <collision> for each of its convex solids."""
     for collision in link.findall("collision"):
         mesh = collision.find("geometry/mesh")
         if mesh is None:
@@ -156,7 +156,7 @@ def _check_joint(file: Path, joint: Element, still: Container[str]) -> None:
     if kind in ("floating", "planar"):
         if name not in still:
             raise ConfigError(
-                f"{where(file, joint)}: joint {name!r} is {kind}: the base must stand; make it "
+                f"{where(file, joint)}: joint {name!r} is {kind}: the base must be fixed; make it "
                 f"fixed, or keep it where it is with {typed('--without', str(name))}"
             )
         joint.set("type", "fixed")

@@ -1,4 +1,4 @@
-"""What makes a URDF a robot: named links and joints in one tree, and numbers that are numbers.
+"""Checks that a URDF describes a robot: named links and joints in one tree, and valid numbers.
 
 Every error names the line, the joint or link, the value and what to do.
 """
@@ -16,10 +16,10 @@ MAX_ORIGIN_M = 1000.0
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 SHAPES = {"box": (("size", 3),), "cylinder": (("radius", 1), ("length", 1)), "sphere": (("radius", 1),),
           "capsule": (("radius", 1), ("length", 1))}  # fmt: skip
-"""Shapes other than meshes, with their dimensions and how many numbers each has."""
+"""Shapes other than meshes, with their dimensions and the number of values of each."""
 ZERO = (0.0, 0.0, 0.0)
 LISTED = 10
-"""Names that a message lists at most."""
+"""Maximum number of names in a message."""
 
 
 def check_urdf(file: Path, root: Element) -> None:
@@ -43,7 +43,8 @@ def check_urdf(file: Path, root: Element) -> None:
 
 
 def drop_points(file: Path, root: Element) -> list[str]:
-    """Remove each <collision> whose shape is a point, as of a placeholder; returns a sentence for each.
+    """Remove each <collision> whose shape is only a point, such as a placeholder. Returns a sentence for
+    each.
 
     Raises:
         ConfigError: a dimension is not a number.
@@ -69,7 +70,8 @@ def listed(names: list[str]) -> str:
 
 
 def _named(file: Path, root: Element, tag: str) -> dict[str, Element]:
-    """The direct children of <robot> of this kind by name: <transmission> has a <joint> of another kind."""
+    """The elements with this tag directly below <robot>, by name. A <joint> in a <transmission> is something
+    else."""
     found: dict[str, Element] = {}
     for element in root.findall(tag):
         name = element.get("name")
@@ -132,7 +134,7 @@ def _check_mesh(file: Path, mesh: Element, of: str) -> None:
     if not mesh.get("filename"):
         raise ConfigError(f"{where(file, mesh)}: {of}: its <mesh> has no filename")
     if 0.0 in numbers(file, mesh, "scale", of, 3, (1.0, 1.0, 1.0)):
-        raise ConfigError(f"{where(file, mesh)}: {of}: scale of <mesh> has a 0, which leaves nothing of it")
+        raise ConfigError(f"{where(file, mesh)}: {of}: scale of <mesh> contains a 0; it must not")
 
 
 def _check_joint(file: Path, joint: Element, joints: dict[str, Element]) -> None:
@@ -169,13 +171,14 @@ def _check_origin(file: Path, element: Element, of: str) -> None:
         if max(map(abs, numbers(file, origin, "xyz", of, 3, ZERO))) > MAX_ORIGIN_M:
             raise ConfigError(
                 f"{where(file, origin)}: {of}: xyz of <origin> is {shown(origin.get('xyz', ''))}; up to "
-                f"{MAX_ORIGIN_M:g} m are allowed, and URDF has metres"
+                f"{MAX_ORIGIN_M:g} m are allowed, and URDF uses metres"
             )
         numbers(file, origin, "rpy", of, 3, ZERO)
 
 
 def _check_tree(file: Path, links: dict[str, Element], joints: dict[str, Element]) -> None:
-    """One root, one parent for each other link, and all links below the root."""
+    """Check that there is one root, that each other link has one parent, and that all links are below the
+    root."""
     above: dict[str, tuple[str, Element]] = {}
     below: dict[str, list[str]] = {name: [] for name in links}
     for name, joint in joints.items():

@@ -23,9 +23,10 @@ WAYS_OUT = {
 
 
 def state_limits(file: Path, root: Element) -> None:
-    """Write out what the format means: 0 for a missing `lower` or `upper`, no range for continuous joints.
+    """Write the defaults of the format into the file: 0 for a missing `lower` or `upper`, no range for
+    continuous joints.
 
-    MuJoCo would ignore a range of which one end is missing.
+    MuJoCo would ignore a range with only one end.
     """
     for joint in root.findall("joint"):
         limit = joint.find("limit")
@@ -40,7 +41,7 @@ def state_limits(file: Path, root: Element) -> None:
 
 
 def check_driven(file: Path, root: Element, driven: Sequence[str], without: Sequence[str]) -> None:
-    """Reject the joints of the arm whose limits in the file leave them no range.
+    """Reject an arm with joints whose limits in the file leave no range.
 
     Args:
         without: joints that are left out already, which the offered option has to repeat.
@@ -83,9 +84,10 @@ def check_supported(file: Path, root: Element, limits: JointLimits, without: Seq
 
 
 def soft_limits(file: Path, root: Element) -> dict[str, str]:
-    """Sentences on the joints whose <safety_controller> states a narrower range than <limit>, by name.
+    """A sentence for each joint whose <safety_controller> states a narrower range than <limit>, by joint
+    name.
 
-    Nothing applies it: it is where another program's controller begins to slow the joint down.
+    cobot does not apply this range: another program's controller begins to slow the joint down there.
     """
     found = {}
     for joint in root.findall("joint"):

@@ -1,6 +1,6 @@
-"""What a URDF shows: its <visual> shapes, in visuals.yaml with meshes as GLB in visuals/.
+"""The <visual> shapes of a URDF. They are written to visuals.yaml, and their meshes as GLB to visuals/.
 
-They are no part of model.xml, so that neither collisions nor the real-time process carry them.
+They are not part of model.xml, so that neither collision checking nor the real-time process loads them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cobot.xml_file import numbers
 
 SUBFOLDER = "visuals"
 TIMEOUT_S = 30.0
-"""For one mesh; without it the link has no such look."""
+"""Timeout for converting one mesh, s. After it the visual is left out."""
 
 
 class Visuals:
@@ -88,7 +88,7 @@ class Visuals:
         return self._written[path]
 
     def _colour(self, visual: Element, of: str) -> list[float] | None:
-        """Red, green, blue and opacity, each from 0 to 1; None if the mesh's own count."""
+        """Red, green, blue and opacity, each from 0 to 1; None if the mesh's own colours apply."""
         material = visual.find("material")
         if material is None:
             return None

@@ -44,7 +44,7 @@ class Worker:
         """Send a task of `worker_main` and return its answer.
 
         Raises:
-            ConfigError: the task's reason, without the file.
+            ConfigError: the task failed. The message gives the reason without the file's name.
         """
         process = self._process or self._start()
         stdin, stdout = process.stdin, process.stdout

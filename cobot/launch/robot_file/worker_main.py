@@ -1,4 +1,4 @@
-"""The process of `worker.Worker`: its tasks, and its limits."""
+"""The process of `worker.Worker`: its tasks and its limits."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def write_look(file: str, into: str) -> dict[str, Any]:
 def compile_mjcf(file: str) -> dict[str, Any]:
     """Have MuJoCo read and compile a file, and allocate what it needs.
 
-    Mistakes in the file are not reported here, because the parent finds them again.
+    Errors in the file are not reported here, because the parent finds them too.
 
     Raises:
         MemoryError: it needs too much memory.
-        ConfigError: MuJoCo fails without a reason, mostly because a size in the file is far too great.
+        ConfigError: MuJoCo fails without a reason, usually because a size in the file is far too large.
     """
     import mujoco
 
@@ -58,8 +58,8 @@ def compile_mjcf(file: str) -> dict[str, Any]:
             raise MemoryError from exc
     except RuntimeError as exc:
         raise ConfigError(
-            f"MuJoCo fails to load it and does not say why: {reason(exc)[:200]} Mostly a size in the file is "
-            "far too great; simplify it"
+            f"MuJoCo fails to load it without a clear reason: {reason(exc)[:200]} Usually a size in the "
+            "file is far too large; simplify it"
         ) from exc
     return {}
 

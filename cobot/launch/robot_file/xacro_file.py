@@ -25,7 +25,7 @@ def expand(file: Path, into: Path, arguments: Mapping[str, str], packages: Seque
         packages: see `find_package`.
 
     Raises:
-        ConfigError: xacro's reason, without the file.
+        ConfigError: xacro cannot expand the file. The message gives the reason without the file's name.
     """
     _provide_packages(file, packages)
     import xacro
@@ -41,7 +41,7 @@ def expand(file: Path, into: Path, arguments: Mapping[str, str], packages: Seque
 
 
 def _provide_packages(file: Path, packages: Sequence[Path]) -> None:
-    """Answers `$(find NAME)`, for which xacro asks the index of an installed ROS."""
+    """Provides the folders for `$(find NAME)`, which xacro otherwise looks up in an installed ROS."""
     index = ModuleType("ament_index_python.packages")
     index.get_package_share_directory = (  # type: ignore[attr-defined]
         lambda name: str(find_package(name, file, packages))

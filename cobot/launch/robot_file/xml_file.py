@@ -1,4 +1,4 @@
-"""The XML of a robot's file: URDF, MJCF, or xacro, which becomes URDF."""
+"""Reads the XML of a robot's file: URDF, MJCF, or xacro, which is expanded to URDF."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["read_xml", "where"]
 def read_xml(
     file: Path, worker: Worker, arguments: Mapping[str, str], packages: Sequence[Path]
 ) -> tuple[Element, Path]:
-    """The root of a URDF or MJCF file, and how errors name the file.
+    """The root of a URDF or MJCF file, and the file's name for errors.
 
     The lines of a xacro file are those of the URDF that it expands to, so its name says "(expanded)".
 

@@ -21,8 +21,8 @@ def announce(settings: Settings, url: str, access: str, memories: Mapping[str, R
 
     Args:
         url: of the service, "" if there is none.
-        access: the clients that may use it, for people.
-        memories: of the robots, whose cycles have begun.
+        access: the clients that may use the service, as a text for people.
+        memories: shared memory of the robots whose cycles have begun.
     """
     log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
     log.info("  address    %s", f"{url}/" if url else "none: web.enabled is false")

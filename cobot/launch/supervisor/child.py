@@ -1,4 +1,4 @@
-"""A process that is kept alive."""
+"""A process that is restarted whenever it ends."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from cobot.logs.supervision import SupervisorLog
 
 FIRST_BACKOFF_S = 0.2
 QUICK = 3
-"""Number of restarts in a row after the first pause; later each pause is twice the one before."""
+"""Number of consecutive restarts with the first pause. After them each pause is twice the previous one."""
 MAX_BACKOFF_S = 5.0
 STEADY_S = 10.0
-"""Lifetime after which a process is trusted again, in seconds: its next pause is the first one."""
+"""Lifetime after which a process is trusted again, in seconds: its next restart begins with the first
+pause."""
 
 log = logging.getLogger("cobot")
 
 
 @dataclass
 class Child:
-    """A process to keep alive.
+    """A process that is restarted whenever it ends.
 
     Attributes:
         blank: a process that already exists, for the first start.
@@ -123,7 +124,8 @@ class Child:
             self.reader.join(1.0)
 
     def revive(self) -> None:
-        """Restart it if it has died, after a pause. The pause grows until the process has lived long."""
+        """Restart the process if it has ended, after a pause. The pause grows with each failure until the
+        process has lived for `STEADY_S`."""
         assert self.process is not None
         status = self.process.poll()
         now_s = time.monotonic()

@@ -1,4 +1,4 @@
-"""What the supervisor runs: each process with its command line, descriptors and secrets."""
+"""The processes that the supervisor runs, each with its command line, descriptors and secrets."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SERVICE, RECORDER = "service", "recorder"
 
 
 class Children:
-    """Makes the processes of one `cobot run`; none is started here.
+    """Describes the processes of one `cobot run`. It starts none.
 
     Args:
-        config: the settings' file that all of them read.
-        source: what the user edits, which the service reads again when it is asked to.
+        config: the settings file that all processes read.
+        source: the settings file that the user edits. The service reads it on a reload.
     """
 
     def __init__(self, settings: Settings, config: Path, source: Path, log: SupervisorLog) -> None:
@@ -56,13 +56,14 @@ class Children:
         return Child(SERVICE, command, self._log, (listener.fileno(), losses), tokens)
 
     def fleet(self, url: str) -> Child:
-        """The process that connects this cell to a fleet, a client of the service, if there is one."""
+        """The process that connects this cell to a fleet, if it belongs to one. It is a client of the
+        service."""
         command = [*RUN_MODULE, "cobot.fleet.cell", *self._config, *(("--url", url) if url else ())]
         environment = {FLEET_TOKEN_VARIABLE: self._fleet_token} | self._certificate()
         return Child("fleet", command, self._log, environment=environment)
 
     def ros2(self, url: str) -> Child:
-        """The DDS process, a client of the service, if there is one at this URL."""
+        """The DDS process. It is a client of the service at this URL, if there is one."""
         # What one such process leaves to the next; it goes with the supervisor.
         last_words = os.memfd_create("cobot-ros2")
         arguments = ["--last-words", str(last_words), *(("--url", url) if url else ())]
@@ -71,6 +72,6 @@ class Children:
         return Child("ros2", command, self._log, (last_words,), environment)
 
     def _certificate(self) -> dict[str, str]:
-        """The certificate that clients of the service trust."""
+        """The certificate that clients of the service must trust."""
         file = self._settings.web.tls_certificate
         return {CERTIFICATE_VARIABLE: str(file)} if file else {}

@@ -1,4 +1,4 @@
-"""Ends a process that is alive but hangs, which its heartbeat shows.
+"""Ends a process that is alive but hangs, because its heartbeat has stopped.
 
 The service's heartbeat is a counter in shared memory. The service's event loop increments it, and rtloop
 watches it too; reading it costs eight bytes. When the counter stops for long, the process is ended, and
@@ -21,21 +21,21 @@ from cobot.launch.forked import Forked
 from cobot.launch.process import is_stopped, is_traced
 
 MAX_STEP_S = 0.5
-"""Longest time between two checks that counts, in seconds. After a longer one the computer may have
+"""Maximum time that counts between two checks, in seconds. During a longer time the computer may have
 paused."""
 LAST_WORDS_S = 1.0
-"""Time that a process has to print its traceback before it is killed, in seconds."""
+"""Time for a process to print its traceback before it is killed, in seconds."""
 
 log = logging.getLogger("cobot")
 
 
 class HeartbeatWatch:
-    """Watches one process at a time, and its successor.
+    """Watches one process, and the process that replaces it after a restart.
 
     Args:
         name: of the process, for people.
-        beats: returns another number after each beat.
-        timeout_s: time without a beat after which the process hangs; None for no timeout.
+        beats: returns a number that changes with each heartbeat.
+        timeout_s: time without a heartbeat after which the process counts as hung; None for no timeout.
     """
 
     def __init__(self, name: str, beats: Callable[[], int], timeout_s: float | None) -> None:
@@ -48,7 +48,7 @@ class HeartbeatWatch:
         self._looked_s = self._silent_s = 0.0
 
     def look(self, process: subprocess.Popen[bytes] | Forked | None) -> None:
-        """Check the present process. Call it again and again."""
+        """Check the current process. Call this periodically."""
         now_s, beaten = time.monotonic(), self._beats()
         step_s, self._looked_s = min(now_s - self._looked_s, MAX_STEP_S), now_s
         if process is not self._process:
@@ -65,7 +65,8 @@ class HeartbeatWatch:
             self._end(process)
 
     def _end(self, process: subprocess.Popen[bytes] | Forked) -> None:
-        """End it, with a traceback of where it hangs in the log: faulthandler writes it on SIGABRT."""
+        """End the process. faulthandler first writes to the log, on SIGABRT, a traceback of where it
+        hangs."""
         if is_traced(process.pid):
             self._silent_s = 0.0
             return

@@ -1,8 +1,10 @@
-"""Only one `cobot run` writes the files of a robot: tool, scene, positions, jobs, log, recordings.
+"""Locks that let only one `cobot run` write the files of a robot: tool, scene, positions, jobs, log,
+recordings.
 
-Shared memory shows another run of the same robot on this computer. It does not show one in a container, or on
-another computer, that shares only the folder, nor one with another robot of the same name in the settings of
-`recording.folder`. So each run locks a file next to what it writes. The lock ends with the process.
+Shared memory shows another run of the same robot on this computer. It does not show a run in a container or
+on another computer that shares only the folder. Nor does it show a run that shares only `recording.folder`
+and has another robot of the same name there. So each run locks a file next to the files that it writes. The
+lock ends with the process.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ from cobot.config import Settings
 from cobot.errors import ConflictError
 
 NOWHERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOSPC, errno.ENOLCK)
-"""Where no lock can be made, nothing can be written either, or the file system has no locks."""
+"""Errors after which a run continues without a lock: it cannot write there either, or the file system has no
+locks."""
 
 log = logging.getLogger("cobot")
 
@@ -46,7 +49,7 @@ def keeping_alone(settings: Settings) -> Iterator[None]:
 
 
 def lock_files(settings: Settings) -> set[Path]:
-    """The file to lock in each folder that a robot's files are in."""
+    """The files to lock: one in each folder with files of a robot."""
     found: set[Path] = set()
     for name, each in settings.each.items():
         folders = (each.logs, each.kept or each.logs, each.recording_folder.parent)
@@ -55,7 +58,7 @@ def lock_files(settings: Settings) -> set[Path]:
 
 
 def _lock(path: Path) -> int:
-    """A descriptor that holds the lock."""
+    """Lock a file. Returns the descriptor that holds the lock."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     try:

@@ -1,4 +1,4 @@
-"""The signals that a supervisor is sent, and its sleep, which they end."""
+"""Signals to the supervisor, and a sleep that they interrupt."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from types import FrameType
 
 
 class ProcessSignals:
-    """SIGTERM and SIGINT end the supervisor, SIGHUP is for its service.
+    """Handlers: SIGTERM and SIGINT end the supervisor, SIGHUP makes the service read its configuration again.
 
-    What a handler sets is no `threading.Event`: the next signal may interrupt it in the middle of that, and
-    would wait for itself, for ever.
+    The handlers set plain attributes, not a `threading.Event`: another signal could interrupt its `set` and
+    then wait for the lock of that event for ever.
 
     Attributes:
-        stopping: it is time to stop.
-        hangup: SIGHUP has come.
+        stopping: whether the supervisor must stop.
+        hangup: whether SIGHUP has been received.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,8 @@ class ProcessSignals:
 
     @contextlib.contextmanager
     def catch(self) -> Iterator[None]:
-        """They end a sleep while the context lasts. The handlers stay: nothing interrupts the end."""
+        """Install the handlers. Signals end a sleep inside this context. The handlers stay installed after
+        it, so that no signal interrupts the shutdown."""
         wake, written = socket.socketpair()
         with wake, written:
             written.setblocking(False)

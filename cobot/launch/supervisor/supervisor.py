@@ -1,4 +1,4 @@
-"""Starts, watches and ends the processes, and knows which are alive."""
+"""Starts, watches and ends the processes of a `cobot run`."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ log = logging.getLogger("cobot")
 
 
 class Supervisor:
-    """Runs the robots until it receives a signal: a process for each, and one service for all."""
+    """Runs the robots, with a process for each and one service for all, until it receives a signal."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class Supervisor:
 
         Args:
             as_written: the settings without the overrides of the command line.
-            blanks: existing processes that become the first ones to be started.
+            blanks: forked processes that wait for a command. The first processes to start use them.
         """
         self._blanks = list(blanks)
         self._settings = settings
@@ -156,8 +156,8 @@ class Supervisor:
             self._signals.sleep(0.1)
 
     def _watches(self, memories: dict[str, RobotMemory]) -> dict[str, list[HeartbeatWatch]]:
-        """The processes with their heartbeats. The recorder has one per robot, of the thread that follows
-        it."""
+        """The heartbeats to watch, by process. The recorder has one per robot, from the thread that follows
+        the robot."""
         beats = partial(_beats, [memory.heartbeat for memory in memories.values()])
         return {
             SERVICE: [HeartbeatWatch(SERVICE, beats, self._settings.web.hang_to_restart_s)],
@@ -167,8 +167,8 @@ class Supervisor:
         }
 
     def _reload(self, children: list[Child]) -> None:
-        """Handle SIGHUP: the service reads the configuration again. If the signal means that the terminal
-        of this process has gone, the supervisor ends, because the operator no longer watches the arm."""
+        """Handle SIGHUP: the service reads the configuration again. If the terminal of this process has gone,
+        the supervisor ends instead, because the operator no longer watches the arm."""
         if self._in_terminal and not has_terminal():
             log.info("the terminal has gone")
             self._signals.stopping = True
@@ -181,7 +181,7 @@ class Supervisor:
         service.process.send_signal(signal.SIGHUP)
 
     def _memory(self, name: str, url: str, stack: ExitStack) -> RobotMemory:
-        """A robot's shared memory, which is removed with the stack."""
+        """Create a robot's shared memory. Closing the stack removes it."""
         settings = self._settings.of(name)
         own_url = address(url, name) if url and self._settings.robots else url
         robot = load_robot(settings)
@@ -200,7 +200,8 @@ class Supervisor:
         return memory
 
     def _await_first(self, rtloops: list[Child], memories: list[RobotMemory]) -> None:
-        """Wait for the robots' cycles to begin. One that does not begin is retried later, like one that dies.
+        """Wait for the robots' cycles to begin. A process whose cycle does not begin is restarted later, like
+        one that has ended.
 
         Raises:
             UnavailableError: no cycle has begun.
@@ -235,12 +236,13 @@ class Supervisor:
 
 
 def _beats(blocks: Iterable[Block]) -> int:
-    """A number that changes after each heartbeat of one of them."""
+    """A number that changes with each heartbeat in one of the blocks."""
     return sum(int(each.sequence) for each in blocks)
 
 
 def _mend(memories: dict[str, RobotMemory]) -> None:
-    """Repair spoilt headers. Only processes that map the memory read them, above all restarted ones."""
+    """Repair overwritten headers. A process reads the header only when it maps the memory, for example after
+    a restart."""
     for name, memory in memories.items():
         if memory.mend_header():
-            log.error("the header of the shared memory of %s was spoilt and has been rewritten", name)
+            log.error("the header of the shared memory of %s was overwritten and has been restored", name)

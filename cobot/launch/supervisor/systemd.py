@@ -38,7 +38,7 @@ class Systemd:
         self._tell("STOPPING=1")
 
     def send_heartbeat(self) -> None:
-        """Send a heartbeat if one is due. Call it again and again."""
+        """Send a heartbeat if one is due. Call this periodically."""
         now_s = time.monotonic()
         if self._period_s is not None and now_s >= self._next_s:
             self._next_s = now_s + self._period_s

@@ -61,5 +61,5 @@ def test_a_service_that_does_not_tell_its_endpoints_cannot_hang_the_start(
     """Oracle: the child sleeps for an hour."""
     monkeypatch.setattr(endpoints, "RUN_MODULE", [sys.executable, "-c", "import time; time.sleep(3600)"])
     monkeypatch.setattr(endpoints, "MAX_WAIT_S", 0.2)
-    with pytest.raises(ConfigError, match=r"has not told within 0\.2 s which endpoints it has"):
+    with pytest.raises(ConfigError, match=r"has not listed its endpoints within 0\.2 s"):
         check_endpoints(write(tmp_path, "  GET /scene: {enabled: false}\n"))

@@ -285,6 +285,6 @@ def test_limits_of_the_device_that_are_smaller_are_in_the_list(
     check_hardware(settings, [check.Checked("backend", True, found)], sys.stdout)
     said = capsys.readouterr().out
     assert (
-        f"ok      hardware limits: {LESS}, and those limits are used: max_velocity of joint1 is 0.5, not 1.4"
-        in said
+        f"ok      hardware limits: {LESS}; the device's limits are used: max_velocity of joint1 is 0.5, "
+        "not 1.4" in said
     )

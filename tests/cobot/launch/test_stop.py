@@ -123,7 +123,7 @@ def test_an_rtloop_that_has_ended_is_not_waited_for(rig: Rig, monkeypatch: pytes
     rig.memory.statistics.publish()
     at_rest, text = said(rig)
     assert not at_rest
-    assert text.endswith(": it does not run")
+    assert text.endswith(": it is not running")
 
 
 def test_several_stop_at_once_and_one_that_does_not_run_fails_all(rig: Rig) -> None:

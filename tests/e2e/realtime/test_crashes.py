@@ -300,7 +300,7 @@ def test_a_spoilt_header_is_mended_and_who_is_restarted_meanwhile_comes_back(
                 time.sleep(0.03)
         run.until(lambda: run.restarted("rtloop", old.pid) and run.healthy())
     RobotMemory.attach(name(run), MemoryRole.READER).close()
-    run.until(lambda: "was spoilt and has been rewritten" in run.output)
+    run.until(lambda: "was overwritten and has been restored" in run.output)
     require_able(run, record)
 
 

@@ -96,8 +96,8 @@ def test_a_name_that_ends_with_arm_says_it_once(tmp_path: Path, name: str, kind:
         ("", "is not a name for a backend"),
         ("a" * 41, "at most 40"),
         ("crane__two", "single underscores"),
-        ("class", "is a word of Python"),
-        ("math", "is a word of Python"),
+        ("class", "is reserved by Python"),
+        ("math", "is reserved by Python"),
         ("mujoco", "is taken by rtloop.backends.mujoco:MujocoBackend"),
     ],
 )
@@ -115,7 +115,7 @@ def test_nothing_is_written_over_and_no_folder_is_made_up(
     assert main(["new", "crane", "--dir", str(tmp_path)]) == 0
     assert "cobot backend test crane" in capsys.readouterr().out
     assert main(["new", "crane", "--dir", str(tmp_path)]) == 1
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
     assert main(["new", "crane", "--dir", str(tmp_path / "none")]) == 1
     assert "there is no folder" in capsys.readouterr().err
     assert [each.name for each in tmp_path.iterdir()] == ["cobot-backend-crane"]

@@ -122,13 +122,13 @@ def broken(settings: Settings, **changes: Any) -> bytes:
         ({"robots": {"other": []}}, "is of other robots"),
         ({"robots": {"arm": ["joint1"]}}, "is of other robots"),
         ({"robots": None}, "is of other robots"),
-        ({"files": {"robots/arm/../../x.json": b"{}"}}, "does not belong into one"),
-        ({"files": {"../x": b""}}, "does not belong into one"),
-        ({"files": {"/etc/passwd": b""}}, "does not belong into one"),
-        ({"files": {"robots/arm/keys.sqlite": b""}}, "does not belong into one"),
-        ({"files": {"robots/else/tool.json": b"{}"}}, "does not belong into one"),
-        ({"files": {"robots/arm/programs/a/0.json": b"{}"}}, "does not belong into one"),
-        ({"files": {"robots/arm/programs/../1.json": b"{}"}}, "does not belong into one"),
+        ({"files": {"robots/arm/../../x.json": b"{}"}}, "is not a file of a backup"),
+        ({"files": {"../x": b""}}, "is not a file of a backup"),
+        ({"files": {"/etc/passwd": b""}}, "is not a file of a backup"),
+        ({"files": {"robots/arm/keys.sqlite": b""}}, "is not a file of a backup"),
+        ({"files": {"robots/else/tool.json": b"{}"}}, "is not a file of a backup"),
+        ({"files": {"robots/arm/programs/a/0.json": b"{}"}}, "is not a file of a backup"),
+        ({"files": {"robots/arm/programs/../1.json": b"{}"}}, "is not a file of a backup"),
         ({"files": {"robots/arm/programs/a/1.json": b"{}"}}, "another program, or another version"),
         ({"files": {"robots/arm/tool.json": b"{"}}, "is not JSON"),
         ({"files": {"robots/arm/tool.json": b"[" * 100_000}}, "is not JSON"),
@@ -187,7 +187,7 @@ def test_the_commands_make_a_backup_and_restore_it(
     assert files(config) == before
     with running(config):
         assert main(["restore", *command]) == 0
-        assert "cobot runs: the next start restores" in capsys.readouterr().out
+        assert "cobot is running, so the next start will restore the backup" in capsys.readouterr().out
         assert staged_file(settings).read_bytes() == archive.read_bytes()
     assert main(["restore", str(tmp_path / "none.zip"), "--config", str(config)]) == 1
     assert "none.zip: cannot be read" in capsys.readouterr().err

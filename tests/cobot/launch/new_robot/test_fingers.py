@@ -183,7 +183,7 @@ def test_fingers_without_masses_get_light_ones(tmp_path: Path) -> None:
     [
         (
             link("f", "tool0", "revolute", joint="finger_1"),
-            "the ends of its fingers are 161 to 173 mm apart; allowed are closed fingers at most 0.5 times",
+            "the ends of its fingers are 161 to 173 mm apart; closed fingers may be at most 0.5 times",
         ),
         (
             link("left", "tool0", "prismatic", range_="0 0.04", joint="finger_1")

@@ -109,7 +109,7 @@ BROKEN = {
         "</collision>", "</visual>"), "inertia"),
     "mimic": (urdf(ARMS["ur"]).replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0 1 0"/><mimic joint="a0"/>',
                                        1), "--without a1"),
-    "floating": (urdf(ARMS["ur"]).replace("revolute", "floating", 1), "the base must stand"),
+    "floating": (urdf(ARMS["ur"]).replace("revolute", "floating", 1), "the base must be fixed"),
     "velocity": (urdf(ARMS["ur"]).replace('velocity="1.5"', 'velocity="fast"', 1),
                  "'a0': velocity of <limit> is 'fast'; it must be a decimal number"),
     "effort": (urdf(ARMS["ur"]).replace('effort="200"', 'effort="inf"', 1),
@@ -224,7 +224,7 @@ def test_links_of_which_always_some_shapes_touch_may_touch(tmp_path: Path) -> No
     )
     new = NewRobot(file)
     new.write(tmp_path / "made")
-    assert "one and three may touch: they do in each of 500 positions" in new.guessed
+    assert "one and three may touch, because they do in each of 500 positions" in new.guessed
     robot = load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml"))
     assert robot.collision.is_free(np.zeros(3))
 
@@ -272,7 +272,7 @@ def test_a_floor_that_a_turning_base_is_always_near_may_touch_that_link_alone(
     new = NewRobot(file)
     new.write(tmp_path / "made")
     told = name or "the surroundings"
-    assert f"{told} and one may touch: they do in each of 500 positions" in new.guessed
+    assert f"{told} and one may touch, because they do in each of 500 positions" in new.guessed
     robot = load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml"))
     assert robot.collision.is_free(np.zeros(2))
     touching = {each.first for each in robot.collision.contacts(np.array([0.0, 2.9]))}
@@ -286,7 +286,9 @@ def test_no_acceleration_is_guessed_from_a_velocity_that_is_a_placeholder(tmp_pa
     new = NewRobot(file)
     new.write(tmp_path / "made")
     guessed = new.guessed
-    assert "a0: acceleration limited to 100 rad/s², though the file has a velocity of 10000 rad/s" in guessed
+    assert (
+        "a0: acceleration limited to 100 rad/s², though the file gives a velocity of 10000 rad/s" in guessed
+    )
     limits = yaml.safe_load((tmp_path / "made" / "joint_limits.yaml").read_text())["joint_limits"]
     rates = [[limits[name][f"max_{rate}"] for rate in RATES] for name in ("a0", "a1")]
     assert rates == [[10000.0, 100.0, 1000.0], [1.5, 6.0, 60.0]]

@@ -120,7 +120,7 @@ WRONG = {
     "shape": ('<sphere radius="0.03"/>', "<cone/>", "<cone> is not a shape of URDF; valid are: mesh, box"),
     "no shape": ('<sphere radius="0.03"/>', "", "its <collision> has no shape"),
     "origin": ('origin xyz="0 0 0.05"', 'origin xyz="0 0 2e3"', "xyz of <origin> is '0 0 2e3'; up to 1000 m"),
-    "scale": ('<sphere radius="0.03"/>', '<mesh filename="a" scale="1 0 1"/>', "scale of <mesh> has a 0"),
+    "scale": ('<sphere radius="0.03"/>', '<mesh filename="a" scale="1 0 1"/>', "scale of <mesh> contains a 0"),
     "inertia": (' iyz="0"', "", "iyz of <inertia> is missing; give a decimal number"),
     "compiler": (
         '<link name="base_link"/>',
@@ -314,7 +314,7 @@ def test_a_monstrous_height_field_is_rejected(tmp_path: Path) -> None:
         ('<size memory="6G"/>', "needs more than 4 GB of memory; simplify it"),
         (
             '<asset><mesh name="m" builtin="supersphere" params="100000 1 1"/></asset>',
-            "MuJoCo fails to load it and does not say why: .*a size in the file is far too great",
+            "MuJoCo fails to load it without a clear reason: .*a size in the file is far too large",
         ),
     ],
 )

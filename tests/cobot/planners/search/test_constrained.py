@@ -148,7 +148,7 @@ def test_the_way_out_of_a_collision_keeps_the_constraints_of_the_start_or_is_ref
     narrow = Constraints(box=Box(here - np.array([2.0, 2.0, 0.02]), here + np.array([2.0, 2.0, 0.02])))
     request = MotionRequest(start, goal, PlannerName.OMPL, Scaling(1.0), constraints=narrow)
     with pytest.raises(
-        PlanningError, match=r"the TCP's z is .*; this is on the way out: the start is in coll"
+        PlanningError, match=r"the TCP's z is .*; the escape from the start: the start is in coll"
     ):
         plan(robot, request)
     cone = Constraints(Cone(np.array([0.0, 0.0, 1.0]), 0.8))
