@@ -1,4 +1,4 @@
-"""Quintic polynomials: their bases, and how motions of several coordinates are made of them.
+"""Quintic polynomials: their bases, and motions of several coordinates that consist of them.
 
 A quintic leads from one state, shape (3, n): position, velocity and acceleration, to another in a given time.
 Its coefficients, shape (6, n), are those of the powers of s, the share of that time, in [0, 1].
@@ -18,10 +18,10 @@ def between(start: Array, end: Array, duration_s: float) -> Array:
     """The coefficients of the quintic between two states."""
 
 def evaluate(coefficients: Array, time_s: float, duration_s: float, out: Array) -> None:
-    """Position, velocity and acceleration, shape (3, n), so long after the start."""
+    """Position, velocity and acceleration, shape (3, n), at a time after the start."""
 
 def peaks(coefficients: Array, duration_s: float, places: int) -> Array:
-    """The greatest amounts of velocity, acceleration and jerk, shape (3, n), at so many equidistant places
+    """The largest magnitudes of velocity, acceleration and jerk, shape (3, n), at `places` equidistant times
     from the start to the end."""
 
 def pieces_at(breakpoints: Array, coefficients: Array, places: Array) -> Array:
@@ -32,7 +32,7 @@ def hermite(times: Array, positions: Array, velocities: Array, accelerations: Ar
     """The quintics, shape (pieces, n, 6), in powers of the time since each piece's start, that take the given
     values and derivatives, shape (pieces + 1, n) each, at the given times, shape (pieces + 1,).
 
-    They are computed from each piece's start on: where it is costs no digits of how it moves.
+    They are computed relative to each piece's start, so a large position costs no digits of the motion.
     """
 
 def control_points(coefficients: Array, widths: Array) -> Array:
@@ -41,13 +41,13 @@ def control_points(coefficients: Array, widths: Array) -> Array:
     shape (pieces,)."""
 
 def jumps(coefficients: Array, durations: Array) -> tuple[Array, Array]:
-    """By how much position, velocity and acceleration, shape (3, pieces - 1, n), differ between the end of
-    each quintic, shape (pieces, n, 6), and the start of the next one; and the amounts of the latter."""
+    """The jumps of position, velocity and acceleration, shape (3, pieces - 1, n), from the end of each
+    quintic, shape (pieces, n, 6), to the start of the next one; and the magnitudes at that start."""
 
 def greatest_rates(coefficients: Array, durations: Array, enough: Array | None = None) -> Array:
-    """The exact greatest amounts of velocity, acceleration and jerk, shape (3, pieces, n), of quintics, shape
-    (pieces, n, 6), in powers of the time since each piece's start.
+    """The exact largest magnitudes of velocity, acceleration and jerk, shape (3, pieces, n), of quintics,
+    shape (pieces, n, 6), in powers of the time since each piece's start.
 
-    enough: of that shape, or one that becomes it: where an amount is surely no more, a bound of it that is no
-    more either will do, which costs a fifth.
+    enough: values that can be broadcast to the shape of the result. If a magnitude is certainly not above its
+    value here, an upper bound that is not above it either may be returned, which takes a fifth of the time.
     """

@@ -76,8 +76,8 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
 
 
 def _after(robot: RobotDescription, request: MotionRequest, first: Trajectory) -> MotionRequest:
-    """The request after the escape, with constraints relative to its original start, which bind the escape
-    too."""
+    """The request for the motion after the escape. Its constraints stay relative to the original start, and
+    the escape must keep them too."""
     held, constraints = _held(robot, request), request.constraints
     if held is None or constraints is None:
         return request
@@ -85,7 +85,7 @@ def _after(robot: RobotDescription, request: MotionRequest, first: Trajectory) -
     try:
         held.check(first, request.planner)
     except PlanningError as exc:
-        raise PlanningError(f"{exc}; this is on the way out: {first.note}") from exc
+        raise PlanningError(f"{exc}; the escape from the start: {first.note}") from exc
     cone = constraints.cone
     if cone is None or cone.direction is not None:
         return request

@@ -103,7 +103,7 @@ def _calm(rows: Array, steps: int, times: int) -> Array:
 
 
 def shift_along(apart: Array, direction: Array) -> Array:
-    """By how much later a motion in `direction` comes nearest to a point at distance `apart`, shape (n,),
+    """The delay after which a motion in `direction` is nearest to a point at distance `apart`, shape (n,),
     s."""
     square = np.einsum("ij,ij->i", direction, direction) + STANDSTILL**2
     return np.asarray(np.einsum("ij,ij->i", apart, direction) / square)

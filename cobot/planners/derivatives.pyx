@@ -17,8 +17,8 @@ cdef inline double _dot(const double* a, const double* b) noexcept nogil:
 cdef inline void _frame(
     const double* motion, double* tangent, double* normal, double* amounts
 ) noexcept nogil:
-    """Tangent and normal of a velocity and its derivative, which are 6 apart, 0 where there is none; and the
-    amounts of the one and of what of the other is across it."""
+    """Tangent and normal, for a velocity and, 6 numbers later, its derivative; 0 if undefined. `amounts`
+    becomes the length of the velocity and of the part of the derivative normal to it."""
     cdef double along
     cdef int i
     amounts[0] = sqrt(_dot(motion, motion))

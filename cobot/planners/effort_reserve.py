@@ -19,17 +19,17 @@ TRANSITION_EFFORT = 0.99
 """Maximum share of the effort limits where a motion is joined with the next one. Both may already use
 `PLANNED_EFFORT`. Without a margin above it the join would often fail, and the arm would stop between them."""
 MAX_HOLDING_EFFORT = 0.999
-"""Share of an effort limit above which holding the arm still leaves no effort for a motion."""
+"""If holding the arm takes more than this share of an effort limit, no effort is left for a motion."""
 
 
 def allowed_shares(holding: Array) -> Array:
     """Return the share of the effort limits that a motion may use in a posture.
 
-    This is `PLANNED_EFFORT`. Where holding the arm still takes nearly as much or more, it is half of what is
-    left, because the arm could hardly move otherwise.
+    This is `PLANNED_EFFORT`. Exception: if holding the arm takes nearly as much or more, the share lies
+    halfway between the holding effort and `MAX_HOLDING_EFFORT`, because the arm could hardly move otherwise.
 
     Args:
-        holding: share that holding the arm still takes, of either sign.
+        holding: share of the limit that holding the arm takes, of either sign.
     """
     return np.asarray(np.maximum(PLANNED_EFFORT, 0.5 * (np.abs(holding) + MAX_HOLDING_EFFORT)))
 

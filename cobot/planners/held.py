@@ -51,7 +51,7 @@ class Held:
         return bool(inside) and not self._broken(joints, 0.0)[1]
 
     def excess(self, rows: Array) -> Array:
-        """How far each of `what` violates each constraint, rad or m, negative if it is kept; shape (n, k)."""
+        """How far each row violates each constraint, shape (n, k), rad or m; negative if the row keeps it."""
         constraints = self._constraints
         columns = [np.full(len(rows), -np.inf)]
         if constraints.cone is not None or constraints.box is not None:

@@ -1,7 +1,7 @@
 """The fastest rate along a reference motion that keeps limits of velocity, acceleration, jerk and torque.
 
 Attributes:
-    Stations: the places at which one kind of limit is kept.
+    Stations: the places at which one kind of limit is checked.
 """
 
 from cobot.types import Array
@@ -21,5 +21,5 @@ class Stations:
 def fastest_rate(
     cells: int, times: Stations, bounded: list[Stations], gap: float, iterations: int
 ) -> tuple[Array, float, int]:
-    """The coefficients, shape (cells + 2,), of the square of the rate; the gap that is left, as a share of
-    the duration; and how many iterations it took."""
+    """The coefficients of the square of the rate, shape (cells + 2,), the remaining gap as a share of the
+    duration, and the number of iterations."""

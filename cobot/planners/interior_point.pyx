@@ -14,7 +14,7 @@ iterate is feasible, and each system to solve has five diagonals. The equations 
 "Numerical Optimization", 2006, section 19.3, with the slacks eliminated and without the curvature of the
 constraints.
 
-One file of 300 lines, so that the C compiler has all of an iteration before it.
+One file of 300 lines, so that the C compiler can optimise a whole iteration.
 """
 
 from libc.math cimport fabs, isfinite, pow, sqrt
@@ -44,8 +44,8 @@ cdef class Stations:
     Of a jerk, if there is a third:  |third b + 3/2 second b' + first b'' / 2| ≤ high b^(-1/2).
 
     Attributes:
-        cells: shape (n,), of each station.
-        basis: shape (n, 3, 3): rows b, b', b'', columns the three coefficients from the cell's on.
+        cells: the cell of each station, shape (n,).
+        basis: shape (n, 3, 3): rows b, b', b''; columns the three coefficients of the cell.
         first, second, third, low, high: shape (n, m).
     """
 
@@ -91,7 +91,7 @@ cdef class Stations:
             y[i] = basis[3 * i] * at[0] + basis[3 * i + 1] * at[1] + basis[3 * i + 2] * at[2]
 
     cdef inline void _row(self, int index, double* g) noexcept nogil:
-        """How the row's value changes with b, b' and b''."""
+        """Derivatives of the row's value by b, b' and b''."""
         if self._third != NULL:
             g[0], g[1], g[2] = self._third[index], 1.5 * self._second[index], 0.5 * self._first[index]
         else:
@@ -120,7 +120,8 @@ cdef class Stations:
     cdef void assemble(
         self, const double* c, double barrier, bint fresh, double* matrix, double* right
     ) noexcept nogil:
-        """Slacks at c, and what they add to the system; `fresh`: with duals that they determine."""
+        """Compute the slacks at c and add their terms to the system. With `fresh`, the slacks also determine
+        new duals."""
         cdef double y[3]
         cdef double g[3]
         cdef double q[9]
@@ -168,7 +169,8 @@ cdef class Stations:
     cdef void step(
         self, const double* c, const double* move, double barrier, double* primal, double* dual
     ) noexcept nogil:
-        """The changes of the duals; and how far either may go, both made smaller where they have to be."""
+        """Compute the changes of the duals, and reduce the step lengths `primal` and `dual` so that all
+        bounds are kept."""
         cdef double y[3]
         cdef double dy[3]
         cdef double g[3]
@@ -196,7 +198,7 @@ cdef class Stations:
                     self._change[2 * index + side] = change
 
     cdef void go(self, double share) noexcept nogil:
-        """The duals go so much of their step."""
+        """Change the duals by a share of their step."""
         cdef int index
         for index in range(2 * self._count * self._rows):
             self._dual[index] += share * self._change[index]
@@ -205,8 +207,8 @@ cdef class Stations:
 cdef void _add(
     const double* basis, int cell, const double* q, const double* v, double* matrix, double* right
 ) noexcept nogil:
-    """Into the system: a quadratic form in b, b', b'', and a gradient. The matrix is (n, 3): the diagonal and
-    two below it."""
+    """Add a quadratic form in b, b', b'' and a gradient to the system. The matrix, shape (n, 3), has the
+    diagonal and the two diagonals below it."""
     cdef double product[9]
     cdef double sum
     cdef int i, j, k
@@ -224,7 +226,7 @@ cdef void _add(
 
 
 cdef double _duration(Stations times, const double* c, double* matrix, double* right) noexcept nogil:
-    """Σ high b^(-1/2), and its part of the system, unless that is NULL."""
+    """Σ high b^(-1/2). Its terms are added to the system unless `matrix` is NULL."""
     cdef double y[3]
     cdef double q[9]
     cdef double v[3]
@@ -245,7 +247,8 @@ cdef double _duration(Stations times, const double* c, double* matrix, double* r
 
 
 cdef bint _solve(double* a, double* x, int n) noexcept nogil:
-    """A x = right in place, A positive definite with five diagonals, by Cholesky; False if it is not."""
+    """Solve A x = right in place by Cholesky, for a positive definite A with five diagonals. False if A is
+    not."""
     cdef int i
     for i in range(n):
         if not (a[3 * i] > 0.0 and isfinite(a[3 * i])):
@@ -278,11 +281,11 @@ def fastest_rate(int cells, Stations times, list bounded, double gap, int iterat
 
     Args:
         times: `high` are the weights of b^(-1/2) in the duration, one row.
-        bounded: what limits the rate.
-        gap: how much of the duration may be left to gain, as a share.
+        bounded: the limits of the rate.
+        gap: the iteration ends when at most this share of the duration is left to gain.
 
     Raises:
-        ValueError: no rate keeps the bounds, however small.
+        ValueError: no rate keeps the bounds, not even a very small one.
     """
     cdef int n = cells + 2
     cdef int number = 0, i

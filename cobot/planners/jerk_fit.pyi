@@ -1,19 +1,21 @@
-"""The motion within velocity, acceleration and jerk that stays in a corridor around a curve, if there is one.
+"""Finds a motion within limits of velocity, acceleration and jerk that stays in a corridor around a curve.
 
-Of a spline's control points four things are asked: that they lie in the corridor, and that their first three
-differences keep the bounds. Each alone is a projection, and the points that meet all of them best are one
-banded system: the alternating direction method of multipliers goes from one to the other. The corridor moves
-with the points: along the curve they may be earlier or later. The same in numpy: tests/laws/jerk_fit.py.
+The control points of a spline must meet four conditions: they lie in the corridor, and their first three
+differences keep the bounds. Each condition alone is a projection. The points that meet all conditions best
+solve one banded system. The alternating direction method of multipliers alternates between the two. The
+corridor moves with the points, because they may be earlier or later along the curve. tests/laws/jerk_fit.py
+has the same method in numpy.
 
 Source: Boyd et al., "Distributed Optimization and Statistical Learning via the Alternating Direction Method
 of Multipliers", 2011, sections 3.1, 3.4.3 (over-relaxation) and 5.
 
 Attributes:
-    WEIGHTS: of corridor, velocity, acceleration and jerk, each by its bound: what converges soonest.
-    RELAXATION: how far beyond its aim a turn goes, from 1 to 2.
-    TURNS_PER_PLACE: after so many turns the corridor is moved to where the points are by then.
-    LEAD_STEPS: by so many steps of the curve a point may be before or after its schedule: what is lost in one
-        place is not made up for by haste in another.
+    WEIGHTS: weights of corridor, velocity, acceleration and jerk, relative to their bounds, for fast
+        convergence.
+    RELAXATION: over-relaxation factor of an iteration, from 1 to 2.
+    TURNS_PER_PLACE: number of iterations after which the corridor is moved to the points.
+    LEAD_STEPS: number of steps of the curve by which a point may be ahead of its schedule or behind it, so
+        that a delay in one place does not cause haste in another.
 """
 
 from cobot.planners.corridor import AskedCurve
@@ -33,13 +35,13 @@ def fit(
     corridor: Array,
     turns: int,
 ) -> tuple[Array, Array]:
-    """Control points nearer to all bounds than the given ones.
+    """Control points that violate the bounds less than the given ones.
 
     Args:
-        control: shape (n, dof), rad; both ends rest, and stay where they are.
-        times_s: of the curve, where each of them belongs to, shape (n,): their schedule.
+        control: shape (n, dof), rad; both ends are at rest and do not change.
+        times_s: the schedule: the time on the curve that corresponds to each control point, shape (n,).
         corridor: largest deviation of each joint from the curve, shape (dof,), rad.
 
     Returns:
-        Control points, and the times of the curve that they belong to by now.
+        Control points, and the times on the curve that now correspond to them.
     """

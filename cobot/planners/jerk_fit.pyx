@@ -1,7 +1,7 @@
-"""The motion within velocity, acceleration and jerk that stays in a corridor: see jerk_fit.pyi.
+"""The motion within limits of velocity, acceleration and jerk that stays in a corridor: see jerk_fit.pyi.
 
-All arrays are rows of joints, (n, dof), one after the other: a row of a difference lies where its first point
-does, so that those of the third order end three rows before the points.
+All arrays have rows of joints, (n, dof). A difference is stored in the row of its first point, so the
+differences of third order end three rows before the points.
 """
 
 from libc.math cimport sqrt
@@ -52,7 +52,7 @@ cdef struct Problem:
 
 
 cdef void _row(const Problem* problem, const double* table, double time_s, double* out) noexcept nogil:
-    """A row of the curve's table at a time between two of them."""
+    """A row of the curve's table at a time, interpolated between two rows."""
     cdef double place = time_s / problem.interval_s
     cdef Py_ssize_t index = <Py_ssize_t>place
     cdef int joint
@@ -64,7 +64,7 @@ cdef void _row(const Problem* problem, const double* table, double time_s, doubl
 
 
 cdef double _shift(const Problem* problem, Py_ssize_t row, const double* point) noexcept nogil:
-    """How much later on the straight piece of the corridor a point is nearest."""
+    """The delay at which the straight piece of the corridor is nearest to a point."""
     cdef const double* there = problem.there + row * problem.dof
     cdef const double* direction = problem.direction + row * problem.dof
     cdef double along = 0.0, square = problem.standstill * problem.standstill
@@ -76,7 +76,7 @@ cdef double _shift(const Problem* problem, Py_ssize_t row, const double* point) 
 
 
 cdef void _follow(Problem* problem, bint move) noexcept nogil:
-    """Have the corridor be where the points are, in their order and near their schedule."""
+    """Move the corridor to the points, in their order and near their schedule."""
     cdef double time_s = 0.0, moved_s
     cdef Py_ssize_t row
     cdef int dof = problem.dof
@@ -120,7 +120,7 @@ cdef double _difference(const Problem* problem, int order, Py_ssize_t row, int j
 
 
 cdef void _project(Problem* problem, bint first) noexcept nogil:
-    """The nearest values that keep each bound for itself, and what they still owe the points."""
+    """Project the differences onto each bound separately, and accumulate the remainders in `owed`."""
     cdef double value[MAX_DOF]
     cdef double aim[MAX_DOF]
     cdef double bound, relaxation = problem.relaxation
@@ -149,7 +149,8 @@ cdef void _project(Problem* problem, bint first) noexcept nogil:
 
 
 cdef void _pull(Problem* problem) noexcept nogil:
-    """The right side: the transposed differences of what is wanted, less what the ends at rest add to it."""
+    """Compute the right side: the transposed differences of the wanted values, less the contribution of the
+    fixed ends."""
     cdef int order, k, joint, dof = problem.dof
     cdef double weight, value
     cdef double* right
@@ -171,7 +172,7 @@ cdef void _pull(Problem* problem) noexcept nogil:
 cdef double _of_ends(
     const Problem* problem, int order, Py_ssize_t row, int joint, Py_ssize_t last
 ) noexcept nogil:
-    """What the points at rest add to a difference: they are not free."""
+    """The contribution of the fixed points at both ends to a difference."""
     cdef double total = 0.0
     cdef int k
     if row >= AT_REST and row + order < last:
@@ -183,7 +184,8 @@ cdef double _of_ends(
 
 
 cdef int _factorise(Problem* problem) noexcept nogil:
-    """The Cholesky factor of the free points' matrix, row by row, its diagonal first; -1 if there is none."""
+    """Compute the Cholesky factor of the free points' matrix, row by row, diagonal first. -1 if it is not
+    positive definite."""
     cdef Py_ssize_t count = problem.points - 2 * AT_REST, row, left
     cdef int back, order, k, inner
     cdef double value
@@ -212,7 +214,7 @@ cdef int _factorise(Problem* problem) noexcept nogil:
 
 
 cdef void _solve(Problem* problem) noexcept nogil:
-    """The free points that are nearest to all that is wanted."""
+    """Compute the free points that are nearest to all wanted values."""
     cdef Py_ssize_t count = problem.points - 2 * AT_REST, row
     cdef int back, joint, dof = problem.dof
     cdef const double* factor = problem.factor

@@ -10,7 +10,7 @@ from cobot.arrays cimport doubles
 cdef double _edge(
     const double* begin, const double* end, const double* weights, int dof, double step_rad
 ) noexcept nogil:
-    """What a straight motion of the joints costs; infinite if one turns too far."""
+    """The cost of a straight motion of the joints; infinite if a joint turns too far."""
     cdef double total = 0.0
     cdef double step
     cdef int joint
@@ -52,7 +52,8 @@ cdef Py_ssize_t _search(
     const double* node, double* cost, double* source, const double* scale, const double* begin,
     Py_ssize_t n, Py_ssize_t m, int dof, int window, double step_rad
 ) noexcept nogil:
-    """Turn the nodes' costs into those of the cheapest ways to them; how many places are reached."""
+    """Replace the nodes' costs by those of the cheapest ways to them. Returns the number of places that are
+    reached."""
     cdef Py_ssize_t place, angle, other
     cdef double least, total
     cdef bint any

@@ -1,8 +1,9 @@
-"""A first time law along a path: fast where the path allows it, smooth, and at rest at both ends."""
+"""A first time parameterization along a path: fast where the path allows it, smooth, and at rest at both
+ends."""
 
 from cobot.types import Array
 
 def reference_motion(
     first: Array, second: Array, jerk: Array, speed: Array, length: float, bounds: tuple[int, int, float]
 ) -> tuple[Array, float]:
-    """The control points of s(τ), shape (cells + 3,), and how long a cell takes, s."""
+    """The control points of s(τ), shape (cells + 3,), and the duration of a cell, s."""

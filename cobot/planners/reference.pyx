@@ -1,10 +1,11 @@
-"""A first time law along a path: fast where the path allows it, smooth, and at rest at both ends.
+"""A first time parameterization along a path: fast where the path allows it, smooth, and at rest at both
+ends.
 
 The speed is limited by the velocities, and by the accelerations, in one pass forward and one backward (after
-Bobrow, Dubowsky, Gibson, "Time-optimal control of robotic manipulators along specified paths", 1985). It need
-not be optimal, since the rate along it is optimised after it: what counts is that a cell takes about the same
-time everywhere. A mean over the time that a full acceleration takes to build up makes it smooth; then it is a
-cubic B-spline, whose ends are at rest with a jerk that is not zero.
+Bobrow, Dubowsky, Gibson, "Time-optimal control of robotic manipulators along specified paths", 1985). The
+result need not be optimal, because the rate along it is optimised afterwards. It is only important that all
+cells take about the same time. A mean over the time that a full acceleration takes to build up makes the
+motion smooth. The result is a cubic B-spline, whose ends are at rest with a jerk that is not zero.
 """
 
 from libc.math cimport ceil, fabs, sqrt
@@ -19,7 +20,7 @@ cdef double STILL = 1e-12  # What moves less along the path bounds no accelerati
 cdef double _largest(
     const double* first, const double* second, int m, double square, double way
 ) noexcept nogil:
-    """The largest acceleration along the path forward (way 1), or backward (-1), at a squared speed."""
+    """The largest acceleration along the path at a squared speed; `way` is 1 for forward, -1 for backward."""
     cdef double largest = 1e300
     cdef double amount
     cdef int j
@@ -48,7 +49,7 @@ cdef double _build_up(const double* first, const double* jerk, int points, int m
 cdef void _limit(
     const double* first, const double* second, double* square, int points, int m, double step
 ) noexcept nogil:
-    """Squared speeds that can be reached from rest, and from which rest can be reached."""
+    """Reduce the squared speeds to those that can be reached from rest and from which rest can be reached."""
     cdef double change
     cdef int i
     square[0] = square[points - 1] = 0.0
@@ -61,7 +62,8 @@ cdef void _limit(
 
 
 cdef class _Motion:
-    """Piecewise constant acceleration: time, way, speed, and the integral of the way, at each point."""
+    """A motion with piecewise constant acceleration: time, way, speed, and the integral of the way at each
+    point."""
 
     cdef int last
     cdef double length, end
@@ -72,7 +74,7 @@ cdef class _Motion:
     cdef int _at
 
     cdef void at(self, double time, double* area, double* way, double* speed) noexcept nogil:
-        """At times that increase from call to call."""
+        """The state at a time. Times must increase from call to call."""
         cdef double since, duration, acceleration
         cdef int i
         if time <= 0.0:
@@ -98,12 +100,12 @@ def reference_motion(first, second, jerk, speed, double length, tuple bounds):
     """See reference.pyi.
 
     Args:
-        first, second: shape (points, m), of each coordinate at equal steps of the path, as shares of its
-            limit of acceleration, by s and s².
-        jerk: shape (points, m), `first` as shares of the limits of jerk.
-        speed: shape (points,), the largest of the path.
-        bounds: the least and the largest number of cells, and how many there are to be in the time in which
-            the acceleration builds up.
+        first, second: first and second derivative of each coordinate by s, as shares of its acceleration
+            limit, at equal steps of the path, shape (points, m).
+        jerk: `first` as shares of the jerk limits, shape (points, m).
+        speed: the largest speed of the path, shape (points,).
+        bounds: the minimum and maximum number of cells, and the number of cells in the time in which the
+            acceleration builds up.
     """
     cdef double least = bounds[0], most = bounds[1], per_window = bounds[2]
     cdef int points = len(first)

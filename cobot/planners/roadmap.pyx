@@ -1,7 +1,8 @@
-"""The shortest way through a cloud of configurations: A*, whose edges are looked at when they count.
+"""The shortest way through a cloud of configurations: A* with lazy collision checks.
 
-An edge is taken for free until a shortest way leads over it (R. Bohlin and L. Kavraki, "Path planning using
-lazy PRM", 2000, doi 10.1109/ROBOT.2000.844107), so that of a cloud's many thousands some dozens are.
+An edge is assumed to be free, and is checked only when a shortest way leads over it (R. Bohlin and L.
+Kavraki, "Path planning using lazy PRM", 2000, doi 10.1109/ROBOT.2000.844107). So only some dozens of many
+thousand edges are checked.
 """
 
 from libc.math cimport INFINITY, fabs, fmin, sqrt
@@ -62,7 +63,7 @@ def shortest(Clearance clearance, nodes, int goals, double shorter_than_rad, lon
 
 
 cdef int _search(Clearance clearance, Cloud* cloud, double shorter_than_rad, long work) noexcept nogil:
-    """The goal to which a free way leads, or NONE."""
+    """The goal that a free way reaches, or NONE."""
     cdef long begun = clearance.evaluations
     cdef int goal
     _measure(cloud)
@@ -92,8 +93,8 @@ cdef void _measure(Cloud* cloud) noexcept nogil:
 
 
 cdef int _nearest_goal(Cloud* cloud, double shorter_than_rad) noexcept nogil:
-    """To which the shortest way over edges that are not known to be blocked leads; NONE within this length.
-    """
+    """The goal with the shortest way over edges that are not known to be blocked; NONE if all are longer than
+    `shorter_than_rad`."""
     cdef int count = cloud.count
     cdef int i, node
     cdef double least, length
@@ -118,7 +119,7 @@ cdef int _nearest_goal(Cloud* cloud, double shorter_than_rad) noexcept nogil:
 
 
 cdef bint _is_free(Clearance clearance, Cloud* cloud, int goal) noexcept nogil:
-    """Look at all of a way that is not proven yet."""
+    """Check all edges of a way that have not been checked yet, and record the result of each."""
     cdef bint free_ = True
     cdef int node = goal
     cdef int other

@@ -1,7 +1,7 @@
 """RRT-Connect in joint space (J. Kuffner and S. LaValle, 2000, doi 10.1109/ROBOT.2000.844730), compiled.
 
-OMPL's own asks Python for every configuration and every motion, and its random numbers are seeded once a
-process. This one shares nothing, and the same seed gives the same path.
+OMPL's RRTConnect calls Python for every configuration and every motion, and its random numbers are seeded
+once per process. This implementation shares no state, and the same seed gives the same path.
 """
 
 from libc.math cimport INFINITY, M_PI, cos, fmax, fmin, isinf, log, sqrt
@@ -38,9 +38,9 @@ def connect(Clearance clearance, start, goals, low, high, uint64_t seed, double 
     Args:
         start, low, high: shape (dof,), rad.
         goals: shape (k, dof).
-        range_rad: no node is further from the one before it.
-        shorter_than_rad: only through configurations that a path shorter than this can pass.
-        attempts: to add a node, after which it gives up; 0: as many as there is time for.
+        range_rad: largest distance of a node from its parent.
+        shorter_than_rad: only configurations that a path shorter than this can pass are used.
+        attempts: maximum number of attempts to add a node; 0: no limit but the time.
     """
     cdef int dof = clearance.dof
     cdef Tree trees[2]
@@ -82,8 +82,8 @@ cdef int _grow(
     const double* low, const double* high, uint64_t seed, double timeout_s, double range_rad,
     double shorter_than_rad, long attempts, int* met,
 ) noexcept nogil:
-    """Whether the trees meet, and at which node of each. The first one hangs on the start, the other on the
-    goals.
+    """Grow both trees until they meet. Returns whether they meet; `met` becomes the node of each. The first
+    tree has the start as its root, the other one the goals.
     """
     cdef int dof = clearance.dof
     cdef uint64_t state = seed
@@ -141,7 +141,8 @@ cdef bint _is_wanted(
     const double* joints, const double* start, const double* goals, int goal_count, const double* low,
     const double* high, double shorter_than_rad, int dof,
 ) noexcept nogil:
-    """Whether it is within the limits, and on some way to a goal that is shorter than this."""
+    """Whether a configuration is within the limits, and on some way to a goal that is shorter than
+    `shorter_than_rad`."""
     cdef double nearest_goal = INFINITY
     cdef int index
     for index in range(dof):
@@ -155,9 +156,9 @@ cdef bint _is_wanted(
 cdef void _draw_between(
     const double* start, const double* goal, double length, int dof, uint64_t* state, double* out
 ) noexcept nogil:
-    """Anywhere in the ellipsoid of the ways between these that are no longer than this (J. Gammell,
-    S. Srinivasa and T. Barfoot, "Informed RRT*", 2014, doi 10.1109/IROS.2014.6942976): a place in the unit
-    ball, whose first axis is laid along the straight way by a reflection.
+    """Draw a configuration from the ellipsoid of all ways from `start` to `goal` that are no longer than
+    `length` (J. Gammell, S. Srinivasa and T. Barfoot, "Informed RRT*", 2014, doi 10.1109/IROS.2014.6942976).
+    It is a point of the unit ball, whose first axis a reflection aligns with the straight way.
     """
     cdef double apart = _apart(start, goal, dof)
     cdef double across = 0.5 * sqrt(fmax(0.0, length * length - apart * apart))
@@ -186,7 +187,7 @@ cdef void _draw_between(
 
 
 cdef double _normal(uint64_t* state) noexcept nogil:
-    """With mean 0 and variance 1, by Box and Muller."""
+    """A normally distributed number with mean 0 and variance 1, by Box and Muller."""
     cdef double u = uniform(state)
     return sqrt(-2.0 * log(1.0 - u)) * cos(2.0 * M_PI * uniform(state))
 
@@ -194,7 +195,7 @@ cdef double _normal(uint64_t* state) noexcept nogil:
 cdef int _extend(
     Clearance clearance, Tree* tree, int begin, const double* wanted, double range_rad
 ) noexcept nogil:
-    """A new node from this one towards what is wanted; its index, or TRAPPED."""
+    """Add a node from the node `begin` towards `wanted`. Returns its index, or TRAPPED."""
     cdef double reached[MAX_DOF]
     cdef int dof = clearance.dof
     cdef const double* here = &tree.nodes[begin * dof]

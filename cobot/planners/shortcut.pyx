@@ -1,4 +1,4 @@
-"""Making a free polyline shorter: it is cut short where that gains most and is proven free."""
+"""Shortens a free polyline by cuts: each cut must save length and is proven free."""
 
 from libc.math cimport fmax, fmin, sqrt
 from libc.stdint cimport uint64_t
@@ -34,11 +34,11 @@ cdef struct Way:
 
 
 def shorten(Clearance clearance, corners, uint64_t seed):
-    """A polyline with the same ends, no longer, and as free: shape (m, dof).
+    """A polyline with the same ends that is no longer and just as free, shape (m, dof).
 
-    First cuts between random points of it, of which the more promising ones are tried: the gain is known
-    before the motion is looked at. Then every corner is drawn towards the line between its neighbours as far
-    as that is free.
+    First, cuts between random points of the polyline are tried, the most promising ones only: the gain is
+    known before the motion is checked. Then every corner is moved towards the line between its neighbours as
+    far as the motion stays free.
 
     Args:
         corners: shape (n, dof), n at least 2.
@@ -76,7 +76,7 @@ cdef void _cut_short(Clearance clearance, Way* way, uint64_t seed) noexcept nogi
 
 
 cdef bint _find_cut(const Way* way, uint64_t* state, Cut* best) noexcept nogil:
-    """The most promising of some; whether it is worth trying."""
+    """Find the most promising of several random cuts. Returns whether it is worth trying."""
     cdef double length = way.reached[way.count - 1]
     cdef double most = WORTH * length
     cdef double gain
@@ -117,7 +117,7 @@ cdef int _at(const Way* way, double place, double* out) noexcept nogil:
 
 
 cdef void _make(Way* way, const Cut* cut) noexcept nogil:
-    """Its ends become corners, unless they are, and what is between them goes."""
+    """Apply a cut: its ends become corners, and the corners between them are removed."""
     cdef int dof = way.dof
     cdef int kept = cut.first + 1
     cdef int rest = cut.last + 1

@@ -1,8 +1,8 @@
-"""The kinematics of a serial arm as a few hundred products, for the real-time cycle and the planners alike.
+"""The kinematics of a serial arm in a few hundred multiplications, for the real-time cycle and the planners.
 
-Taken from a MuJoCo model once: whatever does not move between two joints is one fixed part. Each part ends in
-a frame whose z is the axis of the next joint, so that a joint's turn mixes two columns of a matrix, and the
-Jacobian needs no more than these axes and where they are (Siciliano, Sciavicco, Villani, Oriolo, "Robotics",
+They are derived from a MuJoCo model once: everything between two joints becomes one fixed part. Each part
+ends in a frame whose z axis is that of the next joint. So turning a joint mixes two columns of a matrix, and
+the Jacobian needs only these axes and their positions (Siciliano, Sciavicco, Villani, Oriolo, "Robotics",
 2009, equation 3.30). Poses are those of the TCP in the base frame.
 """
 
@@ -22,18 +22,23 @@ from cobot.robot.rotations import matrix_of, with_z_along
 cdef class Chain:
     """Forward kinematics and Jacobian. Joint vectors are shape (dof,), rad (m for a slide).
 
-    The methods for Python work in one scratch memory: not thread safe. Those for compiled code are.
+    The methods for Python share one scratch memory and are not thread safe. Those for compiled code are
+    thread safe.
 
     Attributes:
         dof: the number of joints.
-        base_rotation: of the base frame in the world, shape (3, 3).
+        base_rotation: rotation of the base frame in the world, shape (3, 3).
     """
 
     def __init__(self, mj, int base, int site):
-        """Of a `mujoco.MjModel`, the index of the body that is the base, and that of the site at the TCP.
+        """Create the kinematics of a `mujoco.MjModel`.
+
+        Args:
+            base: index of the base body.
+            site: index of the site at the TCP.
 
         Raises:
-            InputError: there are too many joints, or other ones than hinges and slides.
+            InputError: there are too many joints, or a joint is neither a hinge nor a slide.
         """
         if mj.nq != mj.njnt or mj.nv != mj.njnt:
             raise InputError("a joint of the model is neither a hinge nor a slide")
@@ -46,7 +51,7 @@ cdef class Chain:
         self._fold(mj, base, site)
 
     def _fold(self, mj, int base, int site):
-        """Walk from the world to the TCP and keep what is fixed between two joints as one part."""
+        """Walk from the world to the TCP and merge all fixed transforms between two joints into one part."""
         self._count = 0
         self.base_rotation, position = _standing(mj, base)
         turn, offset = self.base_rotation.T, -self.base_rotation.T @ position
@@ -61,7 +66,7 @@ cdef class Chain:
         self.reach(mj, site)
 
     def reach(self, mj, int site):
-        """Move the TCP to where its site is now. Call it only while no other thread computes."""
+        """Update the TCP after its site has moved. Call it only while no other thread uses this object."""
         turn, offset = self._tail
         offset = offset + turn @ mj.site_pos[site]
         self._set_part(self._count, turn @ matrix_of(mj.site_quat[site]), offset)
@@ -82,7 +87,7 @@ cdef class Chain:
             self._offset[index][i] = offset[i]
 
     cdef void c_forward(self, const double* joints, double* pose7) noexcept nogil:
-        """x, y, z (m) and w, x, y, z of the TCP."""
+        """The pose of the TCP: x, y, z (m) and w, x, y, z."""
         cdef double rotation[9]
         self.c_place(joints, pose7, rotation, NULL)
         quat_from_matrix(rotation, &pose7[3])
@@ -124,7 +129,8 @@ cdef class Chain:
     cdef void c_motion(self, const double* joints, Py_ssize_t apart, double* motion) noexcept nogil:
         """The TCP's twist, 6, and its first two derivatives, one after the other.
 
-        joints: the joints and their first three derivatives by anything, each so far after the one before.
+        joints: the joints and their first three derivatives, by time or another parameter; `apart` numbers
+        lie between the beginnings of two of them.
         """
         cdef double turning[9]  # The angular velocity and its derivatives of what hangs on the last joint.
         cdef double moving[9]  # And the velocity of its origin.
@@ -192,7 +198,7 @@ cdef class Chain:
         np.copyto(out, self._pose)
 
     def solve(self, joints):
-        """Position (3,), rotation matrix (3, 3), Jacobian (6, dof): all are overwritten by the next call."""
+        """Position (3,), rotation matrix (3, 3) and Jacobian (6, dof). The next call overwrites all three."""
         self._joints[...] = joints
         self.c_place(self._c_joints, self._c_pose, self._c_rotation, self._c_jacobian)
         return self._pose[:3], self._rotation, self._jacobian
@@ -235,8 +241,8 @@ cdef class Chain:
         return out
 
     def motions(self, derivatives):
-        """The TCP's twist and its first two derivatives, shape (3, n, 6), in the base frame, at joints that
-        are given with their first three derivatives, shape (4, n, dof)."""
+        """The TCP's twist and its first two derivatives in the base frame, shape (3, n, 6), for joints and
+        their first three derivatives, shape (4, n, dof)."""
         given = np.array(derivatives, dtype=np.float64, order="C")
         if given.ndim != 3 or len(given) != 4 or given.shape[2] != self.dof:
             raise ValueError(f"joints and derivatives of shape {given.shape}, not (4, n, {self.dof})")
@@ -253,7 +259,7 @@ cdef class Chain:
 
 
 cdef inline void _differentiate_fixed(const double* turning, const double* arm, double* out) noexcept nogil:
-    """The first three derivatives of a vector that is fixed in a body, by how the body turns."""
+    """The first three derivatives of a vector that is fixed in a turning body."""
     cdef double first[3]
     cdef double second[3]
     cdef double third[3]
@@ -271,7 +277,7 @@ cdef inline void _differentiate_fixed(const double* turning, const double* arm, 
 
 
 cdef inline void _turn_about_z(double* turn, double c, double s) noexcept nogil:
-    """turn = turn Rz: the columns x and y are mixed."""
+    """turn = turn Rz, which mixes the columns x and y."""
     cdef double x, y
     cdef int i
     for i in range(0, 9, 3):
@@ -281,7 +287,7 @@ cdef inline void _turn_about_z(double* turn, double c, double s) noexcept nogil:
 
 
 cdef inline void _append(double* turn, double* here, const double* part, const double* offset) noexcept nogil:
-    """Go on by a fixed part: here += turn offset, turn = turn part."""
+    """Append a fixed part: here += turn offset, turn = turn part."""
     cdef double x, y, z
     cdef int i, j
     for i in range(3):
@@ -292,7 +298,7 @@ cdef inline void _append(double* turn, double* here, const double* part, const d
 
 
 def _way_to(mj, body):
-    """The bodies from the first one below the world to this one."""
+    """The bodies from the first one below the world to `body`."""
     bodies = []
     while body > 0:
         bodies.insert(0, int(body))

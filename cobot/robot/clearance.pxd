@@ -1,4 +1,4 @@
-"""How far an arm is from itself and its surroundings, for compiled code; see `clearance.pyx`."""
+"""The distances of an arm from itself and its surroundings, for compiled code; see `clearance.pyx`."""
 
 from cobot.arrays cimport MAX_DOF
 from cobot.robot.mujoco cimport mjData, mjModel

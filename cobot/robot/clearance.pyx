@@ -1,15 +1,15 @@
-"""How far an arm is from itself and its surroundings, at many configurations and along whole motions.
+"""The distances of an arm from itself and its surroundings, at many configurations and along whole motions.
 
-A motion is proven free, not sampled. Between a configuration and any other one whose joints are no further
-away than r, no point of a geom moves further than the sum over its joints of r times its lever; the lever is
-its distance from the joint's axis here, and grows by no more than what the joints behind turn times their
-greatest lever (conservative advancement: B. Mirtich, "Impulse-based dynamic simulation", 1996; F. Schwarzer,
-M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking", 2005, doi 10.1109/TRO.2004.838012). A pair
-whose distance is larger than what both can move is proven for the whole piece, and looked at no more in its
-halves.
+A motion is proven free, not sampled. If no joint turns by more than r from a configuration, each point of a
+geom moves by at most the sum of r times its lever over the joints. Its lever is its distance from the joint's
+axis in this configuration, and grows at most by the turn of the outer joints times their greatest lever
+(conservative advancement: B. Mirtich, "Impulse-based dynamic simulation", 1996; F. Schwarzer, M. Saha and
+J.-C. Latombe, "Adaptive dynamic collision checking", 2005, doi 10.1109/TRO.2004.838012). A pair whose
+distance is larger than the possible motion of both geoms is proven for the whole piece, and is not checked
+again in its halves.
 
-A piece of a motion is a Bezier curve of all joints, whose control points bound it; halving it is de
-Casteljau's.
+A piece of a motion is a Bezier curve of all joints, which stays within the hull of its control points. De
+Casteljau's algorithm halves it.
 
 Kinematics, distances, the proof and the gradient call each other without Python, in memory that each
 `Clearance` allocates once.
@@ -33,18 +33,18 @@ cdef enum:
     MAX_DEGREE = 5
 
 MAX_SLIDE_M = 1e3
-"""Of a slide that has no range."""
+"""Largest position of a slide without a range, m."""
 
 
 cdef class Clearance:
-    """Of a `mujoco.MjModel` with one coordinate per joint, hinges and slides. Not thread safe.
+    """The distances in a `mujoco.MjModel` with one coordinate per joint, hinges and slides. Not thread safe.
 
     Attributes:
-        pairs: the pairs of geoms that are looked at, by their indices; planes come first, boxes last.
-        count: how many there are.
-        evaluations: how many configurations have been looked at so far.
-        resolution_m: a motion may come by so much nearer than it must where no configuration that was looked
-            at does; the smaller, the more there are to look at where it is close.
+        pairs: the checked pairs of geoms, by their indices; planes come first, boxes last.
+        count: the number of pairs.
+        evaluations: the number of configurations that have been checked so far.
+        resolution_m: a motion that passes keeps at least the required distance less this. With a smaller
+            value, more configurations are checked near obstacles.
     """
 
     def __cinit__(self, mj, pairs, double resolution_m):
@@ -193,7 +193,8 @@ cdef class Clearance:
                 )
 
     cdef void _sweep(self, Part* part, const double* turned) noexcept nogil:
-        """How far it can move if no joint turns further than `turned`, by each joint and those behind it."""
+        """How far a part can move if no joint turns further than `turned`: for each joint, by it and the
+        inner joints."""
         cdef const double* middle = &self._data.geom_xpos[3 * part.solid.geom]
         cdef const double* turn = &self._data.geom_xmat[9 * part.solid.geom]
         cdef double total = 0.0
@@ -221,9 +222,10 @@ cdef class Clearance:
     cdef bint _is_proven(
         self, const double* control, int degree, double begin, double end, int count, bint ordered
     ) noexcept nogil:
-        """Whether the first `count` pairs of the order are free along a curve; where one is not is kept.
+        """Whether the first `count` pairs of the order are free along a curve. The place where one is not
+        free is stored.
 
-        With `ordered` what is found is the first place, to the resolution; without, any.
+        With `ordered` the stored place is the first one, within the resolution; otherwise any.
         """
         cdef double halves[2][(MAX_DEGREE + 1) * MAX_DOF]
         cdef double turned[MAX_DOF]
@@ -272,7 +274,7 @@ cdef class Clearance:
         return self._is_proven(halves[1], degree, 0.5 * (begin + end), end, left, ordered)
 
     cdef int _first_touching(self, double* distance) noexcept nogil:
-        """A pair that is nearer than it must be where the arm is now, or -1."""
+        """A pair that violates its required distance in the present configuration, or -1."""
         cdef Pair* pair
         cdef Solid* first
         cdef Solid* second
@@ -327,14 +329,14 @@ cdef class Clearance:
         return self._is_proven(control, 1, 0.0, 1.0, self.count, False)
 
     def require(self, least_m):
-        """Have each pair at least so far apart from now on: a number, m, or shape (count,)."""
+        """Set the required distance of each pair, m: one number for all, or shape (count,)."""
         cdef int index
         given = np.ascontiguousarray(np.broadcast_to(np.asarray(least_m, dtype=np.float64), (self.count,)))
         for index in range(self.count):
             self._least[index] = given[index]
 
     def is_free(self, joints):
-        """Whether each pair is as far apart as it must be, at joints of shape (dof,)."""
+        """Whether each pair keeps its required distance at joints of shape (dof,)."""
         cdef double given[MAX_DOF]
         cdef double distance
         _take(joints, self.dof, given)
@@ -342,7 +344,7 @@ cdef class Clearance:
         return self._first_touching(&distance) < 0
 
     def are_free(self, rows):
-        """`is_free` of many, shape (n, dof): shape (n,)."""
+        """`is_free` for each row of joints, shape (n, dof). Returns shape (n,)."""
         cdef Py_ssize_t row
         cdef double distance
         given = _rows(rows, self.dof)
@@ -355,22 +357,23 @@ cdef class Clearance:
         return out
 
     def is_edge_free(self, start, goal):
-        """Whether the straight joint motion is free, and its goal: arrays, or states of OMPL's."""
+        """Whether the straight joint motion is free, including its goal. Both ends are arrays or states of
+        OMPL."""
         cdef double ends[2][MAX_DOF]
         _take(start, self.dof, ends[0])
         _take(goal, self.dof, ends[1])
         return self.c_is_edge_free(ends[0], ends[1])
 
     def contact(self, pieces, bint first=False):
-        """Where a motion is nearer to something than it must be.
+        """Find a place where a motion violates the required distance of a pair.
 
         Args:
             pieces: shape (n, degree + 1, dof), control points of Bezier curves, one after the other.
-            first: find the first such place, to the resolution, not just any.
+            first: find the first such place, within the resolution, instead of any.
 
         Returns:
-            The piece, the share of its parameter, the index of the pair and its distance, m. None if it is
-            free.
+            The piece, the share of its parameter, the index of the pair and its distance, m. None if the
+            motion is free.
         """
         given = np.array(pieces, dtype=np.float64, order="C")
         if given.ndim != 3 or given.shape[2] != self.dof or not 2 <= given.shape[1] <= MAX_DEGREE + 1:
@@ -395,7 +398,8 @@ cdef class Clearance:
         return None if proven else (piece, self._hit_at, self._hit_pair, self._hit_m)
 
     def distances(self, rows, double farthest_m):
-        """Shape (n, count), m, at joints (n, dof); what is further apart counts as that far."""
+        """The distances, shape (n, count), m, at joints (n, dof). Larger distances are given as
+        `farthest_m`."""
         given = _rows(rows, self.dof)
         out = np.empty((len(given), self.count))
         cdef const double* joints = doubles(given, given.size) if given.size else NULL
@@ -417,7 +421,7 @@ cdef class Clearance:
         return gap(self._model, self._data, first, second, enough_m, line)
 
     def gradient(self, joints, int index):
-        """A pair's distance, m, at joints (dof,), and its derivative by them, shape (dof,), m/rad."""
+        """A pair's distance, m, at joints (dof,), and its derivative by the joints, shape (dof,), m/rad."""
         cdef double given[MAX_DOF]
         cdef double line[6]
         cdef double distance
@@ -435,8 +439,9 @@ cdef class Clearance:
         """CHOMP's obstacle cost and its gradient (M. Zucker et al., 2013, equations 20 and 21).
 
         Every pair is a body point with the other geom as its obstacle. With d its distance beyond `least_m`,
-        its cost c(d) is 0 from `width_m` on, then quadratic, and linear from 0 on. A cost counts by how fast
-        the pair changes along the path; the curvature term vanishes on nearly straight paths and is left out.
+        its cost c(d) is 0 from `width_m` on, then quadratic, and linear from 0 on. The cost is weighted by
+        how fast the pair's distance changes along the path. The curvature term vanishes on nearly straight
+        paths and is left out.
 
         Args:
             rows: the path's points, shape (n, dof).
@@ -484,7 +489,8 @@ cdef class Clearance:
 
 
 cdef void _halve(const double* control, int degree, int dof, double* left, double* right) noexcept nogil:
-    """De Casteljau at the middle: both halves' control points, row by row as `control`'s."""
+    """Split a curve in the middle by de Casteljau's algorithm. Gives the control points of both halves, row
+    by row."""
     cdef int level, k, j
     memcpy(right, control, (degree + 1) * dof * sizeof(double))
     memcpy(left, control, dof * sizeof(double))
@@ -499,7 +505,7 @@ cdef double _lever(
     const double* joint_turn, const double* place,
     const double* middle, const double* turn, const Solid* solid,
 ) noexcept nogil:
-    """The distance of a joint's axis from the farthest point of a geom, or a little more."""
+    """An upper bound of the distance between a joint's axis and the farthest point of a geom."""
     cdef double half[3]
     cdef double arm[3]
     cdef double ends = 0.0
@@ -537,7 +543,7 @@ cdef inline void _place_point(
 
 
 cdef int _take(object joints, int dof, double* out) except -1:
-    """The first numbers of an array, a list, or a state of OMPL's."""
+    """Copy the first numbers of an array, a list, or a state of OMPL."""
     cdef int index
     for index in range(dof):
         out[index] = joints[index]

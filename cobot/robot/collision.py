@@ -86,7 +86,7 @@ class CollisionChecker:
         self._nearest: NearestParts | None = None
 
     def take_over(self, other: CollisionChecker) -> None:
-        """Take the scene, the tool and the distances of another checker of the same arm, without computing
+        """Copy the scene, the tool and the distances from another checker of the same arm, without computing
         them."""
         self.clearance, self.pairs = other.clearance, other.pairs
         self._mj, self.scene, self.tool = other._mj, other.scene, other.tool
@@ -100,8 +100,8 @@ class CollisionChecker:
 
     @contextmanager
     def keeping(self, least_m: float | Array) -> Iterator[Clearance]:
-        """The distances, requiring another distance than the margin meanwhile: m, one for all pairs or for
-        each."""
+        """A context with the distances, in which they require `least_m` instead of the margin: one value for
+        all pairs or one for each, m."""
         self.clearance.require(least_m)
         try:
             yield self.clearance
@@ -134,7 +134,7 @@ class CollisionChecker:
 
     @property
     def nearest(self) -> NearestParts:
-        """Finds the nearest parts."""
+        """The object that finds the nearest parts."""
         if self._nearest is None:
             self._nearest = NearestParts(self, self._model.base)
         return self._nearest

@@ -11,10 +11,10 @@ from cobot.ipc.state_fields import MEASURED_NAMES
 DEFAULT_MEASURED = frozenset(
     ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench")
 )
-"""What a device measures whose capabilities do not say it. New fields are not added here, so that no existing
-backend claims to measure them."""
+"""Quantities that a device measures if its capabilities do not list any. New quantities are not added here,
+so that no existing backend claims to measure them."""
 LESS = "the device permits less than the model"
-"""Begin of messages about tighter limits of the device."""
+"""Beginning of messages about tighter limits of the device."""
 ANY_PERIOD: tuple[float, ...] = ()
 FLAGS = ("impedance", "torque", "wrench", "freedrive", "brakes", "payload", "io", "trajectories")
 STOP_CATEGORIES = (0, 1, 2)
@@ -29,16 +29,16 @@ class Capabilities:
         periods_s: cycle periods with which the device can be driven, s; empty: any.
         measured: attributes of `rtloop.backends.Measured` that the device fills in, of `MEASURED_NAMES`. The
             others are zeros.
-        impedance: drives with commanded stiffness and damping.
+        impedance: the drives accept a commanded stiffness and damping.
         torque: the arm follows streamed torques.
-        wrench: takes a force at the TCP in addition to positions.
-        freedrive: can be guided by hand.
+        wrench: accepts a force at the TCP in addition to positions.
+        freedrive: the arm can be guided by hand.
         brakes: brakes can be commanded separately from the drives.
-        payload: can be informed about the payload.
+        payload: accepts the payload.
         io: has inputs and outputs.
-        trajectories: takes whole motions and executes them by itself; nothing can be streamed to it.
+        trajectories: accepts only whole motions, which it executes by itself; nothing can be streamed to it.
         stops: stop categories that cobot can command, each with whether the device itself confirms it.
-        hardware: moves a real arm.
+        hardware: drives a real arm.
     """
 
     periods_s: tuple[float, ...] = ANY_PERIOD
@@ -69,18 +69,18 @@ class Capabilities:
             raise ValueError(f"periods_s: {self.periods_s} must be above 0")
 
     def period_refusal(self, period_s: float) -> str:
-        """Why the device cannot be driven with this period; "" if it can."""
+        """The reason why the device cannot be driven with this period; "" if it can."""
         if not self.periods_s or any(abs(period_s - each) < 1e-9 for each in self.periods_s):
             return ""
         valid = ", ".join(f"{each:g}" for each in self.periods_s)
         return f"rt.period_s is {period_s:g} s; the device can be driven every {valid} s"
 
     def lacks(self, backend: str, what: str, *names: str) -> str:
-        """Why a request is rejected for lack of a capability; "" if the device has it.
+        """The reason why a request is rejected for lack of a capability; "" if the device has it.
 
         Args:
             backend: its name, for people.
-            what: the request, as the begin of a sentence.
+            what: the request, as the beginning of a sentence.
             names: of `FLAGS`; one of them suffices.
         """
         if any(getattr(self, name) for name in names):
@@ -89,7 +89,8 @@ class Capabilities:
         return f"{what} needs {needed}, which the backend {backend} does not have; it {self._able}"
 
     def does_not_measure(self, backend: str, what: str, row: str) -> str:
-        """Why a request that needs one of `MEASURED_NAMES` is rejected; "" if the device measures it."""
+        """The reason why a request that needs one of `MEASURED_NAMES` is rejected; "" if the device measures
+        it."""
         if row in self.measured:
             return ""
         return f"{what} needs {row}, which the backend {backend} does not measure; it measures {self._rows}"
@@ -97,7 +98,7 @@ class Capabilities:
     @property
     def _able(self) -> str:
         able = ", ".join(WORDS[name] for name in FLAGS if getattr(self, name))
-        return f"has {able}" if able else "takes positions only"
+        return f"has {able}" if able else "accepts positions only"
 
     @property
     def _rows(self) -> str:

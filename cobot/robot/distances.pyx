@@ -1,8 +1,8 @@
 """Signed distances between geoms of the arm and its surroundings, for the real-time cycle.
 
-Between spheres, capsules and planes they are short formulas; so is that from a plane to a cylinder. For other
-shapes a capsule or a sphere around each gives a lower bound first, then a box around each, and MuJoCo's
-iteration is only asked where that is not enough: it takes fifty times as long, more when its code is not in
+For spheres, capsules and planes, and for a plane and a cylinder, they are short formulas. For other shapes a
+capsule or a sphere around each gives a first lower bound, and a box around each a better one. MuJoCo's
+iteration is used only if these are not enough. It takes fifty times as long, and longer if its code is not in
 the cache.
 """
 
@@ -38,14 +38,14 @@ cdef enum:
 
 
 cdef class GeomDistances:
-    """Of a `mujoco.MjModel` with one coordinate per joint. Not thread safe.
+    """The distances in a `mujoco.MjModel` with one coordinate per joint. Not thread safe.
 
     Attributes:
         count: the number of pairs that are watched.
     """
 
     def __cinit__(self, mj, int capacity, double farthest_m):
-        """Room for `capacity` pairs. Geoms further apart than `farthest_m` count as that far apart."""
+        """Allocate memory for `capacity` pairs. Distances above `farthest_m` are given as `farthest_m`."""
         self._mj = mj
         self._dof = checked_dof(mj.nv)
         self._farthest_m = farthest_m
@@ -62,10 +62,10 @@ cdef class GeomDistances:
             mj_deleteData(self._data)
 
     def watch(self, pairs, farthest_m=None):
-        """The distances of these pairs of geoms, given by their indices, are wanted from now on.
+        """Watch these pairs of geoms, given by their indices, from now on.
 
         Args:
-            farthest_m: how far apart those of a pair count at most, for each pair; else as for all.
+            farthest_m: largest distance for each pair; by default that of the constructor for all.
         """
         cdef int index
         if len(pairs) > self._capacity:
@@ -91,8 +91,8 @@ cdef class GeomDistances:
 
     cdef bint c_find_near(self, const double* joints, const double* last, double near_m,
                           double* out) noexcept nogil:
-        """The distances, with the same farthest one for all, of the pairs whose last distance is less than
-        `near_m`; infinity for the others.
+        """The distances of the pairs whose last distance is below `near_m`, with the same largest distance
+        for all; infinity for the others.
         """
         cdef int index
         if not self._place(joints):
@@ -132,7 +132,7 @@ cdef class GeomDistances:
         return mj_geomDistance(self._model, self._data, pair.first, pair.second, farthest_m, NULL)
 
     def find(self, joints):
-        """Shape (count,), m, at joints of shape (dof,), which must be finite."""
+        """The distances, shape (count,), m, at joints of shape (dof,), which must be finite."""
         given = np.array(joints, dtype=np.float64).reshape(self._dof)
         out = np.zeros(max(1, self.count))
         if not self.c_find(doubles(given, self._dof), doubles(out, self.count)):
@@ -173,7 +173,7 @@ cdef bint _is_bounded(int kind):
 
 
 cdef void _find_capsule(const mjModel* model, int geom, double* half_m, double* radius_m):
-    """The capsule around a geom, along its z axis: of most shapes a sphere."""
+    """The capsule around a geom, along its z axis. For most shapes it is a sphere."""
     cdef const double* size = &model.geom_size[3 * geom]
     half_m[0], radius_m[0] = 0.0, model.geom_rbound[geom]
     if model.geom_type[geom] in (mjGEOM_CAPSULE, mjGEOM_CYLINDER):
@@ -218,7 +218,8 @@ cdef double _between_boxes(const mjModel* model, const mjData* data, const GeomP
 cdef double _from_plane(
     const double* origin, const double* plane, const double* middle, const double* turn, const GeomPair* pair
 ) noexcept nogil:
-    """From a plane, whose normal is its z axis, to the deepest point of a capsule or a cylinder."""
+    """The distance from a plane, whose normal is its z axis, to the deepest point of a capsule or a
+    cylinder."""
     cdef double height = 0.0
     cdef double slope = 0.0
     cdef double radius = pair.radii_m

@@ -12,7 +12,7 @@ from cobot.units import MILLIMETRES_FROM_M
 TOLERANCE = 1e-6
 """Tolerance for positions, rad or m, because files are rounded."""
 MILLIMETRES_PER_S_FROM = 20.0
-"""A higher speed limit of a slide, m/s, was written in mm/s: no arm is that fast."""
+"""A speed limit of a slide above this, m/s, was written in mm/s, because no arm is that fast."""
 MILLIMETRES_FROM_RATIO = 100.0
 """Limits that exceed the model's by this factor are in another unit."""
 UNITS_OF_SLIDES = "limits of a prismatic joint are in m, m/s, m/s², m/s³ and N"
@@ -50,8 +50,8 @@ def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
 
 
 def check_passive_forces(mj: mujoco.MjModel) -> None:
-    """Reject a model with springs, tendons, gravity compensation or drag, which would push the arm off its
-    path: plans and drives do not know them.
+    """Reject a model with springs, tendons, gravity compensation or drag. These forces would push the arm off
+    its path, because planning and drives ignore them.
 
     Raises:
         ConfigError: names the first of them and a remedy.
@@ -64,7 +64,7 @@ def check_passive_forces(mj: mujoco.MjModel) -> None:
         found.append("density or viscosity of the option")
     if found:
         raise ConfigError(
-            f"{found[0]}: it would push the simulated arm off its path, because plans do not know it; "
+            f"{found[0]}: it would push the simulated arm off its path, because planning ignores it; "
             "remove it, or let `cobot new-robot` do so"
         )
 

@@ -1,7 +1,7 @@
-"""Inertia and bias forces of the arm, by MuJoCo, in memory of its own.
+"""Inertia and bias forces of the arm, computed by MuJoCo in separate memory.
 
-Joint vectors are shape (dof,): rad, rad/s, N·m. Not thread safe. Values that are not finite make results that
-are not, and nothing else.
+Joint vectors are shape (dof,): rad, rad/s, N·m. Not thread safe. Values that are not finite give results that
+are not finite, and have no other effect.
 """
 
 from libc.string cimport memcpy
@@ -25,7 +25,7 @@ from cobot.robot.mujoco cimport (
 
 
 cdef class Dynamics:
-    """Of a `mujoco.MjModel` with one coordinate per joint."""
+    """The dynamics of a `mujoco.MjModel` with one coordinate per joint."""
 
     def __cinit__(self, mj):
         self._mj = mj
@@ -41,11 +41,11 @@ cdef class Dynamics:
             mj_deleteData(self._data)
 
     def settle(self):
-        """Have the model's constants follow its masses, once these have changed. Some 10 µs."""
+        """Recompute the model's constants after its masses have changed. Takes about 10 µs."""
         mj_setConst(<mjModel*>self._model, self._data)
 
     cdef void c_mass_matrix(self, const double* joints, double* full) noexcept nogil:
-        """Joint-space inertia, dof × dof, kg·m², the drives' inertia (armature) included."""
+        """Joint-space inertia, dof × dof, kg·m², including the drives' inertia (armature)."""
         memcpy(self._data.qpos, joints, self._dof * sizeof(double))
         mj_kinematics(self._model, self._data)
         mj_comPos(self._model, self._data)
@@ -55,7 +55,7 @@ cdef class Dynamics:
     cdef void c_bias_torques(
         self, const double* joints, const double* velocity, double* torques
     ) noexcept nogil:
-        """What the drives need to move on without acceleration: gravity, Coriolis and centrifugal forces."""
+        """The torques for motion without acceleration: gravity, Coriolis and centrifugal forces."""
         memcpy(self._data.qpos, joints, self._dof * sizeof(double))
         memcpy(self._data.qvel, velocity, self._dof * sizeof(double))
         mj_kinematics(self._model, self._data)
@@ -66,7 +66,7 @@ cdef class Dynamics:
     cdef void c_inverse(
         self, const double* joints, const double* velocity, const double* acceleration, double* torques
     ) noexcept nogil:
-        """What the drives need for an acceleration, their own inertia (armature) included, friction not."""
+        """The torques for an acceleration, including the drives' inertia (armature), without friction."""
         cdef int i
         memcpy(self._data.qacc, acceleration, self._dof * sizeof(double))
         memcpy(self._data.qpos, joints, self._dof * sizeof(double))
@@ -79,7 +79,7 @@ cdef class Dynamics:
             torques[i] += self._model.dof_armature[i] * acceleration[i]
 
     def inverse(self, joints, velocity, acceleration):
-        """Shape (..., dof), N·m, without friction, for rows of shape (..., dof)."""
+        """The torques for rows of joints, shape (..., dof), N·m, without friction."""
         shape = np.shape(joints)
         states = (joints, velocity, acceleration)
         given = [
@@ -102,14 +102,14 @@ cdef class Dynamics:
         return torques
 
     def mass_matrix(self, joints):
-        """Shape (dof, dof), kg·m²."""
+        """Joint-space inertia, shape (dof, dof), kg·m²."""
         self._joints[...] = joints
         full = np.zeros((self._dof, self._dof))
         self.c_mass_matrix(self._c_joints, doubles(full, self._dof * self._dof))
         return full
 
     def bias_torques(self, joints, velocity):
-        """Shape (dof,), N·m, without friction."""
+        """The torques for motion without acceleration, shape (dof,), N·m, without friction."""
         self._joints[...] = joints
         self._velocity[...] = velocity
         torques = np.zeros(self._dof)

@@ -14,7 +14,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 RELATIVE_TOLERANCE = 1e-6
-"""Share of a limit that a value may exceed it by, because of rounding in motions from elsewhere."""
+"""A value may exceed its limit by this share of the limit, because motions from elsewhere are rounded."""
 
 EFFORT_SAMPLES, EFFORT_STEP_S = 2, 0.008
 MAX_EFFORT_STEPS = 2000
@@ -95,7 +95,7 @@ def in_range(trajectory: Trajectory, limits: JointLimits) -> bool:
 
 
 def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
-    """The trajectory, slowed down evenly just enough to keep all rate limits."""
+    """The trajectory, slowed down evenly by just enough to keep all rate limits."""
     bounds = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk])
     durations = np.diff(trajectory.breakpoints_s)
     peaks = greatest_rates(trajectory.coefficients, durations, bounds[:, None]).max(axis=1)
@@ -157,7 +157,7 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
 
 
 def stretch_to_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits) -> Trajectory | None:
-    """The trajectory, slowed down evenly just enough for all drives.
+    """The trajectory, slowed down evenly by just enough for all drives.
 
     The effort for moving falls with the square of the duration; the effort for holding stays.
 

@@ -1,4 +1,4 @@
-"""Checks of a robot's file beyond MuJoCo's."""
+"""Checks of a robot's file in addition to MuJoCo's."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ MAX_NAMED = 10
 
 
 def check_names(model: mujoco.MjModel) -> None:
-    """Check that joints, bodies and sites have names that work as keys, topics and words in errors.
+    """Check that the names of joints, bodies and sites work as keys, in topics and in messages.
 
     Raises:
-        ConfigError: a name does not.
+        ConfigError: a name does not work.
     """
     for kind, count, get in (
         ("joint", model.njnt, model.joint),

@@ -22,8 +22,8 @@ from cobot.types import Array, JointLimits, vector
 SAMPLES = 2000
 """Random postures from which the search for the hardest one to hold starts."""
 STARTS, ROUNDS, STEPS = 2, 4, 15
-"""How many of the hardest postures are improved, in how many rounds, and how many values of each joint are
-tried."""
+"""Number of the hardest postures that are improved, number of rounds, and number of values that are tried for
+each joint."""
 PAYLOAD_SHARE = 0.9
 """Share of an effort that holding the payload may take; the rest is for moving it."""
 TOLERANCE = 1e-6
@@ -53,7 +53,7 @@ class HoldingEffort:
         )
 
     def placed(self) -> str:
-        """The hold as text, with the posture."""
+        """The effort as text, with the posture."""
         return f"at joints {np.round(self.posture, 2).tolist()} {self}"
 
 
@@ -82,7 +82,7 @@ def check_start(robot: RobotDescription, settings: Settings) -> None:
 
 
 def attach_tool_and_objects(robot: RobotDescription, settings: Settings) -> None:
-    """Give the model the tool and the attached objects with which the service would start.
+    """Attach to the model the tool and the objects with which the service would start.
 
     Raises:
         ConfigError: a file is invalid.
@@ -124,7 +124,7 @@ class Holding:
 
     @property
     def percent(self) -> str:
-        """The share in words: one posture that fails is enough that it is not "100 %"."""
+        """The share as text. It is below "100 %" if a single posture fails."""
         percent = 100.0 * self.share
         if percent > 99.0 and not self.everywhere:
             return "more than 99 %"

@@ -1,6 +1,6 @@
 """Linear algebra on small dense matrices, row by row, without allocation.
 
-No argument may share memory with another. A NaN ends no loop late: all are bounded.
+Arguments must not share memory. All loops are bounded, so a NaN cannot prolong them.
 """
 
 from libc.math cimport fabs, sqrt
@@ -20,7 +20,7 @@ cdef struct Turn:
 cdef inline bint cholesky_factor(double* a, int n) noexcept nogil:
     """A = L Lᵀ for a symmetric positive definite A, n × n: its lower triangle becomes L.
 
-    False, with A half done, if it is not positive definite or not finite.
+    False, with A partly overwritten, if A is not positive definite or not finite.
     """
     cdef int i, j, k
     cdef double rest
@@ -54,7 +54,7 @@ cdef inline void cholesky_substitute(const double* l, int n, double* b) noexcept
 cdef inline bint cholesky_solve(double* a, int n, double* b) noexcept nogil:
     """Solves A x = b for a symmetric positive definite A, n × n: b becomes x, A's lower triangle its factor.
 
-    False, with b as it was, if A is not positive definite or not finite.
+    False, with b unchanged, if A is not positive definite or not finite.
     """
     if not cholesky_factor(a, n):
         return False
@@ -65,10 +65,10 @@ cdef inline bint cholesky_solve(double* a, int n, double* b) noexcept nogil:
 cdef inline void tridiagonalise(
     double* a, int n, double* values, double* sides, double* normals, double* shares
 ) noexcept nogil:
-    """A = Q T Qᵀ with a symmetric T whose diagonal is `values` and whose elements next to it are `sides`,
-    n - 1 of them. Q is n - 2 Householder reflections 1 - share normal normalᵀ, one after the other, with the
-    normals in the rows of `normals` from the second next element on (Golub and Van Loan, Matrix Computations,
-    algorithm 8.3.1). At most MAX_DOF rows.
+    """A = Q T Qᵀ with a symmetric tridiagonal T: `values` is its diagonal, `sides` the n - 1 elements next to
+    it. Q is the product of n - 2 Householder reflections 1 - share normal normalᵀ. The normals are in the
+    rows of A, from two elements right of the diagonal on (Golub and Van Loan, Matrix Computations, algorithm
+    8.3.1). At most MAX_DOF rows.
     """
     cdef double image[MAX_DOF]
     cdef double square, first, length, share, product
@@ -121,7 +121,7 @@ cdef inline void reflect(
 
 
 cdef inline bint divides(const double* values, const double* sides, int row) noexcept nogil:
-    """Whether nothing that counts couples a row to the one before."""
+    """Whether the element that couples a row to the previous one is negligible."""
     return fabs(sides[row - 1]) <= 1.1e-16 * (fabs(values[row - 1]) + fabs(values[row]))
 
 
@@ -158,7 +158,7 @@ cdef inline void chase_bulge(
 
 
 cdef inline void rotate(const Turn* turn, double direction, double* row) noexcept nogil:
-    """A row of elements, rotated as `chase_bulge` does: forth with the direction 1, back with -1."""
+    """Rotate a row of elements as `chase_bulge` does. Direction -1 reverses the rotation of direction 1."""
     cdef int k = turn.row
     cdef double first = row[k], second = row[k + 1], s = direction * turn.sine
     row[k] = turn.cosine * first + s * second
@@ -166,8 +166,8 @@ cdef inline void rotate(const Turn* turn, double direction, double* row) noexcep
 
 
 cdef inline int diagonalise(double* values, double* sides, int n, Turn* turns) noexcept nogil:
-    """The eigenvalues of a symmetric tridiagonal matrix become `values`, in any order; how many rotations
-    that took, at most MAX_TURNS.
+    """Replace `values` by the eigenvalues of a symmetric tridiagonal matrix, in any order. Returns the number
+    of rotations, at most MAX_TURNS.
     """
     cdef int begin, last = n - 1, count = 0
     while last > 0 and count + last <= MAX_TURNS:
@@ -183,10 +183,10 @@ cdef inline int diagonalise(double* values, double* sides, int n, Turn* turns) n
 
 
 cdef inline void apply_inverse_root(double* a, int n, double least, double* b) noexcept nogil:
-    """b becomes A^(-1/2) b for a symmetric A, n × n, whose eigenvalues count as at least `least`.
+    """Replace b by A^(-1/2) b for a symmetric A, n × n. Eigenvalues below `least` are replaced by `least`.
 
-    The eigenvectors are not needed: b goes through the reflections and rotations that make A diagonal, and
-    back, which takes a third of the time. A is overwritten.
+    No eigenvectors are computed. b goes through the reflections and rotations that make A diagonal, and back,
+    which takes a third of the time. A is overwritten.
     """
     cdef double values[MAX_DOF]
     cdef double sides[MAX_DOF]

@@ -6,7 +6,8 @@ from cobot.arrays cimport doubles
 
 
 def solved(matrix, right):
-    """x of A x = b, A symmetric and positive definite, shape (n, n); None if it is not."""
+    """The solution x of A x = b for a symmetric positive definite A, shape (n, n); None if A is not positive
+    definite."""
     factor = np.array(matrix, dtype=np.float64)
     solution = np.array(right, dtype=np.float64)
     cdef int n = len(solution)
@@ -16,7 +17,7 @@ def solved(matrix, right):
 
 
 def inverse_root_times(matrix, double least, right):
-    """A^(-1/2) b of a symmetric A, shape (n, n), whose eigenvalues count as at least `least`."""
+    """A^(-1/2) b for a symmetric A, shape (n, n). Eigenvalues below `least` are replaced by `least`."""
     work = np.array(matrix, dtype=np.float64)
     product = np.array(right, dtype=np.float64)
     cdef int n = len(product)

@@ -44,10 +44,10 @@ def carrying(tool: Tool, scene: Scene, tcp_in_flange: Numbers7) -> Tool:
 
 
 def beyond(tool: Tool, mounted: Tool) -> Tool:
-    """What a tool has in addition to one that is mounted already; BARE if it is not heavier.
+    """The mass of a tool in addition to that of the mounted tool, as a tool; BARE if it is not heavier.
 
-    The TCP stays where it is. A mass that would be farther than `FARTHEST_M` from the flange is left out: the
-    two tools are different ones then.
+    The TCP stays where it is. A mass that would be farther than `FARTHEST_M` from the flange is left out,
+    because the two tools then have nothing in common.
     """
     mass = tool.mass - mounted.mass
     if not mass > 0.0:
@@ -91,8 +91,8 @@ def check_load(
         unit = limits.effort_unit(worst)
         raise LimitError(
             f"mass: {limits.names[worst]} would need {efforts[worst]:.4g} {unit} to hold {whole.mass:g} kg"
-            f"{held} where the arm is, its limit is {limits.max_effort[worst]:.4g} {unit}; take the arm "
-            "elsewhere first"
+            f"{held} in the present position, its limit is {limits.max_effort[worst]:.4g} {unit}; move the "
+            "arm first"
         )
 
 

@@ -27,7 +27,7 @@ MAX_CORNERS = 2_000
 AT_ONCE = 200_000
 """Pairs of a triangle and a cell that are tested at once."""
 FLAT = 1e-6
-"""How far, relative to its size, a corner may be outside a face of a part that counts as convex."""
+"""A part counts as convex if no corner is further outside a face than this share of the part's size."""
 
 
 def parts(

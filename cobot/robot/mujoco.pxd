@@ -1,10 +1,9 @@
-"""MuJoCo's C interface, as far as compiled modules use it.
+"""The part of MuJoCo's C interface that compiled modules use.
 
-Only what is named here is known to Cython; sizes and places come from MuJoCo's headers. The model and the
-data belong to Python objects. Code that takes their address keeps them as attributes for as long.
+Cython knows only the names declared here; sizes and offsets come from MuJoCo's headers. The model and the
+data belong to Python objects. Code that takes their address must keep these objects as attributes.
 
-An invalid argument makes MuJoCo end the process: callers pass what the model allows, and finite
-numbers.
+An invalid argument makes MuJoCo end the process, so callers must pass valid and finite numbers.
 """
 
 from libc.stdint cimport int64_t, uint8_t, uintptr_t
@@ -217,20 +216,20 @@ cdef extern from "mujoco/mujoco.h" nogil:
 
 
 cdef inline const mjModel* model_of(object model) except NULL:
-    """Of a `mujoco.MjModel`, which the caller keeps alive."""
+    """The C model of a `mujoco.MjModel`, which the caller must keep alive."""
     return <const mjModel*><uintptr_t>model._address
 
 
 cdef inline mjData* data_of(object data) except NULL:
-    """Of a `mujoco.MjData`, which the caller keeps alive."""
+    """The C data of a `mujoco.MjData`, which the caller must keep alive."""
     return <mjData*><uintptr_t>data._address
 
 
 cdef inline mjData* kinematic_data_of(const mjModel* model) except NULL:
-    """New memory for kinematics, inertia and distances; freed by `mj_deleteData`.
+    """New data for kinematics, inertia and distances. `mj_deleteData` frees it.
 
-    A model reserves an arena for the contacts and constraints of a simulation, 13 MB for the shipped arm,
-    and a real-time process keeps all of it resident. These computations need some kB of it.
+    A model reserves an arena for the contacts and constraints of a simulation, 13 MB for the shipped arm, and
+    a real-time process keeps all of it resident. These computations need only some kB.
     """
     cdef mjModel* small = mj_copyModel(NULL, model)
     if small == NULL:

@@ -17,7 +17,7 @@ log = logging.getLogger("cobot.mujoco")
 
 
 def _library() -> Path:
-    """The file that `import mujoco` has loaded; another copy would have separate models."""
+    """The library file that `import mujoco` has loaded. A second copy could not share its models."""
     folder = Path(mujoco.__file__).parent
     found = sorted([*folder.glob("libmujoco.so*"), *folder.glob("libmujoco*.dylib")])
     if not found:

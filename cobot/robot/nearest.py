@@ -24,7 +24,7 @@ SAME_M = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Nearest:
-    """Two parts.
+    """Two parts and the distance between them.
 
     Attributes:
         distance_m: negative if they overlap.
@@ -54,7 +54,7 @@ class NearestParts:
         self._own, self._around = np.flatnonzero(own & changes), np.flatnonzero(~own & changes)
 
     def at(self, joints: Array) -> tuple[Nearest | None, Nearest | None]:
-        """`among` one configuration, of shape (dof,)."""
+        """The result of `among` for one configuration, shape (dof,)."""
         rows = np.asarray(joints, dtype=float)[None]
         return self.among(rows, self.distances(rows))
 
@@ -69,10 +69,10 @@ class NearestParts:
 
         Args:
             rows: joints, shape (n, dof).
-            distances: of `distances`.
+            distances: the result of `distances` for these rows.
 
         Returns:
-            None where everything is farther than `FARTHEST_M`.
+            None in place of each pair that is farther apart than `FARTHEST_M`.
         """
         return self._least(rows, distances, self._own), self._least(rows, distances, self._around)
 
@@ -99,7 +99,7 @@ class NearestParts:
         return _point(first), _point(second)
 
     def _find_changing(self) -> npt.NDArray[np.bool_]:
-        """Of each pair, whether its distance depends on the joints."""
+        """Whether the distance of each pair depends on the joints."""
         mj, pairs = self._checker.mj, self._checker.pairs
         moving = [self._joints_between(first, second) for first, second in pairs]
         changes = np.array([bool(joints) for joints in moving], dtype=bool)

@@ -53,7 +53,7 @@ class Carrier:
         return here[1].T @ (in_weld[0] - here[0]), here[1].T @ in_weld[1]
 
     def _to_weld(self, body: int, place: Array, turn: Array) -> tuple[Array, Array]:
-        """Convert a frame of a body into the frame of the body that it is welded to."""
+        """Convert a pose from a body's frame into the frame of the body that it is welded to."""
         mj = self._mj
         while body != mj.body_weldid[body]:
             outer = matrix_of(mj.body_quat[body])
@@ -65,7 +65,7 @@ class Carrier:
         """Replace the tool. Call `Dynamics.settle` and `Chain.reach` afterwards.
 
         Args:
-            gravity: in the world, m/s²; None: that of the model file.
+            gravity: gravity in the world, m/s²; None means that of the model file.
         """
         mj, body, site = self._mj, self._body, self._site
         mj.opt.gravity[:] = self.gravity if gravity is None else gravity

@@ -8,14 +8,15 @@ from libc.math cimport atan2, cos, sin, sqrt, tan
 
 cdef extern from *:
     """
-    /* Below it a series of second order is exact to the last bit, and quotients of small numbers are not. */
+    /* Below this angle a series of second order is exact to the last bit, and quotients of small
+       numbers are not. */
     static const double COBOT_SMALL_RAD = 1e-4;
     """
     const double SMALL_ANGLE_RAD "COBOT_SMALL_RAD"
 
 
 cdef inline void quat_product(const double* a, const double* b, double* out) noexcept nogil:
-    """The rotation b, then a."""
+    """The rotation b followed by the rotation a."""
     out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
     out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
     out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
@@ -106,14 +107,16 @@ cdef inline void left_jacobian_factors(const double* r, double* a, double* b) no
 
 
 cdef inline void quat_angular_velocity(const double* r, const double* rate, double* out) noexcept nogil:
-    """Of exp(r) while r changes at a rate: the left Jacobian of SO(3) at r, times the rate."""
+    """The angular velocity of exp(r) while r changes at a rate: the left Jacobian of SO(3) at r times the
+    rate."""
     cdef double a, b
     left_jacobian_factors(r, &a, &b)
     rotation_series(r, rate, a, b, out)
 
 
 cdef inline void quat_rotation_rate(const double* r, const double* velocity, double* out) noexcept nogil:
-    """The rate of r at which exp(r) turns with an angular velocity: the inverse; |r| below 2π."""
+    """The rate of r at which exp(r) turns with an angular velocity: the inverse of `quat_angular_velocity`,
+    for |r| < 2π."""
     cdef double square = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
     cdef double angle = sqrt(square)
     cdef double c = 1.0 / 12.0
@@ -125,7 +128,8 @@ cdef inline void quat_rotation_rate(const double* r, const double* velocity, dou
 cdef inline void quat_angular_acceleration(
     const double* r, const double* rate, const double* second, double* out
 ) noexcept nogil:
-    """Of exp(r), from the first two derivatives of r; see `angular_acceleration` for what it leaves out."""
+    """The angular acceleration of exp(r) from the first two derivatives of r, approximated as in
+    `angular_acceleration`."""
     cdef double a, b
     cdef double along[3]
     cdef double u[3]
@@ -168,8 +172,8 @@ cdef inline void quat_to_matrix(const double* q, double* out) noexcept nogil:
 
 
 cdef inline void quat_from_matrix(const double* m, double* out) noexcept nogil:
-    """The unit quaternion of a rotation matrix (row by row), of the sign that MuJoCo gives it: w is positive,
-    or else the first of the largest of the others.
+    """The unit quaternion of a rotation matrix (row by row), with the same sign as MuJoCo's: w is positive,
+    or if w is 0, the first of the largest other numbers.
     """
     cdef double q[4]
     if m[0] + m[4] + m[8] > 0.0:

@@ -30,7 +30,7 @@ cdef inline tuple _quaternion(const double* q):
 
 
 def product(a, b):
-    """The rotation b, then a."""
+    """The rotation b followed by the rotation a."""
     cdef double[4] first, second, out
     _read4(a, first)
     _read4(b, second)
@@ -47,7 +47,7 @@ def conjugate(q):
 
 
 def normalised(q):
-    """The unit quaternion in the direction of one that is not zero."""
+    """A quaternion that is not zero, scaled to length 1."""
     cdef double[4] given, out
     _read4(q, given)
     if given[0] == given[1] == given[2] == given[3] == 0.0:
@@ -94,7 +94,8 @@ def between(start, end):
 
 
 def angular_velocity(r, rate):
-    """Of exp(r) while r changes at a rate: the left Jacobian of SO(3) at r, times the rate."""
+    """The angular velocity of exp(r) while r changes at a rate: the left Jacobian of SO(3) at r times the
+    rate."""
     cdef double[3] vector, first, out
     _read3(r, vector)
     _read3(rate, first)
@@ -103,7 +104,8 @@ def angular_velocity(r, rate):
 
 
 def rotation_rate(r, velocity):
-    """The rate of r at which exp(r) turns with an angular velocity: the inverse; |r| below 2π."""
+    """The rate of r at which exp(r) turns with an angular velocity: the inverse of `angular_velocity`, for
+    |r| < 2π."""
     cdef double[3] vector, turning, out
     _read3(r, vector)
     _read3(velocity, turning)
@@ -112,8 +114,10 @@ def rotation_rate(r, velocity):
 
 
 def angular_acceleration(r, rate, second):
-    """Of exp(r), from the first two derivatives of r, without the terms of second order in r that come from
-    the change of the Jacobian: they are below |r|² |rate|² / 12, and zero about a fixed axis."""
+    """The angular acceleration of exp(r), from the first two derivatives of r.
+
+    The terms of second order in r from the change of the Jacobian are left out. They are below |r|² |rate|² /
+    12, and zero for a fixed axis."""
     cdef double[3] vector, first, then, out
     _read3(r, vector)
     _read3(rate, first)
@@ -143,7 +147,7 @@ def to_matrix(q):
 
 
 def from_matrix(matrix):
-    """The unit quaternion of a rotation matrix, nine numbers row by row, of the sign that MuJoCo gives it."""
+    """The unit quaternion of a rotation matrix, nine numbers row by row, with the same sign as MuJoCo's."""
     cdef double[9] given
     cdef double[4] out
     cdef int i

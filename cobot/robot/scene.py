@@ -39,8 +39,9 @@ class SceneObject:
 
     Attributes:
         size: m. Box: edges along x, y and z. Sphere: radius. Cylinder and capsule, which lie along z: radius
-            and length, a capsule's without its round ends. All others: edges of the bounding box, for people.
-        pose: pose of its middle, in the base frame, or in the TCP's frame if it is attached.
+            and length, which for a capsule excludes its round ends. All others: edges of the bounding box,
+            for people.
+        pose: pose of the object's middle, in the base frame, or in the TCP's frame if it is attached.
         touch: bodies and objects that it may touch while it is attached.
         mass: kg; the arm carries it only while it is attached.
         centre: centre of mass in its own frame, m; None: that of a solid with uniform density.

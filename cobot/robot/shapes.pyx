@@ -1,12 +1,12 @@
-"""Signed distances between two geoms where MuJoCo's data places them, for planners.
+"""Signed distances between two geoms at their positions in MuJoCo's data, for planners.
 
-Planes, spheres, capsules, boxes and cylinders have short formulas here, exact to rounding, also how deep the
-axis of a capsule is in a box. Two cylinders, a cylinder and a box, and all other shapes are left to MuJoCo's
-iteration, which is good to about a micrometre and takes fifty times as long: it is only asked where the
-spheres or capsules around them are not far enough apart.
+Planes, spheres, capsules, boxes and cylinders have short formulas, exact to rounding, also for the depth of a
+capsule's axis in a box. MuJoCo's iteration computes two cylinders, a cylinder and a box, and all other
+shapes. It is accurate to about a micrometre and takes fifty times as long, so it is used only if the spheres
+or capsules around the geoms are not far enough apart.
 
-A `line`, six numbers, is where a distance changes: the unit vector from the second geom to the first along
-which they get apart fastest, then a point of the line between the points that are nearest to each other.
+A `line` has six numbers: the unit vector from the second geom to the first along which their distance grows
+fastest, then a point on the line between their nearest points.
 
 `gap` chooses the formula for a pair of shapes.
 """
@@ -49,7 +49,7 @@ cdef Solid solid_of(const mjModel* model, int geom):
 
 
 cdef double far_bound(const mjData* data, const Solid* first, const Solid* second) noexcept nogil:
-    """No more than the distance: that of the spheres around them. The first one may be a plane."""
+    """A lower bound of the distance: that of the spheres around both geoms. The first geom may be a plane."""
     cdef const double* middle = &data.geom_xpos[3 * first.geom]
     cdef const double* other = &data.geom_xpos[3 * second.geom]
     cdef const double* turn = &data.geom_xmat[9 * first.geom]
@@ -64,9 +64,8 @@ cdef double far_bound(const mjData* data, const Solid* first, const Solid* secon
 cdef double gap(
     const mjModel* model, mjData* data, const Solid* first, const Solid* second, double enough_m, double* line
 ) noexcept nogil:
-    """The distance of two geoms, m, negative when they overlap; what is beyond `enough_m` is that or more.
-
-    The first one's kind is not behind the second one's in the order of `Kind`.
+    """The distance of two geoms, m; negative if they overlap. For a distance above `enough_m`, any value from
+    `enough_m` on may be returned. In the order of `Kind` the first geom must not come after the second.
     """
     cdef const double* middle = &data.geom_xpos[3 * first.geom]
     cdef const double* turn = &data.geom_xmat[9 * first.geom]
@@ -122,7 +121,7 @@ cdef double _from_plane(
     const double* origin, const double* plane, const double* middle, const double* turn, const Solid* solid,
     double* line,
 ) noexcept nogil:
-    """From a plane, whose normal is its z axis, to the deepest point."""
+    """The distance from a plane, whose normal is its z axis, to the deepest point of a geom."""
     cdef double height = 0.0
     cdef double slope = 0.0
     cdef double deep[3]
@@ -172,7 +171,8 @@ cdef double _between_segments(
 
 
 cdef void _normalise_or_cross(double* normal, const double* turn, const double* other_turn) noexcept nogil:
-    """Two axes that meet get apart fastest across both."""
+    """Normalise the direction. If two axes meet, their distance grows fastest along the direction normal to
+    both."""
     cdef double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
     cdef int i
     if length < 1e-9:
@@ -188,8 +188,8 @@ cdef double between_axes(
     const double* middle, const double* turn, double half,
     const double* other, const double* other_turn, double other_half, double* along, double* other_along,
 ) noexcept nogil:
-    """Between two segments along z axes, from their middles to both sides (C. Ericson, "Real-Time Collision
-    Detection", 2005, section 5.1.9), and where on them, unless these are NULL.
+    """The distance between two segments along z axes (C. Ericson, "Real-Time Collision Detection", 2005,
+    section 5.1.9). Their nearest points are also given, unless their arguments are NULL.
     """
     cdef double between[3]
     cdef double cosine = 0.0
@@ -300,8 +300,8 @@ cdef double _segment_to_box(
 cdef double _axis_in_box(
     const double* centre, const double* axis, double half, const double* box, double* normal, double* t
 ) noexcept nogil:
-    """Minus the shortest way out of a box, for a segment that meets it: along the normal of a face, or across
-    an edge and the segment (the faces of the Minkowski difference).
+    """The depth of a segment in a box that it meets, as a negative number. The shortest way out is along the
+    normal of a face, or normal to an edge and the segment (the faces of the Minkowski difference).
     """
     cdef double least = 1e300
     cdef double across[3]
@@ -340,8 +340,8 @@ cdef double _segment_to_cylinder(
     const double* middle, const double* turn, double half,
     const double* other, const double* other_turn, const Solid* cylinder, double* line,
 ) noexcept nogil:
-    """0 where the axis meets the cylinder. The distance along the segment is convex: its derivative is halved
-    in on until it vanishes.
+    """The distance between a segment and a cylinder; 0 if they meet. The distance along the segment is
+    convex, so bisection finds where its derivative vanishes.
     """
     cdef double centre[3]
     cdef double axis[3]
@@ -373,7 +373,8 @@ cdef double _segment_to_cylinder(
 cdef double _from_cylinder(
     const double* centre, const double* axis, double t, const Solid* cylinder, double* away, double* distance
 ) noexcept nogil:
-    """The way from a cylinder to a point of the segment, its length, half the derivative of its square."""
+    """The vector from a cylinder to a point of the segment, its length, and half the derivative of the
+    length's square."""
     cdef double x = centre[0] + t * axis[0]
     cdef double y = centre[1] + t * axis[1]
     cdef double out = sqrt(x * x + y * y)

@@ -16,7 +16,7 @@ from cobot.types import Array
 MAX_SOLIDS = 500
 """Maximum number of solids of a scene, because a streaming session checks all of them in a cycle."""
 MIN_M = 1e-6
-"""A lower column is ignored."""
+"""Minimum height of a column. Lower columns are ignored."""
 MAX_M = 200.0
 """Coarsest resolution that is tried when searching for one that fits."""
 TRIES = 4

@@ -1,8 +1,7 @@
-"""The tool on the flange: mass, TCP, shapes; and the direction of gravity.
+"""The tool on the flange (mass, TCP, shapes), and the direction of gravity.
 
-One versioned document in one file, which the service writes and rtloop reads at start. Positions are in the
-flange's
-frame: the model's site `flange`, or, without one, the TCP of the model file.
+They are one versioned document in one file, which the service writes and rtloop reads at start. Positions are
+in the flange's frame: the model's site `flange`, or without such a site the TCP of the model file.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from cobot.types import Array, Numbers3, Numbers6, Numbers7
 MAX_REACH_M = 2.0
 """Maximum distance of the centre of mass, the TCP and each shape from the flange."""
 UNIT = 1e-3
-"""How much the length of a quaternion may differ from 1."""
+"""Maximum difference of a quaternion's length from 1."""
 ROUNDING = 1e-9
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -98,7 +97,7 @@ def check_tool(tool: Tool, max_payload_kg: float, gravity: Array) -> None:
 
 
 GRAVITY_TOLERANCE = 0.1
-"""How much free fall differs between places on earth, m/s²."""
+"""Maximum difference of gravity between places on earth, m/s²."""
 
 
 def check_gravity(gravity: Numbers3, present: Array) -> None:

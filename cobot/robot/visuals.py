@@ -1,4 +1,4 @@
-"""What the links of a robot look like: the manifest next to its model, and the meshes that it names.
+"""The appearance of a robot's links: the manifest next to its model, and the meshes that it names.
 
 `cobot new-robot` writes the manifest `visuals.yaml`. A model that shares its folder with others has its own
 manifest, which is named after it: `iiwa14.visuals.yaml` for `iiwa14.xml`.
@@ -28,9 +28,9 @@ class Visual(BaseModel):
         link: the body that carries it.
         position: in the link's frame, m.
         quaternion: w, x, y, z.
-        color: red, green, blue and opacity; None: the mesh's own.
-        scale: of a mesh, along x, y, z.
-        file: of a mesh, relative to the manifest.
+        color: red, green, blue and opacity; None means the mesh's own colours.
+        scale: scale of a mesh along x, y, z.
+        file: file of a mesh, relative to the manifest.
     """
 
     model_config = ConfigDict(extra="forbid", strict=False)
@@ -47,7 +47,8 @@ class Visual(BaseModel):
     file: str | None = None
 
     def sizes(self) -> list[float]:
-        """The edges of a box; the radius; the radius and the length; of a mesh its scale."""
+        """The dimensions of the shape. Box: edges. Sphere: radius. Cylinder: radius and length. Mesh:
+        scale."""
         if self.shape == "mesh":
             return self.scale or [1.0, 1.0, 1.0]
         return [*(self.size or []), *(self.radius or []), *(self.length or [])]

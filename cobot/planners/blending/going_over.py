@@ -81,7 +81,7 @@ class LimitedPath:
 
         Args:
             law: the path parameter and its three derivatives over time, shape (4, n).
-            window: the transition.
+            window: times of the transition.
         """
         if law[1].min() <= 0.0:
             return False
@@ -138,8 +138,8 @@ def _through(
     until: float,
     window: tuple[float, float],
 ) -> tuple[Trajectory, float, float] | None:
-    """The result of `make_transition` for a transition of about this begin and duration, `window`; None if it
-    fails."""
+    """The result of `make_transition` for a transition with about the begin and duration of `window`; None if
+    it fails."""
     first = int(np.searchsorted(old.trajectory.breakpoints_s, window[0]))
     begin_s = float(old.trajectory.breakpoints_s[first])
     middle_s = begin_s + 0.5 * window[1]

@@ -149,7 +149,7 @@ def _corner(
     helds: tuple[Held | None, Held | None],
 ) -> Corner | None:
     """The largest blend of `SHARES` within the radius and the limits that is free of collisions and keeps the
-    constraints: the first half those of the first motion, the second half those of the second.
+    constraints. Its first half keeps those of the first motion, its second half those of the second motion.
     """
     middle = robot.model.forward(second.at(np.zeros(1))[0]).position
     along = [np.linspace(0.0, most, SAMPLES + 1) for most in free]

@@ -119,7 +119,7 @@ def _part(
 ) -> Part:
     """The motions, without stops where possible.
 
-    The path of a very short leg may have segments in which roundings look like jumps; it has stops too.
+    A very short leg also gets stops, because rounding can look like jumps in the segments of its path.
     """
     slower = [_reserved(robot, leg) for leg in legs] if reserve else legs
     try:

@@ -32,8 +32,8 @@ from cobot.types import Array, CartesianLimits
 
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 FAR = 0.5
-"""If some configurations get beyond this share of the path, more of them may reach the end. If they reach the
-end, but by ways that cannot be made smooth, more places are tried too."""
+"""More configurations are tried only if some of the first ones pass this share of the path. More places are
+tried only if some reach its end."""
 SLOW = 2.5
 """A motion slower than the TCP's limits require by this factor is compared with one found by the graph."""
 
@@ -83,7 +83,8 @@ def follow(
 
 
 def _unreachable(arm: Arm, reason: CobotError, reached: float, end: Array | None) -> UnreachableError:
-    """The error if neither the simple way nor any other configuration of a redundant arm reaches the end."""
+    """The error if neither the simple way nor, for a redundant arm, any other configuration reaches the
+    end."""
     if not arm.redundant:
         return UnreachableError(str(reason), findings=reason.findings)
     if arm.arm_angle is not None:

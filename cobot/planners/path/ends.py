@@ -71,7 +71,8 @@ def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> tuple
 def follow_or_relax(
     robot: RobotDescription, request: MotionRequest, path: TcpPath, end: Array, required: bool
 ) -> Trajectory | None:
-    """As `follow`, but if the end is not required and impossible, the motion ends in other joints."""
+    """The result of `follow`. If the end joints are impossible and not required, the motion ends in other
+    joints."""
     if required:
         return follow(robot, request, path, end)
     try:

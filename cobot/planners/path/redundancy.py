@@ -2,9 +2,8 @@
 
 The nodes of a graph are arm angles at even places of the path. Two nodes of neighbouring places have an edge
 if no joint turns too far between them for the motion to be continuous. The cheapest way is smoothed as far as
-limits and surroundings permit, and becomes a spline of the arm angle. The branch of the inverse kinematics
-stays that of the
-start: it could change only where axes align, at single points of the graph.
+limits and surroundings permit, and becomes a spline of the arm angle. The branch of the inverse kinematics is
+that of the start, because it could change only where axes align, which happens at single points of the graph.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ if TYPE_CHECKING:
 PLACE_M, PLACE_RAD = 0.015, 0.06
 MIN_PLACES, MAX_PLACES = 24, 128
 NEAR_LIMIT_RAD, AT_LIMIT = 0.1, 0.5
-"""Distance from a joint limit at which a node begins to cost, and the cost at the limit: what a path that
-stays there all along would cost, in s²."""
+"""Distance from a joint limit below which a node costs something, and the cost of a path that stays at the
+limit all along, s²."""
 ALIGNED_RAD = 0.02
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1, 0.0)
 """Weights of the arm angle's bending, relative to its distance from the graph's way; tried in this order."""

@@ -34,9 +34,10 @@ SMOOTHING = 40
 CLEARANCE_M = 0.04
 """ε of the paper's equation 21: obstacles push from this distance on."""
 SPARE_M = 1e-3
-"""How much farther away than the margin the path stays, if its ends do: room for the spline through it."""
+"""Distance that the path keeps in addition to the margin, if its ends do: room for the spline through it."""
 PUSHED_M = 3e-3
-"""The push is full below the required distance plus this: the path between two points needs room too."""
+"""The push has its full strength below the required distance plus this, because the path between two points
+needs room too."""
 SMOOTHNESS_WEIGHT = 0.05
 STEP_RAD = 0.03
 """The largest change of a joint in one iteration."""

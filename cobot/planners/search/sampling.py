@@ -24,12 +24,12 @@ from cobot.robot.description import RobotDescription
 from cobot.types import RRT_CONNECT, Algorithm, Array, Pose
 
 SPARE_M = 1e-3
-"""How much farther away than the margin a polyline stays, if its ends do: room for blending its corners."""
+"""Distance that a polyline keeps in addition to the margin, if its ends do: room for blending its corners."""
 RANGE_RAD = 2.0
 """Largest distance between a node of RRTConnect and its parent."""
 FIRST_ATTEMPTS = 1000
-"""Attempts to add a node before more configurations of the goal are searched; each time there are half as
-many attempts more."""
+"""Number of attempts to add a node before more configurations of the goal are searched. Each time the number
+grows by a half."""
 DIRECT = 1.25
 """A path that is no longer than the direct way by this factor is not improved."""
 ROUNDS, PATHS = 6, 2
@@ -40,9 +40,9 @@ space, the sooner a search finds a way within it."""
 SEARCHES, ATTEMPTS = 6, 3000
 """Maximum number of searches in a round, and of attempts to add a node in each."""
 MUCH_WORK, MUCH_LONGER = 150_000, 0.5
-"""Maximum number of collision checks, about 0.4 s, after which no search begins, if the path is longer than
-the direct way by at least the second share; proportionally fewer if it is shorter. A count instead of a time:
-one seed must give one path."""
+"""No search begins after this many collision checks (about 0.4 s) if the path exceeds the direct way by at
+least the second value, as a share of it. For a shorter path the number is proportionally smaller. It is a
+count instead of a time, because one seed must give one path."""
 ROUNDING_RAD = 1e-9
 IMPROVING_S = 1.0
 """Time for OMPL's optimising planners to shorten their path after they have found one."""

@@ -14,11 +14,12 @@ from cobot.types import Array, CartesianLimits, JointLimits
 LOOKS = 33
 """Number of places of the path that decide the directions in which the TCP's motion is limited."""
 STILL, STILL_BESIDE = 1e-9, 1e-4
-"""A part of the TCP's motion, linear or angular, below these, per unit of the path and relative to the other
-part (rad for m), is only the deviation of the joint path from the line: only its speed is limited."""
+"""If the linear or angular motion of the TCP is below these values (per unit of the path, and relative to the
+other motion, rad per m), it is only the deviation of the joint path from the line. Then only its speed is
+limited."""
 DIRECTIONS = np.pi / 8.0 * np.array([-3.0, -1.0, 1.0, 3.0])
-"""A vector is limited along these directions, rad from its tangent: an octagon within the circle. Its corners
-are on the tangent and on the normal, where it is exact; in between it gives away at most 8 %."""
+"""A vector is limited along these directions, rad from its tangent: an octagon within the circle. The octagon
+is exact at its corners, on the tangent and the normal. In between it is up to 8 % too strict."""
 NEARLY_STRAIGHT = 0.01
 """If the normal acceleration at full speed is below this share of the limit, only the tangent is limited."""
 

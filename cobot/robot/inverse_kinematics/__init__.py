@@ -69,8 +69,8 @@ PIECE_M, PIECE_RAD = 0.05, 0.2
 MAX_PIECES = 10
 STEPS_ALONG = 20
 BRANCH_RAD = 0.5
-"""A continued motion is split into pieces of this length, m and rad, with this maximum number of pieces and
-steps per piece; in no piece may a joint turn further than the last value, rad."""
+"""A continued motion is split into pieces of at most this length, m and rad. The other values are the maximum
+number of pieces, of steps per piece, and the largest turn of a joint in a piece, rad."""
 
 Clearance = Callable[[Array], float]
 
@@ -103,8 +103,9 @@ def inverse(
 ) -> Array:
     """The best joint angles, shape (dof,), rad, that bring the TCP to a pose.
 
-    In closed form the best of all solutions. Otherwise, for the nearest ones, the result of a descent from
-    the seed; for other criteria, the best of several from random starts.
+    With a closed form this is the best of all solutions. Otherwise it is the result of a descent from the
+    seed if the nearest solution is requested, and for other criteria the best of several descents from random
+    starts.
 
     Args:
         clearance: distance, m, of joints (dof,) to obstacles, for the criterion of that name.
@@ -139,8 +140,8 @@ def inverse_all(
 ) -> list[Array]:
     """Distinct joint angles, each shape (dof,), rad, that bring the TCP to a pose, best first.
 
-    In closed form the best of each branch in each permitted interval of arm angles; otherwise the results of
-    descents from random starts.
+    With a closed form these are the best of each branch in each permitted interval of arm angles; otherwise
+    the results of descents from random starts.
 
     Args:
         seed: for the nearest solution; default: the middle of the limits.
@@ -161,7 +162,7 @@ def inverse_all(
     if clearance is not None and criterion is Criterion.CLEARANCE:
         found.sort(key=clearance, reverse=True)
     elif criterion is Criterion.CLEARANCE:
-        raise InputError("the criterion clearance needs a function of the joints that gives it")
+        raise InputError("the criterion clearance needs a function that returns the clearance of joints")
     else:
         found.sort(key=lambda joints: _cost(model, joints, near, criterion))
     return _apart(np.array(found))
@@ -212,7 +213,7 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
     if pieces > MAX_PIECES:
         raise UnreachableError(
             f"the pose is {float(np.linalg.norm(way)):.3f} m and {np.degrees(angle):.0f} degrees from the "
-            f"last one, possible are {MAX_PIECES * PIECE_M:g} m and "
+            f"last one, allowed are {MAX_PIECES * PIECE_M:g} m and "
             f"{np.degrees(MAX_PIECES * PIECE_RAD):.0f} degrees"
         )
     for piece in range(1, pieces + 1):
@@ -224,7 +225,7 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
         descent = solve_near(model, between, joints, STEPS_ALONG)
         if not descent.solved:
             raise UnreachableError(
-                f"the pose is out of reach from where the arm is: it comes as near as "
+                f"the pose is out of reach from the present position: the TCP comes as near as "
                 f"{apart(descent.distance_m, descent.angle_rad)}"
             )
         step = float(np.abs(descent.joints - joints).max())

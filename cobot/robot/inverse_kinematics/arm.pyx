@@ -1,11 +1,11 @@
 """Inverse kinematics of any serial arm: numeric, by damped least squares with joint limits and restarts.
 
-The step is Levenberg-Marquardt's with the damping of Sugihara (doi 10.1109/TRO.2011.2148230): it shrinks
-with the remaining error, so that the last steps are Newton's. Arms whose geometry permits more are
-subclasses: they give candidates in closed form, which are verified here by forward kinematics, and where
-they pass a limit or miss the pose by rounding, made exact by the same steps.
+The step is Levenberg-Marquardt's with the damping of Sugihara (doi 10.1109/TRO.2011.2148230): it shrinks with
+the remaining error, so that the last steps are Newton's. Arms with a suitable geometry are subclasses, which
+give candidates in closed form. The candidates are verified here by forward kinematics. If rounding makes one
+pass a limit or miss the pose, the same steps make it exact.
 
-Longer than other modules: what all kinds of arms share is one class.
+Longer than other modules, because one class has everything that all kinds of arms share.
 """
 
 from libc.math cimport atan2, fabs
@@ -28,15 +28,15 @@ from cobot.robot.quaternion cimport cross3, quat_to_matrix
 
 cdef extern from *:
     """
-    /* Where a descent ends, m and rad: rounding is a thousand times less. What is as good as that where it
-       cannot go on, at a singularity at the end of reach. */
+    /* A descent ends at this distance, m and rad; rounding errors are a thousand times smaller. The
+       second value is accepted if it cannot continue, at a singularity at the end of its reach. */
     static const double COBOT_IK_TOLERANCE = 1e-10, COBOT_IK_ACCEPTED = 5e-10;
-    /* Of one step, rad or m; and what keeps a step finite at a singularity. */
+    /* Largest step, rad or m; and the bias and damping that keep a step finite at a singularity. */
     static const double COBOT_IK_LARGEST_STEP = 0.5, COBOT_IK_BIAS = 1e-5;
     static const double COBOT_IK_MIN_DAMPING = 1e-13;
-    /* Of what is just out of reach, m or rad: a stretched arm gets there but for rounding. */
+    /* Minimum tolerance for poses out of reach, m or rad: only rounding keeps a stretched arm from them. */
     static const double COBOT_IK_MIN_SLOP = 2e-11;
-    /* A joint at a limit that has moved less was there before, rad or m. */
+    /* A joint at a limit that has moved by less than this, rad or m, was at the limit before. */
     static const double COBOT_IK_MOVED = 1e-9;
     /* An arm that cannot move its TCP in all six directions counts as at a pose within 0.05 mm and 0.01
        degrees, the tolerance of lin; the rest is rounding of these two. */
@@ -55,9 +55,9 @@ cdef extern from *:
 cdef enum:
     STEPS = 60
     PATIENCE = 12
-    # To make exact what is so but for rounding.
+    # Steps that remove rounding errors from a solution in closed form.
     STEPS_TO_VERIFY = 12
-    # Descents from random starts, and after how many solutions they end.
+    # Maximum number of descents from random starts, and number of solutions after which they end.
     ATTEMPTS = 1500
     ENOUGH = 2
     # Of the best candidates with a free angle, so many are compared at their best.
@@ -73,23 +73,25 @@ cdef class Arm:
     Attributes:
         chain: the arm.
         dof: the number of joints.
-        lacking: the arm cannot move its TCP in all six directions: it is at a pose when it is as near as the
-            tolerance of lin.
-        redundant: it has more joints than a pose fixes.
+        lacking: whether the arm cannot move its TCP in all six directions. Then it counts as at a pose within
+            the tolerance of lin.
+        redundant: whether the arm has more joints than a pose fixes.
     """
 
     def __init__(
         self, Chain chain, limits, rest, root, double reach, double slop, int free=FIXED, bint lacking=False
     ):
-        """Of an arm, and its limits, which are read at each call.
+        """Create the inverse kinematics of an arm. The limits are read at each call.
 
         Args:
             rest: joints, shape (dof,), at which the frames of its geometry are taken.
-            root, reach: the TCP stays so near to this point, shape (3,), in the base frame, m.
+            root, reach: a point, shape (3,), in the base frame, m, and the largest distance of the TCP from
+                it.
             slop: error of the geometry that a subclass assumes, m or rad.
-            free: the axis of the TCP, 0 to 2, about which its rotation is not fixed by a pose; ANY_ROTATION:
-                the position alone counts.
-            lacking: the arm cannot move its TCP in all six directions, so that it gets near most poses only.
+            free: the axis of the TCP, 0 to 2, about which a pose leaves the rotation free; ANY_ROTATION: only
+                the position counts.
+            lacking: whether the arm cannot move its TCP in all six directions, so that it only gets near most
+                poses.
         """
         cdef int i
         cdef int fixed = 6 if free == FIXED else 3 if free == ANY_ROTATION else 5
@@ -118,11 +120,11 @@ cdef class Arm:
 
     @property
     def arm_angle(self):
-        """Itself, if the arm is S-R-S; else None."""
+        """This object if the arm is S-R-S; else None."""
         return None
 
     def refresh(self):
-        """Go by the limits as they are now. Who calls from compiled code calls this before."""
+        """Read the limits again. Compiled code must call this before its own calls."""
         cdef int i
         self._low[...] = self._limits.min_position
         self._high[...] = self._limits.max_position
@@ -131,7 +133,7 @@ cdef class Arm:
             self.c_most[i] = self.c_high[i] - self.c_rest[i]
 
     cdef int _prepare(self, pose, seed, int criterion, Problem* out) except -1:
-        """A question from Python: a pose (7,), x, y, z (m) and w, x, y, z; a seed (dof,)."""
+        """Prepare a problem given by Python: a pose (7,), x, y, z (m) and w, x, y, z, and a seed (dof,)."""
         self.refresh()
         self._given[:7] = pose
         self._given[7:] = seed
@@ -141,7 +143,7 @@ cdef class Arm:
     cdef void c_state(
         self, const double* pose, const double* seed, int criterion, Problem* out
     ) noexcept nogil:
-        """Write a question down; `seed` NULL stands for the middle of the limits."""
+        """Fill in a problem. If `seed` is NULL, the middle of the limits is used."""
         cdef double carried[3]
         cdef double value
         cdef int i
@@ -169,11 +171,11 @@ cdef class Arm:
         return -1
 
     cdef void c_refine(self, const Problem* problem, Candidate* candidate) noexcept nogil:
-        """Make the best of a free angle."""
+        """Optimise the free angle of a candidate, if it has one."""
         candidate.refined = True
 
     cdef double c_gap(self, const Problem* problem) noexcept nogil:
-        """How far the pose is, at least, beyond what the arm reaches in this orientation, m."""
+        """A lower bound of the distance of the pose from the arm's reach in this orientation, m."""
         cdef double away[3]
         minus3(problem.position, self.c_root, away)
         return max(length3(away) - self.c_reach, 0.0)
@@ -219,13 +221,14 @@ cdef class Arm:
         return count > 0
 
     cdef int _attempts(self, int candidates) noexcept nogil:
-        """How often to try from random starts after so many candidates in closed form."""
+        """Number of descents from random starts, given the number of candidates in closed form."""
         return ATTEMPTS if candidates < 0 or self.c_slop > MIN_SLOP else ATTEMPTS_AFTER_CLOSED_FORM
 
     cdef int c_search(
         self, const Problem* problem, unsigned long long random, int attempts, int wanted, Candidate* found
     ) noexcept nogil:
-        """Descents from random starts until so many have succeeded; some may have found the same."""
+        """Descend from random starts until `wanted` descents have succeeded. Some may have found the same
+        solution."""
         cdef int count = 0
         cdef int attempt, i
         cdef unsigned long long factor = 6364136223846793005ULL  # Knuth's MMIX
@@ -246,8 +249,8 @@ cdef class Arm:
         return count
 
     cdef bint _from_random(self, const Problem* problem, double* joints, int attempt) noexcept nogil:
-        """A descent within the limits or, every other time, one that heeds them only at its end: limits that
-        hold a joint back keep others from solutions at them.
+        """Descend from random joints. Some descents stay within the limits; others apply the limits only at
+        the end, because a limit that stops one joint can keep the others from a solution.
         """
         cdef double distance[2]
         cdef double middle, far
@@ -283,9 +286,9 @@ cdef class Arm:
     cdef bint c_descend(
         self, const Problem* problem, double* joints, int steps, bint bounded, double* distance
     ) noexcept nogil:
-        """From joints to the nearest ones that lead to the pose, or as near to it as they come.
+        """Descend from joints to the nearest ones that lead to the pose, or as near to it as possible.
 
-        `distance` is how far from it that is, m and rad.
+        `distance` becomes the remaining distance from the pose, m and rad.
         """
         cdef double best[MAX_DOF]
         cdef double jacobian[6 * MAX_DOF]
@@ -332,7 +335,7 @@ cdef class Arm:
     cdef void _turn_error(
         self, const Problem* problem, const double* rotation, double* jacobian, double* error
     ) noexcept nogil:
-        """What the rotation of the TCP lacks to the pose; what is free of it is taken out of the Jacobian."""
+        """The rotation that is missing to the pose. Free rotations are removed from the Jacobian."""
         cdef double axis[3]
         cdef double target[3]
         cdef double along, sine
@@ -386,7 +389,7 @@ cdef class Arm:
         self, const double* joints, double* jacobian, const double* error, double off, bint bounded,
         double* step
     ) noexcept nogil:
-        """Jᵀ (J Jᵀ + λ)⁻¹ error. A joint at its limit that would be pushed beyond takes no part."""
+        """Jᵀ (J Jᵀ + λ)⁻¹ error. A joint at its limit that would be pushed beyond is left out."""
         cdef double normal[36]
         cdef double right[6]
         cdef double gradient
@@ -421,7 +424,7 @@ cdef class Arm:
         return True
 
     cdef double c_cost(self, const Problem* problem, const double* joints) noexcept nogil:
-        """What the criterion has against joints; the less the better."""
+        """The cost of joints under the criterion; lower is better."""
         cdef double cost = 0.0
         cdef double value
         cdef int i
@@ -472,8 +475,8 @@ cdef class Arm:
         return self._found.copy() if solved else None
 
     def solve_all(self, pose, seed, int criterion, int wanted, unsigned long long random_seed):
-        """Joints that lead to a pose, the best first: of each branch the best ones; without a closed form,
-        what so many successful descents have found, which may be the same.
+        """Joints that lead to a pose, the best first. These are the best of each branch; without a closed
+        form, the results of `wanted` successful descents, which may be equal.
         """
         cdef Problem problem
         cdef Candidate found[MAX_CANDIDATES]
@@ -497,14 +500,18 @@ cdef class Arm:
         return rows
 
     def is_vague(self, joints):
-        """Whether rounding may have the closed form miss joints that are nearer; never without one."""
+        """Whether the closed form may miss nearer joints because of rounding; False without a closed form."""
         return self.closed_form
 
     def descend(self, pose, seed, int steps, bint patient=False, within=None, double share=1.0):
-        """Joints (dof,) where a descent from a seed ends, whether they lead to the pose, and how far from it
-        they do, m and rad. A patient one goes on where it hardly gets nearer. It slides along the limits, or
-        along its bounds: the lowest and highest joints, (2, dof). An arm that is `lacking` must
-        come nearer than this share of its tolerance.
+        """Descend from a seed. Returns the joints (dof,) at its end, whether they lead to the pose, and their
+        distance from it, m and rad.
+
+        Args:
+            patient: whether the descent continues while it makes little progress.
+            within: the lowest and highest joints, (2, dof), instead of the limits. The descent slides along
+                them.
+            share: share of its tolerance that an arm that is `lacking` must keep.
         """
         cdef Problem problem
         cdef double distance[2]
@@ -523,9 +530,9 @@ cdef class Arm:
         return self._found.copy(), bool(solved), distance[0], distance[1]
 
     def carry(self, poses, seed, int steps, double step, double share=1.0):
-        """Descents from pose to pose, (n, 7), each from where the one before has ended: the joints, (k, dof),
-        up to the first that fails, drives a joint into a limit, or turns one further than a step; `share` as
-        for `descend`."""
+        """Descend from pose to pose, (n, 7), each time from the joints at the last pose. Returns the joints,
+        (k, dof), before the first descent that fails, drives a joint into a limit, or turns a joint by more
+        than `step`. `share` is that of `descend`."""
         cdef Problem problem
         cdef double distance[2]
         cdef double turned
@@ -552,7 +559,7 @@ cdef class Arm:
         return rows[:row]
 
     def gap(self, pose):
-        """How far a pose is beyond what the arm reaches in this orientation, whatever its limits, m."""
+        """Distance of a pose from the arm's reach in this orientation, m. Not all joint limits count."""
         cdef Problem problem
         self._prepare(pose, self._low, NEAREST, &problem)
         return self.c_gap(&problem)
@@ -564,7 +571,7 @@ cdef class Arm:
 
 
 cdef int cheapest(const Candidate* found, int count, bint unrefined) noexcept nogil:
-    """The best candidate; of those that are not refined yet, if they are asked for and there is one."""
+    """The best candidate. With `unrefined` the best one that is not refined yet, if there is any."""
     cdef int best = -1
     cdef int i
     for i in range(count):
@@ -574,7 +581,7 @@ cdef int cheapest(const Candidate* found, int count, bint unrefined) noexcept no
 
 
 cdef void rotation_error(const double* target, const double* rotation, double* out) noexcept nogil:
-    """The rotation vector from one matrix to the other, in the base frame."""
+    """The rotation vector from `rotation` to `target`, in the base frame."""
     cdef double m[9]
     cdef double sine, cosine, scale
     cdef int i, column

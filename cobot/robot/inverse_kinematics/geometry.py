@@ -58,7 +58,7 @@ class Axes:
         return self._accept(off)
 
     def reach(self) -> float:
-        """The largest distance of the TCP from the point of the first axis, m; infinite with slides."""
+        """The largest distance of the TCP from the point on the first axis, m; infinite with slides."""
         if not self.hinges.all():
             return np.inf
         places = [*self.points, self.tcp]

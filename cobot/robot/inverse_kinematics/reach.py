@@ -41,10 +41,10 @@ class Descent:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why no joints lead to a pose.
+    """The reason why no joints lead to a pose.
 
     Attributes:
-        says: a clause of a sentence.
+        says: the reason as a clause of a sentence.
         finding: the same as numbers; None if there is no number.
     """
 
@@ -58,8 +58,8 @@ def row_of(pose: Pose) -> Array:
 
 
 def reach_gap(model: RobotModel, pose: Pose) -> float:
-    """How far a pose is beyond the arm's reach in its orientation, at least, m; 0 if it is within, or if only
-    other joint limits prevent it.
+    """A lower bound of the distance of a pose from the arm's reach in this orientation, m. It is 0 if the
+    pose is within reach, or if only other joint limits prevent it.
     """
     return model.inverse_kinematics.gap(row_of(pose))
 
@@ -106,7 +106,7 @@ def freer(free: tuple[FreeAxis, ...]) -> Iterator[tuple[FreeAxis, ...]]:
 def cause_of(
     model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...] = (), share: float = 1.0
 ) -> Cause:
-    """Why no joints lead to a pose, given the descent that came nearest.
+    """The reason why no joints lead to a pose, given the descent that came nearest.
 
     Args:
         share: place of the pose in a motion.
@@ -146,7 +146,7 @@ def _limit(
 
 
 def _missing_joint(model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...]) -> Cause | None:
-    """What an arm with too few joints for every pose cannot do."""
+    """The missing ability of an arm that has too few joints for every pose."""
     if not model.inverse_kinematics.lacking:
         return None
     dof = model.limits.dof

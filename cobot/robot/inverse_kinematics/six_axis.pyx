@@ -1,13 +1,13 @@
 """Inverse kinematics of six-axis arms in closed form: those with a spherical wrist, or three parallel axes.
 
-With a wrist of three axes through one point, the first three joints bring that point to its place, and the
-wrist turns the hand (Pieper 1968). For the first three there are three kinds: the second and third axis are
-parallel, as in most arms; the first two meet; the first two are parallel. With three parallel axes in the
-middle, as in the arms of Universal Robots, the last two axes must meet: the distance of that point from the
-plane of the arm gives the first joint (Hawkins 2013), the last two and the sum of the middle three turn the
-hand, and a triangle is left. All axes may have any direction otherwise.
+With a wrist of three axes through one point, the first three joints move that point to its place, and the
+wrist turns the hand (Pieper 1968). There are three kinds of the first three axes: the second and third axis
+are parallel, as in most arms; the first two axes meet; or the first two axes are parallel. With three
+parallel axes in the middle, as in the arms of Universal Robots, the last two axes must meet: the distance of
+that point from the plane of the arm gives the first joint (Hawkins 2013), the last two and the sum of the
+middle three turn the hand, and a triangle is left. Apart from this, all axes may have any direction.
 
-Longer than other modules: four kinds of arms that share their parts.
+Longer than other modules, because four kinds of arms share their parts.
 """
 
 from libc.math cimport fabs, sqrt
@@ -70,7 +70,7 @@ KINDS = {
 cdef int turns_to_height(
     const double* up, const double* axis, const double* arm, const double* goal, double slop, double* angles
 ) noexcept nogil:
-    """Up to two angles about an axis that bring an arm as far along `up` as a goal is."""
+    """Up to two angles about an axis that move an arm as far along `up` as the goal is."""
     cdef double aside[3]
     cdef double kept = dot3(up, axis) * dot3(axis, arm)
     cross3(axis, arm, aside)
@@ -78,11 +78,12 @@ cdef int turns_to_height(
 
 
 cdef class SixAxisArm(Arm):
-    """See `Arm`. Branches are 1 for the other shoulder, 2 elbow, 4 wrist, added."""
+    """See `Arm`. A branch is a sum: 1 for the other shoulder, 2 for the other elbow, 4 for the other
+    wrist."""
 
     def __init__(self, chain, limits, rest, root, double reach, double slop, axes, points, wrist, str kind):
-        """Axes and a point on each of them, shape (6, 3), of the joints at rest, in the base frame, and the
-        point where the last three axes meet, or, of three parallel ones, the last two.
+        """Axes at rest and a point on each, shape (6, 3), in the base frame, and the point where the last
+        three axes meet. With three parallel axes it is the point where the last two axes meet.
 
         Raises:
             InputError: two axes that have to turn the hand are parallel.
@@ -140,7 +141,7 @@ cdef class SixAxisArm(Arm):
         plus3(there, problem.shift, out)
 
     cdef void _about(self, int joint, double angle, const double* point, double* out) noexcept nogil:
-        """A point, turned about an axis as it is at rest."""
+        """A point, turned about the rest position of an axis."""
         cdef double arm[3]
         cdef double there[3]
         minus3(point, self.points[joint], arm)
@@ -158,8 +159,9 @@ cdef class SixAxisArm(Arm):
     cdef int _base_angles(
         self, const Problem* problem, const double* wrist, double* angles, int* ways
     ) noexcept nogil:
-        """Angles of the first joint at which the wrist is in the plane in which the next ones move it, and
-        which of the two ways that is. Where it is on the first axis, and any will do, some.
+        """Angles of the first joint at which the wrist is in the plane in which the next joints move it, and
+        which of the two ways each one is. If the wrist is on the first axis, every angle is valid and some
+        are returned.
         """
         cdef double arm[3]
         cdef double aside[3]
@@ -209,7 +211,7 @@ cdef class SixAxisArm(Arm):
     cdef int _planar(
         self, const Problem* problem, double first, const double* there, double theta[2][6]
     ) noexcept nogil:
-        """The second and third joint, which bring a point of the third link to a place in their plane."""
+        """The second and third joint, which move a point of the third link to a place in their plane."""
         cdef double elbow[3]
         cdef double arm[3]
         cdef double goal[3]
@@ -228,7 +230,8 @@ cdef class SixAxisArm(Arm):
         return 2
 
     cdef int _crossing(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil:
-        """The first two axes meet in `points[1]`: the third joint sets the distance from there."""
+        """Solve an arm whose first two axes meet in `points[1]`: the third joint sets the distance from that
+        point."""
         cdef double theta[6]
         cdef double roots[2]
         cdef double there[3]
@@ -261,7 +264,8 @@ cdef class SixAxisArm(Arm):
         self, const Problem* problem, double* theta, const double* start, const double* goal, bint any_angle,
         int branch, Candidate* found, int count
     ) noexcept nogil:
-        """The first joint takes one direction to another; along its axis some angles are tried."""
+        """Turn the first joint from one direction to another. If the directions are along its axis, some
+        angles are tried."""
         cdef int i
         theta[0] = problem.near[0] if any_angle else angle_about(self.axes[0], start, goal)
         count = self._with_wrist(problem, theta, branch, found, count)
@@ -271,7 +275,8 @@ cdef class SixAxisArm(Arm):
         return count
 
     cdef int _solve_stack(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil:
-        """The first two axes are parallel: the third joint sets the height, a triangle the rest."""
+        """Solve an arm whose first two axes are parallel: the third joint sets the height, a triangle the
+        other two."""
         cdef double theta[6]
         cdef double roots[2]
         cdef double there[3]
@@ -305,7 +310,7 @@ cdef class SixAxisArm(Arm):
     cdef int _with_wrist(
         self, const Problem* problem, double* theta, int branch, Candidate* found, int count
     ) noexcept nogil:
-        """The first three angles are known: the last three turn the hand."""
+        """Complete a candidate with known first three angles: the last three turn the hand."""
         cdef double turns[2][9]
         cdef double rotation[9]
         cdef Angles angles
@@ -326,7 +331,7 @@ cdef class SixAxisArm(Arm):
         return count
 
     cdef int _parallel(self, const Problem* problem, const double* wrist, Candidate* found) noexcept nogil:
-        """Three parallel axes. The triple's first angle is the turn of all three of them together."""
+        """Solve an arm with three parallel axes. The triple's first angle is the sum of their three turns."""
         cdef double angles[TRIED + 1]
         cdef int ways[TRIED + 1]
         cdef double turn[9]
@@ -364,7 +369,7 @@ cdef class SixAxisArm(Arm):
     cdef int _with_plane(
         self, const Problem* problem, const double* five, double turn, int branch, Candidate* found, int count
     ) noexcept nogil:
-        """The parallel axes bring the fourth axis to its place, and turn together by `turn`."""
+        """Solve the parallel axes: they move the fourth axis to its place, and together turn by `turn`."""
         cdef double theta[2][6]
         cdef double near[3]
         cdef double there[3]
@@ -414,8 +419,7 @@ cdef class SixAxisArm(Arm):
         return max(count, place + 1)
 
     cdef double c_gap(self, const Problem* problem) noexcept nogil:
-        """How far the wrist is beyond, or short of, what the elbow reaches within its limits, where that is
-        known.
+        """How far the wrist is out of the range that the elbow reaches within its limits, if that is known.
         """
         cdef double angles[TRIED + 1]
         cdef int ways[TRIED + 1]

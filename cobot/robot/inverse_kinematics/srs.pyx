@@ -1,17 +1,19 @@
-"""Inverse kinematics of arms with a shoulder and a wrist of three axes each through one point, and an elbow
-between (S-R-S), in closed form over the arm angle.
+"""Inverse kinematics of S-R-S arms in closed form over the arm angle. Shoulder and wrist have three axes
+each, which meet in one point; between them is an elbow.
 
-The elbow's angle follows from the distance of the wrist centre from the shoulder's; the arm may then turn
+The elbow's angle follows from the distance between the centres of wrist and shoulder. The arm may then turn
 about the line through both, by the arm angle, and the shoulder and the wrist have two solutions each (Shimizu
-et al. 2008, doi 10.1109/TRO.2008.2003266, for axes of any direction here). The joints reach a limit where a
-linear equation of the arm angle's cosine and sine holds, so the feasible arm angles are known exactly.
+et al. 2008, doi 10.1109/TRO.2008.2003266, extended here to axes of any direction). A joint reaches a limit
+where a linear equation of the arm angle's cosine and sine holds, so the feasible arm angles are known
+exactly.
 
-The arm angle is 0 where the elbow's axis is that of a frame which is carried from the first joint's axis to
-the direction of the wrist on the shortest way. Only a wrist straight behind the shoulder has no such way
-(compare Elias and Wen 2024, doi 10.1016/j.mechmachtheory.2024.105766); against the vertical plane, as Shimizu
-has it, the place straight above would be another one. The angle stays smooth through a straight elbow.
+The arm angle is measured from a frame that is turned from the first joint's axis to the direction of the
+wrist by the shortest rotation. Only a wrist straight behind the shoulder has no such rotation (compare Elias
+and Wen 2024, doi 10.1016/j.mechmachtheory.2024.105766). If the angle were measured from the vertical plane,
+as by Shimizu, a wrist straight above the shoulder would be singular too. The angle stays smooth through a
+straight elbow.
 
-Longer than other modules: one concept, and its parts share the frames.
+Longer than other modules, because the parts of this one concept share the frames.
 """
 
 from libc.math cimport NAN, atan2, cos, fabs, isnan, sin, sqrt
@@ -61,21 +63,20 @@ from cobot.errors import InputError
 
 cdef extern from *:
     """
-    /* By which limits are passed to find an arm angle that is the only one; and the longest step, rad, in
-       which the best arm angle is looked for at first. */
+    /* Slack of the limits, so that a single feasible arm angle is found; and the longest step, rad, of the
+       first search for the best arm angle. */
     static const double COBOT_SRS_SLACK = 1e-9, COBOT_SRS_STEP = 0.35;
     static const double COBOT_GOLDEN = 0.6180339887498949;
-    /* Where a joint turns further from one arm angle to the next, rad, there is one more between them, but
-       not in steps that are shorter than the least one. */
+    /* If a joint turns further than this between two arm angles, rad, one more is added between them, but
+       never closer than the minimum step. */
     static const double COBOT_SRS_TURN = 0.6, COBOT_SRS_MIN_STEP = 2e-12;
-    /* So close to its ends a stretch is looked at too, rad. */
+    /* An interval is also examined this close to its ends, rad. */
     static const double COBOT_SRS_EDGE = 1e-10;
     /* Largest distance of three joints, rad, from the nearer of two neighbours between them, and largest
        ratio of the arc between two neighbours to its chord. */
     /* The search for the best arm angle ends when its bracket is smaller than this share of the first one,
-       or than this angle, rad, or when its costs differ by less than this share. Where joints race, the
-       first two
-       bounds alone would be coarse. */
+       or than this angle, rad, or when its costs differ by less than this share. Where joints turn fast along
+       the arm angle, the first two bounds alone would be too coarse. */
     static const double COBOT_REFINED_TO = 1e-12, COBOT_MIN_TOLERANCE = 1e-15, COBOT_SAME_COST = 1e-12;
     static const double COBOT_NEARLY_STRAIGHT = 1e-3;
     static const double COBOT_SRS_BETWEEN = 0.6, COBOT_SRS_ARC = 1.2;
@@ -95,8 +96,7 @@ cdef extern from *:
 
 cdef enum:
     REFINEMENTS = 40
-    # What is asked of an interval of feasible arm angles: all that may lead to the best one, the best alone,
-    # or where it begins and ends.
+    # What to find in an interval of feasible arm angles: all local minima, only the best angle, or its ends.
     MINIMA = 0
     BEST = 1
     WHOLE = 2
@@ -106,17 +106,19 @@ cdef enum:
 
 
 cdef class SrsArm(Arm):
-    """Poses are arrays (7,), x, y, z (m) and w, x, y, z of the TCP in the base frame; joints (7,), rad.
+    """Inverse kinematics of an S-R-S arm. Poses are arrays (7,), x, y, z (m) and w, x, y, z of the TCP in the
+    base frame; joints are (7,), rad.
 
-    A branch is a number from 0 to 7, a sum: 1 for the other shoulder, 2 elbow, 4 wrist. It changes where the
-    first and third axis, or the fifth and seventh, align, and where the elbow is straight or folded.
+    A branch is a sum: 1 for the other shoulder, 2 for the other elbow, 4 for the other wrist. It can change
+    where the first and third axis, or the fifth and seventh, align, and where the elbow is straight or
+    folded.
     """
 
     BRANCHES = 8
 
     def __init__(self, chain, limits, rest, root, double reach, double slop, axes, shoulder, wrist, elbow):
-        """Axes, shape (7, 3), of the joints at rest, the two points in which three of them meet, and one on
-        the fourth, m, in the base frame.
+        """Axes at rest, shape (7, 3), the two points in which three of them meet, and a point on the fourth
+        axis, m, in the base frame.
 
         Raises:
             InputError: two axes of the shoulder or the wrist are parallel, or the elbow does not bend.
@@ -141,7 +143,7 @@ cdef class SrsArm(Arm):
         self._set_pole(np.asarray(work[0]), np.asarray(shoulder))
 
     def _set_pole(self, axis, away):
-        """The pole is the first axis, in the sense that leads away from the base's origin."""
+        """Set the pole: the direction of the first axis that points away from the base's origin."""
         cdef int i, j
         z = axis if axis @ away >= 0.0 else -axis
         x = np.eye(3)[np.argmin(np.abs(z))]
@@ -163,13 +165,14 @@ cdef class SrsArm(Arm):
 
     @property
     def arm_angle(self):
-        """Itself: the one that has an arm angle."""
+        """This object, because it has an arm angle."""
         return self
 
     # The geometry of one elbow angle.
 
     cdef bint _elbow(self, const Problem* problem, bint minus, Elbow* out) noexcept nogil:
-        """What does not depend on the arm angle; False if the elbow cannot bend so."""
+        """Compute everything that does not depend on the arm angle. False if the elbow cannot reach the
+        pose."""
         cdef double direction[3]
         cdef double turn[9]
         cdef double side, bend, square
@@ -197,7 +200,7 @@ cdef class SrsArm(Arm):
         return True
 
     cdef void _to_wrist(self, const Problem* problem, double* out) noexcept nogil:
-        """From the shoulder to the wrist of a pose."""
+        """The vector from the shoulder to the wrist of a pose."""
         cdef double there[3]
         cdef double wrist[3]
         times(problem.moved, self.wrist_centre, there)
@@ -232,7 +235,8 @@ cdef class SrsArm(Arm):
         product(turn, self.pole, out)
 
     cdef bint _upper_frame(self, double angle, double* out) noexcept nogil:
-        """Columns x, y, z in the upper arm at rest: z from shoulder to wrist, y by the elbow's axis."""
+        """A frame of the upper arm at rest: column z points from shoulder to wrist, y follows the elbow's
+        axis."""
         cdef double z[3]
         cdef double y[3]
         cdef double x[3]
@@ -320,7 +324,7 @@ cdef class SrsArm(Arm):
     cdef double _cost_at(
         self, const Problem* problem, const Elbow* elbow, double angle, int branch, double* joints
     ) noexcept nogil:
-        """NaN if there are no joints within the limits."""
+        """The cost at an arm angle; NaN if there are no joints within the limits."""
         cdef Turned turned
         self._turn(problem, elbow, angle, &turned)
         if not (turned.shoulder_fits[branch & SHOULDER] and turned.wrist_fits[1 if branch & WRIST else 0]):
@@ -354,9 +358,10 @@ cdef class SrsArm(Arm):
         self, const Triple* triple, int joint, const double* left, const double* right, double sense,
         double* out
     ) noexcept nogil:
-        """Where one of three joints may pass a limit: lᵀ R m is then what the other axes' angles make it.
+        """Arm angles at which one of three joints may pass a limit. There lᵀ R m has the value that follows
+        from the limit.
 
-        The rotation is R = left Z(angle) rightᵀ of the shoulder (`sense` 1), left Z(-angle) right of the
+        The rotation R is left Z(angle) rightᵀ for the shoulder (`sense` 1), and left Z(-angle) right for the
         wrist.
         """
         cdef double l[3]
@@ -389,10 +394,10 @@ cdef class SrsArm(Arm):
         return count
 
     cdef void _look(self, const Problem* problem, const Elbow* elbow, Places* places) noexcept nogil:
-        """The joints in the middle of each of some segments, from -π to π.
+        """Compute the joints in the middle of each segment, from -π to π.
 
-        Their ends are all at which a joint may pass a limit. A stretch between two of these is feasible or
-        not as a whole; if it is, it is looked at in steps, and close to its ends.
+        A joint can pass a limit only at certain arm angles. Each interval between two of them is feasible or
+        not as a whole. A feasible interval is divided into segments, with short ones at its ends.
         """
         cdef double breaks[MAX_BREAKS + 1]
         cdef int count = self._breaks(elbow, breaks)
@@ -417,7 +422,8 @@ cdef class SrsArm(Arm):
         self, const Problem* problem, const Elbow* elbow, double begin, double end, const Turned* middle,
         Places* places
     ) noexcept nogil:
-        """An odd number of steps, so that the middle one is where the middle is, and two edges."""
+        """Divide an interval into two edges and an odd number of segments, so that the middle one has the
+        known joints."""
         cdef double edge = EDGE if end - begin > 100.0 * EDGE else 0.0
         cdef int parts = 2 * <int>(0.5 * ((end - begin) / MAX_STEP + 1.0)) + 1
         cdef int first = places.count
@@ -439,7 +445,8 @@ cdef class SrsArm(Arm):
     cdef void _look_at(
         self, const Problem* problem, const Elbow* elbow, Places* places, int segment, const Turned* whole
     ) noexcept nogil:
-        """Examine a segment. Joints that do not fit on the whole stretch do not fit on a part of it."""
+        """Examine a segment. Joints that violate limits on the whole interval also violate them on a part of
+        it."""
         cdef double angle = 0.5 * (places.begins[segment] + places.begins[segment + 1])
         cdef Turned* turned = &places.turned[segment]
         cdef int i
@@ -451,8 +458,8 @@ cdef class SrsArm(Arm):
     cdef void _divide(
         self, const Problem* problem, const Elbow* elbow, double best, Places* places
     ) noexcept nogil:
-        """More segments where joints race along the arm angle because axes are nearly aligned, unless the
-        others alone cost more than the best that is known.
+        """Add segments where joints turn fast along the arm angle because axes are nearly aligned, unless the
+        other joints alone cost more than the best known solution.
         """
         cdef int i, after
         for i in range(places.count):
@@ -474,7 +481,7 @@ cdef class SrsArm(Arm):
         self, const Problem* problem, const Elbow* elbow, const Places* places, int one, int other,
         double best
     ) noexcept nogil:
-        """Whether there may be better joints than the best between two segments that follow each other."""
+        """Whether there may be joints between two neighbouring segments that are better than `best`."""
         cdef int part = racing(&places.turned[one], &places.turned[other])
         return part != 0 and max(width(places, one), width(places, other)) > MIN_STEP and best > min(
             self._least_cost(problem, elbow, &places.turned[one], part, BETWEEN),
@@ -496,8 +503,8 @@ cdef class SrsArm(Arm):
     cdef double _least_cost(
         self, const Problem* problem, const Elbow* elbow, const Turned* turned, int without, double slack
     ) noexcept nogil:
-        """The squared distance to the seed of the nearest branch, without the shoulder (1) or the wrist (2),
-        and with so much less for either.
+        """The squared distance of the nearest branch to the seed, without the shoulder (1) or the wrist (2).
+        The distance of either is first reduced by `slack`.
         """
         cdef double cost = self._elbow_cost(problem, elbow)
         cdef double part
@@ -514,7 +521,7 @@ cdef class SrsArm(Arm):
     cdef double _triple_cost(
         self, const Problem* problem, int joint, const bint* fits, const double* one, const double* other
     ) noexcept nogil:
-        """The distance to the seed of the nearer of the solutions that fit, rad."""
+        """The distance to the seed, rad, of the nearer one of the two solutions within the limits."""
         cdef double least = 1e300
         cdef double sum, off
         cdef const double* angles
@@ -555,15 +562,15 @@ cdef class SrsArm(Arm):
         return count
 
     cdef double _elbow_cost(self, const Problem* problem, const Elbow* elbow) noexcept nogil:
-        """What this elbow costs at least, where the nearest joints are asked for."""
+        """A lower bound of the cost with this elbow, if the nearest joints are requested."""
         cdef double off = elbow.angle + self.c_rest[3] - problem.seed[3]
         return off * off
 
     cdef int _candidates(
         self, const Problem* problem, bint minus, int kind, Candidate* found, int count
     ) noexcept nogil:
-        """Of one elbow: arm angles in each feasible interval of each branch, roughly, after those that are
-        found already.
+        """Append approximate best arm angles in each feasible interval of each branch, for one of the two
+        elbows.
         """
         cdef double best = 1e300
         cdef Places places
@@ -585,7 +592,7 @@ cdef class SrsArm(Arm):
         self, const Problem* problem, const Elbow* elbow, const Places* places, int branch, int kind,
         Candidate* found, int count
     ) noexcept nogil:
-        """Feasible segments that follow each other, once round, are one interval."""
+        """Find the intervals of a branch: consecutive feasible segments, across ±π too, are one interval."""
         cdef int segments = places.count
         cdef int first = 0
         cdef int k, length
@@ -606,7 +613,7 @@ cdef class SrsArm(Arm):
         self, const Problem* problem, const Elbow* elbow, const Places* places, int branch, int kind,
         int first, int length, Candidate* found, int count
     ) noexcept nogil:
-        """The candidates of one interval: of so many segments from the first one on."""
+        """Append the candidates of one interval, which consists of `length` segments from `first` on."""
         cdef double joints[MAX_SEGMENTS][7]
         cdef double cost[MAX_SEGMENTS]
         cdef int i, best = 0
@@ -635,8 +642,8 @@ cdef class SrsArm(Arm):
         return count
 
     cdef void c_refine(self, const Problem* problem, Candidate* candidate) noexcept nogil:
-        """The least cost within the candidate's bracket, by parabolas and golden sections (Brent, "Algorithms
-        for minimization without derivatives", 1973, chapter 5).
+        """Find the lowest cost within the candidate's bracket, by parabolas and golden sections (Brent,
+        "Algorithms for minimization without derivatives", 1973, chapter 5).
         """
         cdef Problem exact = problem[0]
         cdef double joints[7]
@@ -685,7 +692,7 @@ cdef class SrsArm(Arm):
     cdef double _try(
         self, const Problem* problem, const Elbow* elbow, double angle, Candidate* candidate, double* joints
     ) noexcept nogil:
-        """The cost at an arm angle, which becomes the candidate's if it is less."""
+        """The cost at an arm angle. If it is lower, it becomes that of the candidate."""
         cdef double cost = self._cost_at(problem, elbow, angle, candidate.branch, joints)
         if isnan(cost):
             return 1e300
@@ -695,7 +702,7 @@ cdef class SrsArm(Arm):
         return cost
 
     cdef double c_gap(self, const Problem* problem) noexcept nogil:
-        """How far the wrist centre is beyond, or short of, what the elbow reaches within its limits."""
+        """How far the wrist centre is out of the range that the elbow reaches within its limits."""
         cdef double direction[3]
         self._to_wrist(problem, direction)
         return hinge_gap(
@@ -763,8 +770,8 @@ cdef class SrsArm(Arm):
         return np.array(sorted(rows), dtype=np.float64).reshape(-1, 2)
 
     def grid(self, poses, angles, only=range(8)):
-        """Joints, shape (n, m, 8, 7), of poses (n, 7) at arm angles (m,) in all branches, or `only` some; NaN
-        where there are none within the limits.
+        """Joints, shape (n, m, 8, 7), for poses (n, 7) at arm angles (m,) in all branches, or in those of
+        `only`; NaN if there are none within the limits.
         """
         rows = np.array(poses, dtype=np.float64).reshape(-1, 7)
         columns = np.array(angles, dtype=np.float64).reshape(-1)
@@ -838,7 +845,7 @@ cdef bint parabola(
 
 
 cdef inline bint feasible(const Turned* turned) noexcept nogil:
-    """In any branch."""
+    """Whether some branch is within the limits."""
     return (turned.shoulder_fits[0] or turned.shoulder_fits[1]) and (
         turned.wrist_fits[0] or turned.wrist_fits[1]
     )
@@ -853,7 +860,7 @@ cdef inline double width(const Places* places, int segment) noexcept nogil:
 
 
 cdef inline double begin_of(const Places* places, int segment) noexcept nogil:
-    """Where a segment begins, counted on beyond the last one."""
+    """The begin of a segment. Numbers beyond the last segment continue with a full turn added."""
     if segment < places.count:
         return places.begins[segment]
     return places.begins[segment - places.count] + TURN
@@ -884,8 +891,8 @@ cdef inline int racing(const Turned* one, const Turned* other) noexcept nogil:
 
 
 cdef double bound_of(double cost, const double* joints, int i, int length) noexcept nogil:
-    """What a lowest point between the neighbours of a segment costs at least. Neighbours across which joints
-    race are too far from the seed, or they would have been divided.
+    """A lower bound of the cost between the neighbours of a segment. A neighbour to which joints turn far
+    does not count: it is too far from the seed, or the segment would have been divided.
     """
     cdef double farthest = 0.0
     cdef double sum, off, largest

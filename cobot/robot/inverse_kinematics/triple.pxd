@@ -1,9 +1,10 @@
-"""Three axes through one point, as of a shoulder or a wrist: which angles make a rotation, in C.
+"""Angles about three axes through one point, such as those of a shoulder or a wrist, for a given rotation, in
+C.
 
-Turns about three axes of any directions, R = R₁(a) R₂(b) R₃(c) (Davenport's angles; Shuster and Markley,
-"Generalization of the Euler angles", 2003). R takes the third axis away from the first one by an angle that
-b alone decides, the third side of a spherical triangle: two solutions b. Half angles keep the figures that a
-cosine loses where the axes align.
+The axes may have any directions: R = R₁(a) R₂(b) R₃(c) (Davenport's angles; Shuster and Markley,
+"Generalization of the Euler angles", 2003). The angle between the first axis and the rotated third axis
+depends on b only. It is the third side of a spherical triangle, so there are two solutions for b. Half angles
+keep the digits that a cosine loses where the axes align.
 """
 
 from libc.math cimport atan2, cos, fabs, sin, sqrt
@@ -57,7 +58,8 @@ cdef struct Angles:
 cdef inline bint triple_of(
     const double* first, const double* second, const double* third, Triple* out
 ) noexcept nogil:
-    """False if two that follow each other are parallel: such axes cannot make every rotation."""
+    """Prepare three axes. False if two neighbouring axes are parallel, because these cannot produce every
+    rotation."""
     cdef double cross[3]
     cdef double one, two, sine_one, sine_two
     cdef int i, least = 0
@@ -98,9 +100,11 @@ cdef inline void rest_of_triple(const Triple* triple, const double* rotation, do
 cdef inline bint solve_square(
     const Triple* triple, const double* rotation, const double* there, Angles* out
 ) noexcept nogil:
-    """Euler's angles of axes at right angles, away from where they align; False if that is near.
+    """Euler angles for axes at right angles. False near the rotations at which the first and the third axis
+    align.
 
-    There the first and the third angle, each for itself, would add their rounding.
+
+    There the rounding errors of the first and the third angle would add up.
     """
     cdef double back[3]
     cdef double one = dot3(triple.second, there)
@@ -120,7 +124,8 @@ cdef inline bint solve_square(
 
 
 cdef inline void solve_triple(const Triple* triple, const double* rotation, Angles* out) noexcept nogil:
-    """The two solutions, each angle up to a full turn; where the axes are ALIGNED the first one is 0."""
+    """The two solutions. Each angle is known up to a full turn. If the axes are ALIGNED, the first angle is
+    0."""
     cdef double there[3]
     cdef double cross[3]
     cdef double moved[3]

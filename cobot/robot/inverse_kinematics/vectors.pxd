@@ -87,7 +87,7 @@ cdef inline void turned_by(const double* axis, double angle, const double* v, do
 
 
 cdef inline void turn_about(const double* axis, double angle, double* out) noexcept nogil:
-    """The rotation matrix."""
+    """The rotation matrix for an axis and an angle."""
     cdef double c = cos(angle)
     cdef double s = sin(angle)
     cdef double x = axis[0]
@@ -103,7 +103,8 @@ cdef inline void turn_about(const double* axis, double angle, double* out) noexc
 
 
 cdef inline double angle_about(const double* axis, const double* start, const double* end) noexcept nogil:
-    """By which `start` has to be turned about the axis to come as near as it can to the direction `end`."""
+    """The angle by which `start` must be turned about the axis to come as near as possible to the direction
+    `end`."""
     # What is across the axis comes first: directions that are almost the axis have little else.
     cdef double across[3]
     cdef double one[3]
@@ -117,10 +118,11 @@ cdef inline double angle_about(const double* axis, const double* start, const do
 cdef inline bint triangle(
     double first, double second, double third, double slack, double* angle
 ) noexcept nogil:
-    """The angle between two sides of a triangle, opposite to the third one.
+    """The angle between two sides of a triangle, opposite to the third side.
 
-    Half angles keep the figures that a cosine loses where the triangle is flat. False if there is none: the
-    third side is too long or too short by more than the slack.
+
+    Half angles keep the digits that a cosine loses where the triangle is flat. False if there is no such
+    triangle, because the third side is too long or too short by more than the slack.
     """
     cdef double short_of = (first + second - third) * (first + second + third)
     cdef double beyond = (third - first + second) * (third + first - second)
@@ -137,7 +139,7 @@ cdef inline bint triangle(
 
 
 cdef inline int trigonometric_roots(double a, double b, double c, double slack, double* roots) noexcept nogil:
-    """The angles at which a cos x + b sin x = c: two, or none. They are the same where c is too large by no
+    """The angles at which a cos x + b sin x = c: two or none. Both are equal if c is too large, but by no
     more than the slack.
     """
     cdef double amplitude = sqrt(a * a + b * b)
@@ -151,13 +153,13 @@ cdef inline int trigonometric_roots(double a, double b, double c, double slack, 
 
 
 cdef inline double wrapped(double angle, double near) noexcept nogil:
-    """The same angle, less than half a turn from `near`."""
+    """The same angle, shifted by full turns to less than half a turn from `near`."""
     return angle - TURN * floor((angle - near) / TURN + 0.5)
 
 
 cdef inline bint settled(double* angle, double low, double high, double near, double slack) noexcept nogil:
-    """Make the angle the one within the limits that is nearest to `near`, which is within them; they may be
-    passed by the slack. False if there is none.
+    """Shift the angle by full turns into the limits, as near as possible to `near`, which is within them. The
+    limits may be passed by the slack. False if no such angle exists.
     """
     cdef double value = wrapped(angle[0], near)
     if value > high and (value > high + slack or value - TURN >= low):
@@ -194,14 +196,14 @@ cdef inline void set_hinge(
 
 
 cdef inline bint hinge_angle(const Hinge* hinge, double across, double slack, double* bend) noexcept nogil:
-    """By how much, either way from `folded`, it has to turn for its points to be so far apart, seen along the
-    axis. False if they cannot be.
+    """The turn from `folded`, in either direction, at which the hinge's points have the distance `across`,
+    seen along the axis. False if they cannot have it.
     """
     return triangle(hinge.lengths[0], hinge.lengths[1], across, slack, bend)
 
 
 cdef inline double hinge_distance(const Hinge* hinge, double angle) noexcept nogil:
-    """Between its points, m."""
+    """The distance between the hinge's points, m."""
     cdef double there[3]
     cdef double between[3]
     turned_by(hinge.axis, angle, hinge.after, there)
@@ -212,7 +214,7 @@ cdef inline double hinge_distance(const Hinge* hinge, double angle) noexcept nog
 cdef inline double hinge_gap(
     const Hinge* hinge, double distance, double low, double high, double near
 ) noexcept nogil:
-    """How much a distance is more or less than what its points reach within limits, m."""
+    """How far a distance is out of the range that the hinge's points can have within limits, m."""
     cdef double least = 1e300
     cdef double most = 0.0
     cdef double angle, value
