@@ -39,7 +39,12 @@ from app.robot_services import Planner, SharedParts
 from app.services.events.ring import Events
 from app.services.motion.planning import PlanningService
 from app.services.motion.synchronous import SyncService
-from cobot.access.authentication import Authenticator, authentication_required, rights_of_ros
+from cobot.access.authentication import (
+    Authenticator,
+    authentication_required,
+    rights_of_fleet,
+    rights_of_ros,
+)
 from cobot.access.roles import FLEET, ROS, Role
 from cobot.access.tokens import TokenFile
 from cobot.clock import SYSTEM, Clock
@@ -122,7 +127,7 @@ def _authenticator(
     if ros_token:
         tokens.grant(ROS, rights_of_ros(settings.ros, settings.web), ros_token)
     if fleet_token:
-        tokens.grant(FLEET, Role.PROGRAMMER if settings.fleet.certificates else Role.OBSERVER, fleet_token)
+        tokens.grant(FLEET, rights_of_fleet(settings.fleet), fleet_token)
     return tokens
 
 

@@ -26,7 +26,14 @@ from app.robot_services import Services
 from app.routes import ENDPOINTS
 from app.services.rights.claims import Caller
 from cobot.cell import cell_of
-from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, load_settings, resolve
+from cobot.config import (
+    DEFAULT_SETTINGS,
+    Settings,
+    load_endpoints,
+    load_settings,
+    load_with_rolled_out,
+    resolve,
+)
 from cobot.errors import (
     CobotError,
     CollisionError,
@@ -152,7 +159,7 @@ class Reloading:
     def _read(self) -> _Read:
         """Read the new configuration. Call it in a thread, because it may take a tenth of a second."""
         try:
-            new = load_settings(self._source)
+            new = load_with_rolled_out(self._source)
             endpoints = load_endpoints(new.web.endpoints, ENDPOINTS)
             for each in new.each.values():
                 load_robot(each).check_named_positions(each.robot.srdf)

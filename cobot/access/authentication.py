@@ -15,7 +15,7 @@ from ipaddress import IPv4Address, IPv6Address, ip_address
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile, Tokens
 from cobot.clock import SYSTEM, Clock
-from cobot.config import RosSection, WebSection
+from cobot.config import FleetSection, RosSection, WebSection
 from cobot.errors import ConfigError
 
 LOOK_AGAIN_S = 0.5
@@ -55,6 +55,13 @@ def authentication_required(web: WebSection, address: str) -> bool:
 def rights_of_ros(ros: RosSection, web: WebSection) -> Role:
     """The role of DDS participants, which cannot show a token."""
     return RIGHTS_OF_ROS[_access_of_ros(ros, web)]
+
+
+def rights_of_fleet(fleet: FleetSection) -> Role:
+    """The role of the process that connects this cell to a fleet. It needs admin to reload settings."""
+    if fleet.certificates is None:
+        return Role.OBSERVER
+    return Role.PROGRAMMER if fleet.accept.settings == "none" else Role.ADMIN
 
 
 def ros_access(ros: RosSection, web: WebSection) -> str:

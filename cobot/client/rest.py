@@ -24,6 +24,7 @@ from cobot.client.gripper import GripperCommands
 from cobot.client.steps import Steps
 from cobot.errors import CobotError, UnavailableError
 
+RELOAD_S = 60.0
 STOP_TRIES, STOP_TIMEOUT_S = 3, 15.0
 
 
@@ -216,16 +217,18 @@ class Client(ForceMoves, Steps, EventConnection):
 
     def fetch_backup(self, path: str | Path) -> None:
         """Write a backup of settings, tool, scene, taught positions and stored programs to a local file."""
-        self._fetch("/admin/backup", Path(path))
+        self._fetch(self._of_service("/admin/backup"), Path(path))
 
     def fetch_support(self, path: str | Path) -> None:
         """Write a bundle with settings without secrets, versions, health and logs to a local file."""
-        self._fetch("/admin/support", Path(path))
+        self._fetch(self._of_service("/admin/support"), Path(path))
 
     def restore(self, path: str | Path) -> Json:
         """Have a backup checked now, and restored with the next start of cobot: `created`, `contents`."""
         with Path(path).open("rb") as file:
-            return self._json("POST", "/admin/restore", files={"file": (Path(path).name, file)})
+            return self._json(
+                "POST", self._of_service("/admin/restore"), files={"file": (Path(path).name, file)}
+            )
 
     def access_tokens(self) -> Json:
         """`tokens` with their names, roles and times; `required`, and a `hint` if none can be created."""
@@ -251,6 +254,10 @@ class Client(ForceMoves, Steps, EventConnection):
         params = {"own": "true"} if own else {}
         path = self._of_service(f"/access/tokens/{quote(name, safe='')}")
         return self._json("DELETE", path, params=params)
+
+    def reload(self) -> Json:
+        """Read the settings files again: `taken_over` and `needs_restart` list the changes."""
+        return self._json("POST", self._of_service("/admin/reload"), timeout=RELOAD_S)
 
     def start_sequence(self, path: str | Path, **options: str | float) -> Json:
         """Start a sequence file; options as in POST /sequences/start."""

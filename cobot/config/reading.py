@@ -20,11 +20,14 @@ SECTIONS_OF_A_ROBOT = ("rt", "streaming", "planning")
 """Sections that an entry in `robots` may change, in addition to those of the robot itself."""
 
 
-def load_settings(path: Path | None = None) -> Settings:
+def load_settings(path: Path | None = None, over: dict[str, Any] | None = None) -> Settings:
     """Read the settings; None reads the file shipped with cobot.
 
     The user's file needs only the keys that differ from the shipped ones. It may have a list `robots`, whose
     entries hold the differences of each robot from the rest of the file.
+
+    Args:
+        over: content that applies over the file, with absolute paths.
 
     Raises:
         ConfigError: a file is invalid. The error names the file, the key, the value and the valid values.
@@ -34,6 +37,8 @@ def load_settings(path: Path | None = None) -> Settings:
     path = shipped if path is None else path.resolve()
     if path != shipped:
         content = _merged(content, _with_backend_at_robot(path, read_mapping(path)))
+    if over is not None:
+        content = _merged(content, over)
     if "robots" not in content:
         return parse(Settings, path, content)
     entries = content.pop("robots")

@@ -179,6 +179,7 @@ class AcceptedCommands(Section):
     speed: LeastRole
     control: LeastRole
     roll_out: LeastRole
+    settings: LeastRole
 
 
 class FleetSection(Section):

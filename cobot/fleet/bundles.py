@@ -1,4 +1,4 @@
-"""Bundles of programs and named positions, as a cell stages, activates and rolls them back.
+"""Bundles of programs, named positions and settings, as a cell stages, activates and rolls them back.
 
 A bundle is named by the SHA-256 of its content. The hub signs that name in its command, so the content can
 come from anywhere. What a bundle replaces is kept in a file before anything changes.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import os
 import subprocess
 from collections.abc import Callable
 from hashlib import sha256
@@ -19,6 +20,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
+from cobot.access.roles import Role
 from cobot.client.rest import Client
 from cobot.config import Settings
 from cobot.errors import (
@@ -26,8 +28,10 @@ from cobot.errors import (
     ConflictError,
     InputError,
     NotFoundError,
+    PermissionDenied,
     UnavailableError,
 )
+from cobot.fleet.cell_settings import BundleFile, CellSettings, files_of
 from cobot.fleet.messages import NOT_ENDED, Hash, Name, Program, Text
 from cobot.launch.process import RUN_MODULE
 from cobot.robot.kept import keep, read_kept
@@ -67,6 +71,7 @@ class Bundle(StrictModel):
     version: Annotated[str, Field(pattern=r"^[A-Za-z0-9._+-]{1,48}$")]
     programs: Annotated[list[BundleProgram], Field(default_factory=list, max_length=100)]
     positions: Annotated[list[BundlePosition], Field(default_factory=list, max_length=1000)]
+    settings: Annotated[list[BundleFile], Field(default_factory=list, max_length=100)]
 
     @property
     def title(self) -> str:
@@ -79,6 +84,8 @@ class Installed(StrictModel):
     Attributes:
         versions: of its programs, as the service has stored them.
         programs_before, positions_before: as they were; null for those that did not exist.
+        settings_before: the bundle whose settings were in force, "" for none; None if this one has none.
+        restart_for: changes of settings that need a restart of the cell that began as process `supervisor`.
         complete: whether all of it is active. An interrupted activation is rolled back at the next start.
     """
 
@@ -87,6 +94,9 @@ class Installed(StrictModel):
     versions: dict[str, int]
     programs_before: dict[str, BundleProgram | None]
     positions_before: dict[str, BundlePosition | None]
+    settings_before: Hash | Literal[""] | None = None
+    restart_for: list[Text] = Field(default_factory=list)
+    supervisor: int = 0
     complete: bool
 
 
@@ -104,6 +114,7 @@ def read_bundle(content: bytes) -> Bundle:
     for what, names in (
         ("program", [each.id for each in bundle.programs]),
         ("position", [each.name for each in bundle.positions]),
+        ("file", [each.path for each in bundle.settings]),
     ):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -120,11 +131,15 @@ class RobotBundles:
     """The bundles of one robot of a cell. One method at a time.
 
     Args:
+        source: the settings file of the user.
         fetch: asks the hub for the content of a bundle; None if the hub does not have it.
     """
 
-    def __init__(self, settings: Settings, client: Client, fetch: Callable[[str], bytes | None]) -> None:
+    def __init__(
+        self, settings: Settings, source: Path, client: Client, fetch: Callable[[str], bytes | None]
+    ) -> None:
         self._settings, self._client, self._fetch = settings, client, fetch
+        self._own = CellSettings(settings, source, client)
         self._file = settings.bundle_file
         self._staged: dict[str, Bundle] = {}
         self.installed = self._read()
@@ -135,21 +150,34 @@ class RobotBundles:
         found = self.installed
         return f"{found.title} ({found.bundle[:SHORT]})" if found is not None and found.complete else ""
 
+    @property
+    def restart_for(self) -> list[str]:
+        """The rolled-out settings that need a restart of this cell."""
+        found = self.installed
+        return [] if found is None or found.supervisor != os.getppid() else found.restart_for
+
     def drift(self, versions: dict[str, int]) -> list[str]:
-        """The programs of the newest bundle that have changed since.
+        """The parts of the newest bundle that have changed since: ids of programs, and "settings".
 
         Args:
             versions: the newest version of each stored program.
         """
         found = self.installed  # another thread may replace it
-        known = found.versions if found is not None and found.complete else {}
-        return sorted(name for name, version in known.items() if versions.get(name) != version)
+        if found is None or not found.complete:
+            return []
+        changed = sorted(name for name, version in found.versions.items() if versions.get(name) != version)
+        other = found.settings_before is not None and self._own.active != found.bundle
+        return [*changed, *(["settings"] if other else [])]
 
-    def stage(self, name: str) -> str:
+    def stage(self, name: str, role: Role) -> str:
         """Fetch a bundle and check it completely. Nothing changes.
+
+        Args:
+            role: of the person at the hub.
 
         Raises:
             UnavailableError: the hub does not have it.
+            PermissionDenied: it has settings, and the role may not change them.
             InputError: it is not the bundle that was meant, is not valid, or does not fit this robot.
         """
         content = self._fetch(name)
@@ -158,25 +186,47 @@ class RobotBundles:
         if hash_of(content) != name:
             raise InputError(f"the content is not that of the bundle {name[:SHORT]}: its hash differs")
         bundle = read_bundle(content)
-        self._check(bundle)
+        self._require_accepted(bundle, role)
+        if bundle.settings:
+            with self._own.trial(bundle.settings) as settings:
+                self._check(bundle, settings)
+        else:
+            self._check(bundle, self._settings)
         self._staged = {name: bundle}
-        return f"staged {bundle.title}: {len(bundle.programs)} programs, {len(bundle.positions)} positions"
+        parts = f"{len(bundle.programs)} programs, {len(bundle.positions)} positions"
+        return f"staged {bundle.title}: {parts}{', settings' if bundle.settings else ''}"
 
-    def activate(self, name: str) -> str:
+    def _require_accepted(self, bundle: Bundle, role: Role) -> None:
+        needed = self._settings.fleet.accept.settings
+        if bundle.settings and (needed == "none" or role < Role[needed.upper()]):
+            raise PermissionDenied(
+                f"{bundle.title} has settings, which this cell accepts from {needed} "
+                f"(fleet.accept.settings), and the role is {role.name.lower()}"
+            )
+
+    def activate(self, name: str, role: Role) -> str:
         """Store what the staged bundle has. The arm must rest. If it fails, all is as before.
+
+        Args:
+            role: of the person at the hub.
 
         Raises:
             ConflictError: it is not staged, or something runs.
+            PermissionDenied: see `stage`.
             CobotError: the service does not accept a part of it; the message says which.
         """
         bundle = self._staged.get(name)
         if bundle is None:
             raise ConflictError(f"the bundle {name[:SHORT]} is not staged here; stage it first")
+        self._require_accepted(bundle, role)
         if self._is_active(name):
             return f"{bundle.title} is active already"
         self._require_rest()
         self._keep(self._before(name, bundle))
+        restart_for: list[str] = []
         try:
+            if bundle.settings:
+                restart_for = self._own.activate(name, bundle.settings)
             versions = {each.id: self._save(each, bundle.title) for each in bundle.programs}
             for position in bundle.positions:
                 self._teach(position)
@@ -187,9 +237,16 @@ class RobotBundles:
                 raise type(exc)(f"{exc}; it cannot be undone now, and is tried again: {problem}") from exc
             raise type(exc)(f"{exc}; all is as before") from exc
         assert self.installed is not None
-        self._keep(self.installed.model_copy(update={"versions": versions, "complete": True}))
+        done = {
+            "versions": versions,
+            "restart_for": restart_for,
+            "supervisor": os.getppid(),
+            "complete": True,
+        }
+        self._keep(self.installed.model_copy(update=done))
         self._staged = {}
-        return f"activated {bundle.title}"
+        self._own.remove_others(name, self.installed.settings_before or name)
+        return f"activated {bundle.title}{_restart(restart_for)}"
 
     def _is_active(self, name: str) -> bool:
         if self.installed is None or self.installed.bundle != name or not self.installed.complete:
@@ -200,14 +257,14 @@ class RobotBundles:
         """Restore what a bundle has replaced.
 
         Raises:
-            ConflictError: it is not the newest bundle, or something runs.
+            NotFoundError: it is not the newest bundle.
+            ConflictError: something runs.
         """
         if self.installed is None or self.installed.bundle != name:
-            raise ConflictError(f"the bundle {name[:SHORT]} is not the newest one here; nothing was changed")
+            raise NotFoundError(f"the bundle {name[:SHORT]} is not the newest one here; nothing was changed")
         self._require_rest()
         title = self.installed.title
-        self._undo()
-        return f"rolled back {title}"
+        return f"rolled back {title}{_restart(self._undo())}"
 
     def recover(self) -> None:
         """Roll back an activation that was interrupted.
@@ -220,8 +277,9 @@ class RobotBundles:
             self._undo()
             log.warning("an activation was interrupted; what it had changed is as before")
 
-    def _check(self, bundle: Bundle) -> None:
-        limits = load_joint_limits(self._settings.web.joint_limits)
+    def _check(self, bundle: Bundle, settings: Settings) -> None:
+        """Check programs and positions against settings: those of this cell, or those of the bundle."""
+        limits = load_joint_limits(settings.web.joint_limits)
         fixed = {each["name"] for each in self._client.positions() if not each["taught"]}
         for position in bundle.positions:
             if position.name in fixed:
@@ -282,6 +340,7 @@ class RobotBundles:
             versions={},
             programs_before=programs,
             positions_before=positions,
+            settings_before=self._own.active if bundle.settings else None,
             complete=False,
         )
 
@@ -308,8 +367,11 @@ class RobotBundles:
             position.name, position.joints, position.description, label=position.label
         )
 
-    def _undo(self) -> None:
+    def _undo(self) -> list[str]:
+        """Restore everything. Returns the changes of settings that need a restart."""
         assert self.installed is not None
+        before = self.installed.settings_before
+        restart_for = [] if before is None else self._own.switch(before)
         for name, program in self.installed.programs_before.items():
             if program is not None:
                 self._restore(program, f"before {self.installed.title}")
@@ -324,6 +386,7 @@ class RobotBundles:
                     self._client.forget_position(name)
         self._file.unlink(missing_ok=True)
         self.installed = None
+        return restart_for
 
     def _keep(self, installed: Installed) -> None:
         keep(self._file, installed.model_dump_json().encode(), "the bundle")
@@ -339,14 +402,19 @@ class RobotBundles:
             return None
 
 
+def _restart(changes: list[str]) -> str:
+    return f"; restart the cell for: {'; '.join(changes)}" if changes else ""
+
+
 def bundle_of(folder: Path, name: str, version: str) -> bytes:
-    """The content of a bundle: the sequence files and Lua programs in `programs/`, and `positions.json`.
+    """The content of a bundle: the folders `programs` and `settings`, and `positions.json`.
 
     Args:
-        folder: `positions.json` is an object with the joint angles of each name.
+        folder: `programs` has sequence files and Lua programs, `settings` has `settings.yaml` with the files
+            that it names, and `positions.json` is an object with the joint angles of each name.
 
     Raises:
-        InputError: it has no programs and no positions, or cannot be read.
+        InputError: it has none of them, or they cannot be read.
     """
     try:
         files = sorted(each for each in (folder / "programs").glob("*") if each.suffix in (".json", ".lua"))
@@ -361,13 +429,17 @@ def bundle_of(folder: Path, name: str, version: str) -> bytes:
         ]
         found = folder / "positions.json"
         named = json.loads(found.read_text(encoding="utf-8")) if found.exists() else {}
+        settings = files_of(folder / "settings")
     except (OSError, ValueError) as exc:
         raise InputError(f"{folder}: cannot be read: {exc}") from exc
     if not isinstance(named, dict):
         raise InputError(f"{found}: must be an object with the joint angles of each name")
-    if not programs and not named:
-        raise InputError(f"{folder}: has no programs/*.json, programs/*.lua or positions.json")
+    if not programs and not named and not settings:
+        raise InputError(
+            f"{folder}: has no programs/*.json, programs/*.lua, positions.json or settings/settings.yaml"
+        )
     positions = [{"name": each, "joints": joints} for each, joints in named.items()]
-    content = json.dumps({"name": name, "version": version, "programs": programs, "positions": positions})
+    parts = {"programs": programs, "positions": positions, "settings": settings}
+    content = json.dumps({"name": name, "version": version, **parts})
     read_bundle(content.encode())
     return content.encode()

@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,8 +25,9 @@ from cobot.access.authentication import FLEET_TOKEN_VARIABLE
 from cobot.access.claimed import claimed
 from cobot.access.roles import ANONYMOUS, Role
 from cobot.audit import record_beside
-from cobot.config import Settings, load_settings
+from cobot.config import DEFAULT_SETTINGS, Settings, load_settings, resolve
 from cobot.errors import CobotError, InputError, PermissionDenied, UnavailableError
+from cobot.fleet.cell_settings import configuration_of
 from cobot.fleet.certificates import Verifier, check_cell_folder
 from cobot.fleet.link import has_router, open_cell, payloads
 from cobot.fleet.messages import (
@@ -64,21 +64,25 @@ class FleetCell:
     """The cell: its robots, its session, and its loop.
 
     Args:
+        config: the settings file in force, which a reload replaces.
+        source: the settings file of the user.
         url: of the service; "" without one.
     """
 
-    def __init__(self, settings: Settings, url: str, token: str) -> None:
+    def __init__(self, settings: Settings, config: Path, source: Path, url: str, token: str) -> None:
         section = settings.fleet
         self._settings = settings
         self._fleet = section
         self._keys = FleetKeys(section.name)
         self.name = own_cell_name(section.cell)
         self.instance = secrets.token_hex(8)
+        self.source = source
+        self._config, self._config_ns = config, 0
         self.facts: dict[str, Any] = {
             "cell": self.name,
             "instance": self.instance,
             "version": version("cobot"),
-            "configuration": sha256(settings.model_dump_json().encode()).hexdigest()[:16],
+            "configuration": "",
             "panel": section.panel or url,
             "zone": section.zone or "",
             "recordings": section.recordings,
@@ -105,6 +109,7 @@ class FleetCell:
             "fleet %s: this cell is %s, hub %s", self._fleet.name, self.name, ", ".join(self._fleet.connect)
         )
         while not ended.wait(PERIOD_S):
+            self._look_at_settings()
             connected = self._connect()
             self._watch_hub(connected)
             if connected:
@@ -121,6 +126,14 @@ class FleetCell:
         self._workers.shutdown(wait=False, cancel_futures=True)
         for robot in self.robots.values():
             robot.close()
+
+    def _look_at_settings(self) -> None:
+        """Publish the hash of the settings in force. Another file replaces them after a reload."""
+        with contextlib.suppress(OSError, CobotError):
+            changed_ns = self._config.stat().st_mtime_ns
+            if changed_ns != self._config_ns:
+                self.facts["configuration"] = configuration_of(load_settings(self._config))
+                self._config_ns = changed_ns
 
     def fetch_bundle(self, name: str) -> bytes | None:
         """The content of a bundle; None if the hub does not have it."""
@@ -370,6 +383,7 @@ def main() -> int:
     """Serve until SIGTERM. Returns the exit status: 0, or 2 if it could not start."""
     parser = argparse.ArgumentParser(prog="python -m cobot.fleet.cell", description=__doc__)
     parser.add_argument("--config", type=Path, help="settings file; default: the one shipped with cobot")
+    parser.add_argument("--source", type=Path, help="settings file of the user, if --config is a copy of it")
     parser.add_argument(
         "--url", default="", help="address of the web service; without it only modes are shown"
     )
@@ -385,7 +399,9 @@ def main() -> int:
     try:
         settings = load_settings(arguments.config)
         start_logging("fleet", settings.logging)
-        cell = FleetCell(settings, arguments.url, os.environ.pop(FLEET_TOKEN_VARIABLE, ""))
+        config = arguments.config or resolve(DEFAULT_SETTINGS, Path())
+        source = arguments.source or config
+        cell = FleetCell(settings, config, source, arguments.url, os.environ.pop(FLEET_TOKEN_VARIABLE, ""))
     except CobotError as exc:
         log.error("%s", exc)
         return 2

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable
+from pathlib import Path
 
-from cobot.access.roles import FLEET
+from cobot.access.roles import FLEET, Role
 from cobot.addresses import address
 from cobot.client.rest import Client
 from cobot.config import Settings
@@ -38,28 +39,36 @@ class ServiceCommands:
     """Commands to one robot of the cell's service, from any thread, one at a time.
 
     Args:
-        fetch: see `RobotBundles`.
+        source, fetch: see `RobotBundles`.
     """
 
     def __init__(
-        self, url: str, settings: Settings, token: str, fetch: Callable[[str], bytes | None]
+        self,
+        url: str,
+        settings: Settings,
+        source: Path,
+        token: str,
+        fetch: Callable[[str], bytes | None],
     ) -> None:
         self._client = Client(address(url, settings.robot.name), token=token or None)
-        self.bundles = RobotBundles(settings, self._client, fetch)
+        self.bundles = RobotBundles(settings, source, self._client, fetch)
         self._control = contextlib.ExitStack()
         self._looks_for_left_control = True
         self._lock = threading.Lock()
         self._staging = threading.Lock()
 
-    def run(self, action: FleetAction) -> str:
+    def run(self, action: FleetAction, role: Role) -> str:
         """Execute an action. Returns a sentence about the result.
+
+        Args:
+            role: of the person at the hub.
 
         Raises:
             CobotError: the service's error.
         """
         if isinstance(action, StageBundle):  # takes long, and changes nothing: a pause does not wait for it
             with self._staging:
-                return self.bundles.stage(action.bundle)
+                return self.bundles.stage(action.bundle, role)
         with self._lock:
             match action:
                 case StartProgram():
@@ -84,7 +93,7 @@ class ServiceCommands:
                     self._release()
                     return "the fleet does not have control"
                 case ActivateBundle():
-                    return self.bundles.activate(action.bundle)
+                    return self.bundles.activate(action.bundle, role)
                 case RollBackBundle():
                     return self.bundles.roll_back(action.bundle)
                 case _:

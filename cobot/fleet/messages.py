@@ -48,12 +48,12 @@ class FleetState(StrictModel):
     Attributes:
         instance: a number for each start of the cell's process.
         state: the state in a word; `silent`: rtloop publishes nothing.
-        configuration: hash of the settings, to find cells that differ.
+        configuration: hash of the settings and their files, the same in cells with the same robots.
         problems: what the service reports as wrong, and why the service does not answer.
         panel: address of the cell's own panel; "" if it has none.
         bundle: name, version and hash of the newest bundle.
         recordings: whether the hub may fetch recordings.
-        drift: programs of that bundle that have changed since.
+        drift: programs of that bundle that have changed since, and "settings" if others are in force.
     """
 
     cell: Name
@@ -161,7 +161,7 @@ class StageBundle(StrictModel):
 
 
 class ActivateBundle(StrictModel):
-    """Store the programs and positions of a staged bundle."""
+    """Store the programs and positions of a staged bundle, and put its settings in force."""
 
     accepted_by: ClassVar = "roll_out"
     kind: Literal["activate"]

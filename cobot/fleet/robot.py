@@ -8,8 +8,10 @@ import logging
 import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any, Protocol
 
+from cobot.access.roles import Role
 from cobot.audit import record_beside
 from cobot.config import Settings
 from cobot.errors import CobotError, UnavailableError
@@ -34,6 +36,7 @@ class RobotsCell(Protocol):
 
     name: str
     facts: dict[str, Any]
+    source: Path
 
     def ask_time(self) -> HubTime | None: ...
 
@@ -51,7 +54,9 @@ class FleetRobot:
         self._facts = cell.facts
         self._arm = ArmWatch(self.name, settings.web.stale_after_s)
         self._service = ServiceWatch(url, self.name, token) if url else None
-        self._commands = ServiceCommands(url, settings, token, cell.fetch_bundle) if url else None
+        self._commands = (
+            ServiceCommands(url, settings, cell.source, token, cell.fetch_bundle) if url else None
+        )
         self._published_s = 0.0
         self.recordings = GivenRecordings(settings.recording_folder) if settings.fleet.recordings else None
         self.files = ThreadPoolExecutor(1)  # a large file is read while commands are executed
@@ -60,13 +65,16 @@ class FleetRobot:
 
     def _look(self) -> FleetState:
         found: dict[str, Any] = self._arm.read()
-        service = {} if self._service is None else self._service.found
+        service: dict[str, Any] = {} if self._service is None else self._service.found
         if found["state"] in ("ready", "moving") and self._service is not None and self._service.paused:
             found["state"] = "paused"
         if self._commands is not None:
             bundles = self._commands.bundles
             versions = {each["id"]: each["version"] for each in self.programs}
             found |= {"bundle": bundles.title, "drift": bundles.drift(versions) if versions else []}
+            if bundles.restart_for:
+                restart = f"{bundles.title} needs a restart of this cell: {'; '.join(bundles.restart_for)}"
+                service = service | {"problems": [*service["problems"], restart[:2000]]}
         return FleetState(robot=self.name, **self._facts, **service, **found)
 
     @property
@@ -112,7 +120,7 @@ class FleetRobot:
         try:
             if self._commands is None:
                 raise UnavailableError("this cell runs without its web service")
-            said = self._commands.run(command.action)
+            said = self._commands.run(command.action, Role[command.role.upper()])
             outcome = "ok"
             return said
         except CobotError as exc:

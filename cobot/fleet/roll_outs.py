@@ -12,15 +12,25 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from cobot.access.roles import Role, RoleName
-from cobot.errors import BusyError, ConflictError, InputError, NotFoundError, PermissionDenied
+from cobot.errors import (
+    BusyError,
+    ConflictError,
+    InputError,
+    NotFoundError,
+    PermissionDenied,
+    UnavailableError,
+)
 from cobot.fleet.bundles import Bundle, hash_of, read_bundle
 from cobot.fleet.messages import ActivateBundle, FleetAction, RollBackBundle, StageBundle
 
 MAX_BUNDLES = 20
 MAX_ROLL_OUTS = 100
 WATCH_S = 0.5
-WRONG = ("fault", "estop", "silent", "gone")
+WRONG = ("fault", "estop", "gone")
 """States of a robot that end a roll-out."""
+SILENT_S = 5.0
+"""Time in which a robot may be silent: new limits restart its real-time process, in about a second."""
+UNKNOWN = UnavailableError.code
 Send = Callable[[FleetAction, str, str], dict[str, Any]]
 """Sends an action to a cell and a robot. Returns the answer with `code` and `text`."""
 log = logging.getLogger("cobot.fleet")
@@ -187,7 +197,8 @@ def _go(
         if roll_out.cancelled:
             return "cancelled"
         roll_out.tell(f"wave {number} of {len(roll_out.waves)}: {', '.join('/'.join(each) for each in wave)}")
-        problem = _all(roll_out, wave, activate, send, roll_out.done) or _watch(roll_out, watch_s, states)
+        problem = _all(roll_out, wave, activate, send, roll_out.done, UNKNOWN)
+        problem = problem or _watch(roll_out, watch_s, states)
         if problem:
             return problem
     return ""
@@ -199,33 +210,42 @@ def _all(
     action: FleetAction,
     send: Send,
     done: list[tuple[str, str]],
+    counted: str = "",
 ) -> str:
-    """Send an action to robots, all at the same time. Returns the first problem."""
+    """Send an action to robots, all at the same time.
+
+    Args:
+        done: gets the robots that have done it, and those that answer with the code `counted`.
+
+    Returns:
+        The first problem; "" for none.
+    """
     problem = ""
     with ThreadPoolExecutor(min(32, len(robots))) as pool:
         answers = list(pool.map(lambda robot: send(action, *robot), robots))
     for robot, answer in zip(robots, answers, strict=True):
         roll_out.tell(f"{'/'.join(robot)}: {answer['text']}")
-        if answer["code"] == "ok":
+        if answer["code"] in ("ok", counted):
             done.append(robot)
-        else:
+        if answer["code"] != "ok":
             problem = problem or f"{'/'.join(robot)} has not done it"
     return problem
 
 
 def _watch(roll_out: RollOut, watch_s: float, states: Callable[[], dict[tuple[str, str], str]]) -> str:
-    end_s = time.monotonic() + watch_s
+    begun_s = time.monotonic()
     while True:
-        found = states()
-        for robot in roll_out.done:
-            state = found.get(robot, "gone")
-            if state in WRONG:
+        found = {robot: states().get(robot, "gone") for robot in roll_out.done}
+        for_s = time.monotonic() - begun_s
+        silent = "silent" in found.values()
+        for robot, state in found.items():
+            if state in WRONG or (state == "silent" and for_s > SILENT_S):
                 return f"{'/'.join(robot)} is in the state {state}"
         if roll_out.cancelled:
             return "cancelled"
-        if time.monotonic() >= end_s:
+        if for_s >= watch_s and not silent:
             return ""
-        time.sleep(min(WATCH_S, max(0.01, end_s - time.monotonic())))
+        time.sleep(min(WATCH_S, max(0.01, watch_s - for_s)))
 
 
 def _go_back(roll_out: RollOut, send: Send) -> Literal["refused", "rolled_back", "failed"]:
@@ -233,7 +253,8 @@ def _go_back(roll_out: RollOut, send: Send) -> Literal["refused", "rolled_back",
         return "refused"
     back: list[tuple[str, str]] = []
     action = RollBackBundle(kind="roll_back", bundle=roll_out.bundle)
-    _all(roll_out, roll_out.done, action, send, back)
+    # A robot that did not answer may have activated it. If it has not, there is nothing to roll back.
+    _all(roll_out, roll_out.done, action, send, back, NotFoundError.code)
     roll_out.done = [robot for robot in roll_out.done if robot not in back]
     if not roll_out.done:
         return "rolled_back"

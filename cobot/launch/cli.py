@@ -14,7 +14,7 @@ from cobot.addresses import address
 from cobot.cell.cell import cell_file
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.commands import options
-from cobot.config import Settings, load_settings
+from cobot.config import Settings, load_settings, load_with_rolled_out
 from cobot.errors import CobotError
 from cobot.foreign import plain_lines
 from cobot.launch import backup_options, recording_options, token
@@ -85,7 +85,7 @@ def _run(chosen: argparse.Namespace) -> int:
             return EXIT_OK
         if chosen.command == "new-robot":
             return _new_robot(chosen)
-        settings = load_settings(chosen.config)
+        settings = load_with_rolled_out(chosen.config)
         if chosen.command == "check":
             from cobot.launch.check import check
 

@@ -22,6 +22,7 @@ from typing import Any
 import httpx
 import psutil
 import pytest
+import yaml
 from chromium import Page, browsing
 from cobot_run import Run, answering, until
 from fleets import FLEET, Hub, free_port
@@ -58,7 +59,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def tokens(folder: Path) -> dict[str, str]:
     file = TokenFile(folder / "tokens.json")
-    return {"ada": file.create("ada", Role.OPERATOR), "bob": file.create("bob", Role.OBSERVER)}
+    roles = {"ada": Role.OPERATOR, "bob": Role.OBSERVER, "eve": Role.ADMIN}
+    return {name: file.create(name, role) for name, role in roles.items()}
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +75,7 @@ def cell(hub: Hub, folder: Path, tmp_path_factory: pytest.TempPathFactory) -> It
     fleet = (
         f"{{name: {FLEET}, cell: one, zone: north, connect: ['{hub.address}'], "
         f"certificates: {folder}/cells/one, recordings: true, "
-        "accept: {speed: admin, roll_out: operator}}"
+        "accept: {speed: admin, roll_out: operator, settings: admin}}"
     )
     run = Run(tmp_path_factory.mktemp("cell"), clock="realtime", more=f"fleet: {fleet}\n")
     with answering(run) as started:
@@ -393,8 +395,8 @@ def bundle(tmp_path: Path) -> Path:
 @pytest.fixture
 def roll_out(hub: Hub, folder: Path, tokens: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setenv("COBOT_CERTIFICATE", str(folder / "ca.pem"))
-    given = ("--version", "1.4", "--watch", "0.2", "--url", hub.url, "--token", tokens["ada"])
-    return lambda bundle: main(["roll-out", str(bundle), "one", *given])
+    given = ("--version", "1.4", "--watch", "0.2", "--url", hub.url, "--token")
+    return lambda bundle, who="ada": main(["roll-out", str(bundle), "one", *given, tokens[who]])
 
 
 def programs_of(client: Client) -> dict[str, str]:
@@ -421,7 +423,7 @@ def test_a_bundle_is_rolled_out_watched_for_drift_and_rolled_back(
     assert order(hub, "roll_back", action={"bundle": name})["text"] == "rolled back seams 1.4"
     assert programs_of(client) == before
     assert "seam" not in [each["name"] for each in client.positions()]
-    assert order(hub, "roll_back", action={"bundle": name})["code"] == "conflict"
+    assert order(hub, "roll_back", action={"bundle": name})["code"] == "not_found"
 
 
 @pytest.mark.parametrize(
@@ -450,6 +452,84 @@ def test_a_bundle_that_does_not_fit_changes_nothing(
     assert words in out, out
     assert "seams 1.4: refused" in out
     assert (programs_of(client), client.positions()) == before
+
+
+@pytest.fixture
+def with_settings(bundle: Path, client: Client) -> Path:
+    """A bundle that also halves the velocity of the first joint, and changes a margin."""
+    settings = bundle / "settings"
+    settings.mkdir()
+    limits = shipped_limits()
+    limits["joint1"]["max_velocity"] *= 0.5
+    (settings / "slower.yaml").write_text(yaml.safe_dump({"joint_limits": limits}))
+    content = {"web": {"joint_limits": "slower.yaml"}, "planning": {"collision_margin_m": 0.011}}
+    (settings / "settings.yaml").write_text(yaml.safe_dump(content))
+    return bundle
+
+
+def shipped_limits() -> dict[str, Any]:
+    file = ROOT / "cobot" / "shipped" / "config" / "joint_limits.yaml"
+    return dict(yaml.safe_load(file.read_text())["joint_limits"])
+
+
+def velocity_limit(client: Client) -> float:
+    return float(client._json("GET", "/robot/geometry")["joints"][0]["max_velocity"])
+
+
+def test_settings_are_rolled_out_and_back(
+    hub: Hub,
+    cell: Run,
+    client: Client,
+    with_settings: Path,
+    roll_out: Any,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Oracle: the limits that the service reports, and the user's own file."""
+    limit, own = velocity_limit(client), cell.config.read_text()
+    configuration = hub.robot("one")["configuration"]
+    assert roll_out(with_settings) == 1
+    assert "accepts from admin (fleet.accept.settings), and the role is operator" in capsys.readouterr().out
+    assert velocity_limit(client) == limit
+    assert roll_out(with_settings, "eve") == 0, capsys.readouterr()
+    said = capsys.readouterr().out
+    assert "staged seams 1.4: 2 programs, 1 positions, settings" in said
+    assert "restart the cell for: planning.collision_margin_m: 0.005 → 0.011" in said
+    assert velocity_limit(client) == 0.5 * limit
+    assert cell.config.read_text() == own
+    until(lambda: "needs a restart of this cell" in str(hub.robot("one")["problems"]))
+    assert hub.robot("one")["configuration"] != configuration
+    assert client.reload()["taken_over"] == [], "a reload of the cell keeps them"
+    name = hub.http.get("/roll-outs").json()["roll_outs"][-1]["bundle"]
+    assert "rolled back seams 1.4" in order(hub, "roll_back", action={"bundle": name})["text"]
+    assert velocity_limit(client) == limit
+    until(lambda: hub.robot("one")["configuration"] == configuration)
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "words"),
+    [
+        ("settings.yaml", "web: {tokens: mine.json}", "web: unknown key 'tokens'"),
+        ("settings.yaml", "fleet: {accept: {settings: observer}}", "unknown key 'fleet'"),
+        ("settings.yaml", "web: {joint_limits: /etc/passwd}", "must be a file next to settings.yaml"),
+        ("settings.yaml", "planning: {workers: many}", "planning.workers"),
+        ("slower.yaml", "joint_limits: {}", "settings: "),
+    ],
+)
+def test_settings_that_do_not_fit_change_nothing(
+    client: Client,
+    with_settings: Path,
+    roll_out: Any,
+    capsys: pytest.CaptureFixture[str],
+    file: str,
+    text: str,
+    words: str,
+) -> None:
+    before = velocity_limit(client), programs_of(client)
+    (with_settings / "settings" / file).write_text(text)
+    assert roll_out(with_settings, "eve") != 0
+    said = capsys.readouterr()
+    assert words in said.out + said.err
+    assert (velocity_limit(client), programs_of(client)) == before
 
 
 def test_nothing_is_activated_while_a_program_runs(

@@ -28,7 +28,7 @@ class Children:
     def __init__(self, settings: Settings, config: Path, source: Path, log: SupervisorLog) -> None:
         self._settings = settings
         self._config = ["--config", str(config)]
-        self._source = source
+        self._both_files = [*self._config, "--source", str(source)]
         self._log = log
         self._ros_token = secrets.token_urlsafe(32)
         self._fleet_token = secrets.token_urlsafe(32)
@@ -48,8 +48,7 @@ class Children:
         host, port = listener.getsockname()[:2]
         listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
         losses = self._log.losses
-        files = [*self._config, "--source", str(self._source), "--losses-fd", str(losses)]
-        command = [*RUN_MODULE, "app", *files, *listening]
+        command = [*RUN_MODULE, "app", *self._both_files, "--losses-fd", str(losses), *listening]
         tokens = {ROS_TOKEN_VARIABLE: self._ros_token}
         if self._settings.fleet.connect:
             tokens[FLEET_TOKEN_VARIABLE] = self._fleet_token
@@ -58,7 +57,7 @@ class Children:
     def fleet(self, url: str) -> Child:
         """The process that connects this cell to a fleet, if it belongs to one. It is a client of the
         service."""
-        command = [*RUN_MODULE, "cobot.fleet.cell", *self._config, *(("--url", url) if url else ())]
+        command = [*RUN_MODULE, "cobot.fleet.cell", *self._both_files, *(("--url", url) if url else ())]
         environment = {FLEET_TOKEN_VARIABLE: self._fleet_token} | self._certificate()
         return Child("fleet", command, self._log, environment=environment)
 

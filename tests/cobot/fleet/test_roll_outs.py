@@ -9,6 +9,7 @@ import pytest
 from cobot_run import until
 
 from cobot.errors import BusyError, CobotError, ConflictError, InputError, NotFoundError, PermissionDenied
+from cobot.fleet import roll_outs
 from cobot.fleet.bundles import Bundle, BundleProgram, hash_of, read_bundle
 from cobot.fleet.messages import FleetAction, written
 from cobot.fleet.roll_outs import MAX_BUNDLES, RollOuts
@@ -33,6 +34,7 @@ class Cells:
         self.active: set[str] = set()
         self.fails: dict[tuple[str, str], str] = {}
         self.states = dict.fromkeys(ROBOTS, "ready")
+        self.code = "input"
         self.raises: Exception | None = None
 
     def send(self, action: FleetAction, cell: str, robot: str) -> dict[str, Any]:
@@ -40,7 +42,7 @@ class Cells:
             raise self.raises
         self.told.append((action.kind, cell))
         if problem := self.fails.get((action.kind, cell)):
-            return {"code": "input", "text": problem}
+            return {"code": self.code, "text": problem}
         if action.kind == "activate":
             self.active.add(cell)
         elif action.kind == "roll_back":
@@ -63,8 +65,9 @@ def outs() -> RollOuts:
 def begin(
     outs: RollOuts, cells: Cells, watch_s: float, wave: int = 2, robots: list[tuple[str, str]] = ROBOTS
 ) -> str:
-    states = dict(cells.states)
-    begun = outs.begin(hash_of(CONTENT), "ada", "operator", robots, wave, watch_s, cells.send, lambda: states)
+    begun = outs.begin(
+        hash_of(CONTENT), "ada", "operator", robots, wave, watch_s, cells.send, lambda: cells.states
+    )
     return str(begun["id"])
 
 
@@ -106,10 +109,28 @@ def test_a_failure_in_a_wave_is_undone_in_all_earlier_ones(outs: RollOuts, cells
     assert set(order_of(cells, "roll_back")) == {"cell-0", "cell-1", "cell-2", "cell-4"}
 
 
+def test_a_cell_that_may_have_activated_it_is_rolled_back_too(outs: RollOuts, cells: Cells) -> None:
+    cells.code = "unavailable"
+    cells.fails["activate", "cell-3"] = "the cell has not answered"
+    found = run(outs, cells)
+    assert (found["state"], found["done"]) == ("rolled_back", [])
+    assert "cell-3" in order_of(cells, "roll_back")
+
+
+def test_a_cell_whose_real_time_process_restarts_is_waited_for(outs: RollOuts, cells: Cells) -> None:
+    cells.states["cell-0", "arm"] = "silent"
+    name = begin(outs, cells, 0.0)
+    until(lambda: order_of(cells, "activate"))
+    assert outs.get(name)["state"] == "running"
+    cells.states["cell-0", "arm"] = "ready"
+    until(lambda: outs.get(name)["state"] == "done")
+
+
 @pytest.mark.parametrize("state", ["fault", "estop", "silent", "gone"])
 def test_a_cell_that_gets_a_fault_while_it_is_watched_ends_it(
-    outs: RollOuts, cells: Cells, state: str
+    outs: RollOuts, cells: Cells, state: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(roll_outs, "SILENT_S", 0.1)
     cells.states["cell-0", "arm"] = state
     found = run(outs, cells, watch_s=30.0)
     assert (found["state"], order_of(cells, "activate")) == ("rolled_back", ["cell-0"])

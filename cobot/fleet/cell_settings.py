@@ -1,0 +1,214 @@
+"""Settings of a cell that come with a bundle: checked, put in force, and taken back.
+
+The files of each bundle are in a folder named by its hash, and a link names the folder that is in force. The
+user's own settings file stays as it is, see `cobot.config.rolled_out`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+from base64 import b64decode, b64encode
+from collections.abc import Iterator, Sequence
+from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import yaml
+from pydantic import AfterValidator, Field
+
+from cobot.client.rest import Client
+from cobot.config import Settings, load_settings
+from cobot.config.rolled_out import FILES, ROLLED_OUT_FILE, read_rolled_out
+from cobot.errors import CobotError, ConfigError, InputError, UnavailableError
+from cobot.launch.process import RUN_MODULE
+from cobot.robot.kept import keep
+from cobot.strict import StrictModel
+
+CHECK_S = 120.0
+PLACES = ("fleet", "logs", "kept", "sequences")
+"""Sections that differ from cell to cell."""
+_NAME = r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}"
+
+
+def _valid_base64(text: str) -> str:
+    try:
+        b64decode(text, validate=True)
+    except ValueError as exc:
+        raise ValueError(f"must be base64: {exc}") from exc
+    return text
+
+
+class BundleFile(StrictModel):
+    """A file of the settings in a bundle. Its path is relative to `settings.yaml`."""
+
+    path: Annotated[str, Field(pattern=rf"^{_NAME}(/{_NAME}){{0,3}}$")]
+    base64: Annotated[str, AfterValidator(_valid_base64)]
+
+    @property
+    def content(self) -> bytes:
+        return b64decode(self.base64)
+
+
+class CellSettings:
+    """The settings that the fleet has rolled out to this cell.
+
+    Args:
+        source: the settings file of the user.
+    """
+
+    def __init__(self, settings: Settings, source: Path, client: Client) -> None:
+        self._source, self._client = source, client
+        self._link = settings.rolled_out
+        self._folder = self._link.parent
+
+    @property
+    def active(self) -> str:
+        """The bundle whose settings are in force, or will be after a restart; "" for none."""
+        try:
+            return self._link.readlink().name
+        except OSError:
+            return ""
+
+    @contextlib.contextmanager
+    def trial(self, files: Sequence[BundleFile]) -> Iterator[Settings]:
+        """The settings of this cell with these files, which exist as long as the context lasts.
+
+        Raises:
+            InputError: they are not valid, do not fit this cell, or `cobot check` finds a fault.
+        """
+        with TemporaryDirectory(prefix="cobot-settings-") as name:
+            folder = Path(name).resolve()
+            _write(folder, files)
+            try:
+                settings = load_settings(self._source, read_rolled_out(folder / ROLLED_OUT_FILE))
+            except ConfigError as exc:
+                raise InputError(f"settings: {str(exc).replace(f'{folder}/', '')}") from exc
+            if settings.robots:
+                raise InputError("settings: this cell has several robots; change its settings there")
+            _check(settings, folder)
+            yield settings
+
+    def activate(self, name: str, files: Sequence[BundleFile]) -> list[str]:
+        """Put the settings of a bundle in force.
+
+        Returns:
+            The changes that need a restart of the cell.
+
+        Raises:
+            CobotError: the service does not accept them, or the disk is full.
+        """
+        folder = self._folder / name
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(mode=0o700, parents=True)
+            _write(folder, files)
+        except OSError as exc:
+            raise UnavailableError(f"{folder}: cannot be written: {exc.strerror}") from exc
+        return self.switch(name)
+
+    def switch(self, name: str) -> list[str]:
+        """Put the settings of an earlier bundle in force; "" for those of the user alone.
+
+        Returns:
+            The changes that need a restart of the cell.
+
+        Raises:
+            CobotError: the service does not accept them.
+        """
+        before = self.active
+        self._point_to(name)
+        try:
+            answer = self._client.reload()
+        except CobotError:
+            self._point_to(before)
+            raise
+        return [str(each) for each in answer["needs_restart"]]
+
+    def remove_others(self, *kept: str) -> None:
+        """Remove the folders of all other bundles."""
+        for folder in self._folder.glob("*"):
+            if folder != self._link and folder.name not in kept:
+                shutil.rmtree(folder, ignore_errors=True)
+
+    def _point_to(self, name: str) -> None:
+        try:
+            if not name:
+                self._link.unlink(missing_ok=True)
+                return
+            new = self._folder / "new"
+            new.unlink(missing_ok=True)
+            new.symlink_to(name)
+            os.replace(new, self._link)
+        except OSError as exc:
+            raise UnavailableError(f"{self._link}: cannot be written: {exc.strerror}") from exc
+
+
+def files_of(folder: Path) -> list[dict[str, str]]:
+    """The files in the folder of a bundle's settings, as in `BundleFile`; none if there is no such folder.
+
+    Raises:
+        InputError: it has no settings.yaml, or one that cannot be rolled out.
+        OSError: a file cannot be read.
+    """
+    if not folder.is_dir():
+        return []
+    try:
+        read_rolled_out(folder.resolve() / ROLLED_OUT_FILE)
+    except ConfigError as exc:
+        raise InputError(str(exc)) from exc
+    return [
+        {"path": file.relative_to(folder).as_posix(), "base64": b64encode(file.read_bytes()).decode()}
+        for file in sorted(folder.rglob("*"))
+        if file.is_file()
+    ]
+
+
+def configuration_of(settings: Settings) -> str:
+    """A hash of settings and the content of their files, without names and places of the cell."""
+    content = []
+    for each in settings.each.values():
+        dumped = each.model_dump(mode="json", exclude={"robots", *PLACES})
+        for section, keys in FILES.items():
+            for key in keys:
+                named = getattr(getattr(each, section), key)
+                dumped[section][key] = None if named is None else _content_of(Path(named))
+        del dumped["robot"]["name"]
+        dumped["web"]["endpoints"] = _content_of(each.web.endpoints)
+        content.append(dumped)
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _content_of(path: Path) -> str:
+    files = sorted(path.rglob("*")) if path.is_dir() else [path]
+    return sha256(b"".join(each.read_bytes() for each in files if each.is_file())).hexdigest()
+
+
+def _write(folder: Path, files: Sequence[BundleFile]) -> None:
+    for file in files:
+        keep(folder / file.path, file.content, "the settings")
+
+
+def _check(settings: Settings, folder: Path) -> None:
+    """Check settings as `cobot check` does, without the fleet's own.
+
+    Raises:
+        InputError: there is a fault.
+    """
+    content = settings.model_dump(mode="json", exclude={"robots"})
+    content["fleet"]["connect"] = []
+    trial = folder / ".trial.yaml"  # no file of a bundle begins with a dot
+    trial.write_text(yaml.safe_dump(content, allow_unicode=True), encoding="utf-8")
+    command = [*RUN_MODULE, "cobot", "check", "--config", str(trial)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=CHECK_S, check=False)
+    except subprocess.TimeoutExpired as exc:
+        raise InputError(f"settings: `cobot check` did not end within {CHECK_S:g} s") from exc
+    if done.returncode:
+        faults = [line for line in done.stdout.splitlines() if line.startswith("FAILED")]
+        said = "; ".join(faults) or done.stderr.strip() or f"cobot check ended with {done.returncode}"
+        raise InputError(f"settings: {said.replace(f'{folder}/', '')[:1500]}")
