@@ -11,18 +11,17 @@ import json
 import logging
 import os
 import subprocess
-from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
 from pydantic import Field, ValidationError
 
 from cobot.access.roles import Role
 from cobot.client.rest import Client
-from cobot.config import Settings
+from cobot.config import Settings, load_settings
 from cobot.errors import (
     CobotError,
     ConflictError,
@@ -127,19 +126,31 @@ def hash_of(content: bytes) -> str:
     return sha256(content).hexdigest()
 
 
+class BundlesCell(Protocol):
+    """What bundles need of their cell.
+
+    Attributes:
+        config: the settings file in force, which a reload replaces.
+        source: the settings file of the user.
+    """
+
+    config: Path
+    source: Path
+
+    def fetch_bundle(self, name: str) -> bytes | None:
+        """The content of a bundle; None if the hub does not have it."""
+
+
 class RobotBundles:
     """The bundles of one robot of a cell. One method at a time.
 
     Args:
-        source: the settings file of the user.
-        fetch: asks the hub for the content of a bundle; None if the hub does not have it.
+        settings: of the robot.
     """
 
-    def __init__(
-        self, settings: Settings, source: Path, client: Client, fetch: Callable[[str], bytes | None]
-    ) -> None:
-        self._settings, self._client, self._fetch = settings, client, fetch
-        self._own = CellSettings(settings, source, client)
+    def __init__(self, settings: Settings, client: Client, cell: BundlesCell) -> None:
+        self._settings, self._client, self._cell = settings, client, cell
+        self._own = CellSettings(settings, cell.source, client)
         self._file = settings.bundle_file
         self._staged: dict[str, Bundle] = {}
         self.installed = self._read()
@@ -180,7 +191,7 @@ class RobotBundles:
             PermissionDenied: it has settings, and the role may not change them.
             InputError: it is not the bundle that was meant, is not valid, or does not fit this robot.
         """
-        content = self._fetch(name)
+        content = self._cell.fetch_bundle(name)
         if content is None:
             raise UnavailableError(f"the hub does not have the bundle {name[:SHORT]}; send it again")
         if hash_of(content) != name:
@@ -191,7 +202,7 @@ class RobotBundles:
             with self._own.trial(bundle.settings) as settings:
                 self._check(bundle, settings)
         else:
-            self._check(bundle, self._settings)
+            self._check(bundle, load_settings(self._cell.config).of(self._settings.robot.name))
         self._staged = {name: bundle}
         parts = f"{len(bundle.programs)} programs, {len(bundle.positions)} positions"
         return f"staged {bundle.title}: {parts}{', settings' if bundle.settings else ''}"

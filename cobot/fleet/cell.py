@@ -76,8 +76,8 @@ class FleetCell:
         self._keys = FleetKeys(section.name)
         self.name = own_cell_name(section.cell)
         self.instance = secrets.token_hex(8)
-        self.source = source
-        self._config, self._config_ns = config, 0
+        self.config, self.source = config, source
+        self._config_ns = 0
         self.facts: dict[str, Any] = {
             "cell": self.name,
             "instance": self.instance,
@@ -130,9 +130,9 @@ class FleetCell:
     def _look_at_settings(self) -> None:
         """Publish the hash of the settings in force. Another file replaces them after a reload."""
         with contextlib.suppress(OSError, CobotError):
-            changed_ns = self._config.stat().st_mtime_ns
+            changed_ns = self.config.stat().st_mtime_ns
             if changed_ns != self._config_ns:
-                self.facts["configuration"] = configuration_of(load_settings(self._config))
+                self.facts["configuration"] = configuration_of(load_settings(self.config))
                 self._config_ns = changed_ns
 
     def fetch_bundle(self, name: str) -> bytes | None:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable
-from pathlib import Path
 
 from cobot.access.roles import FLEET, Role
 from cobot.addresses import address
 from cobot.client.rest import Client
 from cobot.config import Settings
 from cobot.errors import ConflictError
-from cobot.fleet.bundles import RobotBundles
+from cobot.fleet.bundles import BundlesCell, RobotBundles
 from cobot.fleet.messages import (
     NOT_ENDED,
     ActivateBundle,
@@ -39,19 +37,12 @@ class ServiceCommands:
     """Commands to one robot of the cell's service, from any thread, one at a time.
 
     Args:
-        source, fetch: see `RobotBundles`.
+        cell: where its bundles and its settings come from.
     """
 
-    def __init__(
-        self,
-        url: str,
-        settings: Settings,
-        source: Path,
-        token: str,
-        fetch: Callable[[str], bytes | None],
-    ) -> None:
+    def __init__(self, url: str, settings: Settings, token: str, cell: BundlesCell) -> None:
         self._client = Client(address(url, settings.robot.name), token=token or None)
-        self.bundles = RobotBundles(settings, source, self._client, fetch)
+        self.bundles = RobotBundles(settings, self._client, cell)
         self._control = contextlib.ExitStack()
         self._looks_for_left_control = True
         self._lock = threading.Lock()

@@ -8,13 +8,13 @@ import logging
 import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any, Protocol
 
 from cobot.access.roles import Role
 from cobot.audit import record_beside
 from cobot.config import Settings
 from cobot.errors import CobotError, UnavailableError
+from cobot.fleet.bundles import BundlesCell
 from cobot.fleet.commands import CommandBook
 from cobot.fleet.executing import ServiceCommands
 from cobot.fleet.messages import KEPT_EVENTS, FleetCommand, FleetState, HubTime, RobotEvent, StopArm
@@ -31,16 +31,13 @@ FROM = "fleet"
 log = logging.getLogger("cobot.fleet")
 
 
-class RobotsCell(Protocol):
+class RobotsCell(BundlesCell, Protocol):
     """What a robot needs of its cell."""
 
     name: str
     facts: dict[str, Any]
-    source: Path
 
     def ask_time(self) -> HubTime | None: ...
-
-    def fetch_bundle(self, name: str) -> bytes | None: ...
 
 
 class FleetRobot:
@@ -54,9 +51,7 @@ class FleetRobot:
         self._facts = cell.facts
         self._arm = ArmWatch(self.name, settings.web.stale_after_s)
         self._service = ServiceWatch(url, self.name, token) if url else None
-        self._commands = (
-            ServiceCommands(url, settings, cell.source, token, cell.fetch_bundle) if url else None
-        )
+        self._commands = ServiceCommands(url, settings, token, cell) if url else None
         self._published_s = 0.0
         self.recordings = GivenRecordings(settings.recording_folder) if settings.fleet.recordings else None
         self.files = ThreadPoolExecutor(1)  # a large file is read while commands are executed
