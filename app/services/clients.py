@@ -1,4 +1,4 @@
-"""On whose behalf a task runs."""
+"""The client on whose behalf a task runs."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 @dataclass(eq=False)
 class RequestClient:
-    """The client that sends a request: one for each request, and one for each WebSocket while it is open.
+    """The client that sends a request. There is one object for each request, and one for each open WebSocket.
 
     Attributes:
-        name: of the access token; without one the client's own name in quotes, or "anonymous".
-        address: its address, without a port.
+        name: name of the access token; without a token the client's own name in quotes, or "anonymous".
+        address: address of the client, without the port.
         leases: the lease tokens that it sends.
-        sequence: the token of the sequence for which it speaks, if any.
+        sequence: the token of the sequence on whose behalf the client acts, if any.
         tell: called with a sentence when another client takes over; None if the client cannot be notified.
     """
 
@@ -26,7 +26,7 @@ class RequestClient:
     tell: Callable[[str], None] | None = None
 
     def same(self, other: RequestClient) -> bool:
-        """Whether both have the same name and address, and so probably belong to the same person."""
+        """Whether both clients have the same name and address, and so probably belong to the same person."""
         return (self.name, self.address) == (other.name, other.address)
 
     def __str__(self) -> str:
@@ -35,4 +35,4 @@ class RequestClient:
 
 SERVICE_CLIENT = RequestClient("the service itself")
 CLIENT: ContextVar[RequestClient] = ContextVar("client", default=SERVICE_CLIENT)
-"""On whose behalf the present task runs; tasks that it starts inherit it."""
+"""The client on whose behalf the present task runs. Tasks that it starts inherit it."""

@@ -53,13 +53,13 @@ class JobService:
         self._paused: Job | None = None  # the last job that was paused by its own id
 
     async def begin(self, job: Job, work: Coroutine[Any, Any, Any]) -> JobRecord:
-        """Have a job done in the background.
+        """Run a job in the background.
 
         Args:
-            work: what a blocking endpoint awaits.
+            work: the coroutine that a blocking endpoint would await.
 
         Raises:
-            CobotError: it is refused, for what is known before planning.
+            CobotError: the job is rejected for a reason that is known before planning.
         """
         task = asyncio.create_task(work)
         self._tasks.add(task)
@@ -74,10 +74,10 @@ class JobService:
         return job.record()
 
     async def enqueue(self, job: Job, request: QueueRequest, caller: Caller) -> JobRecord:
-        """Have a motion done in its turn; returns once it is planned and waits in the queue.
+        """Queue a motion. Returns once it is planned and waits in the queue.
 
         Raises:
-            PlanningTimeout: it is not planned in the caller's time.
+            PlanningTimeout: planning takes longer than the caller's timeout.
             CobotError: see `MotionQueue.add`.
         """
         time_s = caller.timeout_s
@@ -89,10 +89,10 @@ class JobService:
         return job.record()
 
     async def wait(self, number: str, timeout_s: float) -> JobRecord:
-        """A job once it has ended, or as it is when the time is up.
+        """A job, once it has ended or the timeout has passed.
 
         Raises:
-            NotFoundError: there is no such job, or no more.
+            NotFoundError: the job is unknown or has expired.
         """
         job = self.book.live(number)
         if job is not None and timeout_s > 0.0:
@@ -102,13 +102,13 @@ class JobService:
         return self._find(number)
 
     async def cancel(self, number: str, timeout_s: float) -> JobRecord:
-        """End this job only, whichever client started it; the arm stops on its path.
+        """Cancel only this job, whichever client started it. The arm stops on its path.
 
         A queued job leaves the queue, and the others continue.
 
         Raises:
-            NotFoundError, ConflictError: there is no such job, or it has ended already.
-            ExecutionError: the arm is not known to be at rest, with why.
+            NotFoundError, ConflictError: there is no such job, or it has already ended.
+            ExecutionError: the arm is not known to be at rest; the error has the reason.
         """
         job = self._going(number)
         error = MotionStopped(f"job {number} was cancelled by {CLIENT.get()}")
@@ -125,20 +125,22 @@ class JobService:
         return job.record()
 
     async def pause(self, number: str, at_waypoint: int | None = None) -> JobRecord:
-        """Bring the arm to rest on its path; the job waits there. Returns when the arm rests.
+        """Pause a job: the arm stops on its path and the job waits. Returns when the arm is at rest.
 
         Args:
-            at_waypoint: have a sequence wait there instead, once it has reached it; 0 for the next one.
+            at_waypoint: a sequence continues to this waypoint and waits there; 0: the next waypoint.
 
         Raises:
-            NotFoundError, ConflictError: there is no such job, it has ended already, or before the arm could
-                come to rest on its path, or is no sequence.
+            NotFoundError, ConflictError: there is no such job, the job has already ended or ended before the
+                arm could stop, or it is not a sequence.
             InputError: there is no such waypoint.
             ExecutionError, UnavailableError: see `SpeedOverride.pause`.
         """
         job = self._going(number)
         if job.state is JobState.QUEUED:
-            raise ConflictError(f"job {number} is queued: pause the one before it, and it waits")
+            raise ConflictError(
+                f"job {number} is queued: pause the job before it instead, then this one waits too"
+            )
         if job.kind in WITHOUT_ARM:
             raise ConflictError(
                 f"job {number} ({job.kind}) does not move the arm and cannot pause: cancel it"
@@ -158,14 +160,14 @@ class JobService:
                 await asyncio.wait_for(job.ended.wait(), ENDS_S)
         if job.ended.is_set():
             await self._resume()  # No client could resume it, and the next job would be paused.
-            raise ConflictError(f"job {job.id} has ended already: {job.state}")
+            raise ConflictError(f"job {job.id} has already ended: {job.state}")
 
     async def _resume(self) -> None:
         self._paused = None
         await self._ownership.speed_override.resume()
 
     async def step(self, number: str) -> JobRecord:
-        """Go on with a sequence that is paused, to the next stop; raises as `resume`."""
+        """Continue a paused sequence up to its next stop. Raises as `resume`."""
         job = self._going(number)
         steps = self._steps(job)
         self._require_paused(job)
@@ -177,14 +179,14 @@ class JobService:
         return job.record()
 
     async def resume(self, number: str, waypoint: int | None = None) -> JobRecord:
-        """Go on.
+        """Resume a paused job.
 
         Args:
-            waypoint: of a sequence that waits at one: the one to go to.
+            waypoint: next waypoint, for a sequence that waits at a waypoint.
 
         Raises:
-            NotFoundError, ConflictError: there is no such job, it has ended already or is not paused, or
-                another client has control; or it is not a sequence that waits at a waypoint.
+            NotFoundError, ConflictError: there is no such job, it has already ended or is not paused, another
+                client has control, or the job is not a sequence that waits at a waypoint.
             InputError: there is no such waypoint.
             UnavailableError: see `SpeedOverride.resume`.
         """
@@ -197,22 +199,24 @@ class JobService:
 
     def _steps(self, job: Job) -> RunnerInstructions:
         if job is not self._ownership.sequence_job:
-            raise ConflictError(f"job {job.id} ({job.kind}) has no waypoints; a sequence or program has")
+            raise ConflictError(
+                f"job {job.id} ({job.kind}) has no waypoints; only sequences and programs have them"
+            )
         return self._sequences.steps
 
     def _require_paused(self, job: Job) -> None:
         self._ownership.require_control()
         if job.state is not JobState.PAUSED:
-            raise ConflictError(f"job {job.id} is {job.state}: only one that is paused can go on")
+            raise ConflictError(f"job {job.id} is {job.state}: only a paused job can be resumed")
         if self._ownership.speed_override.fraction == 0.0:
             raise ConflictError(
-                f"job {job.id} stands because the speed override is 0: POST /robot/speed_override"
+                f"job {job.id} waits because the speed override is 0: POST /robot/speed_override"
             )
 
     def _going(self, number: str) -> Job:
         job = self.book.live(number)
         if job is None:
-            raise ConflictError(f"job {number} has ended already: {self._find(number).state}")
+            raise ConflictError(f"job {number} has already ended: {self._find(number).state}")
         return job
 
     def _find(self, number: str) -> JobRecord:

@@ -1,9 +1,10 @@
-"""Keys of requests that begin a job, so that a request that is sent again begins nothing again.
+"""Idempotency keys of requests that begin a job. A repeated request with the same key begins nothing.
 
-A key is noted on disk before its request is carried out, and the answer is added afterwards. So a key that
-has no answer belongs to a request that its client, or the end of the service, has interrupted.
+A key is written to disk before its request is processed, and the answer is added afterwards. So a key without
+an answer belongs to a request that the client or the end of the service has interrupted.
 
-The store is a SQLite file, private to the user, bounded in keys, bytes and time. It has digests of the keys.
+The store is a SQLite file, which only the user can read. It stores digests of the keys, and is limited in
+number, size and time.
 """
 
 from __future__ import annotations
@@ -41,11 +42,11 @@ CREATE INDEX IF NOT EXISTS by_age ON keys (noted_s);
 
 @dataclass(frozen=True, slots=True)
 class StoredAnswer:
-    """An answer as it was sent.
+    """A stored answer.
 
     Attributes:
-        type: its media type.
-        location: its header `Location`, None without one.
+        type: media type.
+        location: header `Location`, None without one.
     """
 
     status: int
@@ -56,11 +57,11 @@ class StoredAnswer:
 
 @dataclass(frozen=True, slots=True)
 class Noted:
-    """A request that had this key before.
+    """An earlier request with the same key.
 
     Attributes:
         request: digest of the request.
-        job: the id that its job has, if it came to have one.
+        job: id of its job, if it has begun one.
         answer: None if the request ended without one.
     """
 
@@ -70,11 +71,11 @@ class Noted:
 
 
 class Keys:
-    """See the module. The file is opened when the first key comes.
+    """The store of keys, see the module. The file is opened for the first key.
 
     Args:
-        path: the file.
-        clock: whose wall clock ages the keys.
+        path: path of the file.
+        clock: clock with the wall-clock time from which keys expire.
     """
 
     def __init__(self, path: Path, clock: Clock) -> None:
@@ -87,7 +88,7 @@ class Keys:
 
     @contextlib.asynccontextmanager
     async def turn(self, key: bytes) -> AsyncIterator[None]:
-        """One request at a time with this key; the others wait."""
+        """Context for one request with this key. Other requests with the same key wait."""
         lock, users = self._turns.setdefault(key, (asyncio.Lock(), set()))
         user = object()
         users.add(user)
@@ -100,19 +101,21 @@ class Keys:
                 self._turns.pop(key, None)
 
     async def note(self, key: bytes, request: bytes, job: str) -> Noted | None:
-        """Note a request that is about to be carried out; what was noted before, if its key is known.
+        """Store a request that is about to be processed. Returns the earlier request if the key is known.
 
         Raises:
-            UnavailableError: it cannot be written, so the request must not be carried out.
+            UnavailableError: the key cannot be written, so the request must not be processed.
         """
         return await self._run(lambda database: self._note(database, key, request, job))
 
     async def answer(self, key: bytes, answer: StoredAnswer) -> None:
-        """Keep the answer of the request. Raises UnavailableError: it cannot be written."""
+        """Store the answer to the request. Raises UnavailableError: it cannot be written."""
         await self._run(lambda database: self._answer(database, key, answer))
 
     async def forget(self, key: bytes) -> None:
-        """The request was refused and nothing has begun: another one may have its key."""
+        """Delete a key. Its request was rejected and nothing has begun, so another request may use the
+        key.
+        """
         await self._run(lambda database: self._drop(database, "key = ?", key))
 
     def close(self) -> None:
@@ -126,7 +129,7 @@ class Keys:
         return await asyncio.to_thread(self._work, work)
 
     def _work(self, work: Callable[[sqlite3.Connection], Result]) -> Result:
-        """Called by a thread, for a disk may take its time."""
+        """Run database work in a thread, because a disk may be slow."""
         with self._lock:
             try:
                 if self._database is None:
@@ -135,8 +138,8 @@ class Keys:
                     return work(self._database)
             except (sqlite3.Error, OSError) as exc:
                 raise UnavailableError(
-                    f"{self._path}: the Idempotency-Key cannot be kept: {exc}; make room or see its "
-                    "permissions, or send the request without a key"
+                    f"{self._path}: the Idempotency-Key cannot be kept: {exc}; free disk space or correct "
+                    f"its permissions, or send the request without a key"
                 ) from exc
 
     def _open(self) -> sqlite3.Connection:

@@ -1,4 +1,4 @@
-"""Bytes to and from devices: the part that sockets and serial ports have in common."""
+"""Byte channels to devices: the common part of sockets and serial ports."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, 
 from cobot.strict import shown
 
 BUFFER_BYTES = 65_536
-"""Maximum number of received bytes that wait to be read; then the sender has to wait."""
+"""Maximum number of received bytes that wait to be read. Beyond it the sender has to wait."""
 MAX_OPEN = 32
 MAX_NAME = 200
 TIMEOUT_S = 2.0
@@ -22,11 +22,7 @@ Result = TypeVar("Result")
 
 
 def checked_timeout(timeout_s: float) -> float:
-    """The timeout itself.
-
-    Raises:
-        LimitError: out of bounds.
-    """
+    """The timeout, after a check of its bounds. Raises LimitError: out of bounds."""
     shortest, longest = TIMEOUTS_S
     if not shortest <= timeout_s <= longest:
         raise LimitError(f"a timeout is from {shortest} to {longest:g} s, got {timeout_s:g}")
@@ -37,10 +33,10 @@ class Channel:
     """An open connection to a device.
 
     Args:
-        name: for people.
+        name: displayed name.
         reader: filled by the receiving task; its limit is `BUFFER_BYTES`.
         write: sends all of its bytes, or raises OSError.
-        close: lets go of the device.
+        close: closes the device.
     """
 
     def __init__(
@@ -58,10 +54,10 @@ class Channel:
         self._writing = asyncio.Lock()
 
     async def send(self, data: bytes, timeout_s: float = TIMEOUT_S) -> None:
-        """Hand the bytes over.
+        """Send bytes.
 
         Raises:
-            DeviceError: the device is gone, or takes them too slowly.
+            DeviceError: the connection has ended, or the device reads too slowly.
         """
 
         async def send() -> None:
@@ -71,7 +67,7 @@ class Channel:
         await self._within(timeout_s, send, f"not all of {len(data)} bytes were sent")
 
     async def read_some(self, timeout_s: float) -> bytes:
-        """What has come; waits for the first byte."""
+        """The bytes that have arrived. Waits for the first byte."""
         return await self._read(timeout_s, lambda: self._some(), "nothing came")
 
     async def read_exactly(self, count: int, timeout_s: float) -> bytes:
@@ -79,22 +75,22 @@ class Channel:
         if not 1 <= count <= BUFFER_BYTES:
             raise InputError(f"number must be from 1 to {BUFFER_BYTES}, got {count}")
         return await self._read(
-            timeout_s, lambda: self._reader.readexactly(count), f"{count} bytes did not come"
+            timeout_s, lambda: self._reader.readexactly(count), f"{count} bytes did not arrive"
         )
 
     async def read_until(self, end: bytes, timeout_s: float) -> bytes:
-        """All before these bytes, which are taken too."""
-        data = await self._read(timeout_s, lambda: self._until(end), f"{end!r} did not come")
+        """All bytes up to and including the end."""
+        data = await self._read(timeout_s, lambda: self._until(end), f"{end!r} did not arrive")
         return data.removesuffix(end)
 
     async def read_between(self, prefix: bytes, suffix: bytes, timeout_s: float) -> bytes:
-        """What stands between a prefix and a suffix; without them what has come."""
+        """The bytes between a prefix and a suffix; without both, the bytes that have arrived."""
         if prefix:
             await self.read_until(prefix, timeout_s)
         return await (self.read_until(suffix, timeout_s) if suffix else self.read_some(timeout_s))
 
     async def read_line(self, timeout_s: float) -> bytes:
-        """A line, without its end."""
+        """A line, without its line ending."""
         return (await self.read_until(b"\n", timeout_s)).rstrip(ENDS)
 
     async def _some(self) -> bytes:
@@ -141,10 +137,10 @@ class Channels:
         )  # programs, whose last request may still be under way
 
     def get(self, name: str) -> Channel:
-        """One of them.
+        """The channel with this name.
 
         Raises:
-            NotFoundError: there is none of that name; lists those that are.
+            NotFoundError: there is no such channel; the error lists the open ones.
         """
         if name not in self._open:
             there = ", ".join(sorted(self._open)) or "none"
@@ -152,21 +148,21 @@ class Channels:
         return self._open[name]
 
     def require_place(self, name: str) -> None:
-        """See that another one may be opened.
+        """Check that another channel with this name may be opened.
 
         Raises:
-            ConflictError: there is one of that name, or there are too many.
-            InputError: no name, or a very long one.
+            ConflictError: the name is taken, or too many channels are open.
+            InputError: the name is empty or too long.
         """
         if not 1 <= len(name) <= MAX_NAME:
             raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name in self._open:
-            raise ConflictError(f"the {self._kind} {shown(name)} is open already; close it first")
+            raise ConflictError(f"the {self._kind} {shown(name)} is already open; close it first")
         if len(self._open) >= MAX_OPEN:
             raise ConflictError(f"{MAX_OPEN} of the kind {self._kind} are open already")
 
     def add(self, name: str, channel: Channel) -> None:
-        """Keep the channel, unless another client has taken the name meanwhile."""
+        """Keep the channel, unless another client has meanwhile used the name."""
         try:
             self.require_place(name)
             program = CLIENT.get().sequence
@@ -186,7 +182,7 @@ class Channels:
         self._opened_by.pop(name, None)
 
     def close_left_open(self, token: str) -> None:
-        """Let go of what a program has opened and not closed, however it has ended."""
+        """Close the channels that a program has opened and not closed, however the program has ended."""
         self._ended.append(token)
         for name in [name for name, program in self._opened_by.items() if program == token]:
             self.close(name)

@@ -1,4 +1,4 @@
-"""What stands around a robot, as far as the service reaches it: memory, signals, devices, messages."""
+"""The equipment of a robot: registers, named variables, I/O, devices, and messages for people."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STOP_TIMEOUT_S = 4.0
 
 
 class WatchdogAction(IntEnum):
-    """What is done when a watchdog runs out; the message of its end comes in any case."""
+    """Action of a watchdog that has expired. A message is written in any case."""
 
     NONE = 0
     PAUSE = 1  # the motion comes to rest on its path
@@ -28,11 +28,11 @@ class WatchdogAction(IntEnum):
 
 
 class Equipment:
-    """Of one robot.
+    """The equipment of one robot.
 
     Attributes:
-        simulated: whether the arm is.
-        registers, variables, io, modbus, sockets, serial_ports, traces: see there.
+        simulated: whether the arm is simulated.
+        registers, variables, io, modbus, sockets, serial_ports, traces: see their classes.
     """
 
     def __init__(
@@ -51,12 +51,12 @@ class Equipment:
         self.traces = Traces()
 
     def close_left_open(self, token: str) -> None:
-        """A program with this token has ended: close the connections that it has left open."""
+        """Close the connections that the program with this token has left open."""
         self.sockets.close_left_open(token)
         self.serial_ports.close_left_open(token)
 
     def close(self) -> None:
-        """Let go of all devices."""
+        """Close all devices."""
         self.variables.close()
         self.modbus.remove_all()
         self.sockets.close_all()

@@ -1,7 +1,7 @@
-"""Runs a gripper's driver in a thread of its own: nothing else waits for the device.
+"""Runs a gripper's driver in a thread of its own, so that nothing else waits for the device.
 
-It connects, passes commands on, and reads the state again and again. What the driver raises is a problem in
-words; then it connects again, with growing pauses.
+It connects, passes commands on, and reads the state repeatedly. An exception of the driver is reported as a
+problem in words. Then it connects again, with growing pauses.
 """
 
 from __future__ import annotations
@@ -24,13 +24,17 @@ from cobot.grippers import Gripper, GripperError, GripperState
 from cobot.robot.io_points import IoPoint, output_of, require_number
 
 IDLE_PERIOD_S = 0.1
-"""How often the state of a gripper is read that neither moves nor holds anything, s."""
+"""Interval between readings of a gripper that neither moves nor holds an object, s."""
 BUSY_PERIOD_S = 0.01
-"""How often the state of another one is read, unless its driver has a period of its own, s."""
+"""Interval between readings of a gripper that moves or holds an object, s, unless its driver sets another
+one.
+"""
 BACKOFF_S = (0.1, 3.0)
-"""The first pause between two attempts to connect and the longest one, s; each is twice the one before."""
+"""The first and the longest pause between two attempts to connect, s. Each pause is twice the previous
+one.
+"""
 FIRST_REPORT_S = 2.0
-"""How long a driver that uses the robot's inputs and outputs waits for their first report, s."""
+"""Timeout for the first report of the robot's inputs and outputs, for a driver that uses them, s."""
 HUNG_S = 3.0
 """Duration of a call after which its driver is reported as hanging, s."""
 
@@ -41,7 +45,7 @@ Start = Callable[[Gripper], None]
 
 
 class DaemonThread(Executor):
-    """An executor of one thread, which does not keep the process from ending when a driver hangs."""
+    """An executor with one thread. If a driver hangs, the process can still end."""
 
     def __init__(self, name: str) -> None:
         self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -73,11 +77,12 @@ class NotReported(GripperError):
 
 
 class RobotPort:
-    """The robot's inputs and outputs for a driver: those of before its call, and what it sets in the call.
+    """The robot's inputs and outputs, as a driver sees them: their values before the driver's method is
+    called, and the outputs that the method sets.
 
     Attributes:
         points: by name, as the robot has reported them; None before its first report.
-        wanted: outputs that were set and not handed over yet.
+        wanted: outputs that the driver has set and that are not sent yet.
     """
 
     def __init__(self) -> None:
@@ -91,7 +96,7 @@ class RobotPort:
         return self._point(name).value
 
     def set(self, name: str, value: float) -> None:
-        """See `IoPort`. It is handed over when the driver's method returns."""
+        """See `IoPort`. The output is sent when the driver's method returns."""
         try:
             require_number(output_of([self._point(name)], name), value)
         except CobotError as exc:
@@ -113,13 +118,13 @@ class RobotPort:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the driver has reported last.
+    """The last report of the driver.
 
     Attributes:
-        number: counts up.
+        number: number of the reading, which increases.
         state: None before the first one.
-        problem: why there is no newer state; "" if there is none.
-        read_s: when the state was read, on the clock.
+        problem: reason why there is no newer state; "" without a problem.
+        read_s: time of the reading, on the clock.
     """
 
     number: int
@@ -129,14 +134,14 @@ class Reading:
 
 
 class GripperWorker:
-    """See the module.
+    """Runs one gripper's driver in a thread, see the module.
 
     Args:
         on_reading: called with each new reading.
 
     Attributes:
         gripper: the driver.
-        reading: the newest one.
+        reading: the newest reading.
     """
 
     def __init__(
@@ -156,18 +161,19 @@ class GripperWorker:
 
     @property
     def problem(self) -> str:
-        """Why the newest state is not the gripper's present one; "" if it is."""
+        """Reason why the newest state is not the gripper's present one; "" if it is."""
         since_s, now_s = self._calling_since_s, self._link.clock.now_s()
         if since_s is not None and now_s - since_s > HUNG_S:
             return f"its driver has not returned for {now_s - since_s:.0f} s"
         return self.reading.problem
 
     def ask(self, start: Start) -> asyncio.Future[int]:
-        """Have the driver start a command, after those that were asked for before.
+        """Make the driver start a command, after all earlier ones.
 
         Returns:
-            The number of the newest reading from before the command: later ones have seen it. Its exception
-            is a GripperError that states why the device does not take the command.
+            A future. Its result is the number of the last reading before the command; later readings include
+                the command's effect. Its exception is a GripperError with the reason why the device rejects
+                the command.
         """
         future: asyncio.Future[int] = asyncio.get_running_loop().create_future()
         self._asked.append((start, future))
@@ -175,13 +181,13 @@ class GripperWorker:
         return future
 
     def tell(self, start: Start) -> asyncio.Future[int]:
-        """As `ask`; an error is also logged, so nothing needs to wait for the result."""
+        """Like `ask`. An error is also logged, so the caller need not wait for the result."""
         asked = self.ask(start)
         asked.add_done_callback(self._log_error)
         return asked
 
     def close(self) -> None:
-        """End. The fingers stay as they are."""
+        """Stop the worker. The fingers stay where they are."""
         self._task.cancel()
         self._thread.submit(self._disconnect)
         self._thread.shutdown()
@@ -221,8 +227,8 @@ class GripperWorker:
             future.set_result(self.reading.number)
 
     async def _call(self, method: Callable[[Gripper], Result]) -> tuple[str, Result | None]:
-        """Call the driver, again until the robot has reported the points that it uses; what went wrong, or
-        "", and the result.
+        """Call the driver. Call it again until the robot has reported the points that the driver uses.
+        Returns the problem, or "", and the result.
         """
         latest_s = self._link.clock.now_s() + FIRST_REPORT_S
         while True:
@@ -232,7 +238,9 @@ class GripperWorker:
             await asyncio.sleep(BUSY_PERIOD_S)
 
     async def _call_once(self, method: Callable[[Gripper], Result]) -> tuple[str, Result | None, bool]:
-        """As `_call`; the last value is whether the driver had the report that it needed."""
+        """Like `_call`, but only once. The last value is false if the driver needed a report that is
+        missing.
+        """
         report, reported = self._link.io(), True
         self._port.points = None if report is None else {each.name: each for each in report.points}
         self._port.wanted.clear()
@@ -253,7 +261,7 @@ class GripperWorker:
         return problem, None, reported
 
     async def _in_thread(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """Call in the driver's thread; `problem` reports a call that does not return."""
+        """Run a function in the driver's thread. `problem` reports a call that does not return."""
         self._calling_since_s = self._link.clock.now_s()
         try:
             return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)

@@ -1,4 +1,4 @@
-"""Simulated digital and analog inputs and outputs: one value for each, as last written by a client."""
+"""Simulated digital and analog inputs and outputs. Each has one value, the last that a client has written."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from cobot.errors import InputError, LimitError, NotSupportedError
 
 DIGITAL = {"standard": 16, "tool": 4, "configurable": 8}
-"""How many inputs, and how many outputs, each group has; they are numbered from 0."""
+"""Number of inputs, and of outputs, in each group. They are numbered from 0."""
 ANALOG = {"standard": 4, "tool": 2}
 RANGES = ((0.004, 0.020, "A"), (0.0, 10.0, "V"))
-"""The range of an analog input or output, and its unit, by its domain: 0 is current, 1 is voltage."""
+"""Range and unit of an analog input or output, by its domain: 0 is current, 1 is voltage."""
 
 
 @dataclass(slots=True)
@@ -22,10 +22,11 @@ class Analog:
 
 
 class IoBanks:
-    """All places, by direction ("input" or "output") and group.
+    """All inputs and outputs, by direction ("input" or "output") and group.
 
     Args:
-        simulated: whether the arm is; the real one's cabinet is none that this product reaches.
+        simulated: whether the arm is simulated. The inputs and outputs of a real controller are not
+            accessible.
     """
 
     def __init__(self, *, simulated: bool) -> None:
@@ -46,7 +47,7 @@ class IoBanks:
         return self._digital[way, group]
 
     def digital_value(self, way: str, group: str, index: int) -> bool:
-        """One of them.
+        """The value of one input or output.
 
         Raises:
             InputError: there is no such index.
@@ -55,7 +56,7 @@ class IoBanks:
         return places[_checked(index, len(places))]
 
     def set_digital(self, way: str, group: str, index: int, value: bool) -> None:
-        """Put a value somewhere; into an input, because the world around it is simulated too.
+        """Set a digital input or output. Inputs can be set because the surroundings are simulated too.
 
         Raises:
             InputError: there is no such index.
@@ -64,11 +65,11 @@ class IoBanks:
         places[_checked(index, len(places))] = value
 
     def mask(self, way: str, group: str) -> int:
-        """A group as bits, index 0 in the lowest."""
+        """The values of a group as bits; index 0 is the lowest bit."""
         return sum(1 << index for index, value in enumerate(self.digital(way, group)) if value)
 
     def analog(self, way: str, group: str, index: int) -> Analog:
-        """A place with its domain.
+        """An analog input or output, with its domain.
 
         Raises:
             InputError: there is no such index.
@@ -78,22 +79,22 @@ class IoBanks:
         return places[_checked(index, len(places))]
 
     def set_analog(self, way: str, group: str, index: int, value: float) -> None:
-        """Put a value somewhere, V or A.
+        """Set an analog input or output, V or A.
 
         Raises:
             InputError: there is no such index.
-            LimitError: beyond the range of the place's domain.
+            LimitError: the value is outside the range of the domain.
         """
         place = self.analog(way, group, index)
         least, most, unit = RANGES[place.domain]
         if not least <= value <= most:
             raise LimitError(
-                f"{group} analog {way} {index} takes from {least:g} to {most:g} {unit}, got {value:g}"
+                f"{group} analog {way} {index} must be from {least:g} to {most:g} {unit}, got {value:g}"
             )
         place.value = value
 
     def set_domain(self, way: str, group: str, index: int, domain: int) -> None:
-        """0 for current, 1 for voltage; the value then is the least of the range.
+        """Set the domain: 0 for current, 1 for voltage. The value becomes the minimum of the range.
 
         Raises:
             InputError: there is no such index or domain.
@@ -105,7 +106,7 @@ class IoBanks:
 
     def _require_simulation(self) -> None:
         if not self._simulated:
-            raise NotSupportedError("inputs and outputs are simulated with the arm, and this arm is none")
+            raise NotSupportedError("these inputs and outputs exist only in simulation, and this arm is real")
 
 
 def _checked(index: int, count: int) -> int:

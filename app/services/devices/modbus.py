@@ -15,7 +15,7 @@ ADDRESS = REGISTER = 65_535
 
 
 class Modbus:
-    """All signals, by name; a device is connected to while it has signals."""
+    """All signals, by name. A device is connected as long as it has signals."""
 
     def __init__(self) -> None:
         self._devices: dict[tuple[str, int], ModbusDevice] = {}
@@ -29,21 +29,21 @@ class Modbus:
             kind: see `SignalKind`.
 
         Raises:
-            InputError: wrong values, or a name that is taken.
+            InputError: invalid values, or a name that is taken.
             LimitError: too many signals.
         """
         host, port = _address(device)
         if not 1 <= len(name) <= MAX_NAME:
             raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name in self._signals:
-            raise ConflictError(f"there is a signal {shown(name)} already")
+            raise ConflictError(f"the signal {shown(name)} exists already")
         if not UNITS[0] <= unit <= UNITS[1]:
             raise InputError(f"slave_number must be from {UNITS[0]} to {UNITS[1]}, got {unit}")
         if not 0 <= address <= ADDRESS:
             raise InputError(f"signal_address must be from 0 to {ADDRESS}, got {address}")
         if kind not in list(SignalKind):
             valid = ", ".join(f"{each} {each.name.lower()}" for each in SignalKind)
-            raise InputError(f"there is no signal_type {kind}; valid are: {valid}")
+            raise InputError(f"signal_type is {kind}; valid are: {valid}")
         if len(self._signals) >= MAX_SIGNALS:
             raise LimitError(f"there are {MAX_SIGNALS} signals already")
         signal = self._signals[name] = Signal(name, unit, address, SignalKind(kind))
@@ -52,7 +52,7 @@ class Modbus:
         self._devices[host, port].add(signal)
 
     def remove(self, name: str) -> None:
-        """Forget a signal.
+        """Delete a signal.
 
         Raises:
             NotFoundError: there is none.
@@ -72,10 +72,10 @@ class Modbus:
         self._signals.clear()
 
     def signal(self, name: str) -> Signal:
-        """One of them.
+        """The signal with this name.
 
         Raises:
-            NotFoundError: there is none; lists those that are.
+            NotFoundError: there is no such signal; the error lists the existing ones.
         """
         if name not in self._signals:
             there = ", ".join(self._signals) or "none"
@@ -83,14 +83,14 @@ class Modbus:
         return self._signals[name]
 
     def signals(self) -> list[Signal]:
-        """In the order in which they were added."""
+        """The signals, in the order in which they were added."""
         return list(self._signals.values())
 
     def value(self, name: str) -> int:
-        """What the device has, as read last.
+        """The last value that was read from the device.
 
         Raises:
-            NotFoundError: there is no such signal, or its device does not answer, with why.
+            NotFoundError: there is no such signal, or its device does not answer; the error has the reason.
         """
         signal = self.signal(name)
         if signal.problem:
@@ -101,8 +101,9 @@ class Modbus:
         """Set an output; returns when the device has confirmed it.
 
         Raises:
-            InputError: an input, or a value that does not fit.
-            DeviceError: no such signal; the device is not there, does not answer, or refuses.
+            InputError: the signal is an input, or the value is out of range.
+            DeviceError: there is no such signal, or the device is not connected, does not answer, or rejects
+                the value.
         """
         signal = self.signal(name)
         match signal.kind:
@@ -113,7 +114,7 @@ class Modbus:
             case _:
                 raise InputError(f"{name} is a {signal.kind.name.lower()}, which is read-only")
         if not 0 <= value <= largest:
-            raise LimitError(f"{name} takes from 0 to {largest}, got {value}")
+            raise LimitError(f"{name} must be from 0 to {largest}, got {value}")
         await self._device(signal).write(signal, value)
 
     def set_frequency(self, name: str, frequency_hz: float) -> None:

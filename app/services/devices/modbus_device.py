@@ -1,4 +1,4 @@
-"""One Modbus TCP device: its connection, and its signals, which it is asked for again and again."""
+"""One Modbus TCP device: its connection, and its signals, which are read repeatedly."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from cobot.modbus import ModbusFunction
 
 FREQUENCY_HZ = 10.0
 BACKOFF_S = (0.2, 5.0)
-"""The first pause between two attempts to connect and the longest one, s; each is twice the one before."""
+"""The first and the longest pause between two attempts to connect, s. Each pause is twice the previous
+one.
+"""
 
 log = logging.getLogger("cobot.modbus")
 
 
 class SignalKind(IntEnum):
-    """Of a signal; the numbers are the manual's."""
+    """Kind of a signal. The numbers are those of the manual."""
 
     DIGITAL_INPUT = 0  # discrete input
     DIGITAL_OUTPUT = 1  # coil
@@ -45,9 +47,9 @@ class Signal:
     """One value of a device.
 
     Attributes:
-        value: as read last.
-        problem: why the value is not what the device has now; "" when it is.
-        due_s: when it is read next, in the event loop's time.
+        value: the last value that was read.
+        problem: reason why the value is not current; "" if it is.
+        due_s: time of the next reading, on the event loop's clock.
     """
 
     name: str
@@ -80,7 +82,7 @@ class ModbusDevice:
         self.hurry()
 
     def hurry(self) -> None:
-        """Something has changed: look what is due."""
+        """Check at once which signals are due, because a signal has changed."""
         self._more.set()
 
     def close(self) -> None:
@@ -91,7 +93,7 @@ class ModbusDevice:
         """Set an output.
 
         Raises:
-            DeviceError: the device is not there, does not answer, or refuses.
+            DeviceError: the device is not connected, does not answer, or rejects the value.
         """
         if not self._client.connected:
             raise DeviceError(f"{self} is not connected: {signal.problem}")
@@ -132,7 +134,7 @@ class ModbusDevice:
         return False
 
     async def _read_due(self) -> None:
-        """Read what is due, then wait until something is."""
+        """Read the signals that are due, then wait until the next one is."""
         loop = asyncio.get_running_loop()
         for signal in sorted(self.signals, key=lambda each: each.due_s):
             if signal.due_s > loop.time():
@@ -148,7 +150,7 @@ class ModbusDevice:
             await asyncio.wait_for(self._more.wait(), max(0.0, next_s - loop.time()))
 
     async def _read(self, signal: Signal) -> str:
-        """Read a signal; what went wrong, or ""."""
+        """Read a signal. Returns the problem, or ""."""
         try:
             signal.value = await self._client.read(signal.unit, READS[signal.kind], signal.address)
         except DeviceError as exc:

@@ -1,7 +1,7 @@
-"""Requests of Modbus TCP, one at a time; whatever comes back.
+"""Requests of Modbus TCP, one at a time, with a strict check of the answers.
 
-Sources: MODBUS Application Protocol V1.1b3 and MODBUS Messaging on TCP/IP V1.0b, modbus.org. Anything else
-than what these say is an error, and if it leaves open where the next answer begins, the connection is closed.
+Sources: MODBUS Application Protocol V1.1b3 and MODBUS Messaging on TCP/IP V1.0b, modbus.org. Any answer that
+violates these is an error. If the start of the next answer is then unknown, the connection is closed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class ModbusConnection:
         return self._streams is not None
 
     async def connect(self) -> None:
-        """Raises OSError, TimeoutError among them, or ValueError for what is no name of a host."""
+        """Connect. Raises OSError (including TimeoutError), or ValueError for an invalid host name."""
         async with asyncio.timeout(TIMEOUT_S):
             self._streams = await asyncio.open_connection(self._host, self._port, limit=4 * MAX_LENGTH)
 
@@ -50,7 +50,7 @@ class ModbusConnection:
             self._streams = None
 
     async def read(self, unit: int, function: ModbusFunction, address: int) -> int:
-        """One value; raises as `write` does."""
+        """Read one value. Raises as `write` does."""
         size = _BYTES[function]
         data = await self._ask(unit, function, address, 1)
         if len(data) != 1 + size or data[0] != size:
@@ -62,14 +62,15 @@ class ModbusConnection:
         """Set a coil, 0 or 1, or a register; returns when the device has confirmed it.
 
         Raises:
-            DeviceError: it refuses, does not answer, or answers something else; with what.
+            DeviceError: the device rejects the request, does not answer, or sends another answer; the error
+                has the details.
         """
         sent = COIL_ON * value if function is ModbusFunction.WRITE_COIL else value
         if await self._ask(unit, function, address, sent) != struct.pack(">HH", address, sent):
             raise _unasked(unit)
 
     async def _ask(self, unit: int, function: ModbusFunction, address: int, value: int) -> bytes:
-        """What the answer holds after its function."""
+        """Send a request. Returns the part of the answer after the function code."""
         if self._streams is None:
             raise DeviceError(f"unit {unit} is not connected")
         reader, writer = self._streams
@@ -99,9 +100,9 @@ class ModbusConnection:
             raise _unasked(unit)
         if body[1] & REFUSED:
             why = REFUSALS.get(body[2], "unknown")
-            raise DeviceError(f"unit {unit} refuses address {address}: {why} (exception {body[2]})")
+            raise DeviceError(f"unit {unit} rejects address {address}: {why} (exception {body[2]})")
         return body[2:]
 
 
 def _unasked(unit: int) -> DeviceError:
-    return DeviceError(f"unit {unit} has answered something else than was asked")
+    return DeviceError(f"the answer of unit {unit} does not match the request")

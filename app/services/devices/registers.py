@@ -15,7 +15,7 @@ COUNT = 128
 """Number of registers of each kind in a bank. They are numbered from 0."""
 BANKS = ("input", "output", "register")
 KINDS: dict[str, Any] = {"bool": False, "int16": 0, "int32": 0, "float": 0.0, "double": 0.0}
-"""The kinds of registers, each with the value that it holds at first."""
+"""The kinds of registers, with their initial values."""
 MAX_VARIABLES = 10_000
 MAX_NAME = 200
 MAX_STRING = 65_536
@@ -30,16 +30,16 @@ Value = bool | int | float | str
 
 
 class Registers:
-    """Typed banks of `COUNT` registers, which any client may write.
+    """Typed banks of `COUNT` registers. Any client may write them.
 
-    By convention inputs are what devices tell the robot and outputs what it tells them.
+    By convention, devices write input registers and read output registers.
     """
 
     def __init__(self) -> None:
         self._banks = {(kind, bank): [zero] * COUNT for kind, zero in KINDS.items() for bank in BANKS}
 
     def get(self, kind: str, bank: str, index: int) -> Any:
-        """What stands there.
+        """The value of a register.
 
         Raises:
             InputError: there is no such index.
@@ -47,7 +47,7 @@ class Registers:
         return self._banks[kind, bank][_checked(index)]
 
     def set(self, kind: str, bank: str, index: int, value: Any) -> None:
-        """Write it; a float is rounded to the four bytes that it has.
+        """Write a register. A float is rounded to four bytes.
 
         Raises:
             InputError: there is no such index.
@@ -81,11 +81,11 @@ def _length(value: Value) -> int:
 
 @dataclass(slots=True)
 class Watchdog:
-    """A timer that runs out unless a client writes the variable of its name in time.
+    """A timer that expires unless a client writes the variable of the same name in time.
 
     Attributes:
-        action: what is done when it has run out.
-        expired: whether it has; the next write starts it again.
+        action: number of the action on expiry.
+        expired: whether it has expired; the next write starts it again.
     """
 
     timeout_s: float
@@ -95,10 +95,10 @@ class Watchdog:
 
 
 class Variables:
-    """Named variables, and the watchdogs that watch over them.
+    """Named variables and their watchdogs.
 
     Args:
-        on_expiry: called with the name and the action of a watchdog that has run out.
+        on_expiry: called with the name and the action of a watchdog that has expired.
     """
 
     def __init__(self, on_expiry: Callable[[str, int], Awaitable[None]]) -> None:
@@ -109,16 +109,16 @@ class Variables:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def set(self, name: str, kind: str, value: Value) -> None:
-        """Write a variable, whatever it was before.
+        """Write a variable, whatever its previous type.
 
         Raises:
-            InputError: the name or the value is too long, or there are too many.
+            InputError: the name or the value is too long, or there are too many variables.
         """
         _require_name(name)
         if isinstance(value, str) and len(value) > MAX_STRING:
             raise LimitError(f"a variable holds up to {MAX_STRING} characters, got {len(value)}")
         if name not in self._values and len(self._values) >= MAX_VARIABLES:
-            raise LimitError(f"there are {MAX_VARIABLES} variables already")
+            raise LimitError(f"there are already {MAX_VARIABLES} variables, the maximum")
         characters = self._characters + _length(value) - _length(self._values.get(name, ("", 0))[1])
         if isinstance(value, str) and characters > MAX_CHARACTERS:
             raise LimitError(
@@ -129,10 +129,10 @@ class Variables:
         self._kick(name)
 
     def get(self, name: str, kind: str, default: Any) -> Any:
-        """Its value, or the default when there is none of that name.
+        """The value of a variable, or the default if there is no such variable.
 
         Raises:
-            InputError: it is of another kind.
+            InputError: the variable has another type.
         """
         if name not in self._values:
             return default
@@ -149,7 +149,7 @@ class Variables:
         return sorted(self._values)
 
     def remove(self, name: str) -> None:
-        """Forget a variable.
+        """Delete a variable.
 
         Raises:
             NotFoundError: there is none.
@@ -163,11 +163,12 @@ class Variables:
         return self._watchdogs.get(name)
 
     def watch(self, name: str, timeout_s: float, action: int) -> None:
-        """Execute an action whenever the variable is not written for this time. 0 s ends the watch.
+        """Start a watchdog: execute an action whenever the variable is not written for this time. 0 s deletes
+        the watchdog.
 
         Raises:
             InputError: the name is too long.
-            LimitError: the time is out of bounds, or there are too many.
+            LimitError: the time is out of bounds, or there are too many watchdogs.
         """
         _require_name(name)
         shortest, longest = WATCHDOG_S

@@ -25,7 +25,7 @@ OPEN_TIMEOUT_S = 5.0
 
 
 class SerialPorts(Channels):
-    """Ports by name."""
+    """Open serial ports by name."""
 
     def __init__(self) -> None:
         super().__init__("serial port")
@@ -34,13 +34,14 @@ class SerialPorts(Channels):
         """Open a port with eight data bits.
 
         Args:
-            device: as /dev/ttyUSB0.
+            device: path, such as /dev/ttyUSB0.
             stop_bits: 1, 1.5 or 2.
             parity: 0 none, 1 odd, 2 even.
 
         Raises:
-            InputError, ConflictError: wrong values, or a name that is taken.
-            DeviceError: it is no serial port, or cannot be opened, with what the system says.
+            InputError, ConflictError: invalid values, or a name that is taken.
+            DeviceError: the device is not a serial port or cannot be opened; the error has the system's
+                reason.
         """
         if stop_bits not in STOP_BITS:
             raise InputError(f"stop_bits must be 1, 1.5 or 2, got {stop_bits:g}")
@@ -63,14 +64,14 @@ class SerialPorts(Channels):
                 OPEN_TIMEOUT_S,
             )
         except TimeoutError as exc:
-            raise DeviceTimeout(f"{device} does not open") from exc
+            raise DeviceTimeout(f"{device} cannot be opened") from exc
         except (OSError, ValueError) as exc:  # pyserial's errors are OSErrors
             raise DeviceError(f"{device}: {exc}") from exc
         self.add(name, _Port(port).channel(f"serial port {name} ({device})"))
 
 
 class _Port(asyncio.ReadTransport):
-    """Feeds what a port receives to a StreamReader, and no more than that can take."""
+    """Feeds the bytes that a port receives to a StreamReader, never more than the reader can hold."""
 
     def __init__(self, port: Any) -> None:
         super().__init__()
@@ -118,8 +119,8 @@ class _Port(asyncio.ReadTransport):
 
 
 def _device(device: str) -> Path:
-    """The file of a serial port. Nothing is opened to find out: to open a FIFO waits for its other end, and
-    to open some devices acts on them.
+    """The file of a serial port. It is checked without opening it: opening a FIFO waits for its other end,
+    and opening some devices has side effects.
     """
     try:
         path = Path(device).resolve()
@@ -129,12 +130,12 @@ def _device(device: str) -> Path:
     if about is None or not stat.S_ISCHR(about.st_mode):
         raise InputError(f"device: {device!r} is not a character device below {DEVICES}")
     if not _is_serial(os.major(about.st_rdev), os.minor(about.st_rdev)):
-        raise DeviceError(f"{device}: is another kind of device than a serial port")
+        raise DeviceError(f"{device}: is not a serial port")
     return path
 
 
 def _is_serial(major: int, minor: int) -> bool:
-    """Whether a device number is that of a serial port or of a pseudo terminal, as the kernel tells."""
+    """Whether a device number is that of a serial port or a pseudo terminal, according to the kernel."""
     try:
         lines = DRIVERS.read_text(encoding="ascii", errors="replace").splitlines()
     except OSError:

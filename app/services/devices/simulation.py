@@ -1,4 +1,4 @@
-"""The simulation as a whole: it can be begun again."""
+"""The restart of a simulation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ TIMEOUT_S = 1.5
 
 
 class SimulationService:
-    """Begins the simulation of one robot again."""
+    """Restarts the simulation of one robot."""
 
     def __init__(self, link: RobotLink, ownership: Ownership, cell: CellService) -> None:
         self._link = link
@@ -20,19 +20,21 @@ class SimulationService:
         self._cell = cell
 
     async def reset(self) -> None:
-        """Clear an e-stop or a fault, and put the arm and its cell back to the start.
+        """Clear an e-stop or a fault, and return the arm and its cell to their initial state.
 
         Raises:
             NotSupportedError: the backend moves a real arm. The error names it.
             ConflictError: the arm moves, a program runs, or the backend is another simulation.
-            NotReadyError: the cause of a fault persists, with rtloop's reason.
+            NotReadyError: the cause of a fault persists; the error has rtloop's reason.
             UnavailableError: rtloop does not answer.
         """
         link = self._link
         state = await link.await_fresh_state(TIMEOUT_S)
         named = link.device()
         if named is None:  # It may be a real arm, and its e-stop must stay latched.
-            raise ConflictError("what the robot's backend can do cannot be read: try again in a second")
+            raise ConflictError(
+                "the capabilities of the robot's backend cannot be read: try again in a second"
+            )
         if named[1].capabilities.hardware:
             raise NotSupportedError(
                 f"only a simulation can be reset, and the backend {named[0]} moves a real arm; POST "

@@ -9,17 +9,17 @@ from cobot.errors import DeviceError, DeviceTimeout, InputError
 
 
 class Sockets(Channels):
-    """Connections by name. The service is the client."""
+    """Open connections by name. The service is the client."""
 
     def __init__(self) -> None:
         super().__init__("socket")
 
     async def open(self, name: str, host: str, port: int, timeout_s: float = TIMEOUT_S) -> None:
-        """Connect.
+        """Connect to a TCP server.
 
         Raises:
-            InputError, ConflictError: a wrong port or name, or one that is taken.
-            DeviceError: there is no answer, with the reason that the system gives.
+            InputError, ConflictError: an invalid port or name, or a name that is taken.
+            DeviceError: the server does not answer; the error has the system's reason.
         """
         if not 1 <= port <= 65535:
             raise InputError(f"port must be from 1 to 65535, got {port}")

@@ -1,4 +1,4 @@
-"""What programs, clients and the service itself want people to read: a bounded list of messages."""
+"""Messages of programs, clients and the service for people. The number of kept messages is limited."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ log = logging.getLogger("cobot.trace")
 
 
 class Level(StrEnum):
-    """How much it matters; the value is how messages name it."""
+    """Severity of a message. The values are the names in messages."""
 
     INFO = "info"
     WARNING = "warning"
@@ -34,12 +34,12 @@ _LOGGED = {
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One of them.
+    """A message for people.
 
     Attributes:
-        number: 1 for the first, one more for each.
-        kind: how it is shown: text, alarm, popup or notify.
-        code: of an alarm, 0 for none.
+        number: consecutive number, from 1.
+        kind: how the message is shown: text, alarm, popup or notify.
+        code: code of an alarm, 0 for none.
     """
 
     number: int
@@ -62,7 +62,7 @@ class Traces:
     def add(
         self, kind: str, text: str, level: Level = Level.INFO, *, code: int = 0, title: str = ""
     ) -> Message:
-        """Keep a message; what is longer than `MAX_CHARACTERS` is cut."""
+        """Keep a message. Text beyond `MAX_CHARACTERS` is cut off."""
         self._count += 1
         message = Message(
             number=self._count,
@@ -80,15 +80,15 @@ class Traces:
         return message
 
     def warn(self, text: str) -> None:
-        """A message of the service itself about something that went wrong."""
+        """Add a warning of the service itself."""
         self.add("text", text, Level.WARNING)
 
     def newest(self, count: int, after: int = 0) -> list[Message]:
         """The newest messages, the oldest of them first.
 
         Args:
-            count: the maximum number of lines.
-            after: only those with a larger number.
+            count: maximum number of messages.
+            after: only messages with a larger number.
         """
         found = [message for message in self._messages if message.number > after]
         return found[-count:] if count else []

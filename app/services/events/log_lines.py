@@ -1,4 +1,4 @@
-"""Lines of the service's own log as events."""
+"""Publishes lines of the service's log as events."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cobot.logs.lines import Line
 
 
 class _LogEvents(logging.Handler):
-    """From whatever thread; the ring bounds how many there are."""
+    """A log handler that publishes events, from any thread. The ring limits their number."""
 
     def __init__(self, events: Events) -> None:
         super().__init__(logging.WARNING)
@@ -25,7 +25,7 @@ class _LogEvents(logging.Handler):
             self._loop.call_soon_threadsafe(self._publish, line)
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Ignore the error: to log it would create another line."""
+        """Ignore the error, because logging it would create another line."""
 
     def _publish(self, line: Line) -> None:
         self._events.publish(
@@ -35,7 +35,7 @@ class _LogEvents(logging.Handler):
 
 @contextlib.contextmanager
 def log_events(events: Events) -> Iterator[None]:
-    """While the context lasts, lines of the level warning and above are events."""
+    """While the context is open, publish log lines of level warning and above as events."""
     handler = _LogEvents(events)
     root = logging.getLogger()
     root.addHandler(handler)

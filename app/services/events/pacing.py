@@ -1,7 +1,7 @@
 """Wakes listeners a few at a time.
 
-With hundreds of listeners the event loop must still have short turns, so that a controller's targets and a
-stop come in between.
+With hundreds of listeners, waking all at once would take long. Targets of a controller and stops must be
+handled in between.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ AT_ONCE = 4
 
 
 class Pacing:
-    """The listeners that have something to hear, first come first served."""
+    """The listeners that wait to be woken, first come first served."""
 
     def __init__(self) -> None:
         self._waiting: dict[asyncio.Event, None] = {}
@@ -21,7 +21,7 @@ class Pacing:
         self._renewing = False
 
     def wake(self, listener: asyncio.Event, loop: asyncio.AbstractEventLoop) -> None:
-        """Set it, now or in one of the next iterations of its loop."""
+        """Set the event of a listener, now or in one of the next iterations of the loop."""
         if self._left > 0 and not self._waiting:
             self._set(listener, loop)
         else:

@@ -1,9 +1,10 @@
-"""What has happened, numbered: one ring for the whole service, in memory.
+"""Numbered events: one ring in memory for the whole service.
 
-Each event is rendered once, when it happens. A listener has a place in the ring and nothing else, so a slow
-listener costs no memory and delays no other. Events that leave the ring unread are reported as `lost`.
+Each event is rendered once, when it happens. A listener is only a position in the ring, so a slow listener
+costs no memory and delays no other. Events that are overwritten before a listener has read them are reported
+as `lost`.
 
-Belongs to the event loop: nothing in here is for threads.
+It may only be used on the event loop, not from threads.
 """
 
 from __future__ import annotations
@@ -23,41 +24,42 @@ from cobot.ros.codec import without_nan
 from cobot.strict import shown
 
 TYPES = {
-    "service": "the service has started, or ends",
-    "rtloop": "the real-time process was restarted, is silent, or is back",
+    "service": "the service has started or is shutting down",
+    "rtloop": "the real-time process was restarted, does not publish, or publishes again",
     "mode": "the mode of a robot has changed",
     "fault": "the mode is FAULT: nothing moves until a reset",
     "estop": "an e-stop was requested, or is latched",
     "stop": "a client has stopped the arm",
     "reset": "a client has reset an e-stop or a fault",
     "intervention": "the safety layer has intervened",
-    "lease": "the control was taken, or has ended",
+    "lease": "control of the robot was taken or has ended",
     "motion": "a motion has begun or ended",
     "action": "an action on the path of a motion has fired, or has not",
     "session": "a streaming session has begun or ended",
-    "sequence": "a sequence or program has started, goes for its next waypoint, or has ended",
+    "sequence": "a sequence or program has started, is moving to its next waypoint, or has ended",
     "job": "a job has changed its state",
-    "plan": "a plan was made, approved for an agent, or that was taken back",
+    "plan": "a plan was made, was approved for an agent, or its approval was withdrawn",
     "speed": "the speed override has changed",
     "scene": "the scene has changed",
     "tool": "the tool has changed",
     "gripper": "the gripper has grasped, released or lost an object",
-    "cell_reset": "the simulated cell was put back to its state at the start",
+    "cell_reset": "the simulated cell was reset to its initial state",
     "positions": "the named positions have changed",
     "program": "a stored program was saved or deleted",
     "planning": "a planning process was replaced",
-    "refused": "the service has refused a request that would have moved or changed something",
+    "refused": "the service has rejected a request that would have moved or changed something",
     "log": "a line of the service's log, of level warning or above",
 }
-"""All types of events, and what each says."""
+"""All types of events, with their meaning."""
 CAPACITY = 2000
 """Maximum number of events that are kept."""
 CAPACITY_BYTES = 4 * 2**20
 """Maximum size of all kept events, in bytes."""
 BURST, PER_S = 400, 40.0
 """Rate limit for events of one type and robot: the burst, and the rate per second. A client that calls /stop
-in a loop must not push the events of others out of the ring. The next event that passes reports how many
-were held back."""
+in a loop must not push the events of others out of the ring. The next event that is published has the number
+of those that were dropped.
+"""
 LOG_BURST, LOG_PER_S = 20, 2.0
 """Rate limit for events caused by client errors: log lines and refusals."""
 SAID_OF_CLIENTS = ("log", "refused")
@@ -66,11 +68,11 @@ PLACE = re.compile(r"(?:([0-9a-f]{8})-)?([0-9]{1,20})")
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event as it is sent.
+    """An event in the form in which it is sent.
 
     Attributes:
-        number: counts up from 1 with each start of the service; None for an event outside of the ring.
-        robot: "" for what is about all of them.
+        number: consecutive number, from 1 at each start of the service; None for an event outside the ring.
+        robot: name of the robot; "" for an event about all robots.
         text: the whole event as JSON.
     """
 
@@ -81,7 +83,7 @@ class Event:
 
 
 class Throttle:
-    """Lets a burst pass, and after it a limited number of events a second."""
+    """Limits a rate: it lets a burst pass, and then a limited number of events per second."""
 
     def __init__(self, burst: int, per_s: float, now_s: Callable[[], float]) -> None:
         self._burst, self._per_s, self._now_s = burst, per_s, now_s
@@ -89,7 +91,9 @@ class Throttle:
         self._held_back = 0
 
     def passes(self) -> int | None:
-        """None if this one may not pass; else how many before it could not."""
+        """The number of events that were dropped since the last one that passed. None if this event may not
+        pass.
+        """
         now_s = self._now_s()
         self._left = min(self._burst, self._left + (now_s - self._seen_s) * self._per_s)
         self._seen_s = now_s
@@ -105,11 +109,11 @@ class Events:
     """The ring.
 
     Attributes:
-        epoch: another one for each start of the service; with it, a number means one event for ever.
+        epoch: id of this run of the service. Epoch and number together identify an event permanently.
         newest: the number of the newest event, 0 before the first.
-        on_news: called after each event, and when there will be none any more.
-        closed: whether that is so.
-        pacing: by which listeners are woken.
+        on_news: called after each event, and after the ring was closed.
+        closed: whether the ring is closed.
+        pacing: wakes the listeners.
         lost: total number of events that listeners have lost.
     """
 
@@ -128,16 +132,16 @@ class Events:
 
     @property
     def oldest(self) -> int:
-        """The number of the oldest event that is kept; that of the next one if none is."""
+        """The number of the oldest kept event; that of the next event if none is kept."""
         return self.newest + 1 - len(self._kept)
 
     def publish(self, kind: str, robot: str = "", /, **data: Any) -> None:
-        """Have an event happen.
+        """Publish an event.
 
         Args:
-            kind: of `TYPES`.
-            robot: its name, "" for what is about all of them.
-            data: whatever JSON can say; numbers that are none become null.
+            kind: one of `TYPES`.
+            robot: name of the robot; "" for an event about all robots.
+            data: any JSON values; numbers that are not finite become null.
         """
         if kind not in TYPES:
             raise KeyError(kind)
@@ -160,7 +164,7 @@ class Events:
             tell()
 
     def rendered(self, kind: str, robot: str, data: Mapping[str, Any], number: int | None = None) -> str:
-        """The JSON of an event that happens now."""
+        """The JSON of an event with the present time."""
         moment = utc_now(self._clock).isoformat(timespec="microseconds")
         content: dict[str, Any] = {} if number is None else {"id": number, "epoch": self.epoch}
         content |= {"time": moment, "robot": robot or None, "type": kind, "data": data}
@@ -170,7 +174,7 @@ class Events:
             return json.dumps(without_nan(content))
 
     def close(self) -> None:
-        """Publish that the service ends; every listener then ends too."""
+        """Publish that the service shuts down. Then every listener ends too."""
         if not self.closed:
             self.publish("service", what="ends")
             self.closed = True
@@ -184,14 +188,13 @@ class Events:
         return [self._kept[index] for index in range(offset, min(offset + most, len(self._kept)))]
 
     def place(self, after: str | None) -> tuple[int, bool]:
-        """The number after which a listener continues, and whether an earlier run of the service gave it.
+        """The number after which a listener continues, and whether it is from an earlier run of the service.
 
         Args:
-            after: "EPOCH-NUMBER" as events have it, or a number of this start; None for what happens from now
-                on.
+            after: "EPOCH-NUMBER" of an event, or a number from this run; None: only new events.
 
         Raises:
-            InputError: it is neither, or there is no such event yet.
+            InputError: `after` has another form, or there is no such event yet.
         """
         if after is None:
             return self.newest, False
@@ -206,13 +209,13 @@ class Events:
         return int(digits), False
 
     def of(self, robot: str) -> RobotEvents:
-        """The events of one robot."""
+        """The publisher for one robot."""
         return RobotEvents(self, robot)
 
 
 @dataclass(frozen=True, slots=True)
 class RobotEvents:
-    """The events of one robot."""
+    """Publishes the events of one robot."""
 
     ring: Events
     robot: str

@@ -1,8 +1,6 @@
 """The gripper of a robot.
 
-service     commands as jobs: one at a time, a new one replaces the one before
-commands    while they are under way, and what they have come to
-following   waiting for the end of a command
-checks      what a gripper can be asked for
-held        what is between the fingers: attached and detached in the scene
+service commands as jobs: one at a time, a new one replaces the one before commands running commands and their
+results following waiting for the end of a command checks validation of requests held the held object,
+attached and detached in the scene
 """

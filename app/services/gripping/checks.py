@@ -11,14 +11,14 @@ SLACK_M = 1e-9
 
 
 def check_command(name: str, able: GripperCapabilities, command: AnyGripperCommand) -> None:
-    """See that the gripper can be asked for this.
+    """Check that the gripper supports a command with these values.
 
     Args:
         name: the gripper's type, for errors.
 
     Raises:
         LimitError: a value is out of range.
-        NotSupportedError: the gripper has no such thing.
+        NotSupportedError: the gripper does not have this function.
     """
     if isinstance(command, GripperMove | GripperGrasp | GripperRelease) and command.width is not None:
         _check_width(name, able, command.width, grasps=isinstance(command, GripperGrasp))
@@ -27,7 +27,7 @@ def check_command(name: str, able: GripperCapabilities, command: AnyGripperComma
         _check_range(name, "force", command.force, able.force_n, "N")
     if isinstance(command, GripperGrasp) and not able.object_detection and command.if_missed == "success":
         raise NotSupportedError(
-            f"if_missed is success, but the gripper {name} does not detect objects: leave if_missed out"
+            f"if_missed is success, but the gripper {name} does not detect objects: omit if_missed"
         )
 
 
@@ -39,7 +39,7 @@ def grasp_of(command: GripperGrasp) -> Grasp:
 
 def _check_width(name: str, able: GripperCapabilities, width: float, *, grasps: bool) -> None:
     if able.width_m is None:
-        advice = "leave it out" if grasps else "use grasp and release"
+        advice = "omit it" if grasps else "use grasp and release"
         raise NotSupportedError(f"width is {width:g} m, but the gripper {name} has no width: {advice}")
     least, most = able.width_m
     if not least - SLACK_M <= width <= most + SLACK_M:

@@ -1,4 +1,4 @@
-"""Commands to the gripper: while they are under way, and what they have come to."""
+"""Commands to the gripper while they run, and their results."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from cobot.grippers import Gripper, GripperCapabilities, GripperState
 from cobot.motions.gripper_bodies import AnyGripperCommand, GripperGrasp, GripperMove, GripperRelease
 
 ARRIVED_M = 0.003
-"""A move has arrived when the width is off by no more, m, or by this share of the stroke."""
+"""Tolerance of the width at the end of a move: this distance, m, or this share of the stroke, whichever is
+larger.
+"""
 ARRIVED_SHARE = 0.03
 
 
 @dataclass(eq=False, slots=True)
 class Running:
-    """A command that is under way.
+    """A running command.
 
     Attributes:
-        stops: how many stops there had been when it began; a later one ends it.
-        latched: whether an e-stop or a fault was latched then.
+        stops: count of stops when the command began; a later stop ends it.
+        latched: whether an e-stop or a fault was latched when the command began.
     """
 
     name: str
@@ -35,17 +37,17 @@ class Running:
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
     def interrupt(self, cause: ExecutionError) -> None:
-        """End it; the first cause counts."""
+        """End the command. If it is called several times, the first cause counts."""
         self.interruption = self.interruption or cause
         self.news.set()
 
 
 @dataclass(frozen=True, slots=True)
 class GripperOutcome:
-    """How a command has ended, and the gripper's state then.
+    """The result of a command, and the gripper's state at its end.
 
     Attributes:
-        error: None if it has reached its end, or if that did not matter.
+        error: None if the command has reached its goal, or if the request does not require it.
     """
 
     error: CobotError | None
@@ -58,9 +60,9 @@ class GripperReport:
     """State of the gripper.
 
     Attributes:
-        command: the name of the command that is under way; "" for none.
-        held: the object of the scene that is attached to it.
-        age_s: of the state.
+        command: name of the running command; "" for none.
+        held: the scene object that is attached to the gripper.
+        age_s: age of the state, s.
     """
 
     type: str
@@ -73,7 +75,7 @@ class GripperReport:
 
 
 def missed(state: GripperState) -> CobotError | None:
-    """Why nothing is held after a grasp; None if something is, or if that is not known."""
+    """The reason why nothing is held after a grasp; None if an object is held, or if this is unknown."""
     if state.object is None or state.object.is_held:
         return None
     where = "" if state.width is None else f" at {state.width:.4f} m"
@@ -83,7 +85,7 @@ def missed(state: GripperState) -> CobotError | None:
 def shortfall(
     command: AnyGripperCommand, state: GripperState, able: GripperCapabilities
 ) -> CobotError | None:
-    """Why a command that has ended has not come to what was asked for; None if it has."""
+    """The reason why an ended command has not reached its goal; None if it has."""
     if isinstance(command, GripperGrasp):
         nothing = missed(state)
         if nothing is None and state.width is not None and not grasp_of(command).permits(state.width):
@@ -103,7 +105,7 @@ def shortfall(
 
 
 def has_arrived(width: float, state: GripperState, able: GripperCapabilities) -> bool:
-    """Whether the fingers are at this width, or may be: not every gripper knows its width."""
+    """Whether the fingers are at this width. Also true if the gripper does not report its width."""
     if state.width is None or able.width_m is None:
         return True
     least, most = able.width_m
@@ -111,7 +113,7 @@ def has_arrived(width: float, state: GripperState, able: GripperCapabilities) ->
 
 
 def start_of(command: AnyGripperCommand) -> Callable[[Gripper], None]:
-    """What has a driver start a command."""
+    """The function that makes a driver start a command."""
     match command:
         case GripperMove():
             return lambda gripper: gripper.move(command.width, command.speed, command.force)

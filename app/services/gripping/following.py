@@ -1,4 +1,4 @@
-"""Waiting for the end of a command to the gripper."""
+"""Waiting for the end of a gripper command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cobot.errors import DeviceError, MotionStopped, MotionTimeout
 from cobot.grippers import GripperState
 
 MIN_WAIT_S = 0.001
-"""A wait for the rest of a time that rounding has left over must not take no time at all."""
+"""Minimum wait, s. Without it, a rest of time from rounding would give a wait of no duration."""
 
 
 async def follow(
@@ -25,9 +25,9 @@ async def follow(
         name: the gripper's type, for errors.
 
     Raises:
-        MotionStopped: it was interrupted, or the client has gone.
-        MotionTimeout: the caller's time is up.
-        DeviceError: the device does not take it, has a fault or is lost.
+        MotionStopped: the command was interrupted, or the client has disconnected.
+        MotionTimeout: the caller's timeout has passed.
+        DeviceError: the device rejects the command, has a fault, or its connection is lost.
     """
     deadline_s = clock.now_s() + caller.timeout_s
     gone = asyncio.create_task(caller.gone.wait())
@@ -58,7 +58,7 @@ async def follow(
 
 
 def _ended(worker: GripperWorker, asked: asyncio.Future[int], name: str) -> GripperState | None:
-    """The state at the end of a command; None while it goes on."""
+    """The state at the end of a command; None while it runs."""
     if not asked.done():
         return None
     if (problem := asked.exception()) is not None:

@@ -1,7 +1,8 @@
-"""What is between the fingers: an object of the scene is attached when it is grasped, and detached later.
-A part of a simulated cell is in the scene only while it is held, and may touch the fixtures of the cell.
+"""The held object. A scene object is attached when the gripper grasps it, and detached when it is released. A
+part of a simulated cell is in the scene only while it is held, and may touch the fixtures of the cell.
 
-The scene's load changes only while the arm rests. If it moves, the change follows when it rests next.
+The load in the scene changes only while the arm is at rest. If the arm moves, the change is made when it is
+next at rest.
 """
 
 from __future__ import annotations
@@ -27,21 +28,21 @@ from cobot.robot.scene import Scene, SceneObject
 from cobot.types import RESTING, Array
 
 REACH_M = 0.01
-"""An object is between the fingers if it is no farther from the TCP, m."""
+"""Maximum distance of an object from the TCP to count as between the fingers, m."""
 AGAIN_S = 0.02
 
 log = logging.getLogger("cobot.gripper")
 
 
 class HeldService:
-    """See the module.
+    """Attaches and detaches the held object of one gripper, see the module.
 
     Args:
         cell: the simulated cell; None without one.
 
     Attributes:
-        name: of the object or part that is held; None for none.
-        context: of the client that has commanded the gripper last: on its behalf the scene changes.
+        name: name of the held object or part; None for none.
+        context: context of the client that sent the last gripper command. The scene changes on its behalf.
     """
 
     def __init__(
@@ -70,35 +71,37 @@ class HeldService:
             self._task.cancel()
 
     def forget(self) -> None:
-        """The gripper holds nothing: what an earlier run of the service has attached is not in it."""
+        """Forget an object that an earlier run of the service has attached, because the gripper holds
+        nothing.
+        """
         if self._attached in self._parts:  # the cell has begun again since
             self.release()
         elif self._task is None:
             self.name = self._attached = None
 
     def grasp(self, state: GripperState) -> str | None:
-        """The fingers have closed: the name of the object that is between them, which is attached."""
+        """Attach the object between the closed fingers. Returns its name."""
         if self.name is None or self.name != self._attached:
             self.name = self._between()
             self._settle()
         return self.name
 
     def release(self) -> str | None:
-        """The fingers hold nothing any more: the name of the object that they have held."""
+        """Detach the object, because the fingers hold nothing any more. Returns its name."""
         before, self.name = self.name, None
         self._settle()
         return before
 
     async def follow(self) -> None:
-        """Wait until the scene says what is held, unless that is postponed until the arm rests.
+        """Wait until the scene has the held object, unless this change is postponed until the arm is at rest.
 
-        A motion that a client commands next would otherwise find the robot in use by this change.
+        Otherwise the client's next motion would be rejected, because this change still uses the robot.
         """
         while self._task is not None and not self._postponed:
             await asyncio.wait({self._task}, timeout=AGAIN_S)
 
     async def settle(self) -> None:
-        """Before the arm moves on: have a change that was postponed made now."""
+        """Before the next motion: make a postponed change now."""
         if self._task is not None and (self._changing or self._rests()):
             self._postponed = False
             await self.follow()
@@ -118,7 +121,7 @@ class HeldService:
         return None if name is None or distances[name] > REACH_M else name
 
     def _parts_where_they_are(self) -> dict[str, SceneObject]:
-        """The parts of the cell where they are."""
+        """The parts of the cell at their present poses."""
         poses = self._link.cell() or {}
         return {
             name: part_in_scene(self._parts[name], pose)
@@ -132,7 +135,7 @@ class HeldService:
             self._task = asyncio.create_task(self._change(), name="held object", context=self.context)
 
     async def _change(self) -> None:
-        """Have the scene say what is held, as soon as the arm rests."""
+        """Update the held object in the scene as soon as the arm is at rest."""
         try:
             while self.name != self._attached:
                 if self._rests():
@@ -147,7 +150,7 @@ class HeldService:
                 self._postponed = True
                 await asyncio.sleep(AGAIN_S)
         except CobotError as exc:
-            log.warning("%sgripper: the scene does not follow it: %s", self._link.label, exc)
+            log.warning("%sgripper: the scene does not have the held object: %s", self._link.label, exc)
             self.name = self._attached
         finally:
             self._task = None
@@ -174,10 +177,10 @@ class HeldService:
             self._attached = new
 
     def _touched(self, name: str, put: Sequence[Edit]) -> list[str]:
-        """What the object touches where it is: the fingers, and what it stands on.
+        """The bodies that the object touches at its place: the fingers, and its support.
 
         Args:
-            put: what brings it into the scene.
+            put: the changes that add the object to the scene.
         """
         state = self._link.state()
         hand = self._robot.model.forward(state.commanded_position)
@@ -196,7 +199,9 @@ class HeldService:
 
 
 def distance_m(item: SceneObject, point: Array) -> float:
-    """How far a point in the base frame is from an object; 0 inside. Of compound shapes: from their box."""
+    """Distance of a point in the base frame from an object; 0 inside. For compound shapes: from their
+    bounding box.
+    """
     local = Pose.from_numbers(item.pose).inverse().apply(point)
     x, y, z = local.tolist()
     if item.shape == "sphere":

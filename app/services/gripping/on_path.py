@@ -1,4 +1,4 @@
-"""Commands to the gripper that actions on the path of a motion give."""
+"""Gripper commands from actions on the path of a motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TIMEOUT_S = 30.0
 
 
 class PathCommands:
-    """The gripper of one robot, as actions on a path command it: each command is a job of its own."""
+    """Executes gripper commands of actions on a path, for one robot. Each command is a job of its own."""
 
     def __init__(self, gripper: GripperService, ownership: Ownership) -> None:
         self._gripper = gripper
@@ -27,19 +27,19 @@ class PathCommands:
         self._tasks: set[asyncio.Task[Any]] = set()
 
     def check(self, fields: Mapping[str, Any]) -> None:
-        """See that the gripper can do it.
+        """Check that the gripper supports the command.
 
         Args:
-            fields: `command`, and the body of that command.
+            fields: `command`, and the fields of that command's body.
 
         Raises:
-            InputError: there is no such command, or its fields are wrong.
+            InputError: the command is unknown, or its fields are invalid.
             LimitError, NotSupportedError: see `check_command`.
         """
         self._gripper.check(GripperRequest.of(fields, VALID).command)
 
     def begin(self, fields: Mapping[str, Any]) -> None:
-        """Begin it and return at once; its job says how it ends.
+        """Begin the command and return at once. Its job has the result.
 
         Raises:
             CobotError: the gripper rejects it; its job has failed with this reason.

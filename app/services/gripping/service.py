@@ -1,6 +1,6 @@
-"""Commands to the gripper as jobs: one at a time, and a new one replaces the one before.
+"""Gripper commands as jobs: one at a time; a new one replaces the present one.
 
-The arm may move meanwhile. A stop ends the command and keeps the grip, unless `on_stop` is `open`.
+The arm may move at the same time. A stop ends the command and keeps the grip, unless `on_stop` is `open`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from cobot.types import LoopMode
 
 WATCH_S = 0.01
 STOP_S = 4.0
-"""Timeout for the driver to take a stop, s: less than that of the endpoint."""
+"""Timeout for the driver to accept a stop, s. It is less than the timeout of the endpoint."""
 OPEN_S = 10.0
 """Timeout for the fingers to open after a stop, if `on_stop` is `open`, s."""
 NONE_CONFIGURED = (
@@ -62,7 +62,7 @@ class GripperService:
     """The gripper of one robot; a robot without one has this service too, which rejects every request.
 
     Attributes:
-        on_reading: called when the driver has reported.
+        on_reading: called after each report of the driver.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class GripperService:
         self._spawn(self._watch(self._worker))
 
     def close(self) -> None:
-        """End. What is held stays held."""
+        """Close the gripper's connection. A held object stays held."""
         for task in self._tasks:
             task.cancel()
         self._held.close()
@@ -107,7 +107,7 @@ class GripperService:
 
     @property
     def problem(self) -> str:
-        """What is wrong with the gripper, for /health; "" for nothing, or without one."""
+        """The problem of the gripper, for /health; "" without a problem or without a gripper."""
         if self._worker is None:
             return ""
         state = self._worker.reading.state
@@ -115,10 +115,10 @@ class GripperService:
         return f"gripper {self.type}: {found}" if found else ""
 
     def report(self) -> GripperReport:
-        """How the gripper is now.
+        """The present state of the gripper.
 
         Raises:
-            NotSupportedError: the robot has none.
+            NotSupportedError: the robot has no gripper.
         """
         worker = self._require()
         reading = worker.reading
@@ -133,16 +133,16 @@ class GripperService:
         )
 
     async def run(self, name: str, command: AnyGripperCommand, caller: Caller) -> GripperOutcome:
-        """Do it, and return when the fingers have ended it. The command that is under way ends.
+        """Execute a command, and return when it has ended. The present command ends first.
 
         Args:
             name: move, grasp, release or home.
 
         Raises:
-            NotSupportedError: the robot has no gripper, or it has no such thing.
+            NotSupportedError: the robot has no gripper, or the gripper does not have this function.
             LimitError: a value is out of range.
             NotReadyError: an e-stop or a fault is latched.
-            MotionStopped: a stop has come before it.
+            MotionStopped: a stop was requested after the command.
         """
         worker = self.check(command)
         self.require_ready(command, caller)
@@ -178,18 +178,18 @@ class GripperService:
         return GripperOutcome(error, self._shown(last), self._held.name)
 
     async def run_plan(self, request: GripperRequest, caller: Caller) -> CobotError | None:
-        """Run a command of a plan; why it has failed, or None. Raises as `run`, and `ConflictError` while
-        another client has the control.
+        """Run the gripper command of a plan. Returns the reason of a failure, or None. Raises as `run`, and
+        `ConflictError` while another client has control.
         """
         self._ownership.require_control()
         return (await self.run(request.name, request.command, caller)).error
 
     async def stop(self) -> GripperReport:
-        """Stop the fingers where they are; the grip on an object stays. Ends the command that is under way.
+        """Stop the fingers where they are; a held object stays held. Ends the present command.
 
         Raises:
             NotSupportedError: the robot has no gripper.
-            DeviceError: it does not take the stop.
+            DeviceError: the gripper does not accept the stop.
         """
         worker = self._require()
         if self._running is not None:
@@ -199,24 +199,24 @@ class GripperService:
         if not asked.done():
             raise DeviceError(
                 f"gripper {self.type}: it has not received the stop within {STOP_S:g} s: {worker.problem}; "
-                "it receives the stop as soon as its driver returns"
+                f"it receives the stop as soon as its driver returns"
             )
         if (problem := asked.exception()) is not None:
             raise DeviceError(f"gripper {self.type}: {problem}") from problem
         return self.report()
 
     def cancel(self, job: Job, cause: MotionStopped) -> bool:
-        """End the command of this job; whether it is one of the gripper's."""
+        """End the command of this job. Returns whether the job is one of the gripper's."""
         if self._running is None or self._running.job is not job:
             return False
         self._running.interrupt(cause)
         return True
 
     def check(self, command: AnyGripperCommand) -> GripperWorker:
-        """See that the gripper can be asked for this.
+        """Check that the gripper supports a command with these values.
 
         Raises:
-            NotSupportedError: the robot has no gripper, or it has no such thing.
+            NotSupportedError: the robot has no gripper, or the gripper does not have this function.
             LimitError: a value is out of range.
         """
         worker = self._require()
@@ -224,11 +224,11 @@ class GripperService:
         return worker
 
     def require_ready(self, command: AnyGripperCommand, caller: Caller) -> None:
-        """See that a command may begin now.
+        """Check that a command may begin now.
 
         Raises:
             NotReadyError: an e-stop or a fault is latched.
-            MotionStopped: a stop has come before it.
+            MotionStopped: a stop was requested after the command.
         """
         if self._ownership.stops != caller.stops:
             raise MotionStopped("a stop was requested while the request was being read")
@@ -236,7 +236,7 @@ class GripperService:
             return  # what is jammed must come out whatever has happened
         if self._is_latched(False):
             state = self._link.state()
-            raise NotReadyError(f"mode {state.mode.name}: {state.reason}; see to the cause, then reset it")
+            raise NotReadyError(f"mode {state.mode.name}: {state.reason}; remove the cause, then reset it")
 
     def _require(self) -> GripperWorker:
         if self._worker is None:
@@ -244,7 +244,7 @@ class GripperService:
         return self._worker
 
     async def _follow(self, worker: GripperWorker, running: Running, caller: Caller) -> GripperState:
-        """Start a command and wait for its end; one that ends early stops the fingers."""
+        """Start a command and wait for its end. If it ends early, the fingers stop."""
         try:
             return await follow(worker, running, caller, self._link.clock, self.type)
         except CobotError as exc:
@@ -253,7 +253,7 @@ class GripperService:
             raise
 
     def _halt(self, worker: GripperWorker, running: Running) -> None:
-        """Stop the fingers of a command that ends early, unless another one has them already."""
+        """Stop the fingers of a command that ends early, unless another command already has them."""
         if self._running is running:
             worker.tell(lambda gripper: gripper.stop())
 
@@ -283,7 +283,7 @@ class GripperService:
         return replace(state, object=HeldObject.LOST) if self._lost else state
 
     def _look(self, reading: Reading) -> None:
-        """See what a new reading tells: a command goes on, an object is held, let go or lost."""
+        """Evaluate a new reading: progress of a command, or an object that is held, released or lost."""
         if self._running is not None:
             self._running.news.set()
         for tell in self.on_reading:
@@ -310,7 +310,7 @@ class GripperService:
         self._holds = holds
 
     def _adopt(self, state: GripperState) -> None:
-        """Take over what an earlier run of the service has left in the gripper."""
+        """Take over an object that an earlier run of the service has left in the gripper."""
         if state.object is None:
             self._holds = self._held.name is not None
         elif not state.object.is_held:
@@ -323,7 +323,7 @@ class GripperService:
         self._tell("released", object=name)
 
     def _lose(self) -> None:
-        """An object is gone although nothing let go of it."""
+        """Report an object that was lost: it is gone although no command released it."""
         self._lost = True
         name = self._held.release()
         self._tell("lost", object=name, stops=self._options.on_loss == "stop")
@@ -335,7 +335,7 @@ class GripperService:
             await self._stopping.stop_motion(why)
 
     async def _watch(self, worker: GripperWorker) -> None:
-        """Follow stops and e-stops, whatever has asked for them."""
+        """Watch for stops and e-stops from any source, and end the present command."""
         stops, latched = self._ownership.stops, False
         while True:
             await asyncio.sleep(WATCH_S)

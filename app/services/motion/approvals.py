@@ -1,4 +1,6 @@
-"""What agents may run: plans that an operator has approved, and, if the settings say so, those in a fence."""
+"""Plans that agents may run: those that an operator has approved and, if the settings permit it, those within
+a fence.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ ASK = "ask an operator to approve it: POST /robot/approve, or the panel"
 
 
 class Approvals:
-    """An approval is for one run of one plan."""
+    """Approvals of plans. Each is for one run of one plan."""
 
     def __init__(
         self, robot: RobotDescription, clock: Clock, plans: PlanService, settings: McpSection
@@ -33,10 +35,10 @@ class Approvals:
         self._by: dict[str, str] = {}
 
     def approve(self, plan_id: str, by: str) -> Plan:
-        """Let an agent run this plan, once.
+        """Allow an agent to run this plan once.
 
         Raises:
-            NotFoundError: there is no such plan, or no more.
+            NotFoundError: the plan is unknown or has expired.
         """
         plan = self._plans.get(plan_id)
         known = {each.plan_id for each in self._plans.list_valid()}
@@ -45,7 +47,7 @@ class Approvals:
         return plan
 
     def withdraw(self, plan_id: str) -> Plan:
-        """The opposite; raises as `approve` does."""
+        """Withdraw an approval. Raises as `approve` does."""
         plan = self._plans.get(plan_id)
         self._by.pop(plan_id, None)
         return plan
@@ -58,7 +60,7 @@ class Approvals:
         """Run a plan for an agent; see `PlanService.execute`.
 
         Raises:
-            PermissionDenied: it is neither approved nor within the fence; says why.
+            PermissionDenied: the plan is neither approved nor within the fence; the error has the reason.
         """
         fence = self.permit(self._plans.get(plan_id))
         if fence is None:
@@ -69,7 +71,7 @@ class Approvals:
         """The fence within which an agent may run a plan; None for one that an operator has approved.
 
         Raises:
-            PermissionDenied: it may not.
+            PermissionDenied: an agent may not run the plan.
         """
         if self._execution == "off":
             raise PermissionDenied("agents may not move this robot: mcp.execution is off in its settings")
@@ -79,24 +81,26 @@ class Approvals:
             raise PermissionDenied(f"plan {plan.plan_id} is not approved; {ASK}")
         problem = self._beyond(plan)
         if problem:
-            raise PermissionDenied(f"plan {plan.plan_id} is not approved, and not fenced: {problem}; {ASK}")
+            raise PermissionDenied(
+                f"plan {plan.plan_id} is not approved, and not within the fence: {problem}; {ASK}"
+            )
         return self._fence
 
     def _beyond(self, plan: Plan) -> str:
-        """How a plan is beyond the settings' fence, in words; "" if it is not."""
+        """The reason why a plan is outside the fence in the settings; "" if it is within."""
         fence = self._settings
         others = sorted(plan.planners - set(fence.planners))
         if others:
             allowed = ", ".join(fence.planners)
             return f"its planner is {others[0]}, mcp.fence.planners has {allowed}"
         if deeds := plan.deeds:
-            return f"it does more than move ({deeds[0]}), and the fence is one of motions"
+            return f"it does more than move ({deeds[0]}), but the fence permits only motions"
         mass = self._robot.model.carried.mass
         if mass > fence.payload_kg:
             return f"the arm carries {mass:g} kg, mcp.fence.payload_kg is {fence.payload_kg:g} kg"
         now = time.strftime("%H:%M", time.localtime(self._clock.wall_ns() / 1e9))
         begin, end = fence.hours.split("-")
         if not (begin <= now <= end if begin <= end else now >= begin or now <= end):
-            return f"it is {now}, mcp.fence.hours is {fence.hours}"
+            return f"the time is {now}, mcp.fence.hours is {fence.hours}"
         trajectory = plan.forecast.trajectory
         return "" if trajectory is None else self._fence.breach(trajectory, self._robot.model.chain)

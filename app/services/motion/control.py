@@ -1,4 +1,4 @@
-"""The control of a robot: shown, taken, released and taken over."""
+"""Control of a robot: reading, taking, releasing, and taking it over."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class ControlStatus:
     Attributes:
         held: whether a client has control.
         holder, address: the client's name and address. None if no client has control, or if a process that
-            streams through shared memory has it: of that only `what` is known.
-        how: "explicit" with a lease, "implicit" with something that moves the arm.
-        what: that moves the arm now.
-        since: when it began, if that is known.
-        until: when a lease ends if nothing moves until then.
-        speed_fraction: how fast motions go, as a share of their planned speed.
+            streams through shared memory has it. For such a process only `what` is known.
+        how: "explicit" with a lease, "implicit" with a present motion.
+        what: the request that moves the arm now.
+        since: time when control was taken, if known.
+        until: time when a lease ends, if nothing moves until then.
+        speed_fraction: speed override, as a share of the planned speed.
     """
 
     held: bool
@@ -40,12 +40,12 @@ class ControlStatus:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What taking the control has led to.
+    """The result of taking control.
 
     Attributes:
-        token: of the lease.
+        token: token of the lease.
         former: the client that had control until now; None if control was free.
-        stopped: what that client was running and is now ended, for people.
+        stopped: the request of that client that was ended, in words.
     """
 
     token: str
@@ -54,7 +54,7 @@ class Taken:
 
 
 class ControlService:
-    """The control of one robot, for the client on whose behalf the present task runs."""
+    """Control of one robot, for the client on whose behalf the present task runs."""
 
     def __init__(self, link: RobotLink, ownership: Ownership, stopping: StopService) -> None:
         self._link = link
@@ -83,12 +83,12 @@ class ControlService:
         )
 
     async def take(self, timeout_s: float = TIMEOUT_S, *, force: bool = False, stop_s: float = 8.0) -> Taken:
-        """Take the control, or renew it.
+        """Take control, or renew it.
 
         Args:
             timeout_s: the lease ends when nothing has moved for this time.
-            force: take control over. Whatever moves the arm is ended, and the former holder is notified.
-            stop_s: timeout for the arm to stop then.
+            force: take control over. The present motion ends, and the former holder is notified.
+            stop_s: timeout for the arm to stop in that case, s.
 
         Raises:
             ConflictError: another client has control, and `force` is not set. The error names the client.
@@ -104,7 +104,7 @@ class ControlService:
         token = lease.take(client, timeout_s).token  # before the stop, so that no other client comes between
         if not former and ownership.owner is None:
             return Taken(token, None, [])
-        reason = f"{client} has taken over the control"
+        reason = f"{client} has taken control"
         for each in former:
             if each.tell is not None:
                 each.tell(reason)
@@ -114,15 +114,15 @@ class ControlService:
         return Taken(token, names, stopped.stopped)
 
     def release(self) -> None:
-        """Release control; nothing happens if it is free.
+        """Release control. Does nothing if it is free.
 
         Raises:
-            ConflictError: another client has it, or this client has lost it, with the reason.
+            ConflictError: another client has control, or this client has lost it; the error has the reason.
         """
         self._ownership.lease.release(CLIENT.get())
 
     async def set_control(self, wanted: bool) -> tuple[bool, str]:
-        """Take the control or give it back: whether that was possible, and why not."""
+        """Take or release control. Returns whether this was possible, and the reason if not."""
         try:
             if wanted:
                 await self.take()
@@ -133,24 +133,24 @@ class ControlService:
         return True, ""
 
     def drop_client(self, client: RequestClient) -> None:
-        """A WebSocket is gone, and with it the lease that it has taken."""
+        """Release the lease of a WebSocket that has closed."""
         self._ownership.lease.drop_client(client)
 
     def _require_free(self, client: RequestClient) -> None:
         lease, owner = self._ownership.lease, self._ownership.owner
         if owner is not None:
-            raise ConflictError(f"the robot is in use by {owner}; wait for it, or take over with force")
+            raise ConflictError(f"the robot is in use by {owner}; wait, or take control with force")
         if lease.current is not None:
             lease.require(RequestClient(client.name, client.address))
 
     def _former(self) -> list[RequestClient]:
-        """The clients that have control, by a lease or by a motion; each once."""
+        """The clients that have control, by a lease or by a motion, each listed once."""
         lease, moving = self._ownership.lease.current, self._ownership.moving
         clients = [each.client for each in (lease, moving) if each is not None]
         return list({id(each): each for each in clients}.values())
 
     def _moment(self, time_s: float | None) -> datetime | None:
-        """A time of the service's clock as one of the wall clock's."""
+        """Convert a time of the service's clock to wall-clock time."""
         if time_s is None:
             return None
         clock = self._link.clock

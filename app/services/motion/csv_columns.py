@@ -16,7 +16,7 @@ _JOINT_NAME = re.compile(r"(joint|velocity|acceleration)_?([0-9]{1,3})")
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Where the numbers stand: indices into a row."""
+    """The indices of the columns in a row."""
 
     names: list[str]
     time: int
@@ -29,10 +29,10 @@ def columns_of(header: list[str], joints: Sequence[str]) -> Columns:
     """The columns of a header.
 
     Args:
-        joints: the robot's names, from the base to the flange.
+        joints: names of the robot's joints, from the base to the flange.
 
     Raises:
-        InputError: naming a column that is unknown, stands twice or is missing.
+        InputError: a column is unknown, occurs twice or is missing. The error has its name.
     """
     names = [cell.strip() for cell in header]
     keys = _keys(names, joints)
@@ -45,7 +45,7 @@ def columns_of(header: list[str], joints: Sequence[str]) -> Columns:
             raise InputError(f"row 1, column {index + 1}: {unknown_key(name, [*valid, *optional])}")
         if key in places:
             raise InputError(
-                f"row 1, column {index + 1}: {name!r} names the same as {names[places[key]]!r} in column "
+                f"row 1, column {index + 1}: {name!r} means the same as {names[places[key]]!r} in column "
                 f"{places[key] + 1}"
             )
         places[key] = index
@@ -65,7 +65,7 @@ def columns_of(header: list[str], joints: Sequence[str]) -> Columns:
 
 @dataclass(frozen=True, slots=True)
 class _Keys:
-    """What the columns of a header are called, in the order of the joints."""
+    """The column names of a header, in the order of the joints."""
 
     positions: list[str]
     velocities: list[str]
@@ -73,7 +73,7 @@ class _Keys:
     numbered: bool
 
     def of(self, name: str) -> str:
-        """The key that a column's name stands for; the name itself if there is none."""
+        """The key for a column's name; the name itself if it has no key."""
         if name.lower() in TIME_NAMES:
             return TIME_NAMES[0]
         if self.numbered:
@@ -84,9 +84,10 @@ class _Keys:
 
 
 def _keys(header: list[str], joints: Sequence[str]) -> _Keys:
-    """The keys with the robot's own joint names, if the header has one of them; else those with numbers.
+    """The column names with the robot's own joint names, if the header has one of them; otherwise those with
+    joint numbers.
 
-    So `joint_1` of a robot whose joints are joint_0 to joint_5 is never taken for the first one.
+    So for a robot with joints joint_0 to joint_5, `joint_1` is never mistaken for the first joint.
     """
     own = [name.lower() for name in joints]
     numbered = own == [f"joint{n}" for n in range(1, len(own) + 1)] or not any(
@@ -100,5 +101,5 @@ def _keys(header: list[str], joints: Sequence[str]) -> _Keys:
 
 
 def brief(text: str) -> str:
-    """A text of the file, cut to a readable length."""
+    """A text from the file, cut to a readable length."""
     return text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."

@@ -17,15 +17,15 @@ from cobot.types import Waypoint
 
 MAX_ROWS = 100_000
 MAX_LINES = 200_000
-"""Blank ones too, and those of quoted cells."""
+"""Maximum number of lines, including blank lines and lines inside quoted cells."""
 CHUNK_BYTES = 1 << 20
 SEPARATORS = (";", "\t", ",")
 WHITESPACE = " "
 HEADER_BYTES = LINE_CHARACTERS = 65536
 DECIMAL_COMMAS = 1.5
-"""Ratio of the cells of a row to those of the header from which decimal commas must have cut numbers."""
-NO_DECIMAL_COMMA = "a decimal comma is understood only where semicolons separate the columns: write 0.5"
-ONE_POINT = "write numbers without separators of thousands, and all of them with the same decimal sign"
+"""Ratio of a row's cells to the header's cells above which decimal commas must have split numbers."""
+NO_DECIMAL_COMMA = "decimal commas are allowed only if semicolons separate the columns: write 0.5"
+ONE_POINT = "write numbers without thousands separators, and all with the same decimal sign"
 _DIGIT = re.compile(rb"[0-9]")
 
 
@@ -33,8 +33,8 @@ class _Numbers:
     """Reads the cells of a file.
 
     Args:
-        decimal_comma: whether numbers may have one. A file with a decimal comma in one cell has a point in
-            none: `2.000` is 2 in English and 2000 in German.
+        decimal_comma: whether numbers may have a decimal comma. A file may not mix decimal commas and points,
+            because `2.000` is 2 in English and 2000 in German.
     """
 
     def __init__(self, names: list[str], *, decimal_comma: bool) -> None:
@@ -43,7 +43,9 @@ class _Numbers:
         self._first: dict[str, str] = {}
 
     def read(self, cell: str, row: int, index: int) -> float:
-        """Raises InputError: naming the cell, what it holds and what to write."""
+        """Raises InputError: the cell is not a number. The error has the cell, its content and what to
+        write.
+        """
         place = f"row {row}, column {self._names[index]}"
         if self._decimal_comma and ("," in cell or "." in cell):
             self._require_one_sign(cell, place)
@@ -62,7 +64,9 @@ class _Numbers:
         return value
 
     def _require_one_sign(self, cell: str, place: str) -> None:
-        """`1.234,5` is refused at its first cell, other mixtures at the first cell that differs."""
+        """Require the same decimal sign in all cells. `1.234,5` is rejected at its first cell, other mixtures
+        at the first cell that differs.
+        """
         for sign in ",.":
             if sign in cell:
                 self._first.setdefault(sign, f"{brief(cell)!r} in {place}")
@@ -79,17 +83,17 @@ def read_points(
 ) -> list[Waypoint]:
     """The waypoints of a CSV file, each labelled with its row; the header is row 1.
 
-    Columns, in any order and any case: the robot's own names of the joints, or joint1 or joint_1 and so on
-    (rad); one of t, time, time_from_start (s); and optionally velocity_NAME or velocity1 ... (rad/s) and
+    Columns may be in any order and any case. Required: the robot's own joint names, or joint1 or joint_1 and
+    so on (rad); and one of t, time, time_from_start (s). Optional: velocity_NAME or velocity1 ... (rad/s) and
     acceleration_NAME or acceleration1 ... (rad/s²). With ";" as separator numbers may have a decimal comma.
 
     Args:
-        joints: the robot's names, from the base to the flange.
-        separator: None for what the header has: semicolons, tabs, commas, or else white space.
-        check: called with the first point, before the others are read; what it raises is raised.
+        joints: names of the robot's joints, from the base to the flange.
+        separator: None: the separator in the header (semicolons, tabs, commas, otherwise white space).
+        check: called with the first point, before the others are read. Its errors are passed on.
 
     Raises:
-        InputError: naming row, column and what stands there.
+        InputError: the file is invalid. The error has row, column and content.
     """
     _require_few(file)
     if separator is None:
@@ -106,12 +110,13 @@ def read_points(
 
 
 def _require_few(file: BinaryIO) -> None:
-    """Refuse a file with too many rows before a single one is taken apart, which takes a second for the most.
+    """Reject a file with too many rows before parsing it, because parsing the maximum number takes a second.
 
-    Rows are lines here, so a file with a quoted cell, which may hold a line's end, is left to `_points`.
+    This counts lines, so it skips files with quoted cells, which may contain line breaks; `_points` checks
+    them.
 
     Raises:
-        InputError: there is something behind the last row that there may be.
+        InputError: there are rows after the last permitted one.
     """
     ends = 0
     while (chunk := file.read(CHUNK_BYTES)) and b'"' not in chunk:
@@ -130,7 +135,7 @@ def _too_many(number: int) -> InputError:
 
 
 def _find_separator(file: BinaryIO) -> str:
-    """What separates the columns' names, in which none of these can stand."""
+    """The separator of the column names, which none of them can contain."""
     header = re.split(rb"[\r\n]", file.read(HEADER_BYTES), maxsplit=1)[0]
     file.seek(0)
     return next((each for each in SEPARATORS if each.encode() in header), WHITESPACE)
@@ -176,7 +181,7 @@ def _points(
 
 
 def _spaced_rows(file: BinaryIO) -> Generator[tuple[int, list[str]]]:
-    """(line number, cells) of each row of words between any white space."""
+    """(line number, cells) of each row of a file with white space as separator."""
     text = io.TextIOWrapper(file, encoding="utf-8-sig")
     number = 0
     try:
@@ -189,7 +194,7 @@ def _spaced_rows(file: BinaryIO) -> Generator[tuple[int, list[str]]]:
 
 
 def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
-    """(line number, cells) of each row; the file is read as a stream."""
+    """(line number, cells) of each row. The file is read as a stream."""
     text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
     # Spaces before a quote are not part of a value, unless they are the separator.
     reader = csv.reader(_lines(text), delimiter=separator, skipinitialspace=separator != " ", strict=True)

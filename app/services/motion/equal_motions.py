@@ -1,4 +1,4 @@
-"""Motions of several robots that begin together, last equally long and stop together."""
+"""Motions of several robots that begin together, have equal durations and stop together."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ log = logging.getLogger("cobot.sync")
 
 @dataclass(frozen=True, slots=True)
 class RobotTarget:
-    """Where a robot goes, rad, and how fast its fastest joint may be: rad/s, rad/s².
+    """The target of a robot, rad, and the limits of its fastest joint: rad/s, rad/s².
 
     Attributes:
-        stops: `RobotLink.stops` of this robot when it was asked for: a later stop is for it too.
+        stops: `RobotLink.stops` of this robot at the time of the request. A later stop ends the motion.
     """
 
     joints: Array
@@ -42,10 +42,10 @@ class RobotTarget:
 
 
 class EqualMotions:
-    """Plans such motions, starts them and sees them to their end.
+    """Plans such motions, starts them and follows them to their end.
 
     Args:
-        robots: by name; read when a motion is asked for.
+        robots: the robots by name; read for each request.
     """
 
     def __init__(self, robots: dict[str, Services]) -> None:
@@ -53,22 +53,22 @@ class EqualMotions:
         self._following: dict[str, asyncio.Task[None]] = {}
 
     async def wait(self, robots: tuple[str, ...]) -> None:
-        """Until no synchronous motion moves any of them."""
+        """Wait until no synchronous motion moves any of these robots."""
         tasks = {self._following[name] for name in robots if name in self._following}
         if tasks:
             await asyncio.wait(tasks)
 
     async def move(self, targets: dict[str, RobotTarget]) -> None:
-        """Start a motion of several robots, each as long as the slowest one's; returns when all have begun.
+        """Start a motion of several robots; all take as long as the slowest. Returns when all have begun.
 
         Raises:
-            ConflictError, NotReadyError, UnavailableError: a robot cannot move; none has moved.
-            PlanningError: a robot finds no way; none has moved.
-            ExecutionError: one was refused or stopped; all are brought to rest.
+            ConflictError, NotReadyError, UnavailableError: a robot cannot move; no robot has moved.
+            PlanningError: the motion of a robot cannot be planned; no robot has moved.
+            ExecutionError: a motion was rejected or stopped; all robots are stopped.
         """
         for name, target in targets.items():
             if self._robots[name].link.stops != target.stops:
-                raise MotionStopped(f"{name} was stopped after its part of the motion was asked for")
+                raise MotionStopped(f"{name} was stopped after its part of the motion was requested")
         with contextlib.ExitStack() as stack:
             claims: dict[str, Claim] = {}
             for name in targets:
@@ -97,7 +97,9 @@ class EqualMotions:
             task.cancel()
 
     async def _ways(self, targets: dict[str, RobotTarget], claims: dict[str, Claim]) -> dict[str, Trajectory]:
-        """Plan all robots that are not at their targets yet, and stretch each motion to the slowest one's."""
+        """Plan the motions of all robots that are not at their targets yet. Each motion is stretched to the
+        slowest one.
+        """
         planned = await asyncio.gather(
             *(self._plan(name, targets[name], claim) for name, claim in claims.items())
         )
@@ -127,7 +129,7 @@ class EqualMotions:
         return await services.motion.plan(claim, move, PLANNING_TIMEOUT_S)
 
     async def _follow(self, claims: dict[str, Claim], belongings: contextlib.ExitStack) -> None:
-        """See all to their end; one that does not await_arrival stops the others."""
+        """Follow all motions to their end. If one does not arrive, the others are stopped."""
 
         async def await_arrival(name: str, claim: Claim) -> None:
             try:
@@ -144,7 +146,7 @@ class EqualMotions:
 
 @contextlib.contextmanager
 def _in_step(overrides: list[SpeedOverride]) -> Iterator[None]:
-    """None of them pauses alone while the context lasts."""
+    """While the context is open, none of the robots pauses alone."""
     for override in overrides:
         override.others = tuple(other for other in overrides if other is not override)
     try:

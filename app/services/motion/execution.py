@@ -1,4 +1,4 @@
-"""One motion: planned, handed to rtloop, and followed until it has ended."""
+"""Execution of one motion: planning, transfer to rtloop, and following it until its end."""
 
 from __future__ import annotations
 
@@ -43,10 +43,13 @@ from cobot.types import Array, LoopMode, PlannerName
 REST_TIMEOUT_S = 5.0
 """Timeout for a motion to stop, s."""
 STATE_TIMEOUT_S = 1.5
-"""Timeout for a sign of rtloop during a motion, s: less than the two seconds within which a client must be
-informed."""
+"""Timeout for a new state from rtloop during a motion, s. It is less than two seconds, within which the
+client must be informed of a problem.
+"""
 LATEST_ANSWER_S = ACKNOWLEDGE_S + STATE_TIMEOUT_S + REST_TIMEOUT_S + 1.0
-"""How long after its timeout a motion may be answered: all its waits, and the way to the client."""
+"""Maximum delay of the answer after the motion's timeout, s: the sum of all waits, and the time for
+sending.
+"""
 WHERE = {
     MotionResult.STOPPED: "on its path",
     MotionResult.STOPPED_ASIDE: "off its path, which left no room to slow down within the limits,",
@@ -54,12 +57,12 @@ WHERE = {
 
 
 class MotionService:
-    """Has motions planned and executed, for the owner of the right to move.
+    """Plans and executes motions for the holder of a claim.
 
     Attributes:
-        scene_changed_s: when the scene was changed last, on the link's clock.
-        force_zero: from which forces count.
-        command_gripper: starts a command of the gripper that an action asks for.
+        scene_changed_s: time of the last change of the scene, on the link's clock.
+        force_zero: the zero of forces and torques.
+        command_gripper: starts the gripper command of an action.
     """
 
     def __init__(self, robot: RobotDescription, link: RobotLink, planning: PlanningService) -> None:
@@ -71,11 +74,11 @@ class MotionService:
         self.command_gripper: CommandGripper = _no_gripper
 
     async def require_ready(self) -> RobotState:
-        """A state from which a motion may start.
+        """Wait for a state from which a motion may start, and return it.
 
         Raises:
             UnavailableError: see `RobotLink.await_ready_state`.
-            ConflictError: the arm still executes a motion whose client is gone.
+            ConflictError: the arm still executes a motion whose client has disconnected.
         """
         state = await self._link.await_ready_state(STATE_TIMEOUT_S)
         if state.mode is not LoopMode.HOLD:
@@ -83,7 +86,7 @@ class MotionService:
         return state
 
     async def plan(self, claim: Claim, request: PlanRequest, timeout_s: float) -> Trajectory | None:
-        """Plan on behalf of a claim; an interruption kills the planner."""
+        """Plan for a claim. An interruption of the claim kills the planning process."""
         try:
             return await claim.run_interruptibly(self._planning.plan(request, timeout_s))
         except MotionTimeout as exc:
@@ -99,16 +102,18 @@ class MotionService:
         return place_signals(segments, ends_s, way)
 
     async def way(self, trajectory: Trajectory) -> TcpWay:
-        """The way of the TCP along a trajectory, with the present tool."""
+        """The path of the TCP along a trajectory, with the present tool."""
         return await asyncio.to_thread(TcpWay, trajectory, self._robot.model.chain)
 
     def follower(self, signals: Placed, motion_id: int, job: Job | None) -> SignalFollower:
-        """What follows the signals of a motion, or of a part of it."""
+        """A follower for the signals of a motion, or of a part of it."""
         name = "" if job is None else job.id
         return SignalFollower(self._link, signals, motion_id, self.command_gripper, name)
 
     def resting_leg(self, joints: Array) -> Leg:
-        """The motion of an arm that is there already, for its actions and conditions."""
+        """A motion of zero length for an arm that is already at the goal, so that actions and conditions have
+        a path.
+        """
         return Leg(resting(joints), self._robot.limits, None)
 
     async def start(
@@ -119,11 +124,11 @@ class MotionService:
         signals: Placed = NO_PLACED,
         followed: Callable[[int], None] | None = None,
     ) -> SignalFollower | None:
-        """Hand the motion to rtloop; it sees to it that the TCP does not leave the fence, and fires the
-        actions. Returns the follower of its signals, if it has any that the caller does not follow itself.
+        """Start the motion in rtloop, which keeps the TCP within the fence and fires the actions. Returns the
+        follower of the motion's signals, unless there are none or the caller follows them itself.
 
         Args:
-            followed: called with the number of the motion, by a caller that follows its signals itself.
+            followed: given by a caller that follows the signals itself; called with the number of the motion.
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `Commands.start`.
@@ -158,15 +163,15 @@ class MotionService:
         planned_s: float,
         signals: Placed = NO_PLACED,
     ) -> None:
-        """Have the motion under way go on with another trajectory, see `Commands.replace`.
+        """Let the present motion continue with another trajectory, see `Commands.replace`.
 
         Args:
-            planned_s: when it was planned, on the link's clock.
-            signals: actions and conditions on its way.
+            planned_s: time of planning, on the link's clock.
+            signals: actions and conditions on the trajectory.
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `Commands.replace`.
-            CollisionError: the scene has changed since; the motion goes on as it was.
+            CollisionError: the scene has changed since planning; the motion continues unchanged.
         """
         signals, checked_s = self.force_zero.applied(signals), planned_s
         if planned_s <= self.scene_changed_s:
@@ -189,7 +194,7 @@ class MotionService:
         """Check a motion again if the scene has changed since this time, on the link's clock.
 
         Raises:
-            CollisionError: it touches something now.
+            CollisionError: the motion now collides with an object.
         """
         if since_s <= self.scene_changed_s:
             await self._require_free(trajectory)
@@ -199,15 +204,15 @@ class MotionService:
         await asyncio.to_thread(checker.check_trajectory, trajectory)
 
     async def arrival(self, claim: Claim, signals: FollowsSignals | None = None) -> None:
-        """Wait until the motion has ended, at its goal or by its condition.
+        """Wait until the motion has ended, at its goal or by its condition `until`.
 
         Args:
-            signals: of the motion.
+            signals: signals of the motion.
 
         Raises:
-            ExecutionError: it did not arrive; its class and text say why.
-            ConditionNotMet: it did, but its condition was to end it.
-            UnavailableError: rtloop is gone.
+            ExecutionError: the arm did not arrive; the error's class and text have the reason.
+            ConditionNotMet: the arm arrived, although the condition `until` should have ended the motion.
+            UnavailableError: rtloop does not publish any more.
         """
         state, waits_for = await self._await_end(claim, signals)
         stopped = state.motion_result is MotionResult.MET and claim.interruption is not None
@@ -231,13 +236,13 @@ class MotionService:
         fence: Fence | None = None,
         begin_s: float = 0.0,
     ) -> None:
-        """Go back along a motion that its condition has ended, in a straight line.
+        """Move back along a motion that its condition `until` has ended, in a straight line.
 
         Args:
             begin_s: path time of the trajectory at which the motion began.
 
         Raises:
-            ExecutionError: it is not possible, or the arm has not arrived.
+            ExecutionError: the retraction is not possible, or the arm has not arrived.
         """
         contact = signals.contact
         assert contact is not None
@@ -258,14 +263,16 @@ class MotionService:
             ):  # not on the path any more, or in contact with an object of the scene
                 motion = await self.plan(claim, direct, timeout_s)
         except (PlanningError, InputError) as exc:
-            raise ExecutionError(f"stopped by its condition, and cannot go back: {exc}") from exc
+            raise ExecutionError(f"stopped by its condition, but cannot move back: {exc}") from exc
         if motion is not None:
             await self.start(claim, motion, fence)
             await self.arrival(claim)
         signals.note_retraction(contact_m - there_m)
 
     async def _await_end(self, claim: Claim, signals: FollowsSignals | None) -> tuple[RobotState, str]:
-        """The first state after the motion, and what it waited for then; an interruption has it stopped."""
+        """Wait for the first state after the motion. Returns it with the condition for which the motion
+        waited. An interruption stops the motion.
+        """
         clock, give_up_s = self._link.clock, math.inf
         begun_s, waits_for = clock.now_s(), ""
         while True:

@@ -1,4 +1,4 @@
-"""The zero of forces and torques: what is measured while nothing touches the arm."""
+"""The zero of forces and torques: their measured values while nothing touches the arm."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array, LoopMode
 
 SAMPLES, SAMPLE_S = 50, 0.004
-"""The measurements whose mean is the zero, and the time between two of them, s."""
+"""Number of measurements whose mean is the zero, and their interval, s."""
 STILL_RAD_S = 0.01
-"""Maximum velocity of a joint at rest. A force may push the arm aside, so it need not have settled."""
+"""Maximum velocity of a joint that counts as at rest, rad/s. The arm need not have settled, because a force
+may push it.
+"""
 ROWS = {Quantity.FORCE: "wrench", Quantity.TORQUE: "wrench", Quantity.JOINT: "external_effort"}
-"""What a device has to measure for a condition."""
+"""The measured values that a condition on a quantity requires from the device."""
 
 
 @dataclass(frozen=True, slots=True)
 class Zero:
-    """Attributes:
-    wrench: at the TCP in the base frame, shape (6,), N and N·m.
-    torques: on the joints, shape (dof,), N·m.
-    tool: version of the tool that the arm carried.
+    """Attributes: wrench: wrench at the TCP in the base frame, shape (6,), N and N·m. torques: external
+    torques of the joints, shape (dof,), N·m. tool: version of the tool that the arm carried.
     """
 
     wrench: Array
@@ -36,7 +36,7 @@ class Zero:
 
 
 class ForceZero:
-    """The zero of one robot. It is a setting until another one is made, or the service is restarted."""
+    """The zero of one robot. It is valid until it is set again or the service restarts."""
 
     def __init__(self, robot: RobotDescription, link: RobotLink) -> None:
         self._robot = robot
@@ -44,7 +44,7 @@ class ForceZero:
         self.zero: Zero | None = None
 
     async def make(self, timeout_s: float) -> Zero:
-        """Measure the zero, while the arm rests and nothing touches it.
+        """Measure the zero. The arm must be at rest, and nothing may touch it.
 
         Raises:
             NotSupportedError: the device measures no force.
@@ -65,10 +65,10 @@ class ForceZero:
         return self.zero
 
     def applied(self, placed: Placed) -> Placed:
-        """The signals of a motion that begins now, with the zero in them.
+        """The signals of a motion that begins now, including the zero.
 
         Raises:
-            ConflictError: they ask for the zero and there is none, or the tool has changed since.
+            ConflictError: the signals need the zero, but there is none or the tool has changed since.
         """
         until = placed.until
         if until is None or not until.from_zero:
@@ -78,7 +78,7 @@ class ForceZero:
     def _from_zero(self, condition: Condition) -> Condition:
         found = self.zero
         if found is None:
-            raise ConflictError("until.relative_to: there is no zero; POST /robot/force/zero makes one")
+            raise ConflictError("until.relative_to: there is no zero; POST /robot/force/zero sets it")
         if found.tool != self._robot.model.carried.version:
             raise ConflictError(
                 "until.relative_to: the tool has changed since the zero; POST /robot/force/zero again"
@@ -88,10 +88,10 @@ class ForceZero:
         return replace(condition, zero=zero)
 
     def require_measured(self, quantity: Quantity, what: str) -> DeviceReport:
-        """See that the device measures what a condition compares; the device.
+        """Check that the device measures the quantity of a condition. Returns the device.
 
         Raises:
-            NotSupportedError: it does not, with what it measures.
+            NotSupportedError: the device does not measure it; the error lists what it measures.
             UnavailableError: rtloop has not reported its robot.
         """
         named = self._link.device()

@@ -1,4 +1,4 @@
-"""Named frames: a tree in which each frame has a pose in another one, and the world is the root."""
+"""Named frames: a tree in which each frame has a pose in its parent. The root is the world."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ MAX_NAME = 200
 
 @dataclass(slots=True)
 class Frame:
-    """A frame and where it is in its parent."""
+    """A frame, with its pose in its parent."""
 
     parent: str
     pose: Pose
 
 
 class Frames:
-    """The tree."""
+    """The tree of frames."""
 
     def __init__(self) -> None:
         self._frames: dict[str, Frame] = {}
@@ -33,34 +33,34 @@ class Frames:
         """Add a frame.
 
         Raises:
-            ConflictError: there is one of that name.
-            InputError, NotFoundError: a wrong name, or no such parent.
+            ConflictError: a frame with this name exists.
+            InputError, NotFoundError: the name is invalid, or the parent does not exist.
         """
         if not 1 <= len(name) <= MAX_NAME:
             raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name == WORLD or name in self._frames:
-            raise ConflictError(f"there is a frame {shown(name)} already")
+            raise ConflictError(f"the frame {shown(name)} exists already")
         if len(self._frames) >= MAX_FRAMES:
-            raise LimitError(f"there are {MAX_FRAMES} frames already")
+            raise LimitError(f"there are already {MAX_FRAMES} frames, the maximum")
         self._require(parent)
         self._frames[name] = Frame(parent, pose)
 
     def attach(self, name: str, parent: str) -> None:
-        """Hang a frame, and all below it, on another one; it stays where it is in the world.
+        """Attach a frame and its descendants to another parent. Its pose in the world stays the same.
 
         Raises:
             NotFoundError: there is no such frame or parent.
-            ConflictError: the parent hangs on the frame itself.
+            ConflictError: the new parent is a descendant of the frame.
         """
         frame = self._frame(name)
         self._require(parent)
         if name in self.way_up(parent):
-            raise ConflictError(f"{shown(parent)} hangs on {shown(name)}: that would be a circle")
+            raise ConflictError(f"{shown(parent)} is attached to {shown(name)}: that would be a circle")
         frame.pose = self.between(name, parent)
         frame.parent = parent
 
     def move(self, name: str, pose: Pose, reference: str = "") -> None:
-        """Put a frame, and all below it, somewhere else; it stays on its parent.
+        """Move a frame and its descendants. Its parent stays the same.
 
         Args:
             reference: the frame of the pose, "" for the parent.
@@ -69,21 +69,21 @@ class Frames:
         if reference in ("", frame.parent):
             frame.pose = pose
         elif name in self.way_up(reference):
-            raise ConflictError(f"{shown(reference)} hangs on {shown(name)} and would move with it")
+            raise ConflictError(f"{shown(reference)} is attached to {shown(name)} and would move with it")
         else:
             frame.pose = self.between(reference, frame.parent) @ pose
 
     def remove(self, name: str) -> None:
-        """Take a frame away.
+        """Delete a frame.
 
         Raises:
-            NotFoundError: there is none.
-            ConflictError: others hang on it.
+            NotFoundError: there is no such frame.
+            ConflictError: the frame has children.
         """
         self._frame(name)
         children = self.children(name)
         if children:
-            raise ConflictError(f"on {shown(name)} hang {', '.join(children)}; take them away first")
+            raise ConflictError(f"{', '.join(children)} are attached to {shown(name)}; delete them first")
         del self._frames[name]
 
     def remove_all(self) -> None:
@@ -124,7 +124,7 @@ class Frames:
     def _frame(self, name: str) -> Frame:
         self._require(name)
         if name == WORLD:
-            raise InputError(f"{WORLD} is the root of all frames and stays where it is")
+            raise InputError(f"{WORLD} is the root of all frames and cannot be moved or deleted")
         return self._frames[name]
 
     def _require(self, name: str) -> None:

@@ -1,4 +1,4 @@
-"""What clients ask for, as goals of motions: names, joint angles, poses and arcs, in whatever frame."""
+"""Conversion of requested goals in any frame into goals of motions: names, joint angles, poses and arcs."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from cobot.robot.limits import check_positions
 from cobot.types import Array, JointLimits, NamedPosition, Pose
 
 TOOL = "tool"
-"""The frame_id of what is given in the TCP's frame."""
+"""The frame_id of poses in the TCP frame."""
 NOWHERE = pose_from_abc(*[0.0] * 6)
-"""The target of an arc by an angle, which ends wherever that leads."""
+"""Target of an arc that is given by its angle. Such an arc has no target pose."""
 
 
 class Goals:
-    """The goals of one robot: named positions and frames, and the requests to planners that follow.
+    """The goals of one robot: named positions and frames, and conversion of goals into requests to planners.
 
     Attributes:
         taught: named positions in addition to those of the SRDF, by name.
@@ -38,7 +38,7 @@ class Goals:
         """The joint angles of a named position, shape (dof,), rad.
 
         Raises:
-            InputError: there is no such position; lists the valid ones.
+            InputError: there is no such position; the error lists the valid ones.
         """
         position = self._robot.positions.get(name) or self.taught.get(name)
         if position is None:
@@ -49,16 +49,16 @@ class Goals:
     def require_joints(
         self, angles: Array, *, name: str = "joints", limits: JointLimits | None = None, checked: bool = True
     ) -> None:
-        """Require joint angles that this robot has.
+        """Require valid joint angles for this robot.
 
         Args:
-            name: of the field, for errors.
+            name: name of the field, for errors.
             limits: the robot's own, or tighter ones.
             checked: whether the limits are checked here. If not, planning checks them.
 
         Raises:
-            InputError: another number of joints than the robot has.
-            LimitError: beyond the limits.
+            InputError: the number of angles is not that of the robot's joints.
+            LimitError: an angle is beyond the limits.
         """
         limits = limits or self._robot.limits
         if len(angles) != limits.dof:
@@ -67,13 +67,13 @@ class Goals:
             check_positions(limits, angles, share=1.0)
 
     def pose(self, goal: MotionRequest, frame: str) -> MotionRequest:
-        """A goal in the base frame; one in the TCP's frame stays there until the motion begins.
+        """Convert a goal to the base frame. A goal in the TCP frame is converted only when the motion begins.
 
         Args:
-            goal: its poses and points are in `frame`: "tool", or see `frame`.
+            goal: a goal whose poses and points are in `frame`, which is "tool" or a frame of `Goals.frame`.
 
         Raises:
-            InputError: a frame that is unknown or moves, or fields that are impossible for this robot.
+            InputError: the frame is unknown or moves, or a field is impossible for this robot.
         """
         check_for_robot(goal, self._robot)
         if (frame or self._settings.default_frame) == TOOL:
@@ -82,12 +82,12 @@ class Goals:
         return goal if place is None else placed(goal, place)
 
     def placed(self, pose: Pose, frame: str) -> Pose:
-        """A pose of a frame in the base frame; raises as `frame` does."""
+        """A pose of a frame, converted to the base frame. Raises as `frame` does."""
         place = self.frame(frame)
         return pose if place is None else place @ pose
 
     def frame(self, frame: str) -> Pose | None:
-        """Where a frame is that does not move with the joints; None for the base frame itself.
+        """The pose of a frame that does not move with the joints; None for the base frame itself.
 
         Raises:
             InputError: there is no such frame, or it moves.
@@ -111,14 +111,14 @@ class Goals:
         raise InputError(f"frame_id: there is no frame {name!r}; valid are: {valid}")
 
     def request(self, goal: MotionRequest, start: Array) -> MotionRequest:
-        """The goal as a request from where the arm is, shape (dof,), rad."""
+        """The request to a planner for a goal, from the arm's position `start`, shape (dof,), rad."""
         if goal.in_tool:
             goal = placed(goal, self._robot.model.forward(start))
         return replace(goal, start=start, timeout_s=self._settings.timeout_s)
 
 
 def placed(goal: MotionRequest, frame: Pose) -> MotionRequest:
-    """A goal in the base frame, of one in a frame whose pose in the base frame is `frame`."""
+    """Convert a goal from a frame to the base frame. `frame` is the pose of that frame in the base frame."""
     via = None if goal.via is None else frame.apply(goal.via)
     arc = goal.arc
     if arc is not None:
@@ -130,10 +130,10 @@ def placed(goal: MotionRequest, frame: Pose) -> MotionRequest:
 
 
 def check_radii(goals: Sequence[MotionRequest], radii_m: Sequence[float]) -> None:
-    """There is a radius for each corner, or none at all.
+    """Check that there is one radius for each motion except the last, or none at all.
 
     Raises:
-        InputError: it is not so.
+        InputError: the number of radii is wrong.
     """
     if radii_m and len(radii_m) != len(goals) - 1:
         raise InputError(

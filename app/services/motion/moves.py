@@ -1,4 +1,4 @@
-"""Motions from the request to the arrival: planning, execution and response."""
+"""Motions from the request to the arrival: planning, execution and result."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ Join = Callable[[RobotDescription], Blended]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a motion request ended. `error` is None when the arm has arrived and settled.
+    """The result of a motion request. `error` is None if the arm has arrived and settled.
 
-    `note` is the trajectory's; `signals` is what became of its actions and conditions.
+    `note` comes from the trajectory; `signals` has the results of its actions and conditions.
     """
 
     error: CobotError | None
@@ -45,11 +45,11 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class JoinedMoves:
-    """Motions as one trajectory, and their actions and conditions.
+    """Several motions as one trajectory, with their actions and conditions.
 
     Attributes:
-        trajectory: None if the arm is there already.
-        signals: of each motion.
+        trajectory: None if the arm is already at the goal.
+        signals: signals of each motion.
         ends_s: path time at which each motion ends.
     """
 
@@ -58,15 +58,16 @@ class JoinedMoves:
     ends_s: tuple[float, ...]
 
     def to_run(self, start: Array) -> Trajectory | None:
-        """What to run from here, shape (dof,), rad: an arm that is there already rests there if there are
-        actions or conditions."""
+        """The trajectory to run from `start`, shape (dof,), rad. An arm that is already at the goal gets a
+        trajectory at rest if there are actions or conditions.
+        """
         if self.trajectory is None and any(self.signals):
             return resting(start)
         return self.trajectory
 
 
 class MoveService:
-    """Plans what is asked for and has it carried out, for the owner of the right to move."""
+    """Plans and executes requested motions for the holder of a claim."""
 
     def __init__(
         self,
@@ -83,10 +84,10 @@ class MoveService:
         self._planning = planning
 
     async def move(self, goal: MotionRequest, caller: Caller) -> Outcome:
-        """Plan, go, and return when the arm has arrived and settled, or why it has not.
+        """Plan and execute a motion. Returns when the arm has settled at the goal, or the reason why not.
 
         Raises:
-            ConflictError, UnavailableError, InputError: nothing has moved.
+            ConflictError, UnavailableError, InputError: the motion is rejected; nothing has moved.
         """
 
         async def plan_motion(claim: Claim, start: Array) -> JoinedMoves:
@@ -99,10 +100,10 @@ class MoveService:
     async def move_sequence(
         self, goals: Sequence[MotionRequest], radii_m: Sequence[float], caller: Caller
     ) -> Outcome:
-        """Plan all of them, and go through them as one motion; see `move`.
+        """Plan several motions and execute them as one; see `move`.
 
         Args:
-            radii_m: for each goal but the last: how far from it the TCP may leave its path; none: it stops.
+            radii_m: blend radius at each goal except the last; empty: the TCP stops at each goal.
         """
         check_radii(goals, radii_m)
 
@@ -128,12 +129,12 @@ class MoveService:
         """Several motions as one.
 
         Args:
-            start: where the first begins, shape (dof,), rad.
-            plan: plans one.
-            join: has a planning process join them.
+            start: start of the first motion, shape (dof,), rad.
+            plan: plans one motion.
+            join: joins the motions in a planning process.
 
         Raises:
-            PlanningError, InputError: saying which motion.
+            PlanningError, InputError: a motion cannot be planned or joined; the error has its number.
         """
         requests: list[MotionRequest] = []
         motions: list[Trajectory] = []
@@ -196,17 +197,17 @@ class MoveService:
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
     ) -> Outcome:
-        """Run a planned motion, and return when the arm has arrived, or why it has not.
+        """Run a planned motion. Returns when the arm has arrived, or the reason why it has not.
 
         Args:
             trajectory: None if there is nothing to move.
             require: raises if the commanded joints, shape (dof,), rad, are not at the start of the motion, or
-                if anything else has changed since planning. Called by the owner of the right to move.
+                if anything else has changed since planning. It is called once the claim is held.
             fence: the fence that the TCP may not leave.
             signals: actions and conditions of the motion.
 
         Raises:
-            ConflictError, UnavailableError, InputError: nothing has moved.
+            ConflictError, UnavailableError, InputError: the motion is rejected; nothing has moved.
         """
         begun_s, begun = self._clock.now_s(), _Begun(signals)
         with await self._ownership.claim_motion(caller) as claim, contextlib.ExitStack() as watch:
@@ -233,7 +234,7 @@ class MoveService:
         begun: _Begun,
         fence: Fence | None = None,
     ) -> None:
-        """Start a motion and follow it to its end. Without a waiting client its end has no timeout."""
+        """Start a motion and follow it to its end. If no client waits, there is no timeout."""
         follower = begun.follower = await self._motion.start(claim, trajectory, fence, begun.signals)
         if not caller.waits:
             watch.close()

@@ -1,4 +1,4 @@
-"""A motion or a command to the gripper that was planned, and whether all is still as it was then."""
+"""A planned motion or gripper command, and the check whether its preconditions still hold."""
 
 from __future__ import annotations
 
@@ -16,10 +16,13 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 START_TOLERANCE_RAD = 1e-6
-"""Maximum distance of a joint from the start of a plan. A plan is run unchanged, so an offset is a jump."""
+"""Maximum distance of a joint from the start of a plan. A plan is run unchanged, so an offset would be a
+jump.
+"""
 QUEUED_TOLERANCE_RAD = 1e-9
-"""Start tolerance in the queue, where a plan follows another motion without a rest. It allows for rounding
-only."""
+"""Start tolerance in the queue, where a plan follows another motion without a stop. It only allows for
+rounding.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,17 +30,17 @@ class Plan:
     """A plan that can be run.
 
     Attributes:
-        start: where it begins, shape (dof,), rad.
-        limits: of the joints, as they were when it was made.
-        made_s: when that was, on the service's clock.
-        scene: the version of the scene that it was made for.
-        tool: the version of the tool that it was made for.
+        start: start of the motion, shape (dof,), rad.
+        limits: joint limits at the time of planning.
+        made_s: time of planning, on the service's clock.
+        scene: version of the scene at the time of planning.
+        tool: version of the tool at the time of planning.
         planners: the planners that were requested.
         by: the client that requested it.
-        motions: the number of motions that it consists of.
-        to_run: the trajectory that is run; None if nothing moves, and nothing is to be done.
-        signals: actions and conditions on its way.
-        gripper: the command to the gripper that is the whole plan; None: it is a motion.
+        motions: number of motions in the plan.
+        to_run: the trajectory that is run; None if the plan has neither a motion nor an action.
+        signals: actions and conditions on the path.
+        gripper: the gripper command, if the plan is one; None for a motion.
     """
 
     plan_id: str
@@ -56,22 +59,22 @@ class Plan:
 
     @property
     def words(self) -> Iterator[str]:
-        """What it does besides the motion, for people, one sentence each."""
+        """Actions, conditions and gripper command of the plan in words, one sentence each."""
         if self.gripper is not None:
             yield self.gripper.words
         yield from self.signals.words
 
     @property
     def deeds(self) -> list[str]:
-        """What it changes besides the arm's position, in words."""
+        """The effects of the plan other than the arm's motion, in words."""
         own = [] if self.gripper is None else [self.gripper.words]
         return own + [each.action.words for each in self.signals.actions if not each.action.event]
 
     def require_unchanged(self, robot: RobotDescription) -> None:
-        """The limits, the scene and the tool are those that it was made for.
+        """Require that the limits, the scene and the tool have not changed since planning.
 
         Raises:
-            ConflictError: one is not; with what, and how it was.
+            ConflictError: one of them has changed; the error has the old and the new value.
         """
         for quantity in JointLimits.QUANTITIES:
             before, now = getattr(self.limits, quantity), getattr(robot.limits, quantity)
@@ -79,7 +82,7 @@ class Plan:
                 name = self.limits.names[int(joint)]
                 raise ConflictError(
                     f"plan {self.plan_id}: {quantity} of {name} was {before[joint]:g} when it was "
-                    f"made and is {now[joint]:g} now; allowed is no difference; plan again"
+                    f"made and is {now[joint]:g} now; a plan requires the same value; plan again"
                 )
         for what, before, now in (
             ("scene", self.scene, robot.collision.scene.version),
@@ -92,10 +95,11 @@ class Plan:
                 )
 
     def require_start(self, joints: Array, where: str = "is", most_rad: float = START_TOLERANCE_RAD) -> None:
-        """These joints, shape (dof,), rad, are where it begins; raises `ConflictError` otherwise.
+        """Require that these joints, shape (dof,), rad, are at the start of the plan. Raises `ConflictError`
+        otherwise.
 
         Args:
-            where: the arm is there, or will be.
+            where: "is" or "will be", for the message.
         """
         off = joints - self.start
         worst = int(np.abs(off).argmax())

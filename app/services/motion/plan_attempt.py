@@ -1,4 +1,4 @@
-"""One plan in the making: what it is asked for, and its time."""
+"""The making of one plan, with its options and its time limit."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from cobot.robot.limits import check_positions
 from cobot.types import Array
 
 ANSWER_S = 1.0
-"""Part of an endpoint's timeout that explaining a plan leaves for unfinished work and for the answer, s."""
+"""Part of an endpoint's timeout that the search for alternatives leaves for unfinished work and the answer,
+s.
+"""
 MIN_COMPUTE_S = 0.01
-"""Minimum time that a planning process gets, s; the endpoint's timeout may be over before."""
+"""Minimum time for a planning process, s, even if less of the endpoint's timeout is left."""
 
 Result = TypeVar("Result")
 
@@ -29,9 +31,9 @@ class PlanOptions:
     """The options of a plan, in addition to its motion.
 
     Attributes:
-        start: joint angles, rad; None for where the arm is, which has to be at rest.
-        samples: how many points of the path are answered.
-        explain: if there is no plan, try what would make one.
+        start: joint angles, rad; None: the arm's present position, at which it must be at rest.
+        samples: number of path points in the answer.
+        explain: if planning fails, search for changes that make a plan possible.
     """
 
     start: list[float] | None = None
@@ -40,10 +42,10 @@ class PlanOptions:
 
 
 class PlanAttempt:
-    """One plan in the making, within its time.
+    """The making of one plan, within its time limit.
 
     Attributes:
-        begin: where it begins, shape (dof,), rad.
+        begin: start of the plan, shape (dof,), rad.
     """
 
     def __init__(
@@ -62,11 +64,11 @@ class PlanAttempt:
         self._explain_s = explain_s if asked.explain else 0.0
 
     async def compute(self, work: Callable[[RobotDescription], Result]) -> Result:
-        """Have a planning process compute something."""
+        """Run a computation in a planning process."""
         return await self._planning.compute(work, max(self._left_s(), MIN_COMPUTE_S))
 
     async def of(self, request: MotionRequest, work: Callable[[RobotDescription], Result]) -> Result:
-        """What `work` makes of the robot; a failure is explained, if there is time."""
+        """The result of `work` for the request. A failure is explained if there is time."""
         try:
             if self.asked.start is not None and request.start is self.begin:
                 check_positions(self._robot.limits, self.begin, "start: the angle", 0.0)

@@ -1,4 +1,4 @@
-"""Planning in worker processes, so that it can neither block the service nor outlive a stop."""
+"""Planning in worker processes, so that it neither blocks the service nor continues after a stop."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cobot.trajectory import Trajectory
 
 POLL_S = 0.02
 ATTEMPTS = 2
-"""Maximum number of workers that get the same task. The task itself may be what ends them."""
+"""Maximum number of workers that get the same task. The task itself may have crashed the first one."""
 
 Result = TypeVar("Result")
 
@@ -30,13 +30,13 @@ log = logging.getLogger("cobot.planning")
 
 @dataclass(frozen=True, slots=True)
 class PlanningStatus:
-    """How the pool stands.
+    """State of the pool.
 
     Attributes:
         state: "ready", "starting" while there is no worker yet, or "failed" while none can be started.
         workers: the configured number of workers.
-        usable, busy: how many can be given a task or have one, and how many have one.
-        replaced: how many have ended, or stood still, by no act of the service.
+        usable, busy: number of workers that can work, and number of those that have a task.
+        replaced: number of workers that have ended, or were suspended, without the service's doing.
         problem: why no worker can be started; "" otherwise.
     """
 
@@ -51,16 +51,16 @@ class PlanningStatus:
 class PlanningService:
     """A pool of planning processes, each with the robot loaded.
 
-    Each robot has a pool of its own: what one has to plan does not keep another waiting.
+    Each robot has a pool of its own, so that planning for one robot does not delay another.
 
     Args:
-        config: the settings' file, None for the shipped one.
-        robot: one of its robots, None for the default one.
+        config: settings file; None: the one that ships with cobot.
+        robot: name of a robot in the settings; None: the default robot.
         blanks: see `PlanningPool`.
 
     Attributes:
-        scene: what everything is planned in.
-        tool: what everything is planned with.
+        scene: the scene for all plans.
+        tool: the tool for all plans.
     """
 
     scene = Scene()
@@ -74,7 +74,7 @@ class PlanningService:
         self._pool = PlanningPool(self._arguments, workers, blanks)
 
     def warm_up(self) -> None:
-        """Start the workers: the first plan should not wait for their imports."""
+        """Start the workers in advance, so that the first plan does not wait for their imports."""
         self._pool.start()
 
     @property
@@ -83,7 +83,9 @@ class PlanningService:
         return self._pool.usable == self._pool.size
 
     async def renew(self) -> None:
-        """Have workers that know the settings file as it is now; returns when they are there or cannot be."""
+        """Replace the workers by new ones that have read the present settings file. Returns when they run or
+        cannot be started.
+        """
         old = self._pool
         self._pool = PlanningPool(self._arguments, old.size)
         self._pool.replaced = old.replaced
@@ -94,7 +96,7 @@ class PlanningService:
 
     @property
     def status(self) -> PlanningStatus:
-        """How the pool stands now."""
+        """The present state of the pool."""
         pool = self._pool
         problem = "" if pool.usable else pool.problem
         state = "ready" if pool.usable else "failed" if problem else "starting"
@@ -105,18 +107,19 @@ class PlanningService:
         return await self.compute(partial(plan_motion, request=request), timeout_s)
 
     async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
-        """What a picklable function makes of the robot. Cancelling this kills the worker.
+        """Run a picklable function with the robot in a worker, and return its result. Cancelling this kills
+        the worker.
 
-        A function whose worker has been lost is given to another one: it has moved nothing.
+        If the worker is lost, another one runs the function. This is safe, because planning moves nothing.
 
         Args:
-            timeout_s: for all of it: until a worker is free, its work, and once more what has to be.
+            timeout_s: timeout for the wait for a free worker, the work, and a possible repetition.
 
         Raises:
             PlanningTimeout: the worker did not finish in time.
             PlanningError: the workers that had it have ended.
             UnavailableError: no worker can be started, or none was free in this time.
-            CobotError: what the function raises.
+            CobotError: errors of the function.
         """
         asked_s = asyncio.get_running_loop().time()
         while True:
@@ -124,10 +127,10 @@ class PlanningService:
             found = await self._compute(self.placed(work), timeout_s, asked_s)
             if scene is self.scene and tool is self.tool:
                 return found
-            log.info("the scene or the tool has changed meanwhile: what was planned is planned again")
+            log.info("the scene or the tool has changed during planning: planning again")
 
     def placed(self, work: Callable[[RobotDescription], Result]) -> Callable[[RobotDescription], Result]:
-        """The same, in the scene and with the tool."""
+        """Wrap a function so that it uses the present scene and tool."""
         if not self.scene.version and not self.tool.version:
             return work
         return partial(in_scene, scene=self.scene, tool=self.tool, work=work)
@@ -140,14 +143,14 @@ class PlanningService:
                 return cast(Result, await self._pool.run(work, timeout_s, asked_s))
             except TimeoutError as exc:
                 raise PlanningTimeout.after(
-                    timeout_s, f"planning took longer than {timeout_s:.1f} s and was given up; {exc}"
+                    timeout_s, f"planning took longer than {timeout_s:.1f} s and was cancelled; {exc}"
                 ) from exc
             except MemoryError as exc:
                 raise PlanningError("the planning process has no memory left for this motion") from exc
             except WorkerLost as exc:
                 if not left:
-                    raise PlanningError(f"the planning process {exc}, and so did the one before") from exc
-                log.warning("the planning process %s; what it had is planned again", exc)
+                    raise PlanningError(f"the planning process {exc}, like the one before") from exc
+                log.warning("the planning process %s; its task is repeated", exc)
         raise AssertionError("unreachable")
 
     def close(self) -> None:

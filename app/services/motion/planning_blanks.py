@@ -1,4 +1,4 @@
-"""The first planning processes: forked by the service before it has imported what they do not need."""
+"""The first planning processes. The service forks them before it imports modules that they do not need."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from cobot.launch.forked import Forked, fork_processes
 
 
 def planning_blanks(config: Path | None) -> list[Forked]:
-    """As many as the settings want, while this process has no threads; none where that is not possible: what
-    is wrong is found, and said, by who starts planning processes.
+    """Fork as many processes as the settings require, while this process has no threads yet.
+
+    Returns an empty list if this fails. The code that later starts planning processes finds and reports the
+    cause.
     """
     try:
         return fork_processes(sum(each.planning.workers for each in load_settings(config).each.values()))

@@ -131,7 +131,7 @@ def test_what_the_device_refuses_is_told_and_does_not_hide_the_others(server: Se
             await eventually(lambda: "has not been read" not in modbus.signal("stranger").problem)
             await eventually(lambda: not modbus.signal("good").problem)
             beyond = await eventually(lambda: modbus.signal("beyond").problem)
-            assert "refuses address 900: illegal address (exception 2)" in beyond
+            assert "rejects address 900: illegal address (exception 2)" in beyond
             assert (
                 await ask.fails("modbusGetSignalStatus", Code.DEVICE, signal_name="beyond")
                 == f"beyond: {beyond}"

@@ -99,7 +99,7 @@ def test_what_comes_too_late_stays_for_the_next_reader() -> None:
         async with device() as there:
             there.write(b"half a li")
             message = await there.ask.fails("serialReadLine", Code.DEVICE_TIMEOUT, timeout=0.05)
-            assert "did not come within 0.05 s" in message
+            assert "did not arrive within 0.05 s" in message
             there.write(b"ne\n")
             assert await there.ask("serialReadLine") == "half a line"
             await there.ask.fails("serialReadByteList", Code.DEVICE_TIMEOUT, number=3, timeout=0.01)
@@ -212,7 +212,7 @@ def test_a_device_of_another_kind_is_not_even_opened(
 
     async def check() -> None:
         message = await Caller(equipped(), CLASS).fails("serialOpen", Code.DEVICE, device=path)
-        assert message == f"{path}: is another kind of device than a serial port"
+        assert message == f"{path}: is not a serial port"
 
     run(check())
 

@@ -49,7 +49,9 @@ def test_a_plan_moves_no_finger_until_an_operator_has_approved_it(cell: Cell) ->
     plan = cell.agent.call("plan_gripper_move", width=0.02)
     assert plan["signals"] == ["gripper move, width 0.02 m"]
     refused = cell.agent.refused("execute", plan_id=plan["plan_id"])
-    assert "it does more than move (gripper move, width 0.02 m), and the fence is one of motions" in refused
+    assert (
+        "it does more than move (gripper move, width 0.02 m), but the fence permits only motions" in refused
+    )
     assert DEVICES["toy"].target_m == STROKE_M
     cell.asks("/robot/approve", {"plan_id": plan["plan_id"]})
     answer = cell.agent.call("execute", plan_id=plan["plan_id"])

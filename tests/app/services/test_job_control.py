@@ -141,7 +141,7 @@ def test_a_cancelled_job_leaves_the_arm_at_rest_on_its_path(run: VirtualService)
     np.testing.assert_allclose(run.joints(), here, atol=1e-3)
     again = told(run, job, "cancel")
     assert (again.status_code, again.json()["code"]) == (409, "conflict")
-    assert "has ended already: cancelled" in again.json()["detail"]
+    assert "has already ended: cancelled" in again.json()["detail"]
 
 
 def test_a_stop_cancels_a_job_with_the_stop_as_the_reason(run: VirtualService) -> None:

@@ -214,7 +214,7 @@ def test_a_take_over_ends_the_motion_and_tells_the_former_holder(run: VirtualSer
         taken = answer.json()
         assert "POST /trajectory/send" in taken["stopped"][0]
         stop = events.event("stop")
-    assert stop["data"]["reason"] == "anonymous from 127.0.0.1 has taken over the control"
+    assert stop["data"]["reason"] == "anonymous from 127.0.0.1 has taken control"
     assert (taken["held"], taken["what"]) == (True, None)
     request, taking_over = run.get("/audit?limit=2").json()["entries"]
     assert (request["what"], request["outcome"]) == ("POST /robot/control", "200")
@@ -224,7 +224,7 @@ def test_a_take_over_ends_the_motion_and_tells_the_former_holder(run: VirtualSer
         assert (each["who"], each["request"]) == ("anonymous", answer.headers["x-request-id"])
         assert each["from"].startswith("127.0.0.1:")
     line = run.get("/trajectory/logs").json()["lines"][-1]
-    assert "anonymous from 127.0.0.1 has taken over the control: the arm came to rest" in line
+    assert "anonymous from 127.0.0.1 has taken control: the arm came to rest" in line
     told = move(run, first)
     assert told.status_code == 409
     assert "was taken over by anonymous from 127.0.0.1" in told.json()["detail"]
@@ -282,12 +282,8 @@ def test_a_stream_is_told_when_it_is_taken_over(run: VirtualService) -> None:
         heard(socket, "session")
         assert run.get(PATH).json()["how"] == "implicit"
         take(run, force=True)
-        assert (
-            heard(socket, "control_lost")["reason"] == "anonymous from 127.0.0.1 has taken over the control"
-        )
-        assert (
-            heard(socket, "session_ended")["reason"] == "anonymous from 127.0.0.1 has taken over the control"
-        )
+        assert heard(socket, "control_lost")["reason"] == "anonymous from 127.0.0.1 has taken control"
+        assert heard(socket, "session_ended")["reason"] == "anonymous from 127.0.0.1 has taken control"
 
 
 def test_a_client_of_rosbridge_takes_it_is_told_and_lets_go_by_leaving(run: VirtualService) -> None:
@@ -311,7 +307,7 @@ def test_a_client_of_rosbridge_takes_it_is_told_and_lets_go_by_leaving(run: Virt
             run.until(lambda: run.get(PATH).json()["what"] is None)
             assert asked(other, True)["success"] is False
             take(run, force=True)
-            assert "has taken over the control" in heard(socket, "status")["msg"]
+            assert "has taken control" in heard(socket, "status")["msg"]
             assert moves(socket) == Code.CONFLICT
         run.ask("DELETE", PATH, headers=shown(take(run, force=True)))
         assert asked(other, True)["success"]

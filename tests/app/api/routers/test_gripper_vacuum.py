@@ -84,7 +84,7 @@ def test_a_release_blows_off_and_vacuum_that_stays_is_an_error(run: ServiceOfPla
             {"width": 0.02},
             "width is 0.02 m, but the gripper vacuum has no width: use grasp and release",
         ),
-        ("grasp", {"width": 0.02}, "has no width: leave it out"),
+        ("grasp", {"width": 0.02}, "has no width: omit it"),
         ("grasp", {"force": 5.0}, "has no force control"),
         ("grasp", {"width": "NaN"}, "width"),
     ],

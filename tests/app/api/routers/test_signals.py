@@ -144,7 +144,7 @@ def test_distances_are_lengths_of_the_path_of_the_tcp(run: WiredService) -> None
             "until.force.direction: the length",
         ),
         ({"until": {"torque": {"joint": "elbow"}}}, 422, "until.torque.joint: there is no joint 'elbow'"),
-        ({"until": {"force": {}, "relative_to": "zero"}}, 409, "POST /robot/force/zero makes one"),
+        ({"until": {"force": {}, "relative_to": "zero"}}, 409, "POST /robot/force/zero sets it"),
     ],
 )
 def test_what_is_wrong_is_said_before_anything_moves(

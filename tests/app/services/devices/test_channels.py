@@ -102,9 +102,9 @@ def test_what_does_not_come_is_told_with_the_time_and_what_has_come_stays() -> N
     async def test() -> None:
         line = Line()
         line.reader.feed_data(b"half")
-        with pytest.raises(DeviceTimeout, match=r"a device: b'\\n' did not come within 0.005 s"):
+        with pytest.raises(DeviceTimeout, match=r"a device: b'\\n' did not arrive within 0.005 s"):
             await line.channel.read_line(SHORT_S)
-        with pytest.raises(DeviceTimeout, match=r"a device: 9 bytes did not come within 0\.005 s"):
+        with pytest.raises(DeviceTimeout, match=r"a device: 9 bytes did not arrive within 0\.005 s"):
             await line.channel.read_exactly(9, SHORT_S)
         assert await line.channel.read_some(LONG_S) == b"half"
         with pytest.raises(DeviceTimeout, match="nothing came"):

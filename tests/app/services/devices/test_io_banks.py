@@ -34,7 +34,7 @@ def test_an_analog_place_takes_what_its_domain_allows(way: str) -> None:
     banks = IoBanks(simulated=True)
     banks.set_analog(way, "tool", 1, 10.0)
     assert banks.analog(way, "tool", 1).value == 10.0
-    with pytest.raises(LimitError, match=f"tool analog {way} 1 takes from 0 to 10 V, got 10.5"):
+    with pytest.raises(LimitError, match=f"tool analog {way} 1 must be from 0 to 10 V, got 10.5"):
         banks.set_analog(way, "tool", 1, 10.5)
     banks.set_domain(way, "tool", 1, 0)
     assert banks.analog(way, "tool", 1).value == 0.004  # the least current: 0 A would be a broken wire
@@ -58,7 +58,7 @@ def test_there_are_so_many_places_and_no_more(group: str) -> None:
 
 def test_a_real_arm_has_none() -> None:
     banks = IoBanks(simulated=False)
-    with pytest.raises(NotSupportedError, match="are simulated with the arm"):
+    with pytest.raises(NotSupportedError, match="exist only in simulation"):
         banks.digital("input", "tool")
     with pytest.raises(NotSupportedError):
         banks.set_analog("output", "tool", 0, 1.0)

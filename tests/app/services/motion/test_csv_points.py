@@ -189,7 +189,7 @@ def test_a_file_with_points_and_decimal_commas_is_refused_with_a_cell_of_each(
 ) -> None:
     with pytest.raises(InputError) as caught:
         read("\n".join(["joint1;joint2;t", *rows]), None, JOINTS[:2])
-    for word in [*words, "write numbers without separators of thousands"]:
+    for word in [*words, "write numbers without thousands separators"]:
         assert word in str(caught.value)
 
 
@@ -249,7 +249,7 @@ def test_other_decimal_commas_are_refused_in_so_many_words(separator: str) -> No
     row = separator.join(["0,25"] * 7 + ["1,5"])
     message = refusal(f"{HEADER.replace(',', separator)}\n{row}\n", None)
     assert message.startswith("row 2")
-    assert "a decimal comma is understood only where semicolons separate the columns: write 0.5" in message
+    assert "decimal commas are allowed only if semicolons separate the columns: write 0.5" in message
 
 
 def test_the_first_point_is_looked_at_before_the_others_are_read() -> None:

@@ -83,11 +83,11 @@ def test_what_cannot_be_is_refused() -> None:
     frames.add("a", here)
     frames.add("b", here, "a")
     for change, error, sentence in (
-        (lambda: frames.add("a", here), ConflictError, "there is a frame 'a' already"),
+        (lambda: frames.add("a", here), ConflictError, "the frame 'a' exists already"),
         (lambda: frames.add(WORLD, here), ConflictError, "there is a frame 'world' already"),
         (lambda: frames.add("", here), InputError, "a name has from 1 to 200 characters"),
         (lambda: frames.add("c", here, "z"), NotFoundError, "no frame 'z'; there are: world, a, b"),
-        (lambda: frames.remove("a"), ConflictError, "on 'a' hang b; take them away first"),
+        (lambda: frames.remove("a"), ConflictError, "b are attached to 'a'; delete them first"),
         (lambda: frames.move(WORLD, here), InputError, "world is the root"),
         (lambda: pose_of([0.0] * 5), InputError, "pose"),
     ):
@@ -102,5 +102,5 @@ def test_there_are_not_more_than_so_many() -> None:
     frames, here = Frames(), pose_of([0.0] * 6)
     for number in range(MAX_FRAMES):
         frames.add(str(number), here)
-    with pytest.raises(LimitError, match=f"there are {MAX_FRAMES} frames already"):
+    with pytest.raises(LimitError, match=f"there are already {MAX_FRAMES} frames"):
         frames.add("one more", here)

@@ -245,7 +245,7 @@ def test_what_ends_every_worker_is_given_up_after_two(
     replaced = planning.status.replaced
 
     async def check() -> None:
-        with pytest.raises(PlanningError, match=r"SIGSEGV, and so did the one before"):
+        with pytest.raises(PlanningError, match=r"SIGSEGV, like the one before"):
             await planning.compute(light_planner.end, WAIT_S)
         await until(lambda: planning.warm)
 
@@ -292,7 +292,7 @@ def test_an_interruption_ends_the_worker_and_is_no_accident(
             await asked
         with pytest.raises(
             PlanningTimeout,
-            match=r"longer than 0.2 s and was given up; 0.0 s of it went by until a process was free",
+            match=r"longer than 0.2 s and was cancelled; 0.0 s of it went by until a process was free",
         ):
             await planning.compute(work, 0.2)
         await until(lambda: planning.warm)

@@ -179,7 +179,7 @@ def test_nothing_changes_while_the_arm_moves(robot: VirtualService) -> None:
         ({"tcp": {"quaternion": [0.0] * 4}}, "tcp: the quaternion's length must be 1"),
         ({"tcp": {"a": 1.0, "quaternion": [0.0, 0.0, 0.0, 1.0]}}, "give either quaternion or a, b and c"),
         ({"shapes": {"link7": ROD}}, "is a body, site or frame of the robot"),
-        ({"shapes": {"rod": ROD | {"frame_id": "tool"}}}, "leave it out"),
+        ({"shapes": {"rod": ROD | {"frame_id": "tool"}}}, "omit it"),
         ({"gravity": [0.0, 0.0, -1.62]}, "must be the model file's 9.81 m/s²"),
         ({"weight": 1.0}, "unknown key 'weight'"),
         ({}, "nothing to change"),
