@@ -1,8 +1,8 @@
 """Keeps planning processes alive, and gives each one task at a time.
 
-Each has its own socket and shares no lock with the others, so it can be killed at any moment: by a stop, by
-a timeout, or from outside. A process that has ended, or is suspended, is replaced. Its task is lost, and the
-caller gets an error. Time is the event loop's, which does not depend on the system's clock.
+Each has its own socket and shares no lock with the others, so it can be killed at any moment: by a stop, by a
+timeout, or from outside. A process that has ended, or is suspended, is replaced. Its task is lost, and the
+caller gets an error. Times are those of the event loop, so changes of the system's clock have no effect.
 """
 
 from __future__ import annotations
@@ -25,23 +25,25 @@ from cobot.launch.process import RUN_MODULE, is_stopped
 WORKER = "app.services.motion.planning_worker"
 STDOUT = 1
 LARGE_BYTES = 65536
-"""Size from which a thread unpickles an answer. With less, changing threads takes longer than unpickling."""
+"""Size from which a thread unpickles an answer, bytes. For smaller ones, the switch of threads takes longer
+than unpickling.
+"""
 LOOK_S = 0.5
-"""Interval of checks whether a worker that is waited for is stopped, s."""
+"""Interval of checks whether a busy worker is suspended, s."""
 START_S = 60.0
-"""Time after which a worker that is not ready is given up, s."""
+"""Time after which a worker that is not ready is replaced, s."""
 BACKOFF_S = (0.2, 5.0)
-"""The first pause before a worker is started again and the longest one, s, while starts fail."""
+"""The first and the longest pause before a worker is started again, s, while starts fail."""
 
 log = logging.getLogger("cobot.planning")
 
 
 class WorkerLost(Exception):
-    """The worker of the task has ended or is suspended; the text says how."""
+    """The worker of a task has ended or is suspended; the text says which."""
 
 
 class _NotBegun(Exception):
-    """The worker was lost before it began the task."""
+    """The worker was lost before it had begun the task."""
 
 
 @dataclass(eq=False)
@@ -49,8 +51,8 @@ class _Worker:
     """A planning process and the state of its present task.
 
     Attributes:
-        answer: of the present task: whether it has returned a value or raised an error, and this value or
-            error. None without a task.
+        answer: future for the answer to the present task: whether it has returned a value or raised an error,
+            and this value or error. None without a task.
         begun: whether the process has reported that the present task has begun.
         usable: whether the process has loaded its robot and has not ended.
         dismissed: whether the pool itself has ended the process.
@@ -66,7 +68,7 @@ class _Worker:
     paused: bool = False
 
     def end(self) -> None:
-        """Kill it; a new one takes its place."""
+        """Kill the worker. A new one takes its place."""
         self.usable = False
         self.process.kill()
 
@@ -81,11 +83,12 @@ class PlanningPool:
 
     Args:
         arguments: the arguments of a worker's command line.
-        blanks: processes that are there already, to become the first workers; each is taken from the list.
+        blanks: processes that were started in advance and become the first workers. Used ones are removed
+            from the list.
 
     Attributes:
         replaced: the number of workers that have ended or were suspended without the pool's doing.
-        problem: why the last start of a worker failed; "" if it did not.
+        problem: reason why the last start of a worker failed; "" if it succeeded.
     """
 
     def __init__(self, arguments: Sequence[str], size: int, blanks: list[Forked] | None = None) -> None:
@@ -100,31 +103,33 @@ class PlanningPool:
 
     @property
     def usable(self) -> int:
-        """How many workers can be given a task, or have one."""
+        """The number of workers that have a task or can get one."""
         return sum(worker.usable for worker in self._workers)
 
     @property
     def busy(self) -> int:
-        """How many of them have one."""
+        """The number of workers that have a task."""
         return sum(worker.usable and worker.answer is not None for worker in self._workers)
 
     def start(self) -> None:
-        """Have the workers started, if they are not."""
+        """Start the workers, unless they are started."""
         if not self._keepers:
             self._keepers = [asyncio.create_task(self._keep()) for _ in range(self.size)]
 
     async def run(self, task: Task, timeout_s: float, asked_s: float | None = None) -> Any:
-        """What a worker makes of a task; raises what the task raises. Cancelling this kills the worker.
+        """Run a task in a worker and return its result. Errors of the task are passed on. Cancelling this
+        kills the worker.
 
-        A task that its worker has not begun, for it had died already or been stopped, is given to another.
+        If the worker is lost before it has begun the task, another worker gets the task.
 
         Args:
-            asked_s: when the time began, on the event loop's clock; None: now.
+            asked_s: beginning of the timeout, on the event loop's clock; None: now.
 
         Raises:
-            TimeoutError: not done in this time, with how much of it went by before a worker was free.
-            WorkerLost: the worker has ended, or is stopped, in the middle of it.
-            UnavailableError: no worker can be started, or none was free in this time.
+            TimeoutError: the task has taken too long. The error has the part of the time before a worker was
+                free.
+            WorkerLost: the worker has ended, or is suspended, during the task.
+            UnavailableError: no worker can be started, or none was free within the timeout.
         """
         asked_s = asyncio.get_running_loop().time() if asked_s is None else asked_s
         self.start()
@@ -133,10 +138,10 @@ class PlanningPool:
             try:
                 return await self._hand_over(packed, timeout_s, asked_s)
             except _NotBegun as exc:
-                log.info("a planning process %s before it had begun: another one has the task", exc)
+                log.info("a planning process %s before it had begun its task: another one gets the task", exc)
 
     async def _hand_over(self, packed: bytes, timeout_s: float, asked_s: float) -> Any:
-        """`run`, of one worker."""
+        """Like `run`, in one worker."""
         loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout_at(asked_s + timeout_s):
@@ -154,7 +159,7 @@ class PlanningPool:
             worker.dismissed = not isinstance(exc, WorkerLost)
             worker.end()
             if isinstance(exc, TimeoutError):
-                raise TimeoutError(f"{waited_s:.1f} s of it went by until a process was free") from None
+                raise TimeoutError(f"{waited_s:.1f} s of this passed until a process was free") from None
             if isinstance(exc, WorkerLost) and not worker.begun:
                 raise _NotBegun(exc) from None
             raise
@@ -174,7 +179,7 @@ class PlanningPool:
             worker.end()
 
     async def _wait_for_worker(self) -> _Worker:
-        """A worker without a task, once there is one."""
+        """Wait for a worker without a task."""
         while True:
             try:
                 async with asyncio.timeout(LOOK_S):
@@ -196,10 +201,10 @@ class PlanningPool:
             if not worker.usable:
                 raise WorkerLost(f"(pid {worker.process.pid}) has ended")
             if worker.stands_still():
-                raise WorkerLost(f"(pid {worker.process.pid}) is stopped")
+                raise WorkerLost(f"(pid {worker.process.pid}) is suspended")
 
     async def _keep(self) -> None:
-        """Have one worker there, for ever."""
+        """Keep one worker running, for ever."""
         pause_s, longest_s = BACKOFF_S
         while True:
             try:
@@ -212,10 +217,10 @@ class PlanningPool:
                 await asyncio.sleep(pause_s)
 
     async def _live(self) -> bool:
-        """One worker from its start to its end; whether it could be used.
+        """Run one worker from its start to its end. Returns whether it became usable.
 
         Raises:
-            OSError: it cannot be started.
+            OSError: the worker cannot be started.
         """
         worker, reader = await self._start_worker()
         self._workers.add(worker)
@@ -264,7 +269,7 @@ class PlanningPool:
         return _Worker(process, writer), reader
 
     def _launch(self, descriptor: int) -> subprocess.Popen[bytes] | Forked:
-        """A process with this end of its socket."""
+        """Start a process with this end of its socket."""
         command = [*self._command, "--fd", str(descriptor)]
         while self._blanks:
             blank = self._blanks.pop()
@@ -278,7 +283,7 @@ class PlanningPool:
         )
 
     def _note_end(self, worker: _Worker, began: bool) -> None:
-        """Report it to the waiting tasks and to the log."""
+        """Report the end of a worker to the waiting tasks and to the log."""
         ending = _ending(worker.process.wait())
         how = f"(pid {worker.process.pid}) {ending}"
         if worker.answer is not None and not worker.answer.done():
@@ -290,7 +295,7 @@ class PlanningPool:
             log.warning("a planning process %s and is replaced", how)
 
     def _fail(self, why: str) -> None:
-        problem = f"a planning process {why}; it is tried again"
+        problem = f"a planning process {why}; cobot tries again"
         if problem != self.problem:
             log.error("%s", problem)
         self.problem = problem
@@ -309,7 +314,7 @@ def _ending(status: int) -> str:
 
 
 async def _message(reader: asyncio.StreamReader) -> bytes:
-    """The pickle of the next message.
+    """Read the pickle of the next message.
 
     Raises:
         asyncio.IncompleteReadError: the other end is closed.

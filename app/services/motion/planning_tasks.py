@@ -1,7 +1,7 @@
-"""What a planning process is asked to compute: functions that are pickled by their name.
+"""Tasks of the planning processes: functions that are pickled by their names.
 
-They alone import the planners and the cycle, when they are called: the service, which only names them, does
-without scipy.
+Only these functions import the planners and the cycle, and only when they are called. So the service, which
+refers to them by name, does not load scipy.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def plan_motion(robot: RobotDescription, request: PlanRequest) -> Trajectory | N
 def in_scene(
     robot: RobotDescription, scene: Scene, tool: Tool, work: Callable[[RobotDescription], Result]
 ) -> Result:
-    """Some work of a robot in a scene with a tool, which come along: a process that has just begun knows
-    neither.
+    """Run a task for a robot in a scene with a tool. Both are part of the message, because a new process
+    knows neither.
     """
     if robot.model.carried.version != tool.version + scene.loads:
         robot.model.carry(tool, scene)
@@ -97,7 +97,7 @@ def extend_stretch(
     """See `cobot.planners.blending.prolonged.extend_stretch`.
 
     Args:
-        times_s: now, and before which nothing may change.
+        times_s: the present path time, and the path time before which nothing may change.
     """
     from cobot.planners.blending.prolonged import extend_stretch
     from cobot.planners.rated import with_envelope
@@ -111,7 +111,7 @@ def join_motions(
     motions: Sequence[Trajectory],
     radii_m: Sequence[float],
 ) -> Blended:
-    """See `cobot.planners.blending.joined.joined`: motions as they have been planned for these requests."""
+    """See `cobot.planners.blending.joined.joined`. `motions` were planned for these requests."""
     from cobot.planners.blending.joined import joined, leg_of
 
     pairs = zip(requests, motions, strict=True)
@@ -148,17 +148,17 @@ def draw_picture(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
 
 
 def read_recorded_path(robot: RobotDescription, path: Path, samples: int) -> RecordedPath:
-    """See `cobot.recording.reader.read_path`; and where the TCP was.
+    """See `cobot.recording.reader.read_path`. Adds the poses of the TCP.
 
     Raises:
-        InputError: it is of an arm with another number of joints.
+        InputError: the recording is of an arm with another number of joints.
     """
     from cobot.recording.reader import read_path
 
     found = read_path(path, samples)
     dof = found.joints.shape[1]
     if dof != robot.limits.dof:
-        raise InputError(f"{path.name}: is of an arm with {dof} joints, this one has {robot.limits.dof}")
+        raise InputError(f"{path.name}: the recorded arm has {dof} joints, this one has {robot.limits.dof}")
     return replace(found, poses=robot.model.poses(found.joints))
 
 

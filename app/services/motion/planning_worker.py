@@ -1,9 +1,9 @@
 """`python -m app.services.motion.planning_worker`: a process that computes one task after the other.
 
-It shares nothing with the service but the socket that it has inherited, so it may be killed at any moment. On
-it go pickles, each after its length in 8 bytes: a function of the robot comes; that it has begun, which is a
-message of nothing, and whether it has returned and what, or what it has raised, go. The first message says
-that the robot is loaded.
+It shares only an inherited socket with the service, so it may be killed at any moment. Messages are pickles,
+each preceded by its length in 8 bytes. The process first reports that the robot is loaded. Then it receives
+functions of the robot. For each, it sends an empty message when it begins, and then the answer: whether the
+function has returned, and its result or its error.
 """
 
 from __future__ import annotations
@@ -26,17 +26,19 @@ from cobot.launch.process import Niceness, be, die_with_parent, in_words
 
 LENGTH = struct.Struct("=Q")
 Task = Callable[[Any], Any]
-"""What is asked of a worker: a picklable function of `cobot.robot.description.RobotDescription`."""
+"""A task of a worker: a picklable function of `cobot.robot.description.RobotDescription`."""
 
 
 def message(content: object) -> bytes:
-    """What goes over the socket."""
+    """The bytes of a message."""
     packed = pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
     return LENGTH.pack(len(packed)) + packed
 
 
 def main() -> int:
-    """Work until the service goes; the exit status: 0, or 2 when the robot cannot be loaded."""
+    """Work until the service closes the socket. Returns the exit status: 0, or 2 if the robot cannot be
+    loaded.
+    """
     parser = argparse.ArgumentParser(prog="python -m app.services.motion.planning_worker")
     parser.add_argument("--config", type=Path)
     parser.add_argument("--robot")
@@ -89,7 +91,7 @@ def _send(channel: BinaryIO, content: bytes) -> None:
 
 
 def _receive(channel: BinaryIO) -> bytes | None:
-    """Read the pickle of the next message; None when the channel has ended."""
+    """Read the pickle of the next message; None if the channel was closed."""
     head = channel.read(LENGTH.size)
     if len(head) < LENGTH.size:
         return None

@@ -1,4 +1,4 @@
-"""Motions and commands to the gripper that are planned now and perhaps run later."""
+"""Motions and gripper commands that are planned now and may be run later."""
 
 from __future__ import annotations
 
@@ -54,16 +54,18 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 DRAW_S = 10.0
-"""Maximum time that a picture waits for others, and for a process, s. It takes a fiftieth of that."""
+"""Timeout for a picture, including the wait for other pictures and for a process, s. Drawing takes a fiftieth
+of it.
+"""
 
 
 class PlanService:
-    """Makes plans and keeps the newest of them, in memory: after a restart of the service there are none.
+    """Makes plans and keeps the newest of them in memory. A restart of the service deletes them.
 
-    One is made at a time, so that they leave planning processes to the motions.
+    Plans are made one at a time, so that planning processes remain free for motions.
 
     Attributes:
-        command_gripper: runs a command to the gripper, and returns why it has failed, or None.
+        command_gripper: runs a gripper command, and returns the reason of its failure, or None.
     """
 
     command_gripper: Callable[[GripperRequest, Caller], Awaitable[CobotError | None]]
@@ -98,12 +100,12 @@ class PlanService:
         """Plan one motion, or several as one; nothing moves.
 
         Args:
-            radii_m: as for `MoveService.move_sequence`.
+            radii_m: as in `MoveService.move_sequence`.
 
         Raises:
-            ConflictError: the arm moves and there is no `start`.
-            InputError, PlanningError, UnavailableError: as for a motion; with an `explanation`, if it is
-                asked for and the error has findings.
+            ConflictError: the arm moves and no `start` is given.
+            InputError, PlanningError, UnavailableError: as for a motion. They have an `explanation` if it is
+                requested and the error has findings.
         """
         check_radii(goals, radii_m)
         begin = await self._present() if asked.start is None else self._read_start(asked.start)
@@ -125,7 +127,8 @@ class PlanService:
         )
 
     async def make_gripper(self, request: GripperRequest, samples: int, timeout_s: float) -> Plan:
-        """Plan a command to the gripper; nothing moves. The arm has to be where it is now when it is run.
+        """Plan a gripper command; nothing moves. When the plan is run, the arm must be at its present
+        position.
 
         Raises:
             ConflictError: the arm moves.
@@ -138,7 +141,7 @@ class PlanService:
         return self._keep(begin, found, deepcopy(self._robot.limits), gripper=request)
 
     def _keep(self, begin: Array, found: Forecast, limits: JointLimits, **fields: Any) -> Plan:
-        """Keep a plan that has been made in the present scene, with the present tool."""
+        """Keep a plan that was made in the present scene with the present tool."""
         made_s, number = self._clock.now_s(), f"plan_{secrets.token_hex(8)}"
         scene, tool = self._robot.collision.scene.version, self._robot.model.tool.version
         plan = Plan(number, begin, found, limits, made_s, scene, tool, by=acting.get().name, **fields)
@@ -164,11 +167,11 @@ class PlanService:
         return await attempt.compute(work), course
 
     async def picture(self, plan_id: str) -> bytes:
-        """A plan as a PNG. One is drawn at a time, as one is made.
+        """A picture of a plan, as PNG. Pictures are drawn one at a time.
 
         Raises:
             NotFoundError: see `get`.
-            UnavailableError: others are being drawn, or all planning processes have something to do.
+            UnavailableError: other pictures are being drawn, or all planning processes are busy.
         """
         found = self.get(plan_id).forecast
         try:
@@ -195,7 +198,7 @@ class PlanService:
         """A plan that can be run.
 
         Raises:
-            NotFoundError: there is no such plan, or no more.
+            NotFoundError: the plan is unknown or has expired.
         """
         self._forget()
         plan = self._plans.get(plan_id)
@@ -207,15 +210,16 @@ class PlanService:
         return plan
 
     async def execute(self, plan_id: str, caller: Caller, fence: Fence | None = None) -> Outcome:
-        """Run a plan; it is kept, so that it can be run again from where it begins.
+        """Run a plan. It is kept, so that it can be run again from its start.
 
         Args:
-            fence: that the TCP may not leave.
+            fence: fence that the TCP may not leave.
 
         Raises:
-            NotFoundError: there is no such plan, or no more.
-            ConflictError: the arm or a limit has changed; with what, by how much and what is allowed.
-            ConflictError, UnavailableError: another client moves the arm, or it is not ready.
+            NotFoundError: the plan is unknown or has expired.
+            ConflictError: the arm's position or a limit has changed. The error has the change and the allowed
+                deviation.
+            ConflictError, UnavailableError: another client moves the arm, or the arm is not ready.
         """
         plan = self.get(plan_id)
 
@@ -233,19 +237,19 @@ class PlanService:
     async def rehearse(
         self, plan_id: str, gone: asyncio.Event, timeout_s: float
     ) -> tuple[Plan, Rehearsal | None]:
-        """Run a plan on a simulated copy of the robot, in a planning process; the robot does not move. One is
-        rehearsed or made at a time.
+        """Dry run: run a plan on a simulated copy of the robot, in a planning process. The robot does not
+        move. Only one plan at a time is made or run this way.
 
         Args:
-            gone: set when the client goes away: the process then has something else to do.
+            gone: set when the client disconnects; then the dry run ends.
 
         Returns:
-            The plan, and what it did; None if it has nothing to move.
+            The plan, and the result of the dry run; None if the plan does not move the arm.
 
         Raises:
-            NotFoundError: there is no such plan, or no more.
-            ConflictError: a limit, the scene or the tool is not what it was.
-            MotionStopped: the client has gone.
+            NotFoundError: the plan is unknown or has expired.
+            ConflictError: a limit, the scene or the tool has changed.
+            MotionStopped: the client has disconnected.
             PlanningError, PlanningTimeout, UnavailableError: see `PlanningService.compute`.
         """
         plan = self.get(plan_id)
@@ -281,15 +285,15 @@ class PlanService:
             self._turn.release()
 
     def queue_request(self, plan_id: str, job: Job, radius_m: float) -> QueueRequest:
-        """A plan that is to be run in its turn, if all is as it was then too.
+        """The request to queue a plan. It is checked again when its turn comes.
 
         Raises:
-            NotFoundError: there is no such plan, or no more.
-            ConflictError: a limit, the scene or the tool is not what it was.
+            NotFoundError: the plan is unknown or has expired.
+            ConflictError: a limit, the scene or the tool has changed.
         """
         plan = self.get(plan_id)
         if plan.gripper is not None:
-            raise InputError(f"plan {plan_id}: commands the gripper, which motions in the queue do not do")
+            raise InputError(f"plan {plan_id}: is a gripper command, which cannot be queued")
         trajectory, same = plan.forecast.trajectory, partial(plan.require_unchanged, self._robot)
         same()
 
@@ -318,10 +322,10 @@ class PlanService:
         try:
             return np.array((await self._motion.require_ready()).commanded_position)
         except ConflictError as exc:
-            raise ConflictError(f"{exc}; give `start` to plan meanwhile") from exc
+            raise ConflictError(f"{exc}; give `start` to plan while the arm moves") from exc
 
     def _forget(self) -> None:
-        """Remove the plans that are too many or too old."""
+        """Remove plans that are too old, and the oldest beyond the maximum number."""
         oldest_s = self._clock.now_s() - self.lifetime_s
         while self._plans:
             first = next(iter(self._plans.values()))

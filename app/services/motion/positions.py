@@ -1,4 +1,4 @@
-"""Named positions: those of the SRDF, which never change here, and those that people have taught."""
+"""Named positions: those of the SRDF, which never change, and taught ones."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cobot.types import NamedPosition
 
 MAX_TAUGHT = 200
 TAUGHT = "taught"
-"""The group of a position that is in no SRDF."""
+"""The group of a position that is not in the SRDF."""
 STATE_TIMEOUT_S = 1.5
 SPOILT = ".spoilt-"
 _FILE = TypeAdapter(dict[str, NamedPosition])
@@ -33,7 +33,7 @@ class PositionService:
     """The positions of one robot.
 
     Args:
-        file: where those that were taught are kept.
+        file: file with the taught positions.
     """
 
     def __init__(self, robot: RobotDescription, link: RobotLink, goals: Goals, file: Path) -> None:
@@ -49,11 +49,13 @@ class PositionService:
 
     @property
     def problem(self) -> str:
-        """What was wrong with the file, as long as what was set aside lies there; "" if nothing was."""
+        """The problem of the file, as long as the file that was set aside exists; "" without a problem."""
         return self._problem if self._aside is not None and self._aside.exists() else ""
 
     def all(self) -> list[NamedPosition]:
-        """All positions, those of the SRDF first. They replace taught ones with the same name."""
+        """All positions, those of the SRDF first. They take precedence over taught ones with the same
+        name.
+        """
         own = self._robot.positions
         taught = [each for name, each in self._goals.taught.items() if name not in own]
         return [*own.values(), *taught]
@@ -61,15 +63,15 @@ class PositionService:
     async def teach(
         self, name: str, joints: list[float] | None, description: str, label: str = ""
     ) -> NamedPosition:
-        """Give a place a name, or a name another place; it is on the disk when this returns.
+        """Store a position under a new or an existing name. It is on disk when this returns.
 
         Args:
-            joints: rad; None for where the arm is.
+            joints: joint positions, rad; None: the arm's present position.
 
         Raises:
-            InputError, LimitError: no possible joints.
-            ConflictError: the name is the SRDF's, or there are too many already.
-            UnavailableError: the arm's joints are not known, or the disk takes nothing.
+            InputError, LimitError: the joint positions are invalid.
+            ConflictError: the SRDF has this name, or there are too many positions.
+            UnavailableError: the arm's joint positions are unknown, or the file cannot be written.
         """
         if name in self._robot.positions:
             raise ConflictError(f"name: {shown(name)} is a position of the SRDF; take another name")
@@ -80,18 +82,20 @@ class PositionService:
         async with self._turn:
             taught = dict(self._goals.taught)
             if name not in taught and len(taught) >= MAX_TAUGHT:
-                raise ConflictError(f"{MAX_TAUGHT} positions are taught already; remove one")
+                raise ConflictError(
+                    f"there are already {MAX_TAUGHT} taught positions, the maximum; remove one"
+                )
             made = taught[name] = NamedPosition(name, TAUGHT, tuple(joints), description, label)
             await self._keep(taught)
         self._link.events.publish("positions", what="taught", name=name)
         return made
 
     async def forget(self, name: str) -> None:
-        """Remove one that was taught.
+        """Delete a taught position.
 
         Raises:
-            NotFoundError: there is none of this name.
-            UnavailableError: the disk takes nothing.
+            NotFoundError: there is no taught position with this name.
+            UnavailableError: the file cannot be written.
         """
         async with self._turn:
             taught = dict(self._goals.taught)
@@ -108,7 +112,7 @@ class PositionService:
     def _read(self) -> dict[str, NamedPosition]:
         """Read the file. A damaged file is set aside, and its valid positions are written to a new file.
 
-        The arm can be moved without it, so the service starts nevertheless.
+        The arm can be moved without the file, so the service starts in any case.
         """
         try:
             found = _FILE.validate_json(read_kept(self._file))
@@ -137,7 +141,8 @@ class PositionService:
             return f"has {len(position.joints)} joints, this arm has {dof}"
         if not all(map(math.isfinite, position.joints)):
             return f"has joints that are not numbers: {shown(position.joints)}"
-        return "" if position.name == name else f"is called {shown(position.name)} too"
+        return "" if position.name == name else f"has the name {shown(position.name)}, which another "
+        f"position has too"
 
     def _set_aside(self, why: str) -> None:
         aside = next(
@@ -148,7 +153,7 @@ class PositionService:
         self._problem = f"taught positions: {self._file}: {why}"
         try:
             self._file.rename(aside)
-            self._problem += f"; it was set aside as {aside.name}: remove that when you have looked"
+            self._problem += f"; it was set aside as {aside.name}: remove that file once you have checked it"
             self._aside = aside
         except OSError as exc:
             self._problem += f"; it cannot be set aside: {exc.strerror}"
@@ -156,11 +161,11 @@ class PositionService:
         log.error("%s", self._problem)
 
     def _set_aside_before(self) -> None:
-        """Go on telling of it, if there was a restart meanwhile."""
+        """Report an earlier file again that was set aside before a restart."""
         found = sorted(self._file.parent.glob(f"{self._file.name}{SPOILT}*"))
         if found and self._aside is None:
             self._aside = found[-1]
             self._problem = (
-                f"taught positions: {self._aside} was set aside, for it could not be taken over; the log of "
-                "that start says why: remove it when you have looked"
+                f"taught positions: {self._aside} was set aside because it could not be read; the log of "
+                f"that start has the reason: remove it once you have checked it"
             )

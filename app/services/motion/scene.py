@@ -1,4 +1,4 @@
-"""The scene of one robot: changed as a whole, kept in its file, and in force at once for all planning."""
+"""The scene of one robot: changed as a whole, stored in a file, and used at once for all planning."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ log = logging.getLogger("cobot.scene")
 
 @dataclass(frozen=True, slots=True)
 class Changed:
-    """What a change has done.
+    """The result of a change to the scene.
 
     Attributes:
-        stopped: why the motion under way was stopped; "" if it goes on, or there was none.
-        contacts: what the arm touches where it is.
+        stopped: reason why the present motion was stopped; "" if it continues, or there was none.
+        contacts: bodies and objects that the arm touches at its present position.
     """
 
     scene: Scene
@@ -61,13 +61,14 @@ class Changed:
 
 
 class SceneService:
-    """Changes come one after the other. Each is on the disk before it counts, and counts before its answer.
+    """The scene. Changes are made one after the other. Each change is first written to disk, then applied,
+    then answered.
 
     Attributes:
-        turn: held while something changes what the collision checker knows.
+        turn: lock that is held while the data of the collision checker changes.
 
     Raises:
-        ConfigError: the file is no scene.
+        ConfigError: the file is not a valid scene.
     """
 
     def __init__(
@@ -103,7 +104,7 @@ class SceneService:
         return self._robot.collision.scene
 
     def put_object(self, name: str, item: SceneObject, frame: str) -> Edit:
-        """Add a solid, or replace it; `item.pose` is in `frame`."""
+        """Add or replace a solid. `item.pose` is in `frame`."""
         self._require_own_name(name)
         if item.inertia is not None:
             check_inertia(f"objects.{name}.inertia", symmetric(item.inertia), item.mass)
@@ -119,7 +120,7 @@ class SceneService:
         return edit
 
     def move_object(self, name: str, pose: Numbers7, frame: str) -> Edit:
-        """Place an object elsewhere; `pose` is in `frame`. Its shape, size and mass stay."""
+        """Move an object. `pose` is in `frame`. Shape, size and mass stay."""
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             item = named(scene, name)
@@ -131,7 +132,9 @@ class SceneService:
         return edit
 
     def put_frame(self, name: str, pose: Numbers7, frame: str) -> Edit:
-        """Name a place; `pose` is in `frame`, and stays where that is now."""
+        """Add or move a named frame. `pose` is in the present pose of `frame`, and stays there if `frame`
+        moves later.
+        """
         self._require_own_name(name)
 
         def edit(scene: Scene, hand: Pose) -> Scene:
@@ -142,7 +145,7 @@ class SceneService:
         return edit
 
     def allow(self, pairs: list[tuple[str, str]]) -> Edit:
-        """Have these pairs of bodies or objects touch, and no others."""
+        """Allow these pairs of bodies or objects to touch, and no others."""
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             for pair in pairs:
@@ -152,12 +155,12 @@ class SceneService:
         return edit
 
     def attach(self, name: str, touch: list[str]) -> Edit:
-        """From now on it moves with the TCP, from where both are now."""
+        """Attach an object: from now on it moves with the TCP, with its present pose relative to the TCP."""
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             item = named(scene, name)
             if item.attached:
-                raise ConflictError(f"the object {shown(name)} is attached already")
+                raise ConflictError(f"the object {shown(name)} is already attached")
             self._require_known(scene, touch)
             pose = (hand.inverse() @ Pose.from_numbers(item.pose)).numbers
             held = replace(item, pose=pose, attached=True, touch=tuple(touch))
@@ -168,18 +171,19 @@ class SceneService:
     async def change(
         self, edits: Sequence[Edit], *, moves_hand: bool, name: str = "a change of the scene"
     ) -> Changed:
-        """Make all of these changes at once, in their order, or none.
+        """Make all of these changes in their order, or none of them.
 
         Args:
-            moves_hand: something is attached or detached, so the arm has to rest.
-            name: of the request, for people.
+            moves_hand: whether an object is attached or detached, which requires the arm at rest.
+            name: displayed name of the request.
 
         Raises:
-            InputError: a name is the robot's, there is no such frame, or MuJoCo refuses it.
-            LimitError: there are too many, or the arm may or can not hold what it would carry.
+            InputError: the robot has a part with this name, the frame is unknown, or MuJoCo rejects the
+                scene.
+            LimitError: there are too many objects, or the load is too heavy for the arm.
             NotFoundError: there is no such object, frame or body.
-            ConflictError: another client has control; or something is attached already, or not; or the arm
-                moves; or a streaming session is active.
+            ConflictError: another client has control, the object is already attached or not attached, the arm
+                moves, or a streaming session is active.
             UnavailableError: the file cannot be written, or the robot does not answer.
         """
         async with self.turn:
@@ -187,7 +191,8 @@ class SceneService:
             state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
             if moves_hand and state.mode not in RESTING:
                 raise ConflictError(
-                    f"the arm moves (mode {state.mode.name}): attach and detach only while it rests"
+                    f"the arm moves (mode {state.mode.name}): objects can be attached and detached only "
+                    f"while it is at rest"
                 )
             if state.mode in STREAMING:
                 raise ConflictError(
@@ -204,7 +209,7 @@ class SceneService:
             return await self._carry(replace(scene, loads=self.scene.loads + 1), state, name)
 
     def _with_fixtures(self, scene: Scene, edits: Sequence[Edit]) -> Scene:
-        """The scene with the fixtures of the cell, which are kept when it is cleared.
+        """The scene with the fixtures of the cell, which stay even if the scene is cleared.
 
         Raises:
             ConflictError: an edit changes a fixture.
@@ -217,10 +222,10 @@ class SceneService:
         return replace(scene, objects={**scene.objects, **fixed})
 
     async def _carry(self, scene: Scene, state: RobotState, name: str) -> Changed:
-        """Take over a scene that changes what the arm carries: nothing moves or is planned meanwhile."""
+        """Apply a scene that changes the load of the arm. Nothing moves or is planned meanwhile."""
         if state.mode not in RESTING:
             raise ConflictError(
-                f"the arm moves (mode {state.mode.name}): what it carries changes only while it rests"
+                f"the arm moves (mode {state.mode.name}): its load can be changed only while it is at rest"
             )
         caller = Caller(name, CLIENT.get().sequence, self._ownership.stops, math.inf, asyncio.Event())
         with self._ownership.claim(caller):
@@ -259,13 +264,15 @@ class SceneService:
             await self.send_load(self._robot.model.tool, scene)
 
     async def send_load(self, tool: Tool, scene: Scene) -> None:
-        """Have rtloop carry a tool, with what is attached in a scene; raises as `Commands.set_tool`."""
+        """Send rtloop the load: a tool, and the attached objects of a scene. Raises as
+        `Commands.set_tool`.
+        """
         tcp = self._robot.model.tcp_in_flange(tool)
         load, mounted = (carrying(tool, each, tcp) for each in (scene, scene.without(self._parts)))
         await self._link.commands.set_tool(load, mounted, scene.version)
 
     async def _stop_if_invalid(self, checker: CollisionChecker) -> str:
-        """Stop the motion under way if what is left of it touches something now; why."""
+        """Stop the present motion if its remaining path now collides. Returns the reason, or ""."""
         state, handed_over = self._link.state(), self._link.commands.handed_over
         if handed_over is None or (state.mode in RESTING and state.motion_id == handed_over[0]):
             return ""
@@ -278,9 +285,7 @@ class SceneService:
         try:
             await asyncio.to_thread(checker.check_trajectory, left)
         except CollisionError as exc:
-            why = (
-                f"the scene has changed (version {checker.scene.version}): what is left of the motion: {exc}"
-            )
+            why = f"the scene has changed (version {checker.scene.version}): the remaining motion: {exc}"
             log.warning("motion %d is stopped: %s", motion_id, why)
             try:
                 await self._stopping.stop_motion(why)
@@ -290,7 +295,7 @@ class SceneService:
         return ""
 
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
-        """In the base frame, also of a frame that the same change has made."""
+        """The pose in the base frame. `frame` may have been made by the same change."""
         if frame in scene.frames:
             return (Pose.from_numbers(scene.frames[frame]) @ Pose.from_numbers(pose)).numbers
         return self._goals.placed(Pose.from_numbers(pose), frame).numbers

@@ -1,4 +1,4 @@
-"""What may be changed in a scene without the robot: each an `Edit`."""
+"""Changes of a scene that do not need the robot. Each function makes an `Edit`."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Edit = Callable[[Scene, Pose], Scene]
 
 
 def clear(scene: Scene, hand: Pose) -> Scene:
-    """Remove all of it."""
+    """Remove all objects, frames and allowed pairs."""
     return Scene(version=scene.version, loads=scene.loads)
 
 
 def remove_object(name: str) -> Edit:
-    """Take a solid away, attached or not."""
+    """Remove a solid, attached or not."""
 
     def edit(scene: Scene, hand: Pose) -> Scene:
         named(scene, name)
@@ -31,7 +31,7 @@ def remove_object(name: str) -> Edit:
 
 
 def remove_frame(name: str) -> Edit:
-    """Forget a named place."""
+    """Remove a named frame."""
 
     def edit(scene: Scene, hand: Pose) -> Scene:
         if name not in scene.frames:
@@ -43,7 +43,7 @@ def remove_frame(name: str) -> Edit:
 
 
 def detach(name: str) -> Edit:
-    """From now on it stands where it is."""
+    """Detach an object, which then stays where it is."""
 
     def edit(scene: Scene, hand: Pose) -> Scene:
         item = named(scene, name)
@@ -57,19 +57,19 @@ def detach(name: str) -> Edit:
 
 
 def require_room(objects: dict[str, SceneObject]) -> None:
-    """Refuse more solids than a scene may have."""
+    """Reject a scene with more solids than allowed."""
     count = sum(each.solids for each in objects.values())
     if count > MAX_SOLIDS:
         largest = sorted(objects, key=lambda name: -objects[name].solids)[:3]
         held = ", ".join(f"{name} of {objects[name].solids}" for name in largest)
         raise LimitError(
-            f"objects: they are made of {count} solids, {held} among them; no more than {MAX_SOLIDS} are "
-            "allowed: remove one first, or make one coarser"
+            f"objects: they consist of {count} solids ({held}), allowed are {MAX_SOLIDS}: remove an object, "
+            f"or make one coarser"
         )
 
 
 def named(scene: Scene, name: str) -> SceneObject:
-    """The object of a name; NotFoundError lists those that there are."""
+    """The object with this name. NotFoundError lists the existing ones."""
     if name not in scene.objects:
         there = ", ".join(scene.objects) or "none"
         raise NotFoundError(f"there is no object {shown(name)}; there are: {there}")

@@ -1,4 +1,4 @@
-"""Follows the actions and conditions of one motion, and does what rtloop leaves to the service."""
+"""Follows the actions and conditions of one motion, and does the parts that rtloop leaves to the service."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from cobot.types import Array, Scaling
 log = logging.getLogger("cobot.signals")
 
 CommandGripper = Callable[[Mapping[str, Any]], None]
-"""Starts a command of the gripper and returns at once; raises `CobotError` if it is rejected."""
+"""Starts a gripper command and returns at once. Raises `CobotError` if the command is rejected."""
 
 
 class FollowsSignals(Protocol):
-    """What follows the signals of a motion until it ends; see `SignalFollower`."""
+    """The interface of a follower of a motion's signals; see `SignalFollower`."""
 
     @property
     def results(self) -> SignalResults: ...
@@ -42,7 +42,7 @@ class SignalFollower:
     def __init__(
         self, link: RobotLink, placed: Placed, motion_id: int, command_gripper: CommandGripper, job: str = ""
     ) -> None:
-        """job: the id of the job that the motion belongs to, for events; "" for none."""
+        """job: id of the motion's job, for events; "" without a job."""
         self._link = link
         self._placed = placed
         self._motion_id = motion_id
@@ -55,7 +55,7 @@ class SignalFollower:
 
     @property
     def results(self) -> SignalResults:
-        """What is known so far."""
+        """The results so far."""
         waits_for = {Waiting.START: self._placed.start_when, Waiting.PAUSE: self._placed.pause_while}
         condition, until = waits_for.get(self._waiting), self._placed.until
         name = "start_when" if self._waiting is Waiting.START else "pause_while"
@@ -79,32 +79,32 @@ class SignalFollower:
 
     @property
     def until(self) -> str:
-        """The condition `until` for people."""
+        """The condition `until` in words."""
         return "" if self._placed.until is None else self._placed.until.condition.words
 
     @property
     def retract_m(self) -> float:
-        """How far the TCP is to go back, m, now that the motion has ended."""
+        """The distance by which the TCP must move back after the motion, m."""
         until = self._placed.until
         return 0.0 if until is None or self._contact is None else until.retract_m
 
     @property
     def retract_scaling(self) -> Scaling:
-        """How fast the TCP goes back."""
+        """The speed at which the TCP moves back."""
         assert self._placed.until is not None
         return self._placed.until.scaling
 
     @property
     def settled(self) -> frozenset[int]:
-        """The numbers of the actions of which it is known that they have fired, or were rejected."""
+        """The numbers of the actions that are known to have fired, or were rejected."""
         return frozenset(number for number, result in self._results.items() if result.path_time_s is not None)
 
     def go_on_with(self, placed: Placed, motion_id: int, begin_s: float) -> None:
-        """Follow them on another path; what has become of an action stays.
+        """Follow the signals on another path. Results of actions are kept.
 
         Args:
-            placed: at path times since the start of the motion.
-            begin_s: that at which their own part of the motion begins.
+            placed: the signals, at path times since the start of the motion.
+            begin_s: path time at which their own part of the motion begins.
         """
         self._placed, self._motion_id, self._begin_s = placed, motion_id, begin_s
         for each in placed.actions:
@@ -113,11 +113,11 @@ class SignalFollower:
                 self._results[each.number] = replace(before, planned_s=each.path_time_s - begin_s)
 
     def look(self, *, is_current: bool = True) -> None:
-        """Read what rtloop reports. Publish an event for each action that has fired since the last look, and
+        """Read the report of rtloop. For each action that has fired since the last call, publish an event and
         command the gripper.
 
         Args:
-            is_current: whether the arm is on its part of the motion.
+            is_current: whether the arm is on this follower's part of the motion.
         """
         report = None if self._placed is NO_PLACED else self._link.signals()
         if report is None or report.motion_id != self._motion_id:
@@ -134,20 +134,20 @@ class SignalFollower:
         self.end()
 
     def note_rest(self, tcp: Array) -> None:
-        """The TCP, shape (7,), rests."""
+        """Note the pose of the TCP at rest, shape (7,)."""
         self._waiting = Waiting.NO
         if self._contact is not None:
             overshoot_m = float(np.linalg.norm(np.array(self._contact.position) - tcp[:3]))
             self._contact = replace(self._contact, overshoot_m=overshoot_m)
 
     def end(self) -> None:
-        """Nothing fires any more: publish an event for each action that has not."""
+        """Finish, because no further action can fire. Publish an event for each action that has not fired."""
         for result in self._results.values():
             if not result.fired and not result.problem:
                 self._tell("not fired", result)
 
     def note_retraction(self, by_m: float) -> None:
-        """Record the distance by which the TCP has gone back."""
+        """Record the distance by which the TCP has moved back, m."""
         if self._contact is not None:
             self._contact = replace(self._contact, retracted_m=by_m)
 

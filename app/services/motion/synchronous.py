@@ -1,6 +1,6 @@
-"""Who moves together with whom, segment by segment, and the groups and frames that robots share.
+"""Synchronous motions of several robots, segment by segment, and the groups and frames that robots share.
 
-How several robots move together is in `app.services.motion.equal_motions`.
+The execution of such a motion is in `app.services.motion.equal_motions`.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class _Sync:
     """Robots that move segment by segment.
 
     Attributes:
-        waiting: of segments that not all robots have yet, by their number and robot.
-        turn: segments go one after the other.
+        waiting: parts of incomplete segments, by number of the segment and by robot.
+        turn: lock that makes segments run one after the other.
     """
 
     robots: tuple[str, ...]
@@ -41,11 +41,11 @@ class _Sync:
 
 
 class SyncService:
-    """One for all robots.
+    """The service for synchronous motions, one for all robots.
 
     Attributes:
-        robots: by name; filled when all are there.
-        frames, groups: what clients have made; a group is a list of robots.
+        robots: the robots by name; filled when all have started.
+        frames, groups: frames and groups that clients have made. A group is a list of robots.
     """
 
     def __init__(self) -> None:
@@ -56,25 +56,25 @@ class SyncService:
         self._motions = EqualMotions(self.robots)
 
     def add_group(self, name: str, robots: list[str]) -> None:
-        """Name some robots.
+        """Define a named group of robots.
 
         Raises:
-            ConflictError: there is a group of that name.
-            InputError: no robots, one twice, or one that does not exist.
+            ConflictError: a group with this name exists.
+            InputError: there are no robots, or one is listed twice or does not exist.
         """
         if not 1 <= len(name) <= MAX_NAME:
             raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
         if name in self.groups:
-            raise ConflictError(f"there is a group {shown(name)} already")
+            raise ConflictError(f"the group {shown(name)} exists already")
         if len(self.groups) >= MAX_GROUPS:
-            raise LimitError(f"there are {MAX_GROUPS} groups already")
+            raise LimitError(f"there are already {MAX_GROUPS} groups, the maximum")
         self.groups[name] = self._named(robots)
 
     def group(self, name: str) -> tuple[str, ...]:
         """The robots of a group.
 
         Raises:
-            NotFoundError: there is none; lists those that are.
+            NotFoundError: there is no such group; the error lists the existing ones.
         """
         if name not in self.groups:
             there = ", ".join(self.groups) or "none"
@@ -87,8 +87,8 @@ class SyncService:
         """Targets from the joint angles of all robots, one after the other.
 
         Raises:
-            InputError: another number of angles.
-            LimitError: beyond a robot's limits.
+            InputError: the number of angles is wrong.
+            LimitError: an angle is beyond a robot's limits.
         """
         sizes = [self.robots[name].robot.limits.dof for name in robots]
         if len(joints) != sum(sizes):
@@ -98,27 +98,27 @@ class SyncService:
         return {name: self._target(name, part, a, v) for name, part in zip(robots, parts, strict=True)}
 
     def begin(self, number: int, robots: list[str]) -> None:
-        """Have these robots move segment by segment; nothing changes when they do already.
+        """Begin a synchronous motion of these robots. Does nothing if it is already on.
 
         Raises:
-            InputError, ConflictError: see `add_group`; or another one has one of them.
+            InputError, ConflictError: see `add_group`; or another synchronous motion has one of the robots.
         """
         names = self._named(robots)
         for other, sync in self._syncs.items():
             if other == number and set(sync.robots) == set(names):
                 return
             if other == number or set(sync.robots) & set(names):
-                raise ConflictError(f"synchronous motion {other} is on for {', '.join(sync.robots)}")
+                raise ConflictError(f"the synchronous motion {other} is on for {', '.join(sync.robots)}")
         self._syncs[number] = _Sync(names)
 
     def end(self, number: int, *, undo: bool = False) -> None:
-        """The opposite of `begin`.
+        """End a synchronous motion.
 
         Args:
-            undo: forget segments that wait, where otherwise they are a reason to refuse.
+            undo: whether to delete waiting segments. Without it, waiting segments are an error.
 
         Raises:
-            NotFoundError: it is not on.
+            NotFoundError: the synchronous motion is not on.
             ConflictError: a segment waits for a robot.
         """
         sync = self._sync(number)
@@ -132,26 +132,27 @@ class SyncService:
         return any(robot in sync.robots for sync in self._syncs.values())
 
     async def segment(self, robot: str, segment: int, joints: list[float], a: float, v: float) -> bool:
-        """A robot's part of a segment. The last robot's part starts it, once the segment before has ended.
+        """Add a robot's part of a segment. The last robot's part starts the segment, once the previous
+        segment has ended.
 
         Returns:
-            Whether it has been started.
+            Whether the segment has been started.
 
         Raises:
-            ConflictError: the robot is in no synchronous motion, or has its part already.
+            ConflictError: the robot is not in a synchronous motion, or its part is already there.
             InputError, LimitError: see `targets`; or too many segments wait.
-            MotionStopped: a robot was stopped since its part came, or the synchronous motion was ended.
-            CobotError: what `move` raises.
+            MotionStopped: a robot was stopped after its part was added, or the synchronous motion was ended.
+            CobotError: an error of `move`.
         """
         sync = next((each for each in self._syncs.values() if robot in each.robots), None)
         if sync is None:
-            raise ConflictError(f"{robot} is in no synchronous motion; syncMoveOn begins one")
+            raise ConflictError(f"{robot} is not in a synchronous motion; syncMoveOn begins one")
         (target,) = self.targets((robot,), joints, a, v).values()
         if segment not in sync.waiting and len(sync.waiting) >= MAX_WAITING:
-            raise LimitError(f"{MAX_WAITING} segments wait for a robot already")
+            raise LimitError(f"{MAX_WAITING} segments already wait for a robot, the maximum")
         waiting = sync.waiting.setdefault(segment, {})
         if robot in waiting and waiting[robot].stops == target.stops:  # else a stop has made it void
-            raise ConflictError(f"{robot} has its part of segment {segment} already")
+            raise ConflictError(f"the part of {robot} in segment {segment} was already sent")
         waiting[robot] = target
         if len(waiting) < len(sync.robots):
             return False
@@ -164,7 +165,7 @@ class SyncService:
         return True
 
     async def wait(self, robots: tuple[str, ...]) -> None:
-        """Until no synchronous motion moves any of them."""
+        """Wait until no synchronous motion moves any of these robots."""
         await self._motions.wait(robots)
 
     async def move(self, targets: dict[str, RobotTarget]) -> None:
@@ -176,7 +177,7 @@ class SyncService:
 
     def _named(self, robots: list[str]) -> tuple[str, ...]:
         if not robots or len(set(robots)) < len(robots):
-            raise InputError(f"robots must be one or more, each once, got {robots}")
+            raise InputError(f"robots must be a list of one or more names, each once, got {robots}")
         for name in robots:
             if name not in self.robots:
                 raise InputError(f"there is no robot {shown(name)}; there are: {', '.join(self.robots)}")
@@ -185,7 +186,7 @@ class SyncService:
     def _sync(self, number: int) -> _Sync:
         if number not in self._syncs:
             there = ", ".join(map(str, self._syncs)) or "none"
-            raise NotFoundError(f"there is no synchronous motion {number}; on are: {there}")
+            raise NotFoundError(f"there is no synchronous motion {number}; the present ones are: {there}")
         return self._syncs[number]
 
     def _target(self, name: str, joints: Array, a: float, v: float) -> RobotTarget:

@@ -1,4 +1,4 @@
-"""The tool of one robot: changed at rest, kept in its file, and the same for plans, cycle and simulation."""
+"""The tool of one robot: changed at rest, stored in a file, and the same for plans, cycle and simulation."""
 
 from __future__ import annotations
 
@@ -36,22 +36,25 @@ log = logging.getLogger("cobot.tool")
 
 @dataclass(frozen=True, slots=True)
 class ToolChanged:
-    """What a change has done; `contacts` is what the arm touches where it is."""
+    """The result of a change of the tool. `contacts` are the bodies that the arm touches at its present
+    position.
+    """
 
     tool: Tool
     contacts: list[Contact]
 
 
 class ToolService:
-    """Who changes the tool owns the motion meanwhile: nothing moves, and nothing is planned with half of it.
+    """The tool. A change holds the claim on the arm, so nothing moves meanwhile, and nothing is planned with
+    an incomplete tool.
 
-    A change is on the disk, and rtloop carries it, before its answer.
+    Before the answer, a change is written to disk and applied in rtloop.
 
     Attributes:
         on_change: called after each change.
 
     Raises:
-        ConfigError: the file is no tool, or no possible one.
+        ConfigError: the file is not a valid tool.
     """
 
     def __init__(
@@ -82,8 +85,8 @@ class ToolService:
 
     @contextlib.asynccontextmanager
     async def in_force(self) -> AsyncIterator[None]:
-        """See that rtloop carries this tool and knows this scene: after a crash between a file and its
-        command it does not.
+        """Make sure that rtloop has this tool and this scene. After a crash between writing the file and
+        sending the command it has not.
         """
         task = asyncio.create_task(self._watch(), name="tool")
         try:
@@ -92,17 +95,17 @@ class ToolService:
             task.cancel()
 
     async def change(self, edit: Edit, name: str = "a change of the tool") -> ToolChanged:
-        """Have another tool from now on. What has begun is done, even if the caller goes away. To have what
-        there is already is no change, and needs nothing.
+        """Change the tool. A change that has begun is completed even if the caller is cancelled. A request
+        for the present tool changes nothing and always succeeds.
 
         Args:
-            name: of the request, for people.
+            name: displayed name of the request.
 
         Raises:
             InputError, LimitError: the tool is impossible, or the arm could not hold it in its present pose.
-            ConflictError: the arm moves, another client moves it, something is attached to the TCP, or
-                rtloop refuses the tool. The tool stays as it was.
-            UnavailableError: rtloop does not answer, or the file cannot be written; likewise.
+            ConflictError: the arm moves, another client moves it, an object is attached to the TCP, or rtloop
+                rejects the tool. The tool is unchanged.
+            UnavailableError: rtloop does not answer, or the file cannot be written. The tool is unchanged.
         """
         if edit(self.tool) == self.tool:
             return ToolChanged(self.tool, self._robot.collision.contacts(self._link.state().position))
@@ -116,7 +119,8 @@ class ToolService:
                 state = await self._link.await_fresh_state(STATE_TIMEOUT_S)
                 if state.mode not in RESTING:
                     raise ConflictError(
-                        f"the arm moves (mode {state.mode.name}): the tool changes only while it rests"
+                        f"the arm moves (mode {state.mode.name}): the tool can be changed only while it is "
+                        f"at rest"
                     )
                 tool = replace(edit(self.tool), version=self.tool.version + 1)
                 self._check(tool, state.commanded_position)
@@ -128,7 +132,7 @@ class ToolService:
             raise LimitError(f"shapes: no more than {MAX_SHAPES} are allowed, got {len(tool.shapes)}")
         solids = sum(each.solids for each in tool.shapes.values())
         if solids > MAX_SOLIDS:
-            raise LimitError(f"shapes: they are made of {solids} solids, at most {MAX_SOLIDS} are allowed")
+            raise LimitError(f"shapes: they consist of {solids} solids, allowed are {MAX_SOLIDS}")
         taken = self._robot.model.frame_names | set(self._scene.scene.objects) | {"tool"}
         for name in tool.shapes:
             if name in taken:
@@ -188,13 +192,13 @@ class ToolService:
                 wanted = self._robot.model.carried.version, self._scene.scene.version
                 versions = f"{had[0]} and {had[1]}, not {wanted[0]} and {wanted[1]}"
                 log.warning(
-                    "%srtloop carried another tool or knew another scene (versions %s): no more",
+                    "%srtloop had another tool or another scene (versions %s); this is corrected",
                     self._link.label,
                     versions,
                 )
 
     def _knows(self) -> bool:
-        """Whether rtloop has this tool, with what is attached, and was told of this scene."""
+        """Whether rtloop has this tool with the attached objects, and this scene."""
         tool, scene = self._link.tool_version, self._link.scene_version
         wanted = self._robot.model.carried.version, self._scene.scene.version
         return tool is None or scene is None or (tool, scene) == wanted

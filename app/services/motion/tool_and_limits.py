@@ -1,4 +1,4 @@
-"""What a user may set of a robot while it runs."""
+"""Settings of a robot that a user may change while it runs."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from cobot.types import Pose
 
 
 class RobotSettings:
-    """Limits of one robot's vendor services, back to the configuration's with each start; and its flange.
+    """Limits for one robot's vendor services, which a restart resets to those of the configuration; and
+    conversions between flange and TCP.
 
     Attributes:
-        envelope: what the motion queue plans with. Moves that are planned already keep theirs.
+        envelope: the limits with which the motion queue plans. Moves that are already planned keep theirs.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -21,15 +22,15 @@ class RobotSettings:
         self._robot = robot
 
     def restore_limits(self) -> None:
-        """Go back to the joint limits of the configuration."""
+        """Restore the joint limits of the configuration."""
         self.envelope = replace(self.envelope, limits=self._robot.limits)
 
     def flange(self, tcp: Pose) -> Pose:
-        """The flange, for a pose of the TCP."""
+        """The pose of the flange for a pose of the TCP."""
         return tcp @ self._flange
 
     def tcp_of_flange(self, flange: Pose) -> Pose:
-        """The TCP, for a pose of the flange."""
+        """The pose of the TCP for a pose of the flange."""
         return flange @ self._flange.inverse()
 
     @property

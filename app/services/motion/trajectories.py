@@ -1,4 +1,6 @@
-"""Timed trajectories: sent, accepted, and then on their own."""
+"""Timed trajectories. The client gets the answer when rtloop has accepted the motion, which then runs without
+a client.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ from cobot.types import JointLimits, Scaling, Waypoint
 
 LOG_LINES = 300
 APPROACH = Scaling(0.25)
-"""`move_to_start` goes at a quarter of full speed."""
+"""Scaling of `move_to_start`: a quarter of full speed."""
 
 Read = Callable[[Callable[[Waypoint], None]], Sequence[Waypoint]]
 """See `TrajectoryService.send`."""
@@ -34,10 +36,10 @@ log = logging.getLogger("cobot.trajectories")
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What a sender may choose, see `WaypointRequest`.
+    """Options of a trajectory, see `WaypointRequest`.
 
     Attributes:
-        smoothing_rad: the corridor; None for the settings' one.
+        smoothing_rad: maximum deviation from the points; None: the value in the settings.
     """
 
     validate_limits: bool = True
@@ -51,8 +53,8 @@ class StartedTrajectory:
     """A trajectory that rtloop has accepted.
 
     Attributes:
-        note: how it differs from the points, for people; "" if it does not.
-        changes: the same as numbers.
+        note: differences from the points in words; "" without any.
+        changes: the same differences as numbers.
     """
 
     motion_id: int
@@ -63,7 +65,7 @@ class StartedTrajectory:
 
 
 class TrajectoryService:
-    """Sends trajectories and keeps the log of what became of them."""
+    """Sends trajectories, and keeps a log of their results."""
 
     def __init__(
         self,
@@ -87,16 +89,17 @@ class TrajectoryService:
         return list(self._lines)[-count:]
 
     async def send(self, read: Read, options: Options, caller: Caller) -> StartedTrajectory:
-        """Interpolate, check, hand over; returns when rtloop has accepted, the motion then goes on alone.
+        """Interpolate, check and start a trajectory. Returns when rtloop has accepted the motion, which then
+        runs without a client.
 
         Args:
             read: returns the points, or raises an InputError. It calls its argument with the first point
-                before it reads the others. It is called in a thread, and only when the arm is free: a request
-                that will be refused must not cost the service time.
+                before it reads the others. It is called in a thread, and only if the arm is free, so that a
+                rejected request costs almost no time.
 
         Raises:
-            InputError, PlanningError: the points make no motion, with the reason. Nothing has moved.
-            ExecutionError: interrupted, or refused by rtloop.
+            InputError, PlanningError: no motion is possible through the points. Nothing has moved.
+            ExecutionError: the motion was interrupted, or rejected by rtloop.
             ConflictError, UnavailableError: see `MotionService`.
         """
         with contextlib.ExitStack() as stack:
@@ -105,7 +108,7 @@ class TrajectoryService:
                 with watching(claim, caller):
                     sent = await self._hand_over(claim, read, options, caller.timeout_s)
             except CobotError as exc:
-                self._note(f"{caller.name}: refused: {exc}")
+                self._note(f"{caller.name}: rejected: {exc}")
                 raise
             self._note(f"motion {sent.motion_id}: accepted, {sent.points} points, {sent.duration_s:.3f} s")
             if sent.note:
@@ -155,7 +158,7 @@ class TrajectoryService:
                 self._note(f"motion {claim.motion_id}: {exc}")
             except CobotError as exc:
                 claim.fail(exc)
-                self._note(f"motion {claim.motion_id}: lost sight of it: {exc}")
+                self._note(f"motion {claim.motion_id}: its state is unknown: {exc}")
 
     def _note(self, text: str) -> None:
         moment = datetime.now().astimezone().isoformat(timespec="milliseconds")

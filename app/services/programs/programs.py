@@ -1,4 +1,4 @@
-"""Programs: sequences and Lua files in one folder, of which one is loaded and run at a time."""
+"""Programs: sequences and Lua files in one folder. One of them is loaded and run at a time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STOP_TIMEOUT_S = 4.0
 
 
 class RunState(StrEnum):
-    """How the program stands."""
+    """State of the program."""
 
     RUNNING = "Running"
     PAUSING = "Pausing"
@@ -32,7 +32,7 @@ class ProgramService:
     """Loads, runs, pauses and ends programs.
 
     Args:
-        folder: where programs live; nothing outside is ever run.
+        folder: folder of the programs. Files outside it are never run.
 
     Attributes:
         loaded: the loaded program's name below the folder, "" for none.
@@ -71,10 +71,10 @@ class ProgramService:
         """Check a program and select it for `run`.
 
         Args:
-            name: below the folder, with its suffix.
+            name: path below the folder, with the suffix.
 
         Raises:
-            InputError: the name leads out of the folder, or the program has a mistake, with where.
+            InputError: the path leads out of the folder, or the program has an error; the message says where.
             NotFoundError: there is no such program.
             ConflictError: a program runs.
         """
@@ -86,7 +86,7 @@ class ProgramService:
         self.loaded = name
 
     async def run(self, stops: int) -> None:
-        """Run the loaded program once; returns when its process has been started.
+        """Run the loaded program once. Returns when its process has started.
 
         Args:
             stops: `Ownership.stops` when the call came in.
@@ -104,10 +104,10 @@ class ProgramService:
         await self._sequences.start(SequenceOrder(config=content, name=self.loaded), stops)
 
     async def pause(self) -> None:
-        """Bring the arm to rest on its path; the program waits with its next motion.
+        """Pause: the arm stops on its path, and the program waits at its next motion.
 
         Raises:
-            ConflictError: no program runs, or it streams.
+            ConflictError: no program runs, or it has a streaming session.
             ExecutionError, UnavailableError: see `SpeedOverride.pause`.
         """
         self._require_running()
@@ -118,7 +118,7 @@ class ProgramService:
             self._underway = None
 
     async def resume(self) -> None:
-        """Go on.
+        """Resume the paused program.
 
         Raises:
             ConflictError: nothing is paused, or another client has control.
@@ -131,10 +131,11 @@ class ProgramService:
         await self._ownership.speed_override.resume()
 
     async def stop(self) -> None:
-        """End the program and the motion; returns when the arm rests, and when there is nothing to end.
+        """End the program and the motion. Returns when the arm is at rest, or at once if there is nothing to
+        end.
 
         Raises:
-            ExecutionError: the arm is not known to be at rest, with why.
+            ExecutionError: the arm is not known to be at rest; the error has the reason.
         """
         self._underway = RunState.STOPPING
         try:
@@ -159,7 +160,7 @@ class ProgramService:
 
 
 async def _check(path: Path, folder: Path) -> None:
-    """Have the runner look at a program, in a process of its own, as it will be run."""
+    """Let the runner check a program in a process of its own, as it will be run."""
     process = await asyncio.create_subprocess_exec(
         *RUN_MODULE,
         "cobot.runner",

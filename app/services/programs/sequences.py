@@ -1,4 +1,4 @@
-"""Sequences: a runner process that drives this service like any other client.
+"""Sequences: a runner process that uses this service like any other client.
 
 Control of the arm is claimed before the runner starts, and released after it has ended and its output has
 been read.
@@ -40,27 +40,28 @@ from cobot.logs import printable
 
 LINE_BYTES = 65536
 LINE_CHARACTERS = 2000
-"""Maximum number of characters that are kept of a line. Thousands of lines are kept, and each client may read
-hundreds of them at once."""
+"""Maximum number of characters that are kept of each log line. Thousands of lines are kept, and each client
+may read hundreds of them at once.
+"""
 PROGRESS = ("iteration", "waypoint", "n_waypoints", "step")
 ERRORS: dict[int, type[CobotError]] = {2: InputError, 4: UnavailableError}
-"""What the runner's return codes mean; all others are motions that have failed."""
+"""Errors by the runner's return code. All other codes mean that a motion has failed."""
 ERROR_LINE = " error: "
 
 
 @dataclass(frozen=True, slots=True)
 class SequenceOrder:
-    """What is to be run.
+    """A sequence or program to run.
 
     Attributes:
         config: the JSON document or the Lua program as uploaded; the runner validates it.
-        bag_path: below the recordings folder, "" for no recording.
-        topics: comma separated, "" for all.
-        joints_action, pose_action: taken for compatibility and written to the log; a REST service has
-            no actions to choose from.
-        name: of the uploaded file, for messages; what is named *.lua is a Lua program.
-        from_waypoint: where the first iteration begins; None for its beginning, home included.
-        hold: it waits before its first motion, until its job is resumed or stepped.
+        bag_path: folder of the recording, below the recordings folder; "" for no recording.
+        topics: recorded data, separated by commas; "" for all.
+        joints_action, pose_action: accepted for compatibility and written to the log. They have no other
+            effect.
+        name: name of the uploaded file. A name that ends in .lua means a Lua program.
+        from_waypoint: first waypoint of the first iteration; None: begin at home.
+        hold: whether it waits before its first motion until its job is resumed or stepped.
     """
 
     config: bytes
@@ -94,7 +95,7 @@ class SequenceStatus:
 
 
 class SequenceService:
-    """Starts, watches and ends the runner. It owns the motion as long as it lives."""
+    """Starts, watches and ends the runner. While the runner lives, it holds the claim on the arm."""
 
     def __init__(
         self,
@@ -125,7 +126,7 @@ class SequenceService:
         return list(self._lines)[-count:]
 
     async def start(self, order: SequenceOrder, stops: int) -> SequenceStatus:
-        """Start the runner; whether its file makes sense, its status and log will tell.
+        """Start the runner. Its status and its log later report whether the file is valid.
 
         Args:
             stops: `Ownership.stops` when the request came in.
@@ -185,7 +186,7 @@ class SequenceService:
         return self.status
 
     async def stop(self, reason: str = "stopped") -> str | None:
-        """End the runner, by force if it does not listen; returns what was ended, or None.
+        """End the runner; kill it if it does not end by itself. Returns a description of it, or None.
 
         Args:
             reason: the reason that is reported.
@@ -212,13 +213,15 @@ class SequenceService:
         folder = self._settings.recordings.resolve()
         path = below(folder, bag_path, "bag_path", "recordings folder")
         if path.exists():
-            raise InputError(f"bag_path: {path} exists already; nothing is overwritten")
+            raise InputError(f"bag_path: {path} already exists; choose another name")
         return path
 
     async def _spawn(
         self, order: SequenceOrder, bag: Path | None, token: str
     ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader, int]:
-        """The runner, the pipe on which it reports its progress, and that on which it is answered."""
+        """Start the runner. Returns it with the pipe for its progress reports and the pipe for answers to
+        it.
+        """
         arguments = ["run", "-", "--url", self._base_url, "--folder", str(self._settings.programs)]
         if order.name:
             arguments.append(f"--name={_printable(order.name)}")
@@ -268,7 +271,7 @@ class SequenceService:
     async def _watch(
         self, process: asyncio.subprocess.Process, progress: asyncio.StreamReader, number: int, token: str
     ) -> None:
-        """Follow the runner to its end, however it ends, and then give the motion back."""
+        """Follow the runner to its end, however it ends, and then release the claim on the arm."""
         assert process.stdout is not None
         readers = [
             asyncio.create_task(self._read_log(process.stdout)),
@@ -292,7 +295,7 @@ class SequenceService:
         self._note(f"sequence {number} finished, return code {returncode}")
 
     def _error(self, returncode: int) -> CobotError | None:
-        """Why the runner has not come to its end."""
+        """The error for a return code of the runner."""
         if returncode == 0:
             return None
         if self._stopped:
@@ -332,7 +335,9 @@ class SequenceService:
                     await self._answer(self._steps, event)
 
     async def _answer(self, steps: RunnerInstructions, event: dict[str, Any]) -> None:
-        """What the runner has asked, once nothing is paused: outputs and grippers wait as motions do."""
+        """The answer to a request of the runner, once nothing is paused. Outputs and grippers wait like
+        motions.
+        """
         override = self._ownership.speed_override
         if event["within"]:
             await override.opened.wait()
@@ -349,7 +354,7 @@ class SequenceService:
         """The instructions for the runner at its waypoints.
 
         Raises:
-            ConflictError: none runs.
+            ConflictError: no sequence runs.
         """
         if self._steps is None:
             raise ConflictError("no sequence is running")
@@ -361,7 +366,7 @@ class SequenceService:
             job.hold(held)
 
     def _count(self, event: dict[str, Any]) -> None:
-        """How far the sequence is: it begins this step."""
+        """Update the progress of the sequence, which begins this step."""
         job, rounds, steps = self._ownership.sequence_job, self.status.n_iterations or 1, event["n_waypoints"]
         if job is not None and steps:
             job.at_waypoint((event["iteration"] - 1 + event["share"]) * steps, rounds * steps)
@@ -376,12 +381,12 @@ class SequenceService:
 
 
 def _printable(name: str) -> str:
-    """The last part of a file's name, in what a command line can have."""
+    """The last part of a file's name, with only characters that are allowed in a command line."""
     return "".join(character for character in Path(name).name[-100:] if character.isprintable())
 
 
 def _unnamed_file(content: bytes) -> IO[bytes]:
-    """A file with this content that goes with its last reader, however that ends."""
+    """A temporary file without a name, with this content. It is deleted when its last reader closes it."""
     file = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
     file.write(content)
     file.seek(0)
@@ -389,6 +394,6 @@ def _unnamed_file(content: bytes) -> IO[bytes]:
 
 
 def _signal(process: asyncio.subprocess.Process, number: signal.Signals) -> None:
-    """To the runner's whole process group: it leads a session of its own."""
+    """Send a signal to the process group of the runner, which has a session of its own."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, number)

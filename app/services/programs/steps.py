@@ -1,4 +1,4 @@
-"""Between two steps: whether a sequence goes on, and where to.
+"""Control of a sequence between two steps: whether it continues, and with which waypoint.
 
 The runner asks before each of its steps, and waits for the answer: a line of JSON in a pipe. A waypoint is
 the number of a step in the outermost list.
@@ -14,17 +14,17 @@ from collections.abc import Callable
 from cobot.errors import ConflictError, InputError
 
 NEXT = 0
-"""In the place of a waypoint: the next one that is reached."""
+"""Stands for the next waypoint that is reached."""
 
 
 class RunnerInstructions:
     """The instructions for one runner.
 
     Args:
-        descriptor: of the pipe that it reads; it is closed by `close`.
-        first: the waypoint to begin with, None for the beginning.
-        changed: called with whether the runner is held.
-        hold: it waits before its first motion.
+        descriptor: descriptor of the pipe that the runner reads; `close` closes it.
+        first: the first waypoint; None for the beginning.
+        changed: called when the runner is held (true) or released (false).
+        hold: whether the runner waits before its first motion.
     """
 
     def __init__(
@@ -41,14 +41,14 @@ class RunnerInstructions:
         self.held = False
 
     def ask(self, behind: int, n_waypoints: int) -> bool:
-        """The runner waits and asks whether to go on.
+        """Handle the runner's question whether to continue.
 
         Args:
-            behind: the waypoint that it has reached last, 0 for none.
-            n_waypoints: how many there are, 0 for a program.
+            behind: the last reached waypoint, 0 for none.
+            n_waypoints: number of waypoints, 0 for a program.
 
         Returns:
-            Whether it is to get its answer: from `answer`, as soon as nothing is paused.
+            Whether the runner may continue; then call `answer` as soon as nothing is paused.
         """
         self._n_waypoints, self._behind = n_waypoints, behind
         has_begun = self._first is None  # else its next step is the one to begin with
@@ -62,23 +62,23 @@ class RunnerInstructions:
         return True
 
     def answer(self) -> None:
-        """Let the runner, which has asked, go on."""
+        """Let the waiting runner continue."""
         self._answer(None)
 
     def answer_time(self, paused_s: float) -> None:
-        """Tell the runner, which has asked within a step, how long it has been paused in all."""
+        """Tell the runner, which asks within a step, the total time for which it was paused, s."""
         self._write({"paused_s": paused_s})
 
     def hold(self, waypoint: int) -> None:
-        """Have it wait once it has reached this waypoint, or has passed it without a stop.
+        """Hold the runner once it has reached this waypoint, or has passed it without a stop.
 
-        A waypoint that is still ahead stays set when the runner waits before and goes on.
+        If the runner is held earlier and continues, a waypoint that is still ahead stays set.
 
         Raises:
             InputError: there is no such waypoint.
         """
         if self._n_waypoints == 0 and waypoint != NEXT:
-            raise InputError("at_waypoint: a program has no waypoints; 0 is before its next motion")
+            raise InputError("at_waypoint: a program has no waypoints; 0 means before its next motion")
         self._require(waypoint, NEXT)
         if self.held and waypoint <= self._behind:
             return
@@ -88,14 +88,14 @@ class RunnerInstructions:
             self._hold_at = waypoint
 
     def go_on(self, waypoint: int | None = None, *, step: bool = False) -> None:
-        """Go on, if it waits or is to wait at the next waypoint.
+        """Let the runner continue, if it waits or would wait at the next waypoint.
 
         Args:
-            waypoint: to go to; None for the next one.
-            step: it waits again at the next one.
+            waypoint: waypoint to continue with; None for the next one.
+            step: whether it waits again at the next waypoint.
 
         Raises:
-            ConflictError: it does not wait at a waypoint, and so cannot go to another one.
+            ConflictError: the runner does not wait at a waypoint, so it cannot continue with another one.
             InputError: there is no such waypoint.
         """
         if waypoint is not None:
@@ -109,13 +109,13 @@ class RunnerInstructions:
             self._answer(waypoint)
 
     def close(self) -> None:
-        """The runner has ended."""
+        """Close the pipe, because the runner has ended."""
         os.close(self._descriptor)
         self._descriptor = -1
 
     def _require(self, waypoint: int, least: int) -> None:
         if self._n_waypoints is not None and not least <= waypoint <= self._n_waypoints:
-            raise InputError(f"waypoint: there are {self._n_waypoints}, from 1 on; got {waypoint}")
+            raise InputError(f"waypoint: must be from 1 to {self._n_waypoints}, got {waypoint}")
 
     def _answer(self, waypoint: int | None) -> None:
         first, self._first = self._first, None

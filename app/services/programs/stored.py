@@ -1,7 +1,8 @@
-"""Programs that people save at the service: named in any language, with versions, in a folder of the robot.
+"""Stored programs: named in any language, with versions, in a folder of the robot.
 
-Each version is a file of its own, which `keep` replaces as a whole, so a full disk or a killed process leaves
-the versions before it as they were. What is on disk is read when it is asked for: nothing can disagree.
+Each version is a file of its own, which `keep` writes as a whole. So a full disk or a killed process leaves
+earlier versions unchanged. The files are read for each request, so there is no copy in memory that could
+differ.
 """
 
 from __future__ import annotations
@@ -29,19 +30,22 @@ from cobot.robot.kept import keep, read_kept
 from cobot.strict import shown
 
 MAX_PROGRAMS, MAX_VERSIONS = 200, 20
-"""Maximum number of programs, and of versions of each: the oldest go."""
+"""Maximum number of programs, and of versions of each program. Beyond the latter the oldest versions are
+deleted.
+"""
 MAX_CHARACTERS = 400_000
 """Maximum length of a program's text, in characters."""
 MAX_TOTAL_BYTES = 200_000_000
 """Maximum size of the folder, in bytes."""
 MAX_DELETED = 1000
-"""Maximum number of deleted programs whose versions are known one by one."""
+"""Maximum number of deleted programs whose last versions are kept individually."""
 DELETED = ".deleted.json"
-"""The file with the last version of each deleted program. A new one of that id goes on counting, so a client
-that knew the deleted one cannot write over it."""
+"""The file with the last version of each deleted program. A new program with the same id continues the count.
+So a client that has opened the deleted program cannot overwrite the new one.
+"""
 ID_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 SUFFIXES = {"sequence": ".json", "lua": ".lua"}
-"""By the kind of a program, how its file ends."""
+"""Suffix of the file for each kind of program."""
 _ID = re.compile(ID_PATTERN)
 _VERSION = re.compile(r"([0-9]{1,9})\.json")
 Result = TypeVar("Result")
@@ -50,13 +54,13 @@ log = logging.getLogger("cobot.programs")
 
 @dataclass(frozen=True, slots=True)
 class ProgramText:
-    """What a person saves.
+    """The content of a stored program.
 
     Attributes:
-        label: name for people, in any language.
+        label: displayed name, in any language.
         kind: "sequence" or "lua".
-        text: the JSON document or the Lua program, as it is.
-        note: what this version is about.
+        text: the unchanged JSON document or Lua program.
+        note: description of this version.
     """
 
     label: str
@@ -71,8 +75,9 @@ class ProgramVersion:
 
     Attributes:
         author: name of the client that saved it; without a token its own name in quotes.
-        time: when it was saved, ISO 8601 in UTC; of an example, when the service started.
-        example: it comes with the cell of the robot, and can be copied but neither changed nor deleted.
+        time: time of saving, ISO 8601 in UTC; for an example, the start of the service.
+        example: whether it belongs to the robot's cell. It can then be copied, but neither changed nor
+            deleted.
     """
 
     id: str
@@ -84,28 +89,28 @@ class ProgramVersion:
 
     @property
     def file_name(self) -> str:
-        """Name of its file for the runner and for export."""
+        """Name of the file, for the runner and for export."""
         return f"{self.id}{SUFFIXES[self.saved.kind]}"
 
 
 @dataclass(frozen=True, slots=True)
 class Deleted:
-    """The versions that deleted programs had.
+    """The last versions of deleted programs.
 
     Attributes:
-        last: the last one by the program's id, the newest deletion at the end.
-        others: the highest one of all programs that are not in `last` any more.
+        last: the last version by the program's id, the newest deletion at the end.
+        others: the highest version of all programs that were dropped from `last`.
     """
 
     last: dict[str, int]
     others: int = 0
 
     def version_of(self, program: str) -> int:
-        """The version after which a new program of this id begins."""
+        """The version after which a new program with this id continues."""
         return self.last.get(program, self.others)
 
     def with_program(self, program: str, version: int) -> Deleted:
-        """The same after another program was deleted."""
+        """A copy with another deleted program."""
         last = {each: number for each, number in self.last.items() if each != program} | {program: version}
         gone = list(last)[: max(len(last) - MAX_DELETED, 0)]
         others = max([self.others, *(last.pop(each) for each in gone)])
@@ -120,7 +125,7 @@ class StoredPrograms:
     """The stored programs of one robot.
 
     Args:
-        folder: where they are; created with the first program, private to the user.
+        folder: folder of the programs. It is created with the first program; only the user can read it.
         examples: programs of the robot's cell, which are listed too.
     """
 
@@ -140,17 +145,17 @@ class StoredPrograms:
         """One version, the newest by default.
 
         Raises:
-            NotFoundError: no such program or version.
-            UnavailableError: it cannot be read.
+            NotFoundError: there is no such program or version.
+            UnavailableError: the file cannot be read.
         """
         return await asyncio.to_thread(self._read, program, version)
 
     async def versions(self, program: str) -> list[ProgramVersion]:
-        """All versions that are kept, the newest first.
+        """All kept versions of a program, the newest first.
 
         Raises:
-            NotFoundError: no such program.
-            UnavailableError: one cannot be read.
+            NotFoundError: there is no such program.
+            UnavailableError: a file cannot be read.
         """
         if program in self._examples:
             return [self._examples[program]]
@@ -158,16 +163,18 @@ class StoredPrograms:
         return await asyncio.to_thread(lambda: [self._read(program, each) for each in reversed(numbers)])
 
     async def save(self, program: str, saved: ProgramText, base: int | None) -> ProgramVersion:
-        """Save a version; it is on disk when this returns. The same again, after a lost answer, is not new.
+        """Save a version. It is on disk when this returns. Saving the same again, after a lost answer, makes
+        no new version.
 
         Args:
             base: the version that was changed; None for a new program.
 
         Raises:
             ChangedError: another version was saved meanwhile, or the program exists, or it was deleted.
-            InputError: impossible id, or the text is not a JSON object.
-            ConflictError: there are too many programs, or their folder is too large; or it is an example.
-            UnavailableError: the disk takes nothing; the former version is unchanged.
+            InputError: the id is invalid, or the text is not a JSON object.
+            ConflictError: there are too many programs, their folder is too large, or the program is an
+                example.
+            UnavailableError: the file cannot be written; the former version is unchanged.
         """
         if not _ID.fullmatch(program):
             raise InputError(f"program: {shown(program)} is not an id; it has a-z, 0-9, _ and -, at most 64")
@@ -183,12 +190,12 @@ class StoredPrograms:
         """Delete a program with all its versions.
 
         Args:
-            base: the newest version that the client knows; None for any.
+            base: the newest version that the client knows; None: delete any version.
 
         Raises:
-            NotFoundError: no such program.
+            NotFoundError: there is no such program.
             ChangedError: another version was saved meanwhile.
-            ConflictError: it is an example.
+            ConflictError: the program is an example.
             UnavailableError: the disk does not permit it.
         """
         self._require_no_example(program)
@@ -197,8 +204,8 @@ class StoredPrograms:
     def _require_no_example(self, program: str) -> None:
         if program in self._examples:
             raise ConflictError(
-                f"program {shown(program)} is an example of the cell and stays as it is; save yours under "
-                "another id"
+                f"program {shown(program)} is an example of the cell and cannot be changed; save yours "
+                f"under another id"
             )
 
     async def _alone(self, work: Callable[[], Result]) -> Result:
@@ -227,7 +234,7 @@ class StoredPrograms:
         return [each.name for each in self._folder.iterdir() if _ID.fullmatch(each.name)]
 
     def _numbers(self, program: str) -> list[int]:
-        """Numbers of the versions that are kept, in ascending order."""
+        """Numbers of the kept versions, in ascending order."""
         return _numbers_in(self._folder / program) if _ID.fullmatch(program) else []
 
     def _require(self, program: str) -> list[int]:
@@ -288,7 +295,7 @@ class StoredPrograms:
             raise UnavailableError(f"{self._folder}: cannot be created: {exc.strerror}") from exc
 
     def _deleted_version(self, program: str) -> int:
-        """The last version that a deleted program of this id had."""
+        """The last version of a deleted program with this id."""
         return max([self._deleted().version_of(program), *_numbers_in(self._aside(program))])
 
     def _deleted(self) -> Deleted:

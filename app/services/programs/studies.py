@@ -1,7 +1,8 @@
-"""Studies that clients ask for: each runs in a process of its own, with the lowest priority, into a folder.
+"""Studies that clients request. Each runs in a process of its own with the lowest priority, and writes into a
+folder.
 
-The folder is named by a hash of the question, the robot, its tool and its scene. The same study asked for
-again continues where it ended, whatever ended it.
+The folder's name is a hash of the question, the robot, its tool and its scene. If the same study is requested
+again, it continues where it ended, whatever ended it.
 """
 
 from __future__ import annotations
@@ -38,9 +39,9 @@ MAX_TASKS = 300_000
 MAX_TOTAL_BYTES = 1_000_000_000
 """Maximum size of all studies of a robot together, in bytes."""
 MIN_BYTES = 10_000_000
-"""Free part of this size that a study needs at its start, in bytes."""
+"""Free part of `MAX_TOTAL_BYTES` that a study needs at its start, in bytes."""
 MAX_STARTS = 3
-"""Number of times that the process of a study is started, if it is killed."""
+"""Maximum number of starts of a study's process, if it is killed."""
 END_S = 5.0
 """Timeout for a cancelled study to write its partial answer, in seconds."""
 ENDED = "the service ended meanwhile"
@@ -51,11 +52,11 @@ class StudyService:
     """The studies of one robot.
 
     Args:
-        config: file of the settings; None for the shipped ones.
-        turn: held while a study of any robot runs.
+        config: settings file; None for the one that ships with cobot.
+        turn: lock that is held while a study of any robot runs.
 
     Attributes:
-        niceness: of the computation.
+        niceness: niceness of the computing processes.
     """
 
     def __init__(
@@ -73,11 +74,11 @@ class StudyService:
     async def start(
         self, document: dict[str, Any], stored: tuple[str, str] | None, max_s: float, timeout_s: float
     ) -> StudyStatus:
-        """Start a study, or continue it; returns once its tasks are known.
+        """Start or continue a study. Returns once its tasks are known.
 
         Args:
-            document: as the file of a study, without files.
-            stored: text and file name of the stored program that it names.
+            document: the study as in a study file, without references to files.
+            stored: text and file name of the stored program to which it refers.
             max_s: maximum duration of this run.
 
         Raises:
@@ -120,12 +121,12 @@ class StudyService:
         """One study.
 
         Raises:
-            NotFoundError: there is none of this id.
+            NotFoundError: there is no such study.
         """
         return self._with_run(await asyncio.to_thread(self.files.read, study))
 
     async def file(self, study: str, *names: str) -> Path:
-        """The first of these files that the study has.
+        """The first of these files that exists for the study.
 
         Raises:
             NotFoundError: there is no such study, or it has none of these files yet.
@@ -142,16 +143,16 @@ class StudyService:
         """Delete a study with its results.
 
         Raises:
-            NotFoundError: there is none of this id.
-            ConflictError: it runs.
-            UnavailableError: the disk does not permit it.
+            NotFoundError: there is no such study.
+            ConflictError: the study runs.
+            UnavailableError: the files cannot be deleted.
         """
         if (await self.read(study)).state == "running":
             raise ConflictError(f"study {study} is running: cancel its job first")
         await asyncio.to_thread(self.files.delete, study)
 
     def cancel(self, job: Job, cause: MotionStopped) -> bool:
-        """End the study of this job with a partial answer; whether it is the job of one."""
+        """End the study of this job with a partial answer. Returns whether the job is that of a study."""
         run = self._run
         if run is None or run.job is not job:
             return False
@@ -200,7 +201,7 @@ class StudyService:
         }
 
     async def _follow(self, run: StudyRun) -> None:
-        """Compute a study to its end, also if its process is killed."""
+        """Compute a study to its end, even if its process is killed in between."""
         error: BaseException | None = None
         try:
             for _ in range(MAX_STARTS):
@@ -233,7 +234,7 @@ class StudyService:
             run.known.set()
 
     async def _settle(self, run: StudyRun, error: BaseException | None) -> None:
-        """Keep how the study has ended."""
+        """Store the result of an ended study."""
         status = run.status
         if not status.id:
             return
@@ -254,9 +255,9 @@ class StudyService:
             log.error("%s", exc)
 
     def _with_run(self, status: StudyStatus) -> StudyStatus:
-        """A study as it is now: what the file says of a running one is old.
+        """The present status of a study. For a running study the file is out of date.
 
-        It is running until the next one can be started.
+        A study counts as running until the next one can be started.
         """
         run = self._run
         if run is not None and run.status.id == status.id:

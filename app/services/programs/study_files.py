@@ -1,4 +1,4 @@
-"""The studies of a robot on the disk: a folder each, with its status and its results."""
+"""The studies of a robot on disk: one folder each, with its status and its results."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ log = logging.getLogger("cobot.studies")
 
 @dataclass(frozen=True, slots=True)
 class StudyStatus:
-    """How a study stands.
+    """The status of a study.
 
     Attributes:
         state: running, finished, partial (it can be continued), or failed.
-        reason: why it is not finished; "" while it runs or once it is.
-        answer: from the results so far, by names for people.
+        reason: reason why the study is not finished; "" while it runs and after it has finished.
+        answer: answer from the results so far, by displayed names.
         left_s: estimated remaining time; None while it is unknown.
-        placement: of a study of placements, the best base and TCP: poses x, y, z, w, x, y, z.
-        maps: whether it has a map.
-        job: of its last run.
+        placement: for a placement study, the poses of the best base and TCP: x, y, z, w, x, y, z.
+        maps: whether the study has a map.
+        job: job of the last run.
     """
 
     id: str
@@ -59,7 +59,7 @@ _STATUS = TypeAdapter(StudyStatus)
 
 
 class StudyFiles:
-    """The kept studies. Its methods wait for the disk."""
+    """The kept studies. The methods block while they access the disk."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -70,10 +70,10 @@ class StudyFiles:
         return size_of(self.folder)
 
     def keep(self, status: StudyStatus) -> None:
-        """Write how a study stands.
+        """Write the status of a study.
 
         Raises:
-            UnavailableError: the disk does not permit it.
+            UnavailableError: the file cannot be written.
         """
         keep(self.folder / status.id / STATUS, _STATUS.dump_json(status), "the study")
 
@@ -81,7 +81,7 @@ class StudyFiles:
         """Delete a study with its results.
 
         Raises:
-            UnavailableError: the disk does not permit it.
+            UnavailableError: the files cannot be deleted.
         """
         try:
             shutil.rmtree(self.folder / study)
@@ -94,7 +94,7 @@ class StudyFiles:
         return []
 
     def all(self) -> list[StudyStatus]:
-        """All studies, the newest first, as they were written last."""
+        """All studies, the newest first, with their last written status."""
         found = []
         for study in self.ids():
             try:
@@ -104,10 +104,10 @@ class StudyFiles:
         return sorted(found, key=lambda each: each.started_at, reverse=True)
 
     def read(self, study: str) -> StudyStatus:
-        """One study, as it was written last.
+        """One study, with its last written status.
 
         Raises:
-            NotFoundError: there is none of this id.
+            NotFoundError: there is no such study.
         """
         if not _ID.fullmatch(study):
             raise NotFoundError(f"there is no study {shown(study)}; GET /studies lists them")

@@ -1,4 +1,4 @@
-"""A study that runs: its process, and what the process reports."""
+"""A running study: its process, and the process's reports."""
 
 from __future__ import annotations
 
@@ -37,18 +37,19 @@ _ERRORS: dict[str, type[CobotError]] = {
         UnavailableError,
     )
 }
-"""Errors of the process by their codes. Any other one means that the study does not fit the robot."""
+"""Errors of the process by their codes. Any other code means that the study does not fit the robot."""
 Keep = Callable[[StudyStatus], Awaitable[None]]
 
 
 @dataclass(eq=False, slots=True)
 class StudyRun:
-    """A study that runs.
+    """A running study.
 
     Attributes:
-        known: set once its folder is known, or it has failed before and the next study may start.
-        error: why it has failed.
-        cancelled: why it is cancelled.
+        known: set once the folder is known. Also set if the study fails before, so that the next study may
+            start.
+        error: reason of a failure.
+        cancelled: reason of a cancellation.
     """
 
     request: dict[str, Any]
@@ -92,7 +93,9 @@ class StudyRun:
             await self.process.wait()
 
     async def _take(self, line: dict[str, Any], keep: Keep) -> bool:
-        """A line of the process, see `cobot.studies.served`; whether more may follow."""
+        """Handle a line from the process, see `cobot.studies.served`. Returns whether more lines may
+        follow.
+        """
         status = self.status
         if (error := line.get("error")) is not None:
             kind = _ERRORS.get(error["code"], ExecutionError if status.id else InputError)
@@ -123,7 +126,7 @@ class StudyRun:
         return error is None
 
     def kill(self) -> None:
-        """End the process with its workers, which are in its session."""
+        """Kill the process and its workers, which are in its session."""
         if self.process is not None and self.process.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.process.pid, signal.SIGKILL)

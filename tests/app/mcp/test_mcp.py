@@ -257,7 +257,7 @@ def test_an_agent_runs_a_plan_with_an_event_and_a_condition_and_is_told_of_them(
 def test_what_an_operator_has_approved_runs_once(cell: Cell) -> None:
     cell.goes_to(HOME)
     plan = cell.agent.call("plan_to_joints", joints=FAR, speed=0.5)["plan_id"]
-    assert "is not approved, and not fenced" in cell.agent.refused("execute", plan_id=plan)
+    assert "is not approved, and not within the fence" in cell.agent.refused("execute", plan_id=plan)
     assert cell.asks("/robot/approve", {"plan_id": plan})["approved_by"].startswith("operator")
     assert cell.agent.call("execute", plan_id=plan)["success"]
     np.testing.assert_allclose(cell.joints(), FAR, atol=2e-3)

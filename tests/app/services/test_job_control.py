@@ -169,7 +169,7 @@ def test_a_pause_that_comes_too_late_says_so_and_holds_nothing_that_comes_next(r
         run.sleep(max(left_s - 0.005, 0.002))
     refused = told(run, job, "pause")
     assert refused.status_code == 409
-    assert refused.json()["detail"] == f"job {job['id']} has ended already: finished"
+    assert refused.json()["detail"] == f"job {job['id']} has already ended: finished"
     assert seen(run, job)["state"] == "finished"
     assert run.post("/robot/move/joints", {"joints": AWAY, "speed": 1.0}).json()["success"]
 

@@ -1,1 +1,1 @@
-"""Motions one after the other: moves wait, are planned and joined, and are executed in their turn."""
+"""The motion queue: moves wait, are planned and joined, and are executed in their order."""

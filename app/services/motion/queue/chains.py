@@ -40,9 +40,9 @@ def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
 
 
 def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
-    """Whether a motion through these moves may go on through another one.
+    """Whether a motion through these moves may continue through another one.
 
-    rtloop has one condition of each kind, and a limited number of actions.
+    rtloop supports one condition of each kind and a limited number of actions in one motion.
     """
     if not before:
         return True
@@ -57,7 +57,7 @@ def may_follow(before: Sequence[QueuedMove], move: QueuedMove) -> bool:
 
 
 def joinable(before: Sequence[QueuedMove], chain: Sequence[QueuedMove]) -> list[QueuedMove]:
-    """The first of the moves of a chain that a motion through those before may go on through."""
+    """The first moves of a chain through which a motion through the moves `before` may continue."""
     found: list[QueuedMove] = []
     for move in chain:
         if not may_follow([*before, *found], move):

@@ -1,4 +1,4 @@
-"""How the jobs of moves in a queue end."""
+"""The ends of the jobs of queued moves."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ class QueueJobs:
     def give_up(
         self, moves: Sequence[QueuedMove], error: BaseException, behind: MotionStopped | None = None
     ) -> None:
-        """These moves cannot be executed: the first one for this error, the others for `behind`."""
+        """End the jobs of moves that cannot be executed: the first one with this error, the others with
+        `behind`.
+        """
         if behind is None and isinstance(error, CobotError):
             behind = MotionStopped(f"the move before it failed: {error}")
         for move in moves:
@@ -44,8 +46,8 @@ def report_stops(
     radii_m: Sequence[float],
     before: QueuedMove | None = None,
 ) -> None:
-    """Log at which moves with a blend radius the arm stops all the same."""
+    """Log the moves with a blend radius at which the arm stops in spite of it."""
     for move, radius_m, used_m in zip([before, *moves[:-1]], radii_m[:-1], stretch.used_m, strict=True):
         if move is not None and radius_m > 0.0 and used_m == 0.0:
             where = f"{label}move {move.number} ({move.name})"
-            log.info("%s: no blend is possible within the limits, the arm stops at its end", where)
+            log.info("%s: no blend is possible within the limits, so the arm stops at its end", where)

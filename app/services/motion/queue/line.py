@@ -1,8 +1,8 @@
-"""The moves that wait in a queue, in their order.
+"""The waiting moves of a queue, in their order.
 
-The first moves are planned: each begins where the one before it ends. When a move is taken out, those behind
-it are loose: they wait to be planned again. Taking a move out never waits. If planning has begun at its end,
-that planning is given up and begins again from the new place.
+The first moves are planned: each begins where the previous one ends. When a move is removed, the moves after
+it become loose: they wait to be planned again. Removing a move never waits. If planning from its end has
+begun, that planning is cancelled and begins again from the new start.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ GiveUp = Callable[[Sequence[QueuedMove], BaseException], None]
 
 
 class QueueLine:
-    """The moves of one queue that wait. Only one task at a time may call `add` and `mend`.
+    """The waiting moves of one queue. Only one task at a time may call `add` and `replan_loose`.
 
     Args:
-        give_up: called with moves that cannot be planned any more, and the error of the first one.
+        give_up: called with moves that can no longer be planned, and the error of the first one.
 
     Attributes:
-        end: joint position where the last planned move ends, or the motion under way; shape (dof,), rad.
+        end: joint position at the end of the last planned move or, without one, of the present motion; shape
+            (dof,), rad.
     """
 
     def __init__(self, planner: MovePlanner, give_up: GiveUp, end: Array) -> None:
@@ -49,12 +50,12 @@ class QueueLine:
 
     @property
     def moves(self) -> list[QueuedMove]:
-        """All of them."""
+        """All waiting moves."""
         return [*self._planned, *self._loose]
 
     @property
     def head(self) -> list[QueuedMove]:
-        """The first planned moves: what a motion begins with, or goes on with."""
+        """The first planned moves, with which a motion begins or continues."""
         return head(self._planned, MAX_JOINED_LEGS)
 
     @property
@@ -68,7 +69,7 @@ class QueueLine:
         return len(first) == len(chain) and all(a is b for a, b in zip(first, chain, strict=True))
 
     def take(self, chain: Sequence[QueuedMove]) -> bool:
-        """Remove these moves if they are still the first ones; whether they were."""
+        """Remove these moves if they are still the first ones. Returns whether they were."""
         if not self.begins_with(chain):
             return False
         for _ in chain:
@@ -86,14 +87,14 @@ class QueueLine:
         self._end_at(start)
 
     def clear(self) -> list[QueuedMove]:
-        """Forget all moves; returns them."""
+        """Remove all moves, and return them."""
         moves = self.moves
         self._planned.clear()
         self._loose.clear()
         return moves
 
     def take_out(self, job: Job) -> QueuedMove | None:
-        """Remove the move of a job, if there is one; those behind it are loose from now on."""
+        """Remove the move of a job, if there is one. The moves after it become loose."""
         for index, move in enumerate(self._planned):
             if move.request.job is job:
                 behind = list(self._planned)[index:]
@@ -110,10 +111,10 @@ class QueueLine:
         return None
 
     async def add(self, claim: Claim, number: int, request: QueueRequest) -> QueuedMove:
-        """Plan a move from where the last one ends, and put it last.
+        """Plan a move from the end of the last one, and append it.
 
         Raises:
-            CobotError: see `MovePlanner.planned`.
+            CobotError: see `MovePlanner.plan_move`.
         """
         while True:
             await self.replan_loose(claim)
@@ -123,14 +124,14 @@ class QueueLine:
                 return found
 
     async def replan_loose(self, claim: Claim) -> None:
-        """Plan the loose moves again. One that cannot be planned fails, and all behind it are given up."""
+        """Plan the loose moves again. If one cannot be planned, it fails with all moves after it."""
         while self._loose:
             move = self._loose[0]
             try:
                 found: QueuedMove | None = move
                 if not (move.legs and np.array_equal(move.legs[0].motion.start, self.end)):
                     if not move.request.anywhere:
-                        raise ConflictError(f"{move.name}: it is given relative to where it was to begin")
+                        raise ConflictError(f"{move.name}: it is relative to its start, which has changed")
                     found = await self._plan_from_end(claim, move.number, move.request)
             except CobotError as exc:
                 if claim.interruption is None:
@@ -148,14 +149,14 @@ class QueueLine:
             self.end = move.legs[-1].motion.end
 
     def _end_at(self, place: Array) -> None:
-        """The next move begins there: what is being planned from somewhere else is given up."""
+        """Set the start of the next move. Planning from another start is cancelled."""
         self.end = place
         self._cuts += 1
         if self._planning is not None:
             self._planning.cancel()
 
     async def _plan_from_end(self, claim: Claim, number: int, request: QueueRequest) -> QueuedMove | None:
-        """A move that begins at `end`; None if something was taken out meanwhile."""
+        """Plan a move that begins at `end`; None if a move was removed meanwhile."""
         cuts = self._cuts
         planning = asyncio.create_task(self._planner.plan_move(claim, number, request, self.end))
         self._planning = planning

@@ -1,9 +1,10 @@
-"""A motion of the queue: begun with the moves that wait, prolonged by those that come while it is under way.
+"""A motion of the queue. It begins with the waiting moves, and is extended with moves that arrive while it
+runs.
 
-A planning process joins the next moves to the motion, which stays the same for as long as that may take, and
-rtloop goes on with the result. So the arm does not stop at a move with a blend radius, and stops only briefly
-at a move without one. When moves come too late, the arm stops at the end of the last one, and a new motion
-begins.
+A planning process joins the next moves to the motion, and rtloop continues with the result. The part of the
+motion that the arm executes during planning stays unchanged. So the arm does not stop at the end of a move
+with a blend radius, and stops only briefly at one without. If moves arrive too late, the arm stops at the end
+of the last one, and a new motion begins.
 """
 
 from __future__ import annotations
@@ -30,17 +31,19 @@ from cobot.motions.stretches import Leg, Stretch, alone
 
 IDLE = -1
 LOOK_S = 0.01
-"""Period of looking for moves that have come, s."""
+"""Interval between checks for new moves, s."""
 AHEAD_S = 8.0
-"""A motion that lasts longer than this is not prolonged yet, s, so that it does not grow with the queue."""
+"""Maximum remaining time of a motion that is extended, s. So the motion does not grow with the queue."""
 MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.15, 0.3, 1.0
-"""Time for which a motion stays as it is while it is prolonged, s. It follows the last planning time."""
+"""Time for which the motion stays unchanged while it is extended, s: minimum, initial and maximum value. It
+follows the last planning time.
+"""
 
 log = logging.getLogger("cobot.queue")
 
 
 class _Phase(Enum):
-    """How far a motion of the queue is."""
+    """The phase of a motion of the queue."""
 
     NONE = auto()
     STARTING = auto()
@@ -51,7 +54,7 @@ class QueueMotion:
     """The motions of one robot's queue, one after the other.
 
     Attributes:
-        moves: of the motion under way, or of the last one: those that have not ended, in their order.
+        moves: the moves of the present or the last motion that have not ended, in their order.
     """
 
     def __init__(self, link: RobotLink, motion: MotionService, planner: MovePlanner, jobs: QueueJobs) -> None:
@@ -70,20 +73,21 @@ class QueueMotion:
 
     @property
     def unended(self) -> list[QueuedMove]:
-        """All moves that wait no more and have not ended."""
+        """All moves that have left the queue and have not ended."""
         return [*self.moves, *self._joining]
 
     @property
     def left(self) -> list[QueuedMove]:
-        """The moves of the motion under way that have not ended."""
+        """The moves of the present motion that have not ended."""
         return list({move.number: move for move in [*self._runs.left(), *self._joining]}.values())
 
     async def execute(self, claim: Claim, line: QueueLine) -> Left | None:
-        """A motion that begins with the moves that wait, and goes on with those that come while it lasts.
+        """Execute a motion that begins with the waiting moves, and continues with those that arrive while it
+        runs.
 
         Returns:
-            What is left of a motion from which a move was dropped, once the arm rests; else None: the motion
-            has arrived, or there is nothing that could begin now.
+            The rest of the motion if a move was dropped from it, once the arm is at rest. Otherwise None: the
+                motion has arrived, or no move can begin now.
 
         Raises:
             CobotError: see `MotionService.start`, `MotionService.arrival`, `PlanningService.compute`.
@@ -137,7 +141,7 @@ class QueueMotion:
         return await self._planner.begin_stretch(claim, legs, radii)
 
     async def _start(self, claim: Claim, running: QueueRun) -> bool:
-        """Have it started; False if a move was dropped so early that nothing has moved."""
+        """Start the motion. Returns False if a move was dropped so early that nothing has moved."""
         try:
             placement = await self._signals.place_first(running, self._joining)
             self._signals.take(placement, self._joining)
@@ -157,7 +161,8 @@ class QueueMotion:
         return True
 
     async def _follow(self, claim: Claim, line: QueueLine) -> None:
-        """Follow the motion to its end; waiting moves prolong it. `finish` reports the end to its jobs.
+        """Follow the motion to its end, and extend it with waiting moves. `finish` reports the end to its
+        jobs.
 
         Raises:
             CobotError: see `MotionService.arrival`.
@@ -181,7 +186,7 @@ class QueueMotion:
             arrival.cancel()
 
     async def _go_back(self, claim: Claim) -> Left | None:
-        """Go back from a contact, if one has ended the motion: what follows begins from there.
+        """Move back from a contact, if a contact has ended the motion. The next move begins from there.
 
         Raises:
             CobotError: see `MotionService.retract`.
@@ -197,7 +202,7 @@ class QueueMotion:
         return Left([], None, (await self._motion.require_ready()).commanded_position)
 
     async def _cut_off(self, begun: QueuedMove | None) -> Left:
-        """The arm rests because moves were dropped, which end now; `begun` is the one that it was on.
+        """End the dropped moves, now that the arm is at rest. `begun` is the move during which it stopped.
 
         Raises:
             CobotError: see `MotionService.ready`.
@@ -217,7 +222,7 @@ class QueueMotion:
 
     @property
     def _passed(self) -> list[QueuedMove]:
-        """The moves whose ends the arm has passed while it came to rest, and that have actions left."""
+        """The moves whose ends the arm has passed while it stopped, and that have actions left."""
         return [move for move in self._runs.passed() if move.signals.pending]
 
     @property
@@ -235,12 +240,12 @@ class QueueMotion:
         self._dropped = []
 
     def drop(self, claim: Claim, job: Job, error: MotionStopped) -> bool:
-        """Have the arm rest on its path because a move of the motion under way is not wanted any more.
+        """Stop the arm on its path because a move of the present motion was cancelled.
 
-        The motion goes on from there with the others: see `execute`.
+        The motion then continues with the other moves: see `execute`.
 
         Returns:
-            Whether the job is one of its moves, and has not ended.
+            Whether the job belongs to one of the moves and has not ended.
         """
         if self._phase is _Phase.NONE:
             self.finish()
@@ -258,7 +263,7 @@ class QueueMotion:
         return True
 
     def finish(self) -> None:
-        """The motion has arrived: so have its moves."""
+        """End all moves of the motion, because it has arrived."""
         for move in list(self.moves):
             self._end(move)
 
@@ -267,7 +272,7 @@ class QueueMotion:
         self._jobs.end(move, error)
 
     def _follow_jobs(self, claim: Claim) -> None:
-        """Tell the jobs how far the arm is. The last one ends where the motion does."""
+        """Report the progress of the arm to the jobs. The last job ends with the motion."""
         if not self._runs.all:
             return
         running, now_s = self._runs.place()
@@ -287,9 +292,9 @@ class QueueMotion:
         job.set_left_s(left_s)
 
     async def _prolong(self, claim: Claim, line: QueueLine) -> None:
-        """Have the motion under way go on through the next moves that are possible.
+        """Extend the present motion with the next moves that are possible.
 
-        It comes to its end before the others.
+        Errors of the extension are reported when the moves would begin.
         """
         try:
             chain = await self._planner.valid(line.head)
@@ -329,7 +334,7 @@ class QueueMotion:
                 line.give_back(self._joining)
                 self._joining = []
                 place = f"{self._link.label}move {moves[0].number} ({moves[0].name})"
-                log.info("%s: the arm rests before it: %s", place, exc)
+                log.info("%s: the arm stops before this move: %s", place, exc)
             return
         self._runs.all = [after]
         self.moves += self._joining
@@ -344,7 +349,7 @@ class QueueMotion:
         radii: Sequence[float],
         times_s: tuple[float, float],
     ) -> Stretch | None:
-        """The present motion with the new moves joined to it; None if a move was dropped meanwhile."""
+        """The present motion extended with the new moves; None if a move was dropped meanwhile."""
         work = self._planner.prolong(claim, stretch, legs, radii, times_s)
         planning = self._planning = asyncio.create_task(work)
         try:

@@ -1,13 +1,12 @@
-"""Motions one after the other, in the background: accepted at once, executed in their turn.
+"""The motion queue: moves are accepted at once and executed in their order, in the background.
 
-The queue owns the right to move from the first move that it accepts until it has nothing left. What waits is
-executed as one motion, which is prolonged while the arm moves, see `motion`. A move with a blend radius
-that takes no more than `SHORT_S` is held back for `BLEND_WAIT_S`, and each further one renews that: the next
-one could not be planned in time.
+The queue holds the claim on the arm from its first move until it is empty. Waiting moves are executed as one
+motion, which is extended while the arm moves, see `motion`. A move with a blend radius that takes at most
+`SHORT_S` waits for `BLEND_WAIT_S`, because otherwise the next one could not be planned in time. Each further
+move renews this wait.
 
-Each move can be taken out at any time, without waiting for what is being planned. What waits behind it is
-planned again from its new start. Where the motion under way leads to it already, the arm first comes to
-rest on its path.
+Each move can be removed at any time, without waiting for planning. The moves after it are planned again from
+their new start. If the move is part of the present motion, the arm first stops on its path.
 """
 
 from __future__ import annotations
@@ -41,9 +40,9 @@ from cobot.errors import (
 BLEND_WAIT_S = 0.25
 SHORT_S = 1.0
 SHOWN_S = 0.2
-"""Minimum time for which an accepted move is shown as under way, s. Clients poll, and moves may be short."""
+"""Minimum time for which an accepted move is reported as running, s. Clients poll, and moves may be short."""
 CAPACITY = 500
-"""Maximum number of motions that wait."""
+"""Maximum number of waiting motions."""
 MAX_NUMBER = 2**31 - 1
 NAME = "the motion queue"
 
@@ -54,7 +53,7 @@ class MotionQueue:
     """The queue of one robot.
 
     Attributes:
-        last_error: why the queue was emptied last; "" once another move is accepted.
+        last_error: reason why the queue was last emptied; "" once another move is accepted.
     """
 
     def __init__(
@@ -82,12 +81,12 @@ class MotionQueue:
 
     @property
     def idle(self) -> bool:
-        """Whether there is nothing to do, nor anything under way."""
+        """Whether the queue is empty and no motion of it runs."""
         return self._claim is None
 
     @property
     def size(self) -> int:
-        """How many moves have been accepted and have not ended."""
+        """The number of accepted moves that have not ended."""
         return len(self._all)
 
     @property
@@ -96,7 +95,7 @@ class MotionQueue:
 
     @property
     def current(self) -> int:
-        """The number of the move that is under way or next, `IDLE` for none."""
+        """The number of the present or next move, `IDLE` without one."""
         if moves := self._all:
             return moves[0].number
         last = self._last
@@ -106,11 +105,11 @@ class MotionQueue:
         return IDLE if self.idle and (self.last_error or not shown) else last.number
 
     def duration_s(self, number: int) -> float | None:
-        """How long a move that has not ended takes at full speed; None if there is no such move."""
+        """The duration of a move that has not ended, at full speed; None if there is no such move."""
         return next((move.duration_s for move in self._all if move.number == number), None)
 
     async def add(self, request: QueueRequest, stops: int, token: str | None) -> int:
-        """Plan a move from where the last one ends, and have it executed in its turn.
+        """Plan a move from the end of the last one, and execute it in its turn.
 
         Args:
             stops, token: see `Caller`.
@@ -119,7 +118,7 @@ class MotionQueue:
             The move's number.
 
         Raises:
-            InputError, PlanningError: the motion is impossible. The moves before it continue.
+            InputError, PlanningError: the move is impossible. The moves before it continue.
             ConflictError: another client moves the arm or has control; or the queue is full.
             MotionStopped: a stop was requested meanwhile.
             UnavailableError: see `MotionService.ready`.
@@ -127,7 +126,7 @@ class MotionQueue:
         if not request.radius_m >= 0.0:
             raise InputError(f"blend_radius must not be negative, got {request.radius_m:g} m")
         if request.exact and request.radius_m > 0.0:
-            raise InputError("blend_radius: a round corner would spoil a plan; use 0")
+            raise InputError("blend_radius: a plan cannot be blended, because it is run unchanged; use 0")
         async with self._turn:
             if self._claim is not None:
                 self._ownership.require_control()
@@ -136,7 +135,7 @@ class MotionQueue:
                 waiting = sum(move.request.count for move in self._all)
                 if waiting + request.count > CAPACITY:
                     raise ConflictError(
-                        f"the motion queue is full: {waiting} moves are waiting already, {CAPACITY} may"
+                        f"the motion queue is full: {waiting} moves are waiting, allowed are {CAPACITY}"
                     )
                 if stops != self._ownership.stops:
                     raise MotionStopped("a stop was requested while the move was being read")
@@ -153,7 +152,7 @@ class MotionQueue:
             return number
 
     async def clear(self, reason: str) -> None:
-        """Come to rest on the path and forget all moves, and a pause too; returns when the arm rests."""
+        """Stop on the path and remove all moves. Also ends a pause. Returns when the arm is at rest."""
         claim = self._claim
         if claim is not None:
             claim.interrupt(MotionStopped(reason))
@@ -161,10 +160,10 @@ class MotionQueue:
             await claim.ended.wait()
 
     def cancel(self, job: Job, error: MotionStopped) -> bool:
-        """Take a move out, also during planning. The moves behind it are planned again.
+        """Remove a move, also while it is being planned. The moves after it are planned again.
 
-        The job has ended when this returns, unless the motion under way leads to it: then it ends as soon as
-        the arm has come to rest on its path.
+        The job has ended when this returns, unless the move is part of the present motion. Then the job ends
+        as soon as the arm has stopped on its path.
 
         Returns:
             Whether there is such a move.
@@ -227,14 +226,14 @@ class MotionQueue:
             self._running.finish()  # last: a waiting client may move the arm from here on
 
     def _empty(self, claim: Claim, error: BaseException) -> None:
-        """Nothing of the queue moves any more."""
+        """End all moves with an error, because the queue has failed or was stopped."""
         moves = [*self._running.unended, *self._line.clear()]
         self._running.moves = []
         stop = claim.interruption
         self._jobs.give_up(moves, error, stop if isinstance(stop, MotionStopped) else None)
 
     async def _next(self, claim: Claim) -> bool:
-        """Wait until a motion may begin with what waits; False if nothing does."""
+        """Wait until a motion may begin with the waiting moves. Returns False if none wait."""
         while self._line:
             claim.proceed()
             chain = self._line.head
@@ -253,7 +252,9 @@ class MotionQueue:
         return False
 
     async def _execute(self, claim: Claim) -> None:
-        """A motion that begins with what waits, and goes on with what comes while it is under way."""
+        """Execute a motion that begins with the waiting moves, and continues with those that arrive while it
+        runs.
+        """
         left = await self._running.execute(claim, self._line)
         if self._line or self._turn.locked():
             self._running.finish()
@@ -263,7 +264,7 @@ class MotionQueue:
         if left.begun is not None and not left.begun.request.midway:
             at = next(index for index, move in enumerate(moves) if move is left.begun)
             given_up, moves = [*moves[at:], *self._line.clear()], moves[:at]
-            error = ConflictError(f"{given_up[0].name}: it cannot be begun once more amid its path")
+            error = ConflictError(f"{given_up[0].name}: it cannot begin again in the middle of its path")
             self._jobs.give_up(given_up, error)
         self._line.put_first(moves, left.start)
         async with self._turn:

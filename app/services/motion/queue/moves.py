@@ -1,4 +1,4 @@
-"""Moves of the queue: what is asked for, what is planned, what is left."""
+"""Moves of the queue: the request, the planned move, and the rest after a stop."""
 
 from __future__ import annotations
 
@@ -32,21 +32,22 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class QueueRequest:
-    """What the queue is asked for.
+    """A request to the queue.
 
     Attributes:
-        name: for people.
-        parts: the motions that it consists of, one after the other: each, from where it starts, as it is to
-            be planned, or as it has been planned; None if the arm is there already.
-        radius_m: how far from its end the arm may leave its path, if another move follows in time.
-        inner_radii_m: the same of each part but the last.
-        job: that it is; None for the vendor services, whose moves are one job together.
-        exact: it is a plan, which is run as it was looked at: the arm stops before and after it.
-        anywhere: it means the same wherever it begins, as a pose does, and an angle about an axis does not.
-        midway: it can be begun once more from a place on its path, as a line can, and an arc cannot.
-        count: how many motions it is, of those that may wait.
-        require_valid: raises `ConflictError` if it is no more what it was when it was queued.
-        signals: its actions and conditions, and what becomes of them.
+        name: displayed name.
+        parts: a function for each motion of the move. From the motion's start it returns the request to the
+            planner, or the planned motion; None if the arm is already at the goal.
+        radius_m: blend radius at the end, m, if another move follows in time.
+        inner_radii_m: blend radius at the end of each part except the last, m.
+        job: the job of the move; None for the vendor services, whose moves are one job together.
+        exact: whether it is a plan, which is run unchanged; the arm stops before and after it.
+        anywhere: whether the goal does not depend on the start. True for a pose, false for an angle about an
+            axis.
+        midway: whether the move can begin again in the middle of its path. True for a line, false for an arc.
+        count: number of motions of the move, for the capacity of the queue.
+        require_valid: raises `ConflictError` if its preconditions have changed since it was queued.
+        signals: its actions and conditions, and their results.
     """
 
     name: str
@@ -70,11 +71,11 @@ def queue_request(
     inner_radii_m: Sequence[float] = (),
     job: Job | None = None,
 ) -> QueueRequest:
-    """What the queue is asked for by goals, one after the other.
+    """The request to the queue for several goals, one after the other.
 
     Args:
-        plan: what is to be planned for a goal from where it starts, shape (dof,), rad.
-        radius_m, inner_radii_m: see `QueueRequest`. No inner radii: the arm stops at each part.
+        plan: returns the request to the planner for a goal and a start, shape (dof,), rad.
+        radius_m, inner_radii_m: see `QueueRequest`. No inner radii: the arm stops after each part.
 
     Raises:
         InputError: see `check_radii`.
@@ -99,10 +100,10 @@ class QueuedMove:
     """A planned move.
 
     Attributes:
-        legs: what moves the arm; none when it is there already.
-        radii_m: how far from the end of each the arm may leave its path.
-        since_s: when it was planned.
-        parts: of each of its motions, how many legs lead to its end.
+        legs: the planned motions; none if the arm is already at the goal.
+        radii_m: blend radius at the end of each leg, m.
+        since_s: time of planning.
+        parts: for each motion of the request, the number of legs up to its end.
     """
 
     number: int
@@ -114,7 +115,7 @@ class QueuedMove:
 
     @property
     def signals(self) -> MoveSignals:
-        """Its actions and conditions, and what becomes of them."""
+        """Actions and conditions of the move, and their results."""
         return self.request.signals
 
     @property
@@ -124,12 +125,12 @@ class QueuedMove:
 
     @property
     def begins_motion(self) -> bool:
-        """Whether the arm must settle before it, because it cannot be joined to the previous move."""
+        """Whether the arm must settle before this move, because it cannot be joined to the previous move."""
         return self._rests or self.signals.placed.start_when is not None
 
     @property
     def ends_motion(self) -> bool:
-        """Whether the arm has to settle after it, as no path leads on from it."""
+        """Whether the arm must settle after this move, because it cannot be joined to the next one."""
         return self._rests or self.signals.placed.until is not None
 
     @property
@@ -138,17 +139,19 @@ class QueuedMove:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes at full speed, without blends."""
+        """Duration at full speed, without blends, s."""
         return sum((leg.motion.duration_s for leg in self.legs), 0.0)
 
     @property
     def stops_before(self) -> bool:
-        """Whether the arm has to rest before it."""
+        """Whether the arm must stop before this move."""
         return not self.legs or self.request.exact
 
 
 def passed(move: QueuedMove) -> QueuedMove:
-    """A move whose end the arm has passed: what it still has to do is done where the arm is."""
+    """Replace a move whose end the arm has passed. The new move has no path; the remaining actions are done
+    where the arm is.
+    """
     move.signals.make_due()
     request = replace(move.request, parts=[lambda start: None], inner_radii_m=(), anywhere=True, exact=False)
     return replace(move, request=request, legs=(), radii_m=(), parts=(0,))
@@ -156,12 +159,12 @@ def passed(move: QueuedMove) -> QueuedMove:
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """What is left of a motion that was cut off.
+    """The rest of a motion that was cut off.
 
     Attributes:
-        moves: in their order.
-        begun: the one of them that was cut off amid its path; None if none was.
-        start: where the arm rests, shape (dof,), rad.
+        moves: the remaining moves, in their order.
+        begun: the move that was cut off in the middle of its path; None if there is none.
+        start: position of the arm at rest, shape (dof,), rad.
     """
 
     moves: list[QueuedMove]
@@ -170,7 +173,7 @@ class Left:
 
 
 class MovePlanner:
-    """Plans the moves of one robot's queue, each alone and together."""
+    """Plans the moves of one robot's queue, individually and joined."""
 
     def __init__(
         self, clock: Clock, motion: MotionService, planning: PlanningService, settings: RobotSettings
@@ -181,10 +184,11 @@ class MovePlanner:
         self._settings = settings
 
     async def plan_move(self, claim: Claim, number: int, request: QueueRequest, start: Array) -> QueuedMove:
-        """A move that begins there.
+        """Plan a move that begins at `start`.
 
         Raises:
-            CobotError: see `PlanningService.compute`; of several parts, it says which.
+            CobotError: see `PlanningService.compute`. With several parts, the error has the number of the
+                part.
         """
         legs: list[Leg] = []
         radii: list[float] = []
@@ -229,10 +233,10 @@ class MovePlanner:
             job.follow_signals(lambda: move.signals.results)
 
     async def valid(self, chain: Sequence[QueuedMove]) -> list[QueuedMove]:
-        """The moves before the first one that has become impossible since it was planned.
+        """The moves of a chain before the first one that has become impossible since it was planned.
 
         Raises:
-            ConflictError, CollisionError: the first of all has.
+            ConflictError, CollisionError: the first move of the chain has become impossible.
         """
         for index, move in enumerate(chain):
             try:

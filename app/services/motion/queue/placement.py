@@ -1,8 +1,8 @@
-"""Where the actions and conditions of the moves of the queue are on one motion, which grows.
+"""The places of all actions and conditions of queued moves on one motion that grows.
 
-The motion goes on along one trajectory after the other. Here path times count from the start of the motion;
-rtloop is given those of the trajectory. What happens before a trajectory takes over stays as it was, so the
-way of the TCP is continued from there, and a move under way keeps its beginning.
+The motion continues along one trajectory after the other. Path times here count from the start of the motion;
+those for rtloop count from the start of the trajectory. The part of the motion before a new trajectory stays
+as it was. So the path of the TCP is continued from there, and the present move keeps its beginning.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ class Placement:
 
     Attributes:
         offset_s: path time of the motion at which the trajectory begins.
-        times_s: by the number of each move with signals, when it begins and each of its legs ends.
-        placed: by the number of each move with signals, where they are.
-        way: of the TCP, from the beginning of the first of these moves; None if there are none.
-        signals: what rtloop is given, at path times of the trajectory.
+        times_s: by the number of each move with signals: path times of its beginning and of the end of each
+            leg.
+        placed: by the number of each move with signals: the places of its signals.
+        way: path of the TCP from the beginning of the first of these moves; None if there are none.
+        signals: all signals in the form for rtloop, at path times of the trajectory.
     """
 
     offset_s: float = 0.0
@@ -42,10 +43,10 @@ class Placement:
 
 
 class QueueSignals:
-    """The signals of the motion of the queue that is under way."""
+    """The signals of the queue's present motion."""
 
     def __init__(self, motion: MotionService, moves: Callable[[], Sequence[QueuedMove]]) -> None:
-        """moves: of the motion under way, those that have not ended, in their order."""
+        """moves: returns the moves of the present motion that have not ended, in their order."""
         self._motion = motion
         self._unended = moves
         self._motion_id = 0
@@ -84,32 +85,32 @@ class QueueSignals:
                 move.signals.follower.look(is_current=index == 0)
 
     def rest(self, tcp: Array) -> None:
-        """The motion has ended, and the TCP, shape (7,), rests. Its moves end by themselves."""
+        """Note the end of the motion; the TCP, shape (7,), is at rest. The moves end by themselves."""
         self.look()
         for follower in self._followers:
             follower.note_rest(tcp)
 
     async def place_first(self, run: QueueRun, moves: Sequence[QueuedMove]) -> Placement:
-        """Place the signals of the moves of a motion that is about to begin."""
+        """Place the signals of the moves of a motion that will begin."""
         self._motion_id = 0
         return await self._place(Placement(), run, moves, 0.0)
 
     async def place_next(self, run: QueueRun, moves: Sequence[QueuedMove]) -> Placement:
-        """Place them on the trajectory that the motion is about to go on with.
+        """Place the signals on the trajectory with which the motion will continue.
 
         Args:
-            moves: that have not ended, and those that are added.
+            moves: the moves that have not ended, and the added ones.
         """
         before = self._placement
         return await self._place(before, run, moves, before.offset_s + run.stretch.offset_s)
 
     def take(self, placement: Placement, moves: Sequence[QueuedMove]) -> None:
-        """The motion goes on so."""
+        """Use a new placement, because the motion continues on its trajectory."""
         self._placement, self._moves = placement, list(moves)
         self._tell()
 
     def follow(self, motion_id: int) -> None:
-        """The motion has begun, and this is its number."""
+        """Set the number of the motion, which has begun."""
         self._motion_id = motion_id
         self._tell()
 
@@ -118,7 +119,9 @@ class QueueSignals:
         return self._placement.times_s[move.number][0] - self._placement.offset_s
 
     def keep_rest(self, move: QueuedMove, path_time_s: float) -> None:
-        """The arm rests at a path time of the trajectory, in the middle of a move that is planned again."""
+        """Note that the arm has stopped at a path time of the trajectory, in the middle of a move that is
+        planned again.
+        """
         at = self._placement
         placed = at.placed.get(move.number)
         if placed is not None and at.way is not None and move.request.midway:
@@ -132,7 +135,7 @@ class QueueSignals:
         return move.signals.pending > 0
 
     def _tell(self) -> None:
-        """Tell the followers of the moves where their signals are."""
+        """Tell the followers of the moves the places of their signals."""
         for move in self._moves:
             placed, follower = self._placement.placed.get(move.number), move.signals.follower
             if placed is not None and follower is not None:
@@ -158,9 +161,9 @@ class QueueSignals:
 def _times_s(
     before: Placement, run: QueueRun, offset_s: float, signalling: Sequence[QueuedMove]
 ) -> dict[int, list[float]]:
-    """When each move with signals begins, and each of its legs ends.
+    """The path times at which each move with signals begins, and at which each of its legs ends.
 
-    A move that has not ended may have no end on the trajectory: the arm passes it before that takes over.
+    A move that has not ended may have no end on the new trajectory, because the arm passes this end before.
     """
     known = before.times_s
     found = {each.number: list(known[each.number]) for each in signalling if each.number in known}
@@ -181,9 +184,10 @@ def _times_s(
 def _together(
     moves: Sequence[QueuedMove], placed: dict[int, Placed], offset_s: float, duration_s: float
 ) -> Placed:
-    """The signals of all of them, at path times of a trajectory that begins at `offset_s`.
+    """The signals of all moves, at path times of a trajectory that begins at `offset_s`.
 
-    Actions at its end are not behind it by a rounding: they would never fire.
+    Path times are limited to the duration, because an action that rounding places after the end would never
+    fire.
     """
     each = [placed[move.number] for move in moves]
     settled = frozenset[int]().union(*(move.signals.settled for move in moves))

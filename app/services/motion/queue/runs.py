@@ -1,4 +1,4 @@
-"""What the real-time loop has of the queue, and where on it the arm is."""
+"""The trajectories of the queue in the real-time loop, and the arm's place on them."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from cobot.motions.stretches import Stretch
 
 @dataclass(frozen=True, slots=True)
 class QueueRun:
-    """A trajectory that the real-time loop has or is about to have.
+    """A trajectory that the real-time loop executes, or will execute next.
 
     Attributes:
-        moves: of each end of the stretch, the move that it belongs to.
+        moves: for each end in the stretch, the move that ends there.
     """
 
     stretch: Stretch
@@ -25,10 +25,10 @@ class QueueRun:
 
 
 class Runs:
-    """The run that the real-time loop has, and the one that is to replace it.
+    """The run that the real-time loop executes, and the run that will replace it.
 
     Attributes:
-        all: none between motions; the present one comes first.
+        all: the runs, the present one first; empty between motions.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -45,7 +45,7 @@ class Runs:
         return self.all[0], 0.0
 
     def left(self) -> list[QueuedMove]:
-        """The moves that have not ended, the last one in any case."""
+        """The moves that have not ended; at least the last one."""
         if not self.all:
             return []
         run, now_s = self.place()
@@ -53,14 +53,14 @@ class Runs:
         return left or run.moves[-1:]
 
     def passed(self) -> list[QueuedMove]:
-        """The moves whose ends the arm has passed, but for the last one."""
+        """The moves whose ends the arm has passed, except the last one."""
         if not self.all:
             return []
         left = {move.number for move in self.left()}
         return [move for move in self.all[0].moves if move.number not in left]
 
     def left_s(self) -> float:
-        """Path time to the end of the motion under way."""
+        """Path time to the end of the present motion."""
         with contextlib.suppress(UnavailableError):
             state = self._link.state()
             return state.path_duration_s - state.path_time_s

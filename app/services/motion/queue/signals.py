@@ -1,7 +1,7 @@
-"""Actions and conditions of one move of the queue, and what becomes of them.
+"""Actions and conditions of one queued move, and their results.
 
-They belong to the move, whatever motion carries it out: when the move is planned again, what has fired stays
-fired.
+They belong to the move, not to the motion that executes it. If the move is planned again, actions that have
+fired do not fire again.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ class MoveSignals:
     """The actions and conditions of one move.
 
     Attributes:
-        placed: where they are on the path that was planned last.
-        follower: what follows them; None while the move is not planned.
+        placed: their places on the last planned path.
+        follower: follows them; None while the move is not planned.
     """
 
     def __init__(self, segments: Sequence[PathSignals] = (), exact: Placed = NO_PLACED) -> None:
         """
         Args:
-            segments: those of each of its motions.
-            exact: those of a plan, which is run as it was made.
+            segments: the signals of each motion of the move.
+            exact: the signals of a plan, which is run unchanged.
         """
         self._segments = tuple(segments)
         self._exact = exact
@@ -42,31 +42,31 @@ class MoveSignals:
 
     @property
     def results(self) -> SignalResults:
-        """What is known so far."""
+        """The results so far."""
         return NO_RESULTS if self.follower is None else self.follower.results
 
     @property
     def settled(self) -> frozenset[int]:
-        """The numbers of the actions of which it is known that they have fired, or were rejected."""
+        """The numbers of the actions that are known to have fired, or were rejected."""
         return frozenset() if self.follower is None else self.follower.settled
 
     @property
     def pending(self) -> int:
-        """How many actions have not fired."""
+        """The number of actions that have not fired."""
         return len(self.placed.actions) - len(self.settled)
 
     def pauses_as(self, other: MoveSignals) -> bool:
-        """Whether both pause all along for one condition."""
+        """Whether both moves have the same condition `pause_while`, valid on their whole path."""
         alone = len(self._segments) == len(other._segments) == 1
         return alone and self.placed.pause_while == other.placed.pause_while
 
     def place(
         self, number: int, begin_s: float, ends_s: Sequence[float], way: TcpWay, *, is_cut: bool = False
     ) -> Placed:
-        """Where they are on a path.
+        """Find the places of the signals on a path.
 
         Args:
-            number: of the move; the numbers of its actions are unique in the queue.
+            number: number of the move. It makes the numbers of the actions unique in the queue.
             begin_s, ends_s: path times at which the move begins, and each of its motions ends.
             way, is_cut: see `place_signals`.
 
@@ -82,33 +82,35 @@ class MoveSignals:
         return replace(found, actions=actions)
 
     def follow(self, placed: Placed, make: Callable[[], SignalFollower]) -> None:
-        """They are there on a path that has not begun; `make` makes their first follower."""
+        """Set the places on a path that has not begun. `make` makes the first follower."""
         self.placed = placed
         if self.follower is None:
             self.follower = make()
         self.follower.go_on_with(placed, 0, 0.0)
 
     def keep_rest(self, placed: Placed, now_s: float, end_s: float, way: TcpWay) -> None:
-        """The move, which is a single motion, is cut off here and will be planned again from here."""
+        """Keep the places for a move, with a single motion, that is cut off here and will be planned again
+        from here.
+        """
         ordered = sorted(placed.actions, key=lambda each: each.number)
         times_s = [each.path_time_s for each in ordered]
         self._segments = (rest_of(self._segments[0], times_s, now_s, end_s, way),)
 
     def make_due(self) -> None:
-        """The arm has passed the end of the move: what has not fired is due at once."""
+        """Make all remaining actions due at once, because the arm has passed the end of the move."""
         ordered = sorted(self.placed.actions, key=lambda each: each.number)
         self._exact = NO_PLACED
         self._segments = (PathSignals(tuple(replace(each.action, place=AT_ONCE) for each in ordered)),)
 
     def end(self) -> None:
-        """The move has ended."""
+        """Note the end of the move."""
         if self.follower is not None:
             self.follower.look()
             self.follower.end()
 
 
 def later(placed: Placed, by_s: float) -> Placed:
-    """The same at later path times."""
+    """The same places at path times that are later by `by_s`."""
     return replace(
         placed,
         actions=tuple(replace(each, path_time_s=each.path_time_s + by_s) for each in placed.actions),

@@ -53,7 +53,7 @@ def test_the_example_of_the_cell_is_a_program_that_runs_and_stays_as_it_is(run: 
     for method, content in (("PUT", {"json": body}), ("DELETE", {})):
         answer = run.ask(method, path, **content)
         assert answer.status_code == 409
-        assert "is an example of the cell and stays as it is" in answer.json()["detail"]
+        assert "is an example of the cell and cannot be changed" in answer.json()["detail"]
     assert run.get(path).json()["text"] == text
     assert run.ask("PUT", "/programs/mine", json=body | {"text": text}).status_code == 200
     assert [(each["id"], each["example"]) for each in run.get("/programs").json()] == [

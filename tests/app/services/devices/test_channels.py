@@ -149,7 +149,7 @@ def test_channels_are_found_by_name_and_closed_once() -> None:
         with pytest.raises(NotFoundError, match="there is no open socket 'c'; open are: a, b"):
             channels.get("c")
         late = Line()
-        with pytest.raises(ConflictError, match="the socket 'a' is open already"):
+        with pytest.raises(ConflictError, match="the socket 'a' is already open"):
             channels.add("a", late.channel)
         assert late.closed == 1  # nobody else will
         channels.close("a")

@@ -38,7 +38,7 @@ def test_an_analog_place_takes_what_its_domain_allows(way: str) -> None:
         banks.set_analog(way, "tool", 1, 10.5)
     banks.set_domain(way, "tool", 1, 0)
     assert banks.analog(way, "tool", 1).value == 0.004  # the least current: 0 A would be a broken wire
-    with pytest.raises(LimitError, match=r"takes from 0\.004 to 0\.02 A, got 0"):
+    with pytest.raises(LimitError, match=r"must be from 0\.004 to 0\.02 A, got 0"):
         banks.set_analog(way, "tool", 1, 0.0)
     with pytest.raises(InputError, match="domain must be 0"):
         banks.set_domain(way, "tool", 1, 2)

@@ -91,7 +91,7 @@ def test_outside_of_its_hours_an_agent_runs_nothing(
     if permitted:
         assert approvals.permit(world.plan) is not None
         return
-    with pytest.raises(PermissionDenied, match=f"it is {clock[:5]}, mcp.fence.hours is {hours}"):
+    with pytest.raises(PermissionDenied, match=f"the time is {clock[:5]}, mcp.fence.hours is {hours}"):
         approvals.permit(world.plan)
 
 

@@ -84,7 +84,7 @@ def test_what_cannot_be_is_refused() -> None:
     frames.add("b", here, "a")
     for change, error, sentence in (
         (lambda: frames.add("a", here), ConflictError, "the frame 'a' exists already"),
-        (lambda: frames.add(WORLD, here), ConflictError, "there is a frame 'world' already"),
+        (lambda: frames.add(WORLD, here), ConflictError, "the frame 'world' exists already"),
         (lambda: frames.add("", here), InputError, "a name has from 1 to 200 characters"),
         (lambda: frames.add("c", here, "z"), NotFoundError, "no frame 'z'; there are: world, a, b"),
         (lambda: frames.remove("a"), ConflictError, "b are attached to 'a'; delete them first"),

@@ -292,7 +292,7 @@ def test_an_interruption_ends_the_worker_and_is_no_accident(
             await asked
         with pytest.raises(
             PlanningTimeout,
-            match=r"longer than 0.2 s and was cancelled; 0.0 s of it went by until a process was free",
+            match=r"longer than 0.2 s and was cancelled; 0.0 s of this passed until a process was free",
         ):
             await planning.compute(work, 0.2)
         await until(lambda: planning.warm)
@@ -342,7 +342,7 @@ def test_waiting_for_a_process_and_its_work_have_one_time_together(
         )
         await asyncio.sleep(0.6 * TOGETHER_S)
         first.touch()
-        with pytest.raises(PlanningTimeout, match=r"than 2.0 s and was given up; 1\.\d s of it went by"):
+        with pytest.raises(PlanningTimeout, match=r"than 2.0 s and was cancelled; 1\.\d s of this passed"):
             await late
         assert loop.time() - asked_s < 1.5 * TOGETHER_S
         assert await asyncio.gather(*busy) == ["slept", "slept"]

@@ -245,9 +245,7 @@ def test_more_solids_than_a_stream_can_watch_are_refused_with_what_would_fit(rob
     assert put(robot, "cloud", cloud | {"points": points[:300], "voxel": 0.001}).status_code == 200
     more = put(robot, "more", cloud | {"points": points[300:], "voxel": 0.001})
     assert more.status_code == 422
-    assert (
-        "made of 600 solids, cloud of 300, more of 300 among them; no more than 500" in more.json()["detail"]
-    )
+    assert "consist of 600 solids (cloud of 300, more of 300), allowed are 500" in more.json()["detail"]
 
 
 def info(robot):
@@ -289,7 +287,7 @@ def test_what_it_carries_does_not_change_while_the_arm_moves(robot):
     robot.until(lambda: robot.rig.mode is LoopMode.TRAJECTORY)
     refused = put(robot, "part", None)
     assert refused.status_code == 409
-    assert "what it carries changes only while it rests" in refused.json()["detail"]
+    assert "its load can be changed only while it is at rest" in refused.json()["detail"]
     assert robot.end(begun).json()["success"]
 
 

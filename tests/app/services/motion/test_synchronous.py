@@ -129,7 +129,7 @@ def test_a_part_from_before_a_stop_gives_way_to_a_new_one(pair: Pair) -> None:
     async def live() -> None:
         pair.sync.begin(1, [LEFT, RIGHT])
         await pair.segment(LEFT, 1, pair.away)
-        with pytest.raises(ConflictError, match="left has its part of segment 1 already"):
+        with pytest.raises(ConflictError, match="the part of left in segment 1 was already sent"):
             await pair.segment(LEFT, 1, pair.away)
         pair.stop(LEFT)
         await pair.segment(LEFT, 1, pair.away)
@@ -143,7 +143,7 @@ def test_only_so_many_segments_wait(pair: Pair) -> None:
         pair.sync.begin(1, [LEFT, RIGHT])
         for number in range(MAX_WAITING):
             await pair.segment(LEFT, number, pair.away)
-        with pytest.raises(LimitError, match="segments wait for a robot already"):
+        with pytest.raises(LimitError, match="segments already wait for a robot"):
             await pair.segment(LEFT, MAX_WAITING, pair.away)
         assert await pair.done(pair.segment(RIGHT, 0, pair.away))  # one that waits may begin
 

@@ -247,7 +247,7 @@ def test_the_queue_is_bounded(run: VirtualService, monkeypatch: pytest.MonkeyPat
     jobs = [queued(run, {"joints": place(j0=0.1 * number)}) for number in (1, 2)]
     refused = asked(run, {"joints": HOME})
     assert refused.status_code == 409
-    assert refused.json()["detail"] == "the motion queue is full: 2 moves are waiting already, 2 may"
+    assert refused.json()["detail"] == "the motion queue is full: 2 moves are waiting, allowed are 2"
     released(run)
     until(run, jobs[-1])
 
@@ -616,7 +616,7 @@ def test_a_plan_that_does_not_follow_is_refused_and_the_others_go_on(run: Virtua
     there = plan(run, place(j0=0.6), HOME)
     rounded = asked(run, {"plan_id": there["plan_id"]}, "/robot/execute", RADIUS_M)
     assert rounded.status_code == 422
-    assert "a round corner would spoil a plan" in rounded.json()["detail"]
+    assert "a plan cannot be blended" in rounded.json()["detail"]
     alone = run.post("/robot/execute?blend_radius=0.1", {"plan_id": there["plan_id"]})
     assert alone.status_code == 422
     assert "queue=true" in alone.json()["detail"]

@@ -191,7 +191,7 @@ def test_what_rtloop_refuses_is_gone_to_after_a_rest(queue: Queue, monkeypatch: 
     queue.done()
     assert queue.motions == begun + 2
     assert corners(queue, since, [place])[0] < 1e-4
-    assert "the arm rests before it: it differs from the motion under way" in queue.http.output
+    assert "the arm stops before this move: it differs from the motion under way" in queue.http.output
 
 
 @pytest.mark.parametrize("fraction", [0.3, 0.7])
