@@ -44,14 +44,14 @@ def test_what_waited_for_a_service_that_stood_still_is_refused(service: VirtualS
     stand_still(service, 2.0)
     answer = service.end(service.begin(requests(service)[what]()))
     assert answer.status_code == 503, answer.text
-    assert "the service stood still for 2." in answer.json()["detail"]
+    assert "the service was suspended for 2." in answer.json()["detail"]
     assert answer.json()["code"] == "unavailable"
     again = service.ask("POST", "/robot/move/joints", json=MOVE)
     assert again.status_code == 503, "it may have waited too: nobody knows"
     service.sleep(CATCH_UP_S)
     assert motions(service) == before
     service.go_home()
-    assert "the service stood still for 2." in service.output
+    assert "the service was suspended for 2." in service.output
 
 
 def test_a_short_pause_is_nobody_s_business(service: VirtualService) -> None:

@@ -77,7 +77,7 @@ def test_a_sequence_has_the_control_of_who_has_started_it(http: httpx.Client) ->
     token = http.post("/robot/control", json={"timeout_s": 600}).raise_for_status().json()["token"]
     refused = start(http, SHORT)
     assert refused.status_code == 409
-    assert "under the control of" in refused.json()["detail"]
+    assert "has control of the robot" in refused.json()["detail"]
     http.headers["X-Control-Token"] = token
     assert start(http, SHORT).status_code == 200
     assert finished(http)["returncode"] == 0

@@ -316,7 +316,7 @@ def test_a_recording_goes_on_without_a_missing_cycle_when_recorder_and_rtloop_ar
     assert old is not None
     lost = recorder()["lost"]  # by fast motions of other tests
     old.suspend()
-    silent = f"the recorder (pid {old.pid}) has been silent for"
+    silent = f"the recorder (pid {old.pid}) has not responded for"
     refused = httpx.post(f"{run.url}/recordings", json={"action": "dump"}, timeout=WAIT_S)
     assert refused.status_code == 503, refused.text
     assert silent in refused.json()["detail"]

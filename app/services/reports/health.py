@@ -1,4 +1,4 @@
-"""How the whole product is: processes, cycle times, versions."""
+"""Health of the whole product: processes, cycle times, versions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ SHARES = {"p50_us": 0.5, "p99_us": 0.99, "p999_us": 0.999}
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """`status` is "ok", or "degraded" with the `problems`; the others are plain JSON values."""
+    """The health. `status` is "ok", or "degraded" with the `problems`; the other fields are plain JSON
+    values.
+    """
 
     status: str
     problems: list[str]
@@ -50,7 +52,7 @@ class Health:
 
 
 class HealthService:
-    """Collects; answers whatever is broken."""
+    """Collects the health. It answers even if other parts fail."""
 
     def __init__(
         self,
@@ -74,7 +76,7 @@ class HealthService:
         self._started_s = link.clock.now_s()
 
     def health(self) -> Health:
-        """The health of this moment."""
+        """The present health."""
         problems: list[str] = []
         robot: dict[str, object] = {"name": self._robot, "mode": None, "reason": "", "settled": None}
         rtloop: dict[str, object] = {"alive": False, "pid": None}
@@ -135,7 +137,7 @@ class HealthService:
         )
 
     def obstacles(self) -> list[str]:
-        """Why the robot would not move if it were asked to, in words; empty when it is ready."""
+        """The reasons why the robot would not execute a motion now, as sentences; empty if it is ready."""
         starting = [] if self._planning.warm else ["the planning processes are starting"]
         try:
             state = self._link.state()
@@ -145,7 +147,7 @@ class HealthService:
         if silence:
             return [silence, *starting]
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
-            return [f"mode {state.mode.name}: {state.reason}; see to the cause, then reset it", *starting]
+            return [f"mode {state.mode.name}: {state.reason}; remove the cause, then reset it", *starting]
         if state.measured_age_s > self._stale_s:
             return [f"not measured for {state.measured_age_s:.1f} s: {state.reason}", *starting]
         return starting
@@ -161,7 +163,7 @@ class HealthService:
 
 
 def _seconds_since(moments_ns: list[int], now_ns: int) -> dict[str, float | None]:
-    """By kind of intervention; None for never."""
+    """Time since the last intervention, by kind, s; None if there was none."""
     seconds = ((now_ns - moment) * 1e-9 if moment else None for moment in moments_ns)
     return dict(zip(KINDS, seconds, strict=True))
 

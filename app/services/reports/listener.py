@@ -1,4 +1,4 @@
-"""A listener: its place in the ring, what it has subscribed to, and the newest state at its own rate."""
+"""A listener: its position in the ring of events, its subscription, and the newest state at its own rate."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from app.services.events.ring import Event, Events
 from app.services.reports.states import StateTexts
 
 KEEP_ALIVE_S = 5.0
-"""Interval of keep-alive messages without events, s. A listener that misses them has lost the connection."""
+"""Interval of keep-alive messages without events, s. A listener that misses them can conclude that its
+connection is lost.
+"""
 BATCH = 64
-"""Maximum number of events that are sent at once; then other listeners have their turn."""
+"""Maximum number of events that are sent at once, before other listeners get their turn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +22,7 @@ class EventFilter:
     """The subscription of a listener.
 
     Attributes:
-        types: of events; None for all.
+        types: types of events; None for all.
         robots: the robots whose events are wanted; None for all.
     """
 
@@ -34,14 +36,15 @@ class EventFilter:
 
 
 class Listener:
-    """One client. Its events are taken from the ring when they can be sent; nothing waits for it.
+    """A listening client. Its events are read from the ring when they can be sent, so a slow client delays
+    nothing.
 
     Args:
         after: see `Events.place`.
-        states: the robots whose state is sent, at `state_hz`. It is always the newest state.
+        states: the robots whose newest state is sent at `state_hz`.
 
     Attributes:
-        epoch: of the events that it hears.
+        epoch: epoch of its events.
 
     Raises:
         InputError: see `Events.place`.
@@ -72,7 +75,7 @@ class Listener:
         events.on_news.add(self._call)
 
     def close(self) -> None:
-        """It hears nothing any more: `next` ends."""
+        """Close the listener: `next` then ends."""
         self._closed = True
         self._timer.cancel()
         self._events.on_news.discard(self._call)
@@ -80,9 +83,7 @@ class Listener:
         self._wake.set()
 
     async def next(self) -> list[Event]:
-        """What there is to tell, as soon as there is something; empty when there will be nothing any
-        more.
-        """
+        """Wait for the next messages, and return them; empty if the listener is closed."""
         while not self._closed:
             self._wake.clear()
             found = [*self._take_first(), *self._take_events(), *self._take_tick()]
@@ -127,12 +128,14 @@ class Listener:
             yield self._event("alive", {})
 
     def _tick(self) -> None:
-        """Make states due; the next tick is on the grid of the rate, unless the loop is a period late."""
+        """Make states due. The next tick stays on the grid of the rate, unless the event loop is a period
+        late.
+        """
         self._due = True
         self._call()
         self._tick_s = max(self._tick_s + self._period_s, self._loop.time())
         self._timer = self._loop.call_at(self._tick_s, self._tick)
 
     def _event(self, kind: str, data: dict[str, object]) -> Event:
-        """About the listener's place, which is its number."""
+        """An event about the listener's position. Its number is that position."""
         return Event(self._place, kind, "", self._events.rendered(kind, "", data, self._place))

@@ -1,4 +1,4 @@
-"""Recordings for clients: the files that are there, and what the recorder is asked for."""
+"""Recordings for clients: the existing files, and requests to the recorder."""
 
 from __future__ import annotations
 
@@ -19,21 +19,23 @@ from cobot.recording.control import HANG_S, SILENT_S, ask, socket_path
 from cobot.recording.store import Recording, RecordingStore
 
 START_S = 30.0
-"""The first recorder of a `cobot run` may be silent for so long: it has yet to begin."""
+"""Maximum time for which the first recorder of a `cobot run` may not answer, s, because it is still
+starting.
+"""
 LOOK_S = 0.2
-"""Interval between checks whether the recorder still lives, s."""
+"""Interval between checks whether the recorder is alive, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecorderStatus:
-    """How the recorder of a robot stands.
+    """The status of a robot's recorder.
 
     Attributes:
-        alive: whether it has shown a sign of life in the last seconds.
-        recording: the continuous recording that runs, "" for none.
-        lost: cycles that are in no recording, because the recorder came too late for them.
-        files, bytes: of all recordings.
-        problem: why nothing can be recorded; "" while all is well.
+        alive: whether it has updated its heartbeat in the last seconds.
+        recording: the running continuous recording, "" for none.
+        lost: number of cycles that no recording has, because the recorder was too slow.
+        files, bytes: number and total size of all recordings.
+        problem: reason why nothing can be recorded; "" without a problem.
     """
 
     alive: bool
@@ -49,11 +51,11 @@ class RecordingService:
     """One robot's recordings.
 
     Args:
-        settings: of the robot.
-        default_robot: that the recorder's socket is named after.
+        settings: settings of the robot.
+        default_robot: name of the default robot, from which the recorder's socket gets its name.
 
     Attributes:
-        reading: held while one is read: one at a time.
+        reading: lock, so that only one recording at a time is read.
     """
 
     def __init__(self, settings: Settings, default_robot: str) -> None:
@@ -69,7 +71,7 @@ class RecordingService:
         return self._store.max_bytes
 
     def all(self) -> list[Recording]:
-        """The newest first."""
+        """All recordings, the newest first."""
         return self._store.all()
 
     def path(self, name: str) -> Path:
@@ -77,25 +79,25 @@ class RecordingService:
 
         Raises:
             InputError: the name is invalid.
-            NotFoundError: there is no recording of that name.
+            NotFoundError: there is no recording with this name.
         """
         return self._store.path(name)
 
     def remove(self, name: str) -> None:
-        """Raises as `path` does."""
+        """Delete a recording. Raises as `path` does."""
         self._store.remove(name)
 
     async def ask(self, action: str, seconds: float | None, timeout_s: float) -> list[str]:
-        """Have the recorder `dump` the last seconds, `start` or `stop` a continuous recording.
+        """Make the recorder `dump` the last seconds, or `start` or `stop` a continuous recording.
 
         It waits for a recorder that `cobot run` has just started.
 
         Returns:
-            The names of the files; of one that has been started, what they will begin with.
+            The names of the files; for a started recording, the prefix of the future names.
 
         Raises:
-            UnavailableError: it does not run, it hangs, or the disk refuses.
-            ConflictError: there is a continuous recording already, or none to stop.
+            UnavailableError: the recorder does not run or hangs, or the file cannot be written.
+            ConflictError: a continuous recording already runs, or there is none to stop.
         """
         asked_s = time.monotonic()
         await self._await_start(timeout_s)
@@ -112,24 +114,24 @@ class RecordingService:
                 status = self.status()
                 if status is not None and status.pid and not status.alive:
                     raise UnavailableError(
-                        f"{status.problem}: after {HANG_S:g} s cobot run starts another one; ask again"
+                        f"{status.problem}: cobot run restarts it after {HANG_S:g} s; then try again"
                     )
             return list(asking.result()["names"])
         finally:
             asking.cancel()
 
     async def _await_start(self, timeout_s: float) -> None:
-        """Return when the recorder has begun, or cannot be expected any more."""
+        """Return when the recorder has started, or can no longer be expected to start."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
                 while (status := self.status()) is not None and not status.pid and not status.problem:
                     await asyncio.sleep(LOOK_S)
 
     def _record(self) -> np.ndarray | None:
-        """What the recorder says of itself; None where nothing is recorded.
+        """The recorder's own status record; None if nothing is recorded.
 
         Raises:
-            TornReadError: it cannot be read.
+            TornReadError: the record cannot be read.
         """
         try:
             if self._memory is None or not self._memory.path.exists():
@@ -153,7 +155,7 @@ class RecordingService:
         problem = text(record["problem"])
         alive = bool(record["pid"]) and silent_s < SILENT_S
         if not alive and (record["pid"] or silent_s > START_S):
-            problem = f"the recorder (pid {record['pid']}) has been silent for {silent_s:.0f} s"
+            problem = f"the recorder (pid {record['pid']}) has not responded for {silent_s:.0f} s"
         return RecorderStatus(
             alive=alive,
             pid=int(record["pid"]),

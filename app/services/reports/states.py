@@ -1,4 +1,6 @@
-"""The newest state of a robot as a text, made once for all clients that want it at about the same time."""
+"""The newest state of a robot as text. It is made once for all clients that need it at about the same
+time.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,13 @@ from cobot.ipc.layout import MotionResult
 from cobot.types import Array, JointLimits
 
 SHARED_S = 0.004
-"""A text as young as this is the newest."""
+"""Maximum age of a text that is sent again, s."""
 DIGITS = 6
-"""A µm, a µrad: less says nothing, and makes the text longer."""
+"""Number of decimal places: micrometres and microradians. More would only make the text longer."""
 
 
 class StateTexts:
-    """Of one robot."""
+    """The texts for one robot."""
 
     def __init__(self, events: Events, link: RobotLink, limits: JointLimits) -> None:
         self.robot = link.memory.robot
@@ -29,7 +31,7 @@ class StateTexts:
         self._text = ""
 
     def text(self) -> str:
-        """An event of the type `state`, as JSON."""
+        """The newest state as an event of the type `state`, in JSON."""
         now_s = self._link.clock.now_s()
         if now_s - self._made_s > SHARED_S:
             self._made_s = now_s
@@ -77,7 +79,7 @@ def _pose(tcp: Array) -> dict[str, float]:
 
 
 def _share(values: Array, most: Array) -> float:
-    """How much of its limit the joint takes that takes most."""
+    """The largest share of its limit that a joint uses."""
     return round(float(np.max(np.abs(values) / most)), 4)
 
 

@@ -1,7 +1,7 @@
-"""What changes in rtloop's state, told as events: seen by one task for each robot.
+"""Publishes changes of rtloop's state as events. One task watches each robot.
 
-It reads the state often while there is a listener or the arm moves, and otherwise so rarely that it costs
-next to nothing. The state counts interventions and motions, so none of them is missed in either case.
+It reads the state often while there is a listener or the arm moves, and rarely otherwise, to save time. The
+state counts interventions and motions, so none of them is missed in either case.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ EPISODE_S = 1.0
 
 
 class StateWatch:
-    """Compares what it sees with what it saw; what was there at the first look is no news.
+    """Compares each state with the previous one. The first state causes no event.
 
     Args:
-        stale_s: a state older than this means that rtloop is silent.
-        streamer: the process that streams, for people.
-        replaced: how many planning processes have been replaced.
+        stale_s: age of a state above which rtloop counts as silent, s.
+        streamer: description of the streaming process.
+        replaced: number of planning processes that were replaced.
     """
 
     def __init__(
@@ -54,12 +54,12 @@ class StateWatch:
         self._told: dict[Intervention, tuple[int, float]] = {}
 
     def look(self, state: RobotState | None, cycle: int, now_s: float) -> None:
-        """Tell what is new.
+        """Publish the changes.
 
         Args:
             state: None if it cannot be read.
-            cycle: of rtloop, since its start.
-            now_s: on the link's clock.
+            cycle: number of rtloop's cycles since its start.
+            now_s: the present time, on the link's clock.
         """
         if (replaced := self._replaced()) > self._workers:
             self._workers = replaced
@@ -123,7 +123,7 @@ class StateWatch:
 async def watching(
     link: RobotLink, ownership: Ownership, planning: PlanningService, stale_s: float
 ) -> AsyncIterator[None]:
-    """While the context lasts."""
+    """Watch a robot while the context is open."""
     task = asyncio.create_task(_watch(link, ownership, planning, stale_s), name="events")
     try:
         yield

@@ -1,4 +1,4 @@
-"""Claims: the right to move, as one motion or one sequence has it.
+"""Claims: the exclusive right of one motion or one sequence to move the arm.
 
 `app.services.rights.ownership` decides which caller gets one.
 """
@@ -22,7 +22,9 @@ from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
 MAX_WAIT_S = 3600.0
-"""Maximum time of one wait for the client to go away, in seconds: a timeout may be infinite."""
+"""Maximum duration of one wait for the client to disconnect, s. It is needed because a timeout may be
+infinite.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +32,13 @@ class Caller:
     """The caller that requests a motion.
 
     Attributes:
-        name: the name that other clients see.
+        name: name that other clients see.
         token: the token of the sequence on whose behalf the arm moves, if any.
         stops: `Ownership.stops` when the request came in. A later stop applies to this motion too.
-        timeout_s: after which the motion is to end.
-        gone: set when the client goes away: the arm then stops.
-        job: the job of the motion; None if the caller owns the arm without a motion.
-        waits: whether a client waits for the end. If not, `timeout_s` applies to the beginning alone.
+        timeout_s: time after which the motion must have ended, s.
+        gone: set when the client disconnects; then the arm stops.
+        job: the job of the motion; None if the caller needs the claim for something else.
+        waits: whether a client waits for the end. If not, `timeout_s` applies only to the beginning.
     """
 
     name: str
@@ -50,20 +52,20 @@ class Caller:
 
 @dataclass
 class Claim:
-    """The right to move, of one motion.
+    """The exclusive right of one motion to move the arm.
 
     Attributes:
         name: see `Caller`.
         stops: the link's count of stops when the claim was made.
-        speed_override: of its motion.
-        since_s: when it was made, on `clock`.
-        client: the client that it is for.
+        speed_override: speed override of the motion.
+        since_s: time when the claim was made, on `clock`.
+        client: the client that has it.
         job: see `Caller`.
-        timeout_s, left_s: its time, and how much of it is left, s.
-        motion_id: once it runs.
-        trajectory: what it runs along, once it does.
-        interruption: why it has to end early, once it has to; then `interrupted` is set.
-        ended: set when it has.
+        timeout_s, left_s: timeout of the motion, and the remaining part of it, s.
+        motion_id: number of the motion, once it runs.
+        trajectory: trajectory of the motion, once it runs.
+        interruption: the reason to end early; `interrupted` is set with it.
+        ended: set when the claim has ended.
     """
 
     name: str
@@ -82,28 +84,28 @@ class Claim:
     ended: asyncio.Event = field(default_factory=asyncio.Event)
 
     def interrupt(self, cause: ExecutionError) -> None:
-        """End this motion; the first cause counts."""
+        """Interrupt this motion. If it is called several times, the first cause counts."""
         if self.interruption is None:
             self.interruption = cause
             self.interrupted.set()
 
     def accept(self) -> None:
-        """Nothing is left to be refused that is known before planning."""
+        """Note that all checks before planning have passed, so that the request is accepted."""
         if self.job is not None:
             self.job.accepted.set()
 
     def fail(self, error: BaseException) -> None:
-        """Note why its motion does not arrive, where that is not raised through `Ownership.claim`."""
+        """Note why the motion does not arrive, if this error is not raised through `Ownership.claim`."""
         if self.job is not None:
             self.job.fail(error)
 
     def time_out(self) -> None:
-        """Interrupt the motion, because its time is up."""
+        """Interrupt the motion, because its timeout has passed."""
         done = "begun" if self.motion_id is None else "arrived"
         self.interrupt(MotionTimeout(f"not {done} within {self.timeout_s:g} s"))
 
     def proceed(self) -> None:
-        """Raise what has interrupted it, if something has.
+        """Raise the interruption, if there is one.
 
         The timeout may have passed unnoticed, because this process may have been suspended.
         """
@@ -113,7 +115,7 @@ class Claim:
             raise self.interruption
 
     async def run_interruptibly(self, work: Coroutine[Any, Any, Result]) -> Result:
-        """The work's result; an interruption cancels it and is raised."""
+        """Return the result of `work`. An interruption of the claim cancels `work` and is raised."""
         task = asyncio.create_task(work)
         interrupted = asyncio.create_task(self.interrupted.wait())
         try:
@@ -131,14 +133,14 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class SequenceClaim:
-    """The right to move, of a sequence.
+    """The exclusive right of a sequence to move the arm.
 
     Attributes:
-        token: of its requests.
-        since_s: when it was made, on the service's clock.
-        fraction: of the speed override, to which it returns.
-        lease: that was held when it was made; with this one ends the fraction.
-        job: that it is.
+        token: token of the sequence's requests.
+        since_s: time when the claim was made, on the service's clock.
+        fraction: speed override before the sequence, which is restored at its end.
+        lease: the lease at that time. If it has ended meanwhile, the speed override is not restored.
+        job: job of the sequence.
     """
 
     name: str
@@ -152,10 +154,9 @@ class SequenceClaim:
 
 @contextlib.contextmanager
 def watching(claim: Claim, caller: Caller) -> Iterator[None]:
-    """Interrupt the motion, or what comes before it, when its client goes away or its time is up.
+    """Interrupt the motion, or its planning, when its client disconnects or its timeout passes.
 
-    The time is that of full speed: while motions are slowed down it goes on as slowly, and while they are
-    paused not at all.
+    The timeout refers to full speed. It is extended while motions are slowed down or paused.
     """
     override = claim.speed_override
     paused_s, slowed_s = override.paused_s, override.slowed_s

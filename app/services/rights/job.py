@@ -1,4 +1,4 @@
-"""A job: one motion from when it is asked for to its end, as people and programs follow it."""
+"""A job: one motion from its request to its end, in the form in which people and programs follow it."""
 
 from __future__ import annotations
 
@@ -52,22 +52,22 @@ class JobState(StrEnum):
 
 
 def new_job_id() -> str:
-    """An id that no other job has, also after a restart."""
+    """A new, unique job id, also across restarts."""
     return f"job_{secrets.token_hex(8)}"
 
 
 WITHOUT_ARM = frozenset({JobKind.GRIPPER, JobKind.STUDY})
-"""Kinds that go on while the arm is paused."""
+"""Kinds that continue while the arm is paused."""
 ENDS = frozenset({JobState.FINISHED, JobState.FAILED, JobState.CANCELLED, JobState.INTERRUPTED})
 
 
 @dataclass(frozen=True, slots=True)
 class JobError:
-    """Why a job has not arrived: what the answer of its endpoint would say.
+    """The reason why a job has not succeeded, as in the answer of its endpoint.
 
     Attributes:
         detail: the sentence.
-        code, findings: of the error, see `CobotError`.
+        code, findings: code and findings of the error, see `CobotError`.
     """
 
     detail: str
@@ -79,27 +79,27 @@ class JobError:
         if isinstance(error, CobotError):
             return cls(str(error), error.code, error.findings)
         if isinstance(error, asyncio.CancelledError):
-            return cls("the service gave it up", "interrupted")
+            return cls("the service cancelled it", "interrupted")
         return cls("an error in cobot itself; its log has the details", CobotError.code)
 
 
 @dataclass(frozen=True, slots=True)
 class JobRecord:
-    """A job at one moment; what is kept of it when it has ended.
+    """A job at one moment. After its end this record is kept.
 
     Attributes:
-        request: what was asked for, shortened, for people.
-        path, body: of the request over HTTP; "" and None for another one. A long body is left out.
+        request: the request, shortened, in readable form.
+        path, body: path and body of an HTTP request; "" and None otherwise. A long body is omitted.
         owner: the client that requested it.
-        parent: the job of the sequence that it belongs to.
-        motion_id: of its newest motion, once there is one.
-        progress: share of that motion's path time, 0 to 1; of a sequence, of its waypoints.
-        planned_duration_s: the duration of the motion, at the speed that it was planned with.
+        parent: the job of its sequence, if it belongs to one.
+        motion_id: number of its newest motion, once there is one.
+        progress: completed share of that motion's path time, 0 to 1; for a sequence, of its waypoints.
+        planned_duration_s: duration of the motion at its planned speed.
         remaining_s: the remaining time at the present speed override; None while it is unknown.
         note: see `Trajectory`.
-        started_at: when its first motion began.
-        actions: on the path of its newest motion that had any.
-        waits_for: the condition that holds the motion up, for people; "" for none.
+        started_at: time when its first motion began.
+        actions: actions of its newest motion with actions.
+        waits_for: the condition for which the motion waits, in words; "" for none.
         stopped_by, contact: see `SignalResults`.
     """
 
@@ -132,12 +132,12 @@ class JobRecord:
 
 @dataclass(eq=False)
 class Job:
-    """A job that has not ended. What it is at present is derived from the motion; `record` says it.
+    """A job that has not ended. Its present state is derived from the motion; see `record`.
 
     Attributes:
-        on_change: told of each change of the state.
-        accepted: set when nothing can be refused any more that is known before planning.
-        ended: set at the end; then `end_record` is what was made of it.
+        on_change: called after each change of the state.
+        accepted: set when all checks before planning have passed.
+        ended: set at the end; then `end_record` is its last record.
     """
 
     link: RobotLink
@@ -170,7 +170,7 @@ class Job:
 
     @property
     def state(self) -> JobState:
-        """How it stands now."""
+        """The present state of the job."""
         if self.end_record is not None:
             return self.end_record.state
         if self._override is None:
@@ -181,16 +181,16 @@ class Job:
 
     @property
     def motion_id(self) -> int | None:
-        """The id of its newest motion."""
+        """The number of its newest motion."""
         return self._motion_id
 
     def begin(self, override: SpeedOverride) -> None:
-        """It has the right to move, with this speed override."""
+        """Note that the job has its claim, with this speed override."""
         self._override = override
         self.on_change(self)
 
     def start(self, motion_id: int | None = None, trajectory: Trajectory | None = None) -> None:
-        """A motion of it has begun; without one, it is a sequence."""
+        """Note that a motion of the job has begun; without a motion, that a sequence has begun."""
         self._motion_id = motion_id
         if trajectory is not None:
             self.prolong(trajectory)
@@ -202,23 +202,25 @@ class Job:
         self._signals = results
 
     def prolong(self, trajectory: Trajectory) -> None:
-        """Its motion goes on along this one."""
+        """Note that the motion continues along this trajectory."""
         self._planned_s, self._note, self._path_time_s = trajectory.duration_s, trajectory.note, 0.0
 
     def enqueue(self, duration_s: float, note: str) -> None:
-        """Record that the motion is planned and waits for its turn. Its duration is that at full speed."""
+        """Record that the motion is planned and waits in the queue. The duration is that at full speed."""
         self._planned_s, self._note = duration_s, note
         self.accepted.set()
         self.on_change(self)
 
     def its_turn(self, override: SpeedOverride, motion_id: int | None, left_s: float) -> None:
-        """Record that the motion of several jobs has come to this one, and the remaining time of its part."""
+        """Record that the joint motion of several jobs has reached this job, and the remaining time of its
+        part.
+        """
         self._part_s, self._path_time_s = left_s, 0.0
         self._override = override
         self.start(motion_id)
 
     def set_left_s(self, left_s: float) -> None:
-        """Set the remaining time of its part of a motion."""
+        """Set the remaining time of the job's part of a motion, s."""
         if self._part_s is not None:
             self._path_time_s = max(self._part_s - left_s, self._path_time_s)
 
@@ -226,7 +228,7 @@ class Job:
         """Record the progress of a sequence.
 
         Args:
-            done: number of passed waypoints; a waypoint that has begun counts as a fraction.
+            done: number of passed waypoints; the present one counts as a fraction.
             of: number of all waypoints.
         """
         self._waypoints = done, of
@@ -237,18 +239,18 @@ class Job:
         self.on_change(self)
 
     def fail(self, error: BaseException) -> None:
-        """Note why it does not arrive; the first cause counts."""
+        """Note why the job does not succeed. If it is called several times, the first cause counts."""
         self._error = self._error or JobError.of(error)
 
     def end(self, state: JobState) -> None:
-        """It has ended so; see `Ownership.end`."""
+        """End the job in this state; see `Ownership.end`."""
         self.end_record = self._recorded(state)
         self.ended.set()
         self.on_change(self)
 
     @property
     def failed(self) -> bool:
-        """Whether a reason for its failure was noted."""
+        """Whether a reason for a failure was noted."""
         return self._error is not None
 
     def record(self) -> JobRecord:
@@ -285,7 +287,7 @@ class Job:
         )
 
     def _progress(self) -> tuple[float, float | None]:
-        """The share of the path time that is done, and how long the rest takes, s."""
+        """The completed share of the path time, and the duration of the rest, s."""
         if self._waypoints is not None:
             done, of = self._waypoints
             return (min(done / of, 1.0) if of else 0.0), None

@@ -1,8 +1,8 @@
-"""All jobs of one robot: those that go on, and the newest of those that have ended.
+"""All jobs of one robot: the active ones, and the newest ended ones.
 
-What has ended stays in a file of JSON lines, bounded in size, and so survives a restart of the service: as a
-record, never as a motion. A job is written when it begins and when it ends; one whose end is missing there
-was interrupted by the end of the service.
+Records of ended jobs are kept in a file of JSON lines, which is limited in size. So they survive a restart of
+the service; motions do not. A job is written when it begins and when it ends. A job without an end in the
+file was interrupted by the end of the service.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from cobot.logs.outlet import Outlet
 from cobot.strict import shown
 
 KEPT = 1000
-"""Maximum number of ended jobs that are remembered."""
+"""Maximum number of ended jobs that are kept."""
 MAX_BYTES = 4_000_000
 OLDER_FILES = 1
 AGAIN_AFTER = 500
@@ -46,8 +46,8 @@ class _Piece(NamedTuple):
     """Lines for the file.
 
     Attributes:
-        number: how many changes there had been when they were made.
-        whole: they say all that was known then.
+        number: number of changes before the lines were made.
+        whole: whether the lines have all jobs at that time.
     """
 
     number: int
@@ -56,14 +56,14 @@ class _Piece(NamedTuple):
 
 
 class JobBook:
-    """See the module.
+    """The jobs of one robot, see the module.
 
     Args:
-        file: of the records; None for none.
+        file: file of the records; None: no file.
 
     Attributes:
         on_change: called with the record of each job that has changed its state.
-        ending: whether the service ends: what ends now was interrupted.
+        ending: whether the service is shutting down. Jobs that end then were interrupted.
     """
 
     def __init__(self, link: RobotLink, file: Path | None = None) -> None:
@@ -88,7 +88,7 @@ class JobBook:
 
     @property
     def problem(self) -> str:
-        """Why jobs cannot be recorded at present; "" while they can."""
+        """Reason why jobs cannot be recorded at present; "" if they can."""
         if self._outlet is None or not self._outlet.error:
             return ""
         reason = os.strerror(self._outlet.error) if self._outlet.error > 0 else "its log has the details"
@@ -97,10 +97,10 @@ class JobBook:
     def new(
         self, kind: JobKind, request: str = "", parent: str | None = None, number: str | None = None
     ) -> Job:
-        """A job of the client on whose behalf the present task runs; it is in the book once it begins.
+        """A new job of the client on whose behalf the present task runs. It is in the book once it begins.
 
         Args:
-            number: its id; None for a new one.
+            number: id of the job; None: make a new id.
         """
         request, owner = printable(request, MAX_REQUEST), printable(str(CLIENT.get()), MAX_REQUEST)
         return Job(self._link, kind, request, owner, self._note_change, parent, number or new_job_id())
@@ -120,18 +120,18 @@ class JobBook:
         return self._live.get(number)
 
     def find(self, number: str) -> JobRecord | None:
-        """A job as it is now; None if there is none, or no more."""
+        """A job with its present state; None if it is unknown or has expired."""
         job = self._live.get(number)
         return self._past.get(number) if job is None else job.record()
 
     def report_pause(self) -> None:
-        """The speed override has begun or ended a pause: of all that it is for."""
+        """Report the beginning or end of a pause of the speed override, for all jobs that it affects."""
         for job in list(self._live.values()):
             if job.state is not JobState.QUEUED:
                 self.on_change(job.record())
 
     def close(self) -> None:
-        """Write what there is, as far as the disk takes it."""
+        """Write the pending lines, as far as the disk permits."""
         if self._outlet is not None and self._file is not None and self._outlet.close(END_S):
             self._file.close()
 
@@ -178,7 +178,7 @@ class JobBook:
             self._whole = piece.number
 
     def _everything(self, lost: int) -> _Piece:
-        """All that there is to know, where some lines were lost. Called by the thread that writes."""
+        """All records, after some lines were lost. The writing thread calls it."""
         del lost
         number = self._written  # first: what changes meanwhile has a line of its own
         lines = dict(self._lines)
@@ -210,13 +210,13 @@ def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobReco
     """The record of a job whose end was not written.
 
     Args:
-        alive: when the service last wrote of any job.
-        found: now.
+        alive: time at which the service last wrote a record of any job.
+        found: the present time.
     """
     ended_at = max(alive, record.started_at or record.created_at)
     sentence = (
-        f"the service ended while it was under way, after {ended_at:%Y-%m-%d %H:%M:%S} UTC; "
-        f"its next start found that at {found:%Y-%m-%d %H:%M:%S} UTC"
+        f"the service ended during this job, after {ended_at:%Y-%m-%d %H:%M:%S} UTC; its next start noticed "
+        f"this at {found:%Y-%m-%d %H:%M:%S} UTC"
     )
     error = JobError(sentence, "interrupted")
     return replace(
@@ -234,7 +234,7 @@ def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobReco
 
 
 def unknown(number: str) -> NotFoundError:
-    """There is no such job."""
+    """The error for an unknown job."""
     return NotFoundError(
-        f"there is no job {shown(number)}: the newest {KEPT} that have ended are kept; GET /jobs lists them"
+        f"there is no job {shown(number)}: the newest {KEPT} ended jobs are kept; GET /jobs lists them"
     )

@@ -1,8 +1,8 @@
-"""The control lease: the exclusive right to move a robot, between motions too.
+"""The control lease: the exclusive right to move a robot, also between motions.
 
-A motion, a session or a sequence has the robot while it lasts: see `Ownership`. To keep others from moving
-the robot before, between or after them, a client takes a lease. The lease ends when it is released, when its
-client disconnects, when it expires unused, or when another client takes it over. A stop never needs it.
+During a motion, a session or a sequence no other client can move the robot: see `Ownership`. To prevent this
+before, between or after them too, a client takes a lease. The lease ends when it is released, when its client
+disconnects, when it expires unused, or when another client takes it over. A stop never needs it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cobot.clock import Clock
 from cobot.errors import ConflictError
 
 TIMEOUTS_S = (1.0, 3600.0)
-"""The shortest and the longest time that a lease may go unused, s."""
+"""Minimum and maximum timeout of an unused lease, s."""
 TIMEOUT_S = 60.0
 KEPT_ENDS = 100
 """Number of ended leases that are remembered, so that clients that still use them get the reason."""
@@ -24,12 +24,12 @@ KEPT_ENDS = 100
 
 @dataclass(slots=True)
 class Lease:
-    """One client's control, from when it was taken.
+    """A lease of one client.
 
     Attributes:
-        token: a client that sends it is the holder; so is the WebSocket that has taken the lease.
+        token: identifies the holder. A WebSocket that has taken the lease need not send it.
         since_s, until_s: on the service's clock; `until_s` moves on while it is used.
-        timeout_s: how long it lasts unused.
+        timeout_s: time after which it ends if unused, s.
     """
 
     client: RequestClient
@@ -43,10 +43,10 @@ class ControlLease:
     """The lease of one robot. An expired lease ends when it is next read.
 
     Args:
-        moving: whether a motion or a sequence is under way, during which none expires.
+        moving: returns whether a motion or a sequence runs. Meanwhile the lease does not expire.
         ended: called when a lease has ended.
-        tell: called with what has happened to a lease: "taken", "released", "expired", "taken over" or
-            "disconnected", and with the lease.
+        tell: called with the change of a lease ("taken", "released", "expired", "taken over" or
+            "disconnected") and with the lease.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class ControlLease:
 
     @property
     def current(self) -> Lease | None:
-        """The lease that is held, or None."""
+        """The present lease, or None."""
         lease = self._lease
         if lease is not None and not self._moving() and self._clock.now_s() >= lease.until_s:
             how = f"has expired: nothing has moved for {lease.timeout_s:g} s; take control again"
@@ -73,15 +73,15 @@ class ControlLease:
         return self._lease
 
     def holds(self, client: RequestClient) -> bool:
-        """Whether the lease is this client's."""
+        """Whether this client has the lease."""
         lease = self.current
         return lease is not None and (lease.client is client or lease.token in client.leases)
 
     def require_not_lost(self, client: RequestClient) -> None:
-        """See that a client does not go on as if it still had what it has lost.
+        """Check that a client does not still use a lease that it has lost.
 
         Raises:
-            ConflictError: its lease has ended, with how.
+            ConflictError: its lease has ended; the error has the reason.
         """
         if self.holds(client):
             return
@@ -101,8 +101,8 @@ class ControlLease:
         if lease is not None and not self.holds(client):
             left_s = lease.until_s - self._clock.now_s()
             raise ConflictError(
-                f"the robot is under the control of {lease.client}, for {left_s:.0f} s unless they move: "
-                "wait, or take over: POST /robot/control with force"
+                f"{lease.client} has control of the robot, for {left_s:.0f} s if nothing moves: wait, or "
+                f"take control: POST /robot/control with force"
             )
 
     def take(self, client: RequestClient, timeout_s: float) -> Lease:
@@ -118,12 +118,12 @@ class ControlLease:
         return self._lease
 
     def renew(self) -> None:
-        """Its holder moves."""
+        """Extend the lease, because its holder moves the arm."""
         if self._lease is not None:
             self._lease.until_s = self._clock.now_s() + self._lease.timeout_s
 
     def release(self, client: RequestClient) -> None:
-        """Let go; without a lease nothing happens.
+        """Release the lease. Does nothing without a lease.
 
         Raises:
             ConflictError: see `require`.
@@ -133,14 +133,14 @@ class ControlLease:
             self._end("released", "was released")
 
     def drop_client(self, client: RequestClient) -> None:
-        """A WebSocket is gone, and with it what it has taken."""
+        """End the lease of a WebSocket that has closed."""
         if self._lease is not None and self._lease.client is client:
             self._end("disconnected", "ended when its client disconnected")
 
     def _end(self, what: str, how: str) -> None:
         assert self._lease is not None
         self._tell(what, self._lease)
-        self._ends[self._lease.token] = f"the control that {self._lease.client} had {how}"
+        self._ends[self._lease.token] = f"the control of {self._lease.client} {how}"
         if len(self._ends) > KEPT_ENDS:
             del self._ends[next(iter(self._ends))]
         self._lease = None

@@ -1,4 +1,4 @@
-"""The right to move the arm, which one caller has at a time."""
+"""The exclusive right to move the arm (claim), which one caller has at a time."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from cobot.trajectory import Trajectory
 
 BY_STOP = "stopped by POST /stop"
 BY_COMMAND = "stopped by cobot stop"
-"""`cobot stop` adds to the counter of stops in shared memory; the audit names its user."""
+"""Reason for a stop by `cobot stop`. It counts stops in shared memory; the audit log has the user."""
 
 
 class Ownership:
-    """Gives the right to move to one request at a time.
+    """Gives the claim on the arm to one request at a time.
 
-    A running sequence has it from its start to its end; requests that carry its token move on its
-    behalf. What the holder of the lease or a sequence does to the speed override ends with its control.
+    A running sequence has the claim from its start to its end; requests with its token move on its behalf. A
+    speed override that a sequence or the holder of a lease has set ends with the sequence or the lease.
 
     Attributes:
-        stops: how often POST /stop was called.
-        speed_override: of all motions.
+        stops: number of calls of POST /stop.
+        speed_override: speed override of all motions.
         lease: the control lease; while a client holds it, no other may request motions.
         jobs: the records of all motions.
         on_sequence_end: called with the token of each sequence that has ended.
-        before_motion: waits for what has to be done before a motion claims the arm.
+        before_motion: waits for work that must be done before a motion claims the arm.
     """
 
     def __init__(self, link: RobotLink, jobs: JobBook | None = None) -> None:
@@ -55,19 +55,19 @@ class Ownership:
 
     @property
     def owner(self) -> str | None:
-        """What moves the arm now, for people; None if nothing does."""
+        """The request that moves the arm now, in words; None if there is none."""
         if self._claim is not None:
             return str(self._claim)
         return self._sequence.name if self._sequence else self._link.streamer()
 
     @property
     def moving(self) -> Claim | SequenceClaim | None:
-        """The motion that is under way, or else the sequence."""
+        """The present motion, otherwise the present sequence."""
         return self._claim or self._sequence
 
     @property
     def motion(self) -> tuple[int, Trajectory] | None:
-        """What the arm moves along, and its number; None while it follows no planned path."""
+        """The trajectory and number of the present motion; None if the arm follows no planned path."""
         claim = self._claim
         if claim is None or claim.motion_id is None or claim.trajectory is None:
             return None
@@ -75,25 +75,25 @@ class Ownership:
 
     @property
     def in_motion(self) -> bool:
-        """Whether a motion or a stream is under way; a sequence between its motions is none."""
+        """Whether a motion or a streaming session runs. False for a sequence between its motions."""
         return self._claim is not None or self._link.streamer() is not None
 
     @property
     def speed_fraction(self) -> float:
-        """How fast a motion that began now would go, as a share of its planned speed."""
+        """The speed of a motion that would begin now, as a share of its planned speed."""
         _ = self.lease.current  # with one that has expired, its fraction has
         return self.speed_override.fraction
 
     @property
     def sequence_job(self) -> Job | None:
-        """The job of the sequence that has the right to move."""
+        """The job of the present sequence."""
         return None if self._sequence is None else self._sequence.job
 
     def new_job(self, kind: JobKind, request: str = "", number: str | None = None) -> Job:
-        """A job for a `Caller`; one of a sequence's own requests belongs to that.
+        """A new job for a `Caller`. The job of a sequence's own request belongs to the sequence's job.
 
         Args:
-            number: its id; None for a new one.
+            number: id of the job; None: make a new id.
         """
         sequence = self._sequence
         own = sequence is not None and sequence.token == CLIENT.get().sequence
@@ -101,10 +101,10 @@ class Ownership:
         return self.jobs.new(kind, request, parent, number)
 
     def claim_for_sequence(self, name: str, token: str, kind: JobKind = JobKind.SEQUENCE) -> None:
-        """Reserve the motion for requests with a token.
+        """Claim the arm for requests with a token.
 
         Args:
-            name: for people.
+            name: displayed name.
 
         Raises:
             ConflictError: another client moves the arm or has control.
@@ -122,10 +122,10 @@ class Ownership:
         job.begin(self.speed_override)
 
     def release_sequence(self, error: BaseException | None = None) -> None:
-        """It has ended.
+        """End the claim of the present sequence.
 
         Args:
-            error: why it has not come to its end; `MotionStopped` if it was stopped.
+            error: reason why the sequence was not completed; `MotionStopped` if it was stopped.
         """
         sequence, self._sequence = self._sequence, None
         if sequence is not None:
@@ -137,7 +137,7 @@ class Ownership:
         self.lease.renew()
 
     def require_free(self, token: str | None) -> None:
-        """See that a request with this token may move the arm.
+        """Check that a request with this token may move the arm.
 
         Raises:
             ConflictError: another client moves the arm or has control.
@@ -150,7 +150,7 @@ class Ownership:
         if streamer is not None:
             raise ConflictError(f"the robot is in use by {streamer}; wait for its end, or POST /stop")
         if token is not None and self._sequence is None:
-            raise ConflictError("the sequence that this request belongs to has ended")
+            raise ConflictError("the sequence of this request has ended")
         if self._sequence is None:
             self.lease.require(client)
 
@@ -165,19 +165,24 @@ class Ownership:
             self.lease.require(client)
 
     async def set_speed_fraction(self, fraction: float) -> None:
-        """Go faster or slower along the path: the motion that runs, and all that follow.
+        """Set the speed override, for the present motion and all later ones.
 
         Raises:
-            ConflictError: another client moves the arm or has control; or the arm follows a stream.
+            ConflictError: another client moves the arm or has control, or a streaming session runs.
             LimitError, UnavailableError: see `SpeedOverride.set_fraction`.
         """
         self.require_control()
         client, moving = CLIENT.get(), self.moving
         if self._link.streamer() is not None and not self.speed_override.follows_stream:
-            raise ConflictError(f"{self.owner}: a stream has no path along which it could go slower")
+            raise ConflictError(
+                f"{self.owner}: the speed of a streaming session cannot be overridden, because it has no path"
+            )
         own = self._sequence is not None and self._sequence.token == client.sequence
         if moving is not None and not own and not moving.client.same(client):
-            raise ConflictError(f"the robot is in use by {self.owner}, of {moving.client}: so is its speed")
+            raise ConflictError(
+                f"the robot is in use by {self.owner}, of {moving.client}: only that client "
+                f"can change the speed"
+            )
         await self.speed_override.set_fraction(fraction)
         if self._sequence is None and self.lease.current is None:
             self._fraction = fraction
@@ -186,7 +191,9 @@ class Ownership:
         self.speed_override.restore(self._fraction)
 
     def end(self, job: Job, error: BaseException | None = None, *, stopped: bool = False) -> None:
-        """End a job. `error` is why it failed; `stopped` is set if it was stopped on request."""
+        """End a job. `error` is the reason of a failure; `stopped` is set if the job was stopped on
+        request.
+        """
         if error is not None:
             job.fail(error)
         if not job.failed:
@@ -199,8 +206,7 @@ class Ownership:
     def _tell_lease(self, what: str, lease: Lease) -> None:
         """Report a change of the lease, and the client that caused it.
 
-        For a lease that was taken this is its client. A lease that ends may end during another client's
-        request.
+        For a new lease this is its holder. A lease may also end during another client's request.
         """
         client, by = lease.client, CLIENT.get()
         more = {"by": str(by)} if what == "taken over" else {}
@@ -214,18 +220,21 @@ class Ownership:
         )
 
     async def await_free(self, token: str | None) -> None:
-        """See that a motion with this token may begin, after `before_motion`; see `require_free`."""
+        """Wait for `before_motion`, then check that a motion with this token may begin; see
+        `require_free`.
+        """
         await self.before_motion()
         self.require_free(token)
 
     async def claim_motion(self, caller: Caller) -> contextlib.AbstractContextManager[Claim]:
-        """Own the motion once `before_motion` has had a grasped object attached; see `claim`."""
+        """Claim the arm for a motion, once `before_motion` has attached a grasped object; see `claim`."""
         await self.before_motion()
         return self.claim(caller)
 
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:
-        """Own the motion for as long as the context lasts; one that a stop has overtaken is interrupted.
+        """Claim the arm while the context is open. If a stop was requested after the motion, the claim is
+        interrupted.
 
         Raises:
             ConflictError: another client moves the arm.
@@ -258,17 +267,21 @@ class Ownership:
             logs.bind(motion=None)
 
     def stops_before(self, begun_s: float | None) -> int:
-        """`stops` when a request began to come in; None: now. A later stop is for its motion too."""
+        """`stops` at the time when a request began to arrive; None: now. A later stop applies to its motion
+        too.
+        """
         return self.stops - (begun_s is not None and begun_s <= self._stopped_s)
 
     def stop(self, reason: str = BY_STOP) -> Claim | None:
-        """Interrupt the motion that is read, planned or runs; its claim, which will end, or None."""
+        """Interrupt the motion that is being read, planned or executed. Returns its claim, which will end, or
+        None.
+        """
         self.stops += 1
         self._stopped_s = self._link.clock.now_s()
         return self.interrupt(MotionStopped(reason))
 
     def cancel(self, job: Job, cause: MotionStopped) -> None:
-        """Interrupt the motion of this job; nothing happens if it has ended, or is about to."""
+        """Interrupt the motion of this job. Does nothing if it has ended or is ending."""
         if self._claim is not None and self._claim.job is job:
             self.interrupt(cause)
 

@@ -1,4 +1,4 @@
-"""What became of the actions and conditions of a motion, as answers and records of jobs report it."""
+"""Results of a motion's actions and conditions, in the form that answers and job records have."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ class ActionOutcome:
     """An action on the path.
 
     Attributes:
-        action: its field in the request.
-        does: what it does, for people.
-        at: its place, for people.
+        action: field of the action in the request.
+        does: description of the action.
+        at: description of its place.
         planned_s: path time at which it was planned to fire.
-        fired: whether it has fired; None of a motion whose end the service has not seen.
-        path_time_s, robot_time_s: of the cycle in which it fired.
-        position: of the TCP in the base frame, measured in that cycle, m.
-        problem: why it did nothing; "" if it did, or has not fired.
+        fired: whether it has fired; None if the service has not seen the end of the motion.
+        path_time_s, robot_time_s: times of the cycle in which it fired.
+        position: position of the TCP in the base frame, measured in that cycle, m.
+        problem: reason why it had no effect; "" if it had one, or has not fired.
     """
 
     action: str
@@ -36,12 +36,13 @@ class ContactOutcome:
     """The moment at which `until` was met.
 
     Attributes:
-        position, quaternion: of the TCP in the base frame, m and (x, y, z, w).
+        position, quaternion: pose of the TCP in the base frame, m and (x, y, z, w).
         force, torque: at the TCP in the base frame, N and N·m, relative to the zero.
-        value: of what the condition compares.
-        path_time_s, robot_time_s: of the cycle.
-        overshoot_m: how far the TCP moved on until it rested; None while it moves.
-        retracted_m: how far it went back afterwards.
+        value: value of the quantity that the condition compares.
+        path_time_s, robot_time_s: times of the cycle.
+        overshoot_m: distance that the TCP moved after the contact until it was at rest, m; None while it
+            moves.
+        retracted_m: distance that it moved back afterwards, m.
     """
 
     position: tuple[float, ...]
@@ -57,10 +58,10 @@ class ContactOutcome:
 
 @dataclass(frozen=True, slots=True)
 class SignalResults:
-    """All of a motion.
+    """All results of one motion.
 
     Attributes:
-        waits_for: the condition that holds the motion up, for people; "" for none.
+        waits_for: the condition for which the motion waits, in words; "" for none.
         stopped_by: the condition that has ended the motion; "" if none has.
     """
 

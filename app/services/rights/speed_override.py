@@ -1,4 +1,6 @@
-"""How fast motions go along their paths: a fraction of their own time, and pauses."""
+"""The speed override: the speed of motions along their paths, as a fraction of the planned speed, and
+pauses.
+"""
 
 from __future__ import annotations
 
@@ -19,22 +21,22 @@ from cobot.types import RESTING
 REST_TIMEOUT_S = 3.0
 """Time within which a motion must be at rest after a request to pause, s."""
 MAX_PAUSE_S = 3600.0
-"""Total time of pauses that does not count towards the timeout of a motion, s."""
+"""Maximum total duration of pauses by which the timeout of a motion is extended, s."""
 FRACTIONS = (0.01, 1.0)
 """The smallest and the largest fraction of full speed that may be set, in addition to 0."""
 
 
 class SpeedOverride:
-    """The speed override of one robot's motions; streams have none.
+    """The speed override of one robot's motions. Streaming sessions have none.
 
     Args:
         changed: called when a pause has begun or ended.
 
     Attributes:
-        fraction: of full speed, at which motions go unless they are paused.
-        opened: set while motions may begin.
-        others: the overrides of the robots that move together with this one, which pause and go on with it.
-        follows_stream: whether the stream under way follows pauses and the fraction by itself.
+        fraction: speed of motions that are not paused, as a fraction of full speed.
+        opened: event that is set while motions may begin.
+        others: the overrides of robots that move together with this one. They pause and continue together.
+        follows_stream: whether the present streaming session handles pauses and the fraction itself.
     """
 
     def __init__(self, link: RobotLink, changed: Callable[[], None] = lambda: None) -> None:
@@ -53,16 +55,16 @@ class SpeedOverride:
 
     @property
     def paused(self) -> bool:
-        """Whether a pause was asked for, or the fraction is 0."""
+        """Whether a pause was requested, or the fraction is 0."""
         return not self.opened.is_set()
 
     @property
     def paused_s(self) -> float:
-        """How long all pauses were together, the present one included."""
+        """Total duration of all pauses, including the present one, s."""
         return self._paused_s + (self._lasts_s if self.paused else 0.0)
 
     def excused_s(self, paused_s: float) -> float:
-        """By how much pauses prolong the time of a motion; at most by MAX_PAUSE_S.
+        """The time by which pauses extend the timeout of a motion, at most MAX_PAUSE_S.
 
         Args:
             paused_s: `paused_s` when the motion began.
@@ -71,36 +73,40 @@ class SpeedOverride:
 
     @property
     def slowed_s(self) -> float:
-        """How much longer motions have taken in all because the fraction was below 1; without pauses."""
+        """Total time by which motions have taken longer because the fraction was below 1, without pauses,
+        s.
+        """
         return self._slowed_s + (0.0 if self.paused else (1.0 - self.fraction) * self._lasts_s)
 
     @property
     def _lasts_s(self) -> float:
-        """How long it has been as it is."""
+        """Time since the last change of the fraction or the pause, s."""
         return self._link.clock.now_s() - self._since_s
 
     async def set_fraction(self, fraction: float) -> None:
-        """Go along the path faster or slower: the motion that runs, and all that follow.
+        """Set the speed, for the present motion and all later ones.
 
         Raises:
-            ConflictError: it moves together with other robots.
-            LimitError: out of bounds.
-            NotSupportedError: the device moves along whole motions by itself.
+            ConflictError: the robot moves together with other robots.
+            LimitError: the fraction is out of bounds.
+            NotSupportedError: the device executes whole motions itself.
             UnavailableError: rtloop does not answer.
         """
         if self.others:
-            raise ConflictError("a synchronous motion keeps the speed that it has begun with")
+            raise ConflictError("the speed of a synchronous motion cannot be changed after its beginning")
         self._require_path_clock()
         least, most = FRACTIONS
         if fraction != 0.0 and not least <= fraction <= most:
-            raise LimitError(f"the fraction of the speed is 0, or from {least} to {most:g}, got {fraction:g}")
+            raise LimitError(
+                f"the fraction of the speed must be 0, or from {least} to {most:g}, got {fraction:g}"
+            )
         self._take(fraction)
         await self._apply()
 
     def restore(self, fraction: float) -> None:
         """Return to a fraction, because the control of the client that set another one has ended.
 
-        A motion that was held at 0 goes on.
+        A motion that waits because the fraction is 0 continues.
         """
         held = self.fraction == 0.0
         self._take(fraction)
@@ -119,20 +125,23 @@ class SpeedOverride:
             await self._apply()
 
     async def pause(self) -> None:
-        """Bring the arm to rest on its path, and those that move with it, and let nothing begin.
+        """Pause: stop the arm on its path, with all robots that move together with it, and let no motion
+        begin.
 
-        Returns when they rest.
+        Returns when all are at rest.
 
         Raises:
-            ConflictError: it follows a stream, which has no path.
-            NotSupportedError: the device moves along whole motions by itself.
+            ConflictError: a streaming session runs, which has no path.
+            NotSupportedError: the device executes whole motions itself.
             UnavailableError: rtloop does not answer.
-            ExecutionError: it does not come to rest.
+            ExecutionError: an arm does not come to rest.
         """
         overrides = (self, *self.others)
         for override in overrides:
             if override._link.state().session and not override.follows_stream:
-                raise ConflictError("a stream has no path to pause on; end it, or POST /stop")
+                raise ConflictError(
+                    "a streaming session has no path on which it could pause; end it, or POST /stop"
+                )
             override._require_path_clock()
         for override in overrides:  # before anything is awaited: what ends meanwhile ends the pause too
             override._asked = True
@@ -150,7 +159,7 @@ class SpeedOverride:
             await asyncio.sleep(POLL_S)
 
     async def resume(self) -> None:
-        """Go on with the motion that was paused, and with those that wait.
+        """Resume the paused motion and the waiting ones.
 
         Raises:
             UnavailableError: rtloop does not answer.
@@ -164,17 +173,17 @@ class SpeedOverride:
         known = self._link.device()
         if known is not None and known[1].capabilities.trajectories:
             raise NotSupportedError(
-                f"the backend {known[0]} takes whole motions: on its way the arm can be stopped, neither "
-                "slowed down nor paused; use `speed` of the next motion, or POST /stop"
+                f"the backend {known[0]} executes whole motions itself: a motion can be stopped, but "
+                f"neither slowed down nor paused; use `speed` of the next motion, or POST /stop"
             )
 
     def reset(self) -> None:
-        """There is nothing left that was paused."""
+        """Cancel a pause, because the paused motion has ended."""
         self._asked = False
         self._settle()
 
     def _settle(self) -> None:
-        """Open or close the way for motions, as what was asked for has it."""
+        """Permit or block motions according to the present pause and fraction."""
         held = self._asked or self.fraction == 0.0
         if held == self.paused:
             return
@@ -186,12 +195,12 @@ class SpeedOverride:
         self._changed()
 
     def _account(self) -> None:
-        """It becomes another one now."""
+        """Add the time since the last change to the totals, before the next change."""
         self._paused_s, self._slowed_s = self.paused_s, self.slowed_s
         self._since_s = self._link.clock.now_s()
 
     async def begin_motion(self) -> None:
-        """A motion has just begun, as every motion at its full rate."""
+        """Apply the override to a motion that has just begun. Every motion begins at full speed."""
         if self.paused or self.fraction != 1.0:
             await self._apply()
 

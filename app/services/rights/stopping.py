@@ -1,4 +1,4 @@
-"""POST /stop: whatever the state of everything else, the arm first."""
+"""POST /stop: stops the arm first, whatever the state of all other parts."""
 
 from __future__ import annotations
 
@@ -16,30 +16,32 @@ from cobot.errors import CobotError, ExecutionError, MotionStopped, UnavailableE
 from cobot.types import RESTING, LoopMode
 
 END_TIMEOUT_S = 2.0
-"""How long a motion is waited for that has come to rest and has only to notice."""
+"""Timeout for the task of a stopped motion to end after the arm has stopped, s."""
 MOTION_STOP_S = 5.0
 """Timeout for stopping a single motion, s. Stopping takes at most 2.5 s."""
 LATCHED = (LoopMode.ESTOP, LoopMode.FAULT)
 DRIVES_S = 3.0
 """Timeout for the drives once the arm is at rest, s. rtloop allows 2 s for the arm to settle."""
 HELD, FAST = 2, 1
-"""Stop categories of IEC 60204-1, as `POST /stop` takes them."""
+"""Stop categories of IEC 60204-1 that `POST /stop` accepts."""
 StopPrograms = Callable[[str], Awaitable[str | None]]
-"""Ends the sequence or program that runs, for a reason; what was ended, for people, or None."""
+"""Ends the running sequence or program for a reason. Returns a description of it, or None."""
 UNMEASURED_S = 0.25
 """Maximum age of a measurement, s. With an older one it is unknown whether the arm is at rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """What a stop has done.
+    """The result of a stop.
 
     Attributes:
         success: whether everything has ended and the arm is known to be at rest.
-        stopped: what was ended, for people.
-        position: measured, rad; None when rtloop does not answer.
-        category: of IEC 60204-1, as it was carried out: 2 the drives hold the arm, 1 they are off.
-        confirmed: whether the device itself reports it; if not, cobot has seen the arm at rest.
+        stopped: description of the ended request.
+        position: measured joint positions, rad; None if rtloop does not answer.
+        category: stop category of IEC 60204-1 that was carried out: 2: the drives hold the arm; 1: the drives
+            are off.
+        confirmed: whether the device itself reports it; if not, only cobot has determined that the arm is at
+            rest.
     """
 
     success: bool
@@ -53,14 +55,16 @@ class Stopped:
 
     @property
     def confirmed_by(self) -> str | None:
-        """What has seen the arm at rest: the device itself or cobot; None while neither has."""
+        """The source that confirms the arm at rest: the device itself or cobot; None for neither."""
         if not self.at_rest:
             return None
         return "device" if self.confirmed else "cobot"
 
 
 def together(stops: dict[str, Stopped]) -> Stopped:
-    """The stops of several robots as one, with the position of the first; that of one robot as it is."""
+    """The combined result for several robots, with the position of the first. The result of a single robot is
+    returned unchanged.
+    """
     first = next(iter(stops.values()))
     if len(stops) == 1:
         return first
@@ -77,7 +81,7 @@ def together(stops: dict[str, Stopped]) -> Stopped:
 
 
 class StopService:
-    """Takes no lock, waits for no queue, asks for no ownership."""
+    """Stops the arm. It takes no lock, waits in no queue and needs no control."""
 
     def __init__(self, link: RobotLink, ownership: Ownership, stop_programs: StopPrograms) -> None:
         self._link = link
@@ -86,13 +90,14 @@ class StopService:
         self._following: set[asyncio.Task[Stopped]] = set()
 
     def follow(self) -> None:
-        """End whatever would move the arm again, because it was stopped without this service."""
+        """After a stop from outside this service: end all requests that would move the arm again."""
         task = asyncio.create_task(self.stop(MIN_STOP_S, BY_COMMAND))
         self._following.add(task)
         task.add_done_callback(self._following.discard)
 
     async def stop(self, timeout_s: float, reason: str = BY_STOP, category: int = HELD) -> Stopped:
-        """End the sequence, the planning and the motion. Never fails: says what it could not confirm.
+        """End the sequence, the planning and the motion. Never raises; the result says what could not be
+        confirmed.
 
         Args:
             reason: the reason that is reported to the motion's owner.
@@ -114,7 +119,7 @@ class StopService:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
         carried_out, confirmed = await self._confirm_category(category, begun_s + timeout_s - 0.5, problems)
-        told = "stopped" if at_rest else "told to stop:"
+        told = "stopped" if at_rest else "requested to stop:"
         done = f"{told} {' and '.join(stopped)}" if stopped else "nothing was running"
         where = "the arm is at rest" if at_rest else "the arm is NOT known to be at rest"
         return Stopped(
@@ -129,7 +134,7 @@ class StopService:
         )
 
     async def _confirm_category(self, category: int, until_s: float, problems: list[str]) -> tuple[int, bool]:
-        """Wait for the drives to be off; return the category and whether the device reports it."""
+        """Wait for the drives to be off. Returns the category, and whether the device reports it."""
         until_s = min(until_s, self._link.clock.now_s() + DRIVES_S)
         while True:
             named = self._link.device()
@@ -156,15 +161,15 @@ class StopService:
             return str(exc)
 
     async def stop_motion(self, reason: str, timeout_s: float = MOTION_STOP_S) -> None:
-        """End what moves the arm now, for whichever client; returns when it rests.
+        """End the present motion of any client. Returns when the arm is at rest.
 
-        Nothing else ends: a sequence goes on with a motion that was stopped.
+        Nothing else ends; a sequence continues after its stopped motion.
 
         Args:
             reason: the reason that is reported to its owner.
 
         Raises:
-            ExecutionError: the arm is not known to be at rest, with why.
+            ExecutionError: the arm is not known to be at rest; the error has the reason.
         """
         claim = self._ownership.interrupt(MotionStopped(reason))
         if claim is None and self._orphan() is None:
@@ -180,8 +185,8 @@ class StopService:
                 await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
 
     async def reset(self, timeout_s: float) -> None:
-        """Leave ESTOP or FAULT. What was under way or waits for something moves nothing any more: a sequence
-        or program that has slept through it ends.
+        """Leave ESTOP or FAULT. Earlier requests cannot move the arm any more. A sequence or program that
+        waited during the ESTOP or FAULT ends.
 
         Raises:
             ConflictError, NotReadyError, UnavailableError: see `Commands.reset`.
@@ -192,7 +197,9 @@ class StopService:
         self._link.events.publish("reset", by=str(CLIENT.get()))
 
     def _orphan(self) -> str | None:
-        """What moves the arm without a claim: a local client, or the motion of a service that has died."""
+        """Description of a motion without a claim: of a local client, or of an earlier service that has
+        died.
+        """
         try:
             state = self._link.state()
         except UnavailableError:
@@ -220,5 +227,5 @@ class StopService:
 
 
 def _idle(state: RobotState) -> bool:
-    """Whether neither a motion nor a session is under way."""
+    """Whether neither a motion nor a streaming session runs."""
     return state.mode in RESTING and state.session == 0

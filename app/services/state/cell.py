@@ -23,11 +23,7 @@ class CellService:
         self._link = link
 
     def require(self) -> Cell:
-        """The cell.
-
-        Raises:
-            NotFoundError: there is none, with what to do.
-        """
+        """The cell. Raises NotFoundError: there is none; the error says what to do."""
         if self.cell is None:
             raise NotFoundError(
                 "this robot has no simulated cell; start it with cobot run --cell FILE, or set robot.cell"
@@ -39,7 +35,7 @@ class CellService:
 
         Raises:
             NotFoundError: there is no cell.
-            UnavailableError: they cannot be read.
+            UnavailableError: the poses cannot be read.
         """
         self.require()
         poses = self._link.cell()
@@ -52,7 +48,7 @@ class CellService:
 
         Raises:
             NotFoundError: there is no cell.
-            UnavailableError: they cannot be read.
+            UnavailableError: the inputs cannot be read.
         """
         names = self.require().switches
         report = self._link.io()
@@ -63,7 +59,7 @@ class CellService:
         ]
 
     async def reset(self) -> None:
-        """Put parts, hand, outputs and counters back to their state at the start. The arm stays where it is.
+        """Reset parts, hand, outputs and counters to their state at the start. The arm stays where it is.
 
         Raises:
             NotFoundError: there is no cell.

@@ -1,4 +1,4 @@
-"""What the service asks of rtloop: every command, and its acknowledgement, is here."""
+"""Commands to rtloop, and their acknowledgements. All commands are sent here."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from app.services.state.link import RobotLink
 
 ACKNOWLEDGE_S = 3.0
-"""rtloop verifies the largest trajectory in about a second."""
+"""Timeout for an acknowledgement, s. rtloop verifies the largest trajectory in about a second."""
 POLL_S = 0.001
 IN_THREAD_SEGMENTS = 2000
 """Maximum number of segments that are copied in the event loop. A thread copies a longer trajectory."""
 
 
 class Commands:
-    """Sends commands, one after the other, and waits for what rtloop says to each.
+    """Sends commands one after the other, and waits for rtloop's answer to each.
 
     Attributes:
-        handed_over: the number of the motion that rtloop was given last, and its trajectory.
+        handed_over: the number and the trajectory of the last motion that was sent to rtloop.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -48,19 +48,19 @@ class Commands:
         fence: Fence | None = None,
         signals: Placed = NO_PLACED,
     ) -> int:
-        """Hand a motion over and have it started.
+        """Send a motion to rtloop and start it.
 
         Args:
-            stops: `RobotLink.stops` as it was when the motion was asked for.
-            tool: the version of the tool that it was planned with.
-            fence: that the TCP may not leave.
-            signals: actions and conditions on its way.
+            stops: `RobotLink.stops` at the time of the request.
+            tool: version of the tool with which the motion was planned.
+            fence: fence that the TCP may not leave.
+            signals: actions and conditions on the path.
 
         Returns:
-            The motion's number.
+            The number of the motion.
 
         Raises:
-            ExecutionError: rtloop refuses it, with its reason.
+            ExecutionError: rtloop rejects the motion; the error has the reason.
             UnavailableError: rtloop does not answer, or see `Heartbeat.require_awake`.
             InputError: the motion is larger than a slot.
         """
@@ -101,13 +101,14 @@ class Commands:
 
         Args:
             trajectory: equal to the present one up to the place of the arm when rtloop has read it.
-            offset_s: the path time of the present trajectory at which it begins.
+            offset_s: path time of the present trajectory at which the new one begins.
             stops, tool: see `start`.
-            signals: actions and conditions on its way, at its own path times; those that have fired do not
-                fire again.
+            signals: actions and conditions, at path times of the new trajectory. Actions that have fired do
+                not fire again.
 
         Raises:
-            ExecutionError: rtloop refuses it, with its reason; the motion continues unchanged.
+            ExecutionError: rtloop rejects the trajectory; the error has the reason. The motion continues
+                unchanged.
             UnavailableError, InputError: see `start`.
         """
         async with self._turn:
@@ -140,7 +141,7 @@ class Commands:
             slot.write(motion_id, trajectory, fence, signals)
 
     async def set_rate(self, rate: float) -> None:
-        """Go over to another path time per clock time, 0 (pause) to 1, of the motion that runs.
+        """Change the rate of path time per clock time of the present motion, from 0 (pause) to 1.
 
         Raises:
             ExecutionError: no motion is running.
@@ -150,13 +151,14 @@ class Commands:
             await self._send(Command.SET_RATE, stops=self._link.stops, value=rate)
 
     async def set_tool(self, tool: Tool, mounted: Tool, scene_version: int) -> None:
-        """Have rtloop, and the simulation, carry this tool from now on, and read the scene's file.
+        """Make rtloop and the simulation use this tool from now on, and read the scene's file.
 
         Args:
             mounted: the tool without the parts of a simulated cell.
 
         Raises:
-            ExecutionError: rtloop refuses it, with its reason: the arm moves.
+            ExecutionError: rtloop rejects the tool, for example because the arm moves; the error has the
+                reason.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
@@ -165,10 +167,10 @@ class Commands:
             await self._send(Command.TOOL, stops=self._link.stops, tool=tool.version, scene=scene_version)
 
     async def set_output(self, name: str, value: float) -> None:
-        """Hand an output to the device; it is set when the device reports it.
+        """Send the value of an output to the device. The output is set when the device reports it.
 
         Raises:
-            ExecutionError: the device does not take it, with why.
+            ExecutionError: the device rejects the value; the error has the reason.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
@@ -178,30 +180,32 @@ class Commands:
             await self._send(Command.OUTPUT, stops=self._link.stops)
 
     async def reset_cell(self) -> None:
-        """Put the simulated cell back to its state at the start.
+        """Reset the simulated cell to its state at the start.
 
         Raises:
-            ExecutionError: rtloop rejects it, with its reason: the arm moves.
+            ExecutionError: rtloop rejects the reset, for example because the arm moves; the error has the
+                reason.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
             await self._send(Command.RESET_CELL, stops=self._link.stops)
 
     async def restart(self) -> None:
-        """Put the simulated arm, and its cell, back to the start.
+        """Reset the simulated arm and its cell to their initial state.
 
         Raises:
-            ExecutionError: rtloop rejects it, with its reason: the arm moves, or it is no simulation.
+            ExecutionError: rtloop rejects the reset, because the arm moves or is not simulated; the error has
+                the reason.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
             await self._send(Command.RESTART, stops=self._link.stops)
 
     async def pull(self, link: str, point: Sequence[float] = (), target: Sequence[float] = ()) -> None:
-        """Pull at a point of a link of the simulated arm towards a target; no link: let go.
+        """Pull the simulated arm at a point of a link towards a target; without a link, release it.
 
         Raises:
-            ExecutionError: rtloop rejects it, with its reason.
+            ExecutionError: rtloop rejects the pull; the error has the reason.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
@@ -213,21 +217,21 @@ class Commands:
             await self._send(Command.PULL, stops=self._link.stops)
 
     async def read_scene(self, version: int) -> None:
-        """Have rtloop read the scene's file, before the next stream begins.
+        """Make rtloop read the scene's file, before the next streaming session begins.
 
         Raises:
-            ExecutionError: rtloop refuses it, with its reason: a streaming session is active.
+            ExecutionError: rtloop rejects the command, because a streaming session is active.
             UnavailableError: rtloop does not answer.
         """
         async with self._turn:
             await self._send(Command.SCENE, stops=self._link.stops, scene=version)
 
     async def reset(self, timeout_s: float) -> None:
-        """Leave ESTOP or FAULT. What was asked for before, and waits for something, moves nothing any more.
+        """Leave ESTOP or FAULT. Earlier requests that still wait cannot move the arm any more.
 
         Raises:
             ConflictError: the arm moves, so there is nothing to reset.
-            NotReadyError: the cause persists, with rtloop's reason.
+            NotReadyError: the cause persists; the error has rtloop's reason.
             UnavailableError: rtloop does not answer.
         """
         state = await self._link.await_fresh_state(timeout_s)
@@ -263,7 +267,9 @@ class Commands:
         scene: int = 0,
         timeout_s: float = ACKNOWLEDGE_S,
     ) -> None:
-        """Have a command carried out, now or never: rtloop refuses one that a stop has overtaken."""
+        """Send a command and wait for its execution. It is never executed later: rtloop rejects a command if
+        a stop was requested after it.
+        """
         number = int(self._memory.head.data["id"]) + 1
         command = self._memory.commands[number % RING]
         command.data["id"] = number
@@ -294,5 +300,7 @@ class Commands:
 
 
 def loading_s(segments: int, period_s: float) -> float:
-    """How long rtloop may take to load a motion: a busy computer may miss as many cycles again."""
+    """Maximum time for rtloop to load a motion, s. A busy computer may miss as many cycles as the loading
+    needs.
+    """
     return 2.0 * period_s * segments / LOADED_SEGMENTS

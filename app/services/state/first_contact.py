@@ -1,4 +1,4 @@
-"""The first contact with hardware: the arm is slow until a person has checked what rtloop has found."""
+"""The first contact with hardware: the arm moves slowly until a person has checked rtloop's findings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from cobot.errors import InputError, UnavailableError
 
 
 async def acknowledge_contact(link: RobotLink, *, payload_checked: bool) -> str:
-    """Acknowledge it; what it has found, "" if there is nothing to acknowledge.
+    """Acknowledge the first contact. Returns its findings, "" if there is nothing to acknowledge.
 
     Args:
         payload_checked: whether the client confirms that the model's own tool and load are those of the arm.
@@ -24,8 +24,8 @@ async def acknowledge_contact(link: RobotLink, *, payload_checked: bool) -> str:
         return ""
     if not payload_checked and not link.tool_version:
         raise InputError(
-            "payload_checked: the arm's tool and load are not confirmed: set them by POST /robot/tool, "
-            "or send true if the arm carries nothing that its model does not have"
+            "payload_checked: the arm's tool and load are not confirmed: set them with POST /robot/tool, or "
+            "send true if the arm carries nothing in addition to its model"
         )
     await link.commands.acknowledge()
     return found

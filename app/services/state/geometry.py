@@ -1,4 +1,4 @@
-"""What a robot looks like: its bodies, joints and shapes, with those of its tool and of its scene."""
+"""The shape of a robot: its bodies, joints and solids, including those of its tool and its scene."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ Mesh = tuple[Array, npt.NDArray[np.int32]]
 
 @dataclass(frozen=True, slots=True)
 class BodyJoint:
-    """Moves its body, and whatever hangs on it.
+    """A joint that moves its body and all child bodies.
 
     Attributes:
-        index: among the robot's joints.
-        slides: it moves along its axis; else it turns about it.
-        axis, anchor: in the body's frame.
-        reference: its position where the body stands as its pose says, rad or m.
+        index: index in the robot's order of joints.
+        slides: true: it slides along its axis; false: it turns about its axis.
+        axis, anchor: direction, and a point of the axis, in the body's frame.
+        reference: joint position for which the pose of the body is given, rad or m.
     """
 
     index: int
@@ -51,12 +51,12 @@ class Shape:
 
     Attributes:
         kind: one of `SHAPES`.
-        size: m; of a box its edges, of a sphere its radius, of a cylinder and a capsule radius and length, of
-            an ellipsoid its three radii, of a plane its edges (0: endless), of a mesh nothing.
-        pose: in the body's frame.
-        rgba: from 0 to 1.
-        mesh: index among the meshes.
-        collides: the collision checks use it; otherwise it is only to be looked at.
+        size: m. Box: edges. Sphere: radius. Cylinder, capsule: radius and length. Ellipsoid: three radii.
+            Plane: edges (0: infinite). Mesh: empty.
+        pose: pose in the body's frame.
+        rgba: colour, each component from 0 to 1.
+        mesh: index in the list of meshes.
+        collides: whether the collision checks use it; if not, it is only for display.
     """
 
     kind: str
@@ -69,13 +69,14 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What moves as one.
+    """A rigid body.
 
     Attributes:
-        parent: index of the body that it hangs on, which comes before it; the first is the world and its own.
+        parent: index of the parent body, which comes before it. The first body is the world, which is its own
+            parent.
         part: "robot", "tool" or "scene".
-        pose: in the parent's frame, with all its joints at their references.
-        joints: in the order in which they move it.
+        pose: pose in the parent's frame, with all its joints at their references.
+        joints: joints that move it, in their order.
     """
 
     name: str
@@ -103,7 +104,9 @@ class Geometry:
 
 
 def geometry_version(robot: RobotDescription) -> Version:
-    """Another one when `geometry_of` would say something else: of scene, tool and position limits."""
+    """A version, which changes when `geometry_of` would return something else. It depends on scene, tool and
+    position limits.
+    """
     limits = robot.limits
     ranges = limits.min_position.tobytes() + limits.max_position.tobytes()
     return robot.collision.scene.version, robot.collision.tool.version, ranges
@@ -165,7 +168,7 @@ def _shape(mj: mujoco.MjModel, geom: int) -> Shape:
 
 
 def _size(kind: str, size: list[float]) -> list[float]:
-    """The full size from MuJoCo's, which gives half sizes."""
+    """The full size from MuJoCo's sizes, which are half sizes."""
     if kind == "mesh":
         return []
     if kind in ("sphere", "ellipsoid"):

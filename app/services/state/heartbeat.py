@@ -1,4 +1,4 @@
-"""The service's signs of life to rtloop, and what it notices between two of them."""
+"""The service's heartbeat to rtloop, and the detection of pauses and outside stops between two beats."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cobot.ipc.shm import RobotMemory
 
 HEARTBEAT_S = 0.05
 PAUSE_S = 1.0
-"""A pause of the service that is longer than this counts: rtloop has stopped the arm by then."""
+"""Minimum duration of a pause of the service that counts, s. By then rtloop has stopped the arm."""
 CATCH_UP_S = 0.25
 """Time after a pause in which the service reads all requests that waited, s."""
 
@@ -22,7 +22,7 @@ log = logging.getLogger("cobot.service")
 
 
 class Heartbeat:
-    """Comes from the event loop itself: a stuck one is a dead one.
+    """The heartbeat. The event loop itself sends it, so a blocked event loop sends none.
 
     Attributes:
         on_outside_stop: called when the arm was stopped through shared memory, as `cobot stop` does.
@@ -38,7 +38,7 @@ class Heartbeat:
 
     @contextlib.asynccontextmanager
     async def beating(self) -> AsyncIterator[None]:
-        """Tell rtloop that the service is alive, for as long as the context lasts."""
+        """Send the heartbeat to rtloop while the context is open."""
         task = asyncio.create_task(self.beat(), name="heartbeat")
         try:
             yield
@@ -46,7 +46,7 @@ class Heartbeat:
             task.cancel()
 
     async def beat(self) -> None:
-        """Until it is cancelled."""
+        """Send the heartbeat until cancelled."""
         block = self._memory.heartbeat
         block.data["pid"] = os.getpid()
         outside = self._memory.outside_stops.value
@@ -63,26 +63,26 @@ class Heartbeat:
             await asyncio.sleep(HEARTBEAT_S)
 
     def watch_for_pauses(self) -> None:
-        """The service has started, which may take long and is no pause; from now on `require_awake` tells."""
+        """Begin to watch for pauses. The start of the service, which may take long, does not count as one."""
         self._beaten_s = self._clock.now_s()
 
     def _note_pause(self) -> None:
-        """See whether this process has just gone on after a pause."""
+        """Note whether this process has just resumed after a pause."""
         now_s = self._clock.now_s()
         if self._beaten_s is not None and now_s - self._beaten_s > PAUSE_S:
             self._paused_s, self._resumed_s = now_s - self._beaten_s, now_s
             self._beaten_s = now_s
-            log.warning("%sthe service stood still for %.1f s", self._label, self._paused_s)
+            log.warning("%sthe service was suspended for %.1f s", self._label, self._paused_s)
 
     def require_awake(self) -> None:
-        """Reject requests that may be old, because they waited while this process stood still.
+        """Reject requests that may be old, because they waited while this process was suspended.
 
         Raises:
-            UnavailableError: it stood still until just now.
+            UnavailableError: the process was suspended until just now.
         """
         self._note_pause()
         if self._clock.now_s() - self._resumed_s < CATCH_UP_S:
             raise UnavailableError(
-                f"the service stood still for {self._paused_s:.1f} s until just now: what was asked for "
-                "meanwhile moves nothing; ask again"
+                f"the service was suspended for {self._paused_s:.1f} s until just now: requests from that "
+                f"time are rejected; send the request again"
             )

@@ -1,4 +1,4 @@
-"""What the safety layer counts, in the service's log."""
+"""Logs the interventions of the safety layer."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from cobot.clock import SYSTEM, Clock, WallTime
 from cobot.ipc.layout import Intervention
 
 EPISODE_S = 1.0
-"""What happens again within this time belongs to what happened before."""
+"""Duration of an episode, s. Interventions of one kind within it count as one episode."""
 
 log = logging.getLogger("cobot.interventions")
 
 
 class InterventionLog:
-    """Logs the first of each kind in each episode, with its time."""
+    """Logs the first intervention of each kind in each episode, with its time."""
 
     def __init__(self, label: str = "", clock: Clock = SYSTEM) -> None:
         self._label = label
@@ -25,7 +25,7 @@ class InterventionLog:
         self._last_ns = [0] * len(Intervention)
 
     def look(self, state: RobotState) -> None:
-        """Log what is new since the last call; what was there at the first one is not."""
+        """Log interventions since the last call. Those before the first call are not logged."""
         for kind, before in zip(Intervention, self._counts, strict=False):
             count, moment_ns = state.interventions[kind], state.intervened_ns[kind]
             if count <= before:

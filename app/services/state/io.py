@@ -21,10 +21,10 @@ class IoService:
         self._turn = asyncio.Lock()
 
     def points(self) -> tuple[str, list[IoPoint] | None]:
-        """The backend's name, and its inputs and outputs; None for one that has no such thing.
+        """The backend's name, and its inputs and outputs; None if the backend cannot have any.
 
         Raises:
-            UnavailableError: they cannot be read.
+            UnavailableError: the inputs and outputs cannot be read.
         """
         named = self._link.device()
         if named is None:
@@ -40,7 +40,7 @@ class IoService:
 
         Raises:
             NotFoundError: there is no such output; the text names the existing ones.
-            InputError, LimitError: it is an input, or cannot have this value.
+            InputError, LimitError: it is an input, or the value is invalid.
             DeviceError: the device rejects the value; the text has its reason.
             DeviceTimeout: the device has not reported the value in time.
             UnavailableError: rtloop does not answer.
@@ -69,7 +69,7 @@ class IoService:
             if self._link.clock.now_s() > deadline_s:
                 wanted = replace(point, value=number)
                 raise DeviceTimeout(
-                    f"{name} was handed to the device, which has not reported {json.dumps(wanted.shown)} "
+                    f"{name} was sent to the device, which has not reported {json.dumps(wanted.shown)} "
                     f"within {timeout_s:g} s; it reports {json.dumps(point.shown)}"
                 )
             await asyncio.sleep(POLL_S)
@@ -77,5 +77,5 @@ class IoService:
     def _report(self) -> IoReport:
         report = self._link.io()
         if report is None:
-            raise UnavailableError("what the device reports of its inputs and outputs cannot be read")
+            raise UnavailableError("the device's inputs and outputs cannot be read")
         return report

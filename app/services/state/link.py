@@ -1,4 +1,4 @@
-"""The service's end of the robot's shared memory."""
+"""The service's access to the robot's shared memory."""
 
 from __future__ import annotations
 
@@ -35,20 +35,18 @@ STATE_TRIES = 3
 
 
 class RobotLink:
-    """Reads what rtloop publishes, and asks for stops. Nothing in here waits on a lock.
+    """Reads the data that rtloop publishes, and requests stops. It never waits for a lock.
 
     Attributes:
-        clock: of the service; its moments and those in shared memory can be compared.
+        clock: clock of the service. Its times can be compared with those in shared memory.
         label: prefix of log lines about this robot; "" if it is the only one.
         events: receives the events of this robot.
         motions: reports the beginning and the end of its motions.
-        heartbeat: the service's signs of life.
-        commands: what else is asked of rtloop; only one service may.
+        heartbeat: heartbeat of the service.
+        commands: sends all other commands to rtloop. Only one service at a time may send them.
 
-    Raises (constructor):
-        UnavailableError: there is no such robot.
-        ConflictError: another service serves it.
-        LayoutError: its shared memory is another version's.
+    Raises (constructor): UnavailableError: the robot's shared memory does not exist. ConflictError: another
+    service uses it. LayoutError: its shared memory has another version.
     """
 
     def __init__(
@@ -73,8 +71,8 @@ class RobotLink:
         self.memory.close()
 
     def _take_over(self) -> None:
-        """Continue the counters of the last service, and end its motion. Unreadable counters are taken from
-        what rtloop has seen.
+        """Continue the counters of the previous service, and end its motion. If the counters cannot be read,
+        those that rtloop has read are used.
         """
         memory = self.memory
         seen = memory.state.data if memory.state.try_read() else None
@@ -92,10 +90,10 @@ class RobotLink:
             self.request_stop()  # Its service is gone, and no client waits for its end.
 
     def state(self) -> RobotState:
-        """The newest state, however old.
+        """The newest state, of any age.
 
         Raises:
-            UnavailableError: rtloop has never published one, or died while it did.
+            UnavailableError: rtloop has never published a state, or died while writing one.
         """
         try:
             record = self.memory.state.read()
@@ -108,17 +106,18 @@ class RobotLink:
         return state
 
     def silence(self, state: RobotState) -> str:
-        """Why this is no longer how the robot is, in words; "" while rtloop is alive.
+        """The reason why this state is out of date; "" while rtloop is alive.
 
-        The operating system is asked too: what a process has published just before it died is still fresh.
+        This also checks the process, because a state that was published just before rtloop died is still
+        fresh.
         """
         pid = self.rtloop_pid()
         if state.age_s > self._stale_after_s:
             return f"rtloop (pid {pid}) has published nothing for {state.age_s:.1f} s"
-        return f"rtloop (pid {pid}) is gone" if is_gone(pid) else ""
+        return f"rtloop (pid {pid}) has ended" if is_gone(pid) else ""
 
     def record_since(self, publication: int) -> tuple[int, np.ndarray | None]:
-        """The newest publication's number, and a copy of all of it if it is newer than this one."""
+        """The newest publication's number, and a copy of the publication if it is newer than this number."""
         block = self.memory.state
         for _ in range(STATE_TRIES):
             newest = block.sequence
@@ -129,14 +128,14 @@ class RobotLink:
         return publication, None
 
     def streamer(self) -> str | None:
-        """The process that streams to the arm, for people; None without a session."""
+        """Description of the streaming process; None without a session."""
         process = self.streaming_process()
         if process is None:
             return None
         return f"a streaming client (process {process})" if process else "a streaming client"
 
     def streaming_process(self) -> int | None:
-        """The process that has opened the session; 0 if that cannot be read, None if there is no session."""
+        """The process that has opened the session. 0 if it cannot be read, None without a session."""
         try:
             state = self.state()
             if state.session == 0 or self.silence(state):
@@ -148,7 +147,7 @@ class RobotLink:
             return 0
 
     def sessions(self) -> int | None:
-        """How many streaming sessions have been asked for; None if that cannot be read."""
+        """The number of requested streaming sessions so far; None if it cannot be read."""
         try:
             return int(self.memory.session.read()["number"])
         except TornReadError:
@@ -158,7 +157,7 @@ class RobotLink:
         """A copy of rtloop's statistics block.
 
         Raises:
-            UnavailableError: it cannot be read.
+            UnavailableError: the block cannot be read.
         """
         try:
             return self.memory.statistics.read().copy()
@@ -169,7 +168,7 @@ class RobotLink:
         """Wait for a fresh state of rtloop and return it.
 
         Raises:
-            UnavailableError: nothing fresh within the timeout, with how rtloop stands.
+            UnavailableError: there is no fresh state within the timeout; the error has rtloop's status.
         """
         deadline_s = self.clock.now_s() + timeout_s
         while True:
@@ -188,7 +187,8 @@ class RobotLink:
         """A fresh state with fresh measurements.
 
         Raises:
-            UnavailableError: see `await_fresh_state`; or the robot cannot be read, with the reason.
+            UnavailableError: see `await_fresh_state`; or the robot cannot be read, and the error has the
+                reason.
         """
         state = await self.await_fresh_state(timeout_s)
         if state.measured_age_s > self._stale_after_s:
@@ -204,24 +204,24 @@ class RobotLink:
 
         Raises:
             UnavailableError: see `await_fresh_state`.
-            NotReadyError: ESTOP or FAULT, with the reason and the way out.
+            NotReadyError: the mode is ESTOP or FAULT; the error has the reason and what to do.
         """
         state = await self.await_fresh_state(timeout_s)
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             reset = f"{address('', self.memory.robot)}/reset" if self.label else "/robot/reset"
             raise NotReadyError(
-                f"the robot is in mode {state.mode.name}: {state.reason}; see to the cause, then POST {reset}"
+                f"the robot is in mode {state.mode.name}: {state.reason}; remove the cause, then POST {reset}"
             )
         return state
 
     @property
     def stops(self) -> int:
-        """How many stops have been requested so far: a motion started with an older count is refused."""
+        """Number of requested stops so far. rtloop rejects a motion with an older count."""
         return int(self.memory.requests.data["stops"]) + self.memory.outside_stops.value
 
     @property
     def estops(self) -> int:
-        """How many e-stops have been requested so far."""
+        """Number of requested e-stops so far."""
         return int(self.memory.requests.data["estops"]) + self.memory.outside_estops.value
 
     def request_stop(self, *, fast: bool = False) -> None:
@@ -242,7 +242,7 @@ class RobotLink:
         self.events.publish("estop", what="asked for", by=str(CLIENT.get()))
 
     def device(self) -> tuple[str, DeviceReport] | None:
-        """The name of the backend and what it drives; None if that cannot be read."""
+        """The name of the backend and a description of its device; None if they cannot be read."""
         if self.memory.device.sequence == 0:
             return None
         try:
@@ -252,7 +252,7 @@ class RobotLink:
             return None
 
     def io(self) -> IoReport | None:
-        """What the device has reported of its inputs and outputs; None if that cannot be read."""
+        """The device's report of its inputs and outputs; None if it cannot be read."""
         if self.memory.io.sequence == 0:
             return None
         try:
@@ -261,12 +261,12 @@ class RobotLink:
             return None
 
     def publish_gripper(self, state: GripperState, read_ns: int) -> None:
-        """Have rtloop publish a reading of the gripper with the arm's state, from its next cycle on."""
+        """Let rtloop publish a reading of the gripper with the arm's state, from its next cycle on."""
         fill_gripper(self.memory.gripper.data, state, read_ns)
         self.memory.gripper.publish()
 
     def signals(self) -> SignalReport | None:
-        """What rtloop reports of the actions and conditions of the motion; None if that cannot be read."""
+        """rtloop's report of the actions and conditions of the motion; None if it cannot be read."""
         block = self.memory.signals
         if block.sequence == 0 or not block.try_read():
             return None
@@ -289,12 +289,12 @@ class RobotLink:
 
     @property
     def tool_version(self) -> int | None:
-        """The version of the tool that rtloop carries; None if it cannot be read."""
+        """The version of the tool in rtloop; None if it cannot be read."""
         return self._version("tool_version")
 
     @property
     def scene_version(self) -> int | None:
-        """The version of the scene that rtloop received last; None if it cannot be read."""
+        """The version of the scene that rtloop last received; None if it cannot be read."""
         return self._version("scene_version")
 
     def _version(self, name: str) -> int | None:
@@ -306,7 +306,9 @@ class RobotLink:
             return None
 
     def rtloop_pid(self) -> int:
-        """Raises as `statistics`, which it does not copy, because each look at a state asks for it."""
+        """The process id of rtloop. Raises as `statistics`, but does not copy the block, because it is needed
+        for each state.
+        """
         try:
             return int(self.memory.statistics.read()["pid"])
         except TornReadError as exc:

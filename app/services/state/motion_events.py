@@ -1,4 +1,4 @@
-"""Events of motions: the beginning of each, and how it has ended."""
+"""Events of motions: the beginning and the end of each."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ ENDS = {
     MotionResult.STOPPED_ASIDE: "stopped",
     MotionResult.FAILED: "failed",
 }
-"""What an event says of each."""
+"""The result in the event, for each result of a motion."""
 
 
 class MotionEvents:
-    """Tells each beginning and each end once.
+    """Publishes the beginning and the end of each motion once.
 
     Attributes:
-        ended: the number of motions by the way they ended. None is missed: a motion begins only after the
-            service has seen how the motion before it ended.
-        last_ended: the number of the motion whose end is known already.
+        ended: number of ended motions by result. No motion is missed, because a motion begins only after the
+            service has seen the result of the previous one.
+        last_ended: number of the last motion whose end is known.
     """
 
     def __init__(self, events: RobotEvents) -> None:
@@ -35,21 +35,21 @@ class MotionEvents:
         self._beginning: dict[str, Any] = {}
 
     def prepare(self, motion_id: int, duration_s: float) -> None:
-        """A motion is being started; what there is to tell once it has begun."""
+        """Prepare the event of a motion that is being started."""
         self._beginning = {"motion": motion_id, "duration_s": duration_s, "by": str(CLIENT.get())}
 
     def forget_begin(self) -> None:
-        """It does not begin."""
+        """Drop the prepared event, because the motion does not begin."""
         self._beginning = {}
 
     def publish_begin(self) -> None:
-        """It has."""
+        """Publish the prepared event, because the motion has begun."""
         if self._beginning:
             self._events.publish("motion", what="begun", **self._beginning)
             self._beginning = {}
 
     def look(self, state: RobotState) -> None:
-        """See whether a motion has ended."""
+        """Check whether a motion has ended, and publish its end."""
         if state.motion_id == self.last_ended or state.motion_result not in self.ended:
             return
         self.last_ended = state.motion_id

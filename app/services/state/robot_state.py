@@ -1,7 +1,7 @@
-"""All that the service knows of a robot at one moment, so that no other module reads the record itself.
+"""The state of a robot at one moment. Other modules use this class instead of reading the record.
 
-States are polled, and most clients need few fields. So the record is copied whole, and a field is converted
-only when it is read.
+States are polled often, and most clients need few fields. So the record is copied as a whole, and each field
+is converted only when it is read.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Number = TypeVar("Number", int, float)
 
 
 class _Scalar(Generic[Number]):
-    """A number, as it is called in the record."""
+    """A property with a number of the record, under the same name."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._place = PLACES[name]
@@ -33,7 +33,7 @@ class _Scalar(Generic[Number]):
 
 
 class _Vector:
-    """An array, as it is called in the record."""
+    """A property with an array of the record, under the same name."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -48,9 +48,9 @@ class RobotState:
 
     Attributes:
         record: all fields.
-        published_s: when it was published, on the link's clock.
-        age_s: how long ago that was.
-        measured_age_s: how long ago the robot was read.
+        published_s: time of publication, on the link's clock.
+        age_s: time since the publication, s.
+        measured_age_s: time since the robot was read, s.
         interventions, intervened_ns: in the order of `Intervention`.
     """
 
@@ -64,11 +64,11 @@ class RobotState:
     underruns, overruns, torn_reads = _Scalar[int](), _Scalar[int](), _Scalar[int]()
 
     def __init__(self, record: np.ndarray, now_ns: int) -> None:
-        """Copies what has just been read.
+        """Copy a record that was just read.
 
         Args:
-            record: of `cobot.ipc.state_fields.state_dtype`.
-            now_ns: CLOCK_MONOTONIC, which its ages are counted up to.
+            record: record of the type `cobot.ipc.state_fields.state_dtype`.
+            now_ns: the present time of CLOCK_MONOTONIC, from which the ages are computed.
         """
         octets = record.tobytes()
         self.record = record_of(octets, record.dtype)

@@ -1,4 +1,4 @@
-"""Force control: its settings, and a session of its own for when no other session is active."""
+"""Force control: its settings, and a session of its own that runs when no other session is active."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PERIOD_S = 0.01
 SESSION_TIMEOUT_S = 2.0
 STOP_TIMEOUT_S = 3.0
 MAX_VELOCITY = (0.1, 0.1, 0.1, 0.5, 0.5, 0.5)
-"""The fastest that force control moves by default: m/s, rad/s."""
+"""Default maximum velocity of force control: m/s, rad/s."""
 NO_LIMIT = (np.inf,) * 6
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -39,17 +39,18 @@ class ForceSettings:
     """The settings of force control. Six values each: x, y, z in m and N, then about x, y, z in rad, N·m.
 
     Attributes:
-        enabled: whether it is wanted.
-        axes: along which the force counts, not the position, in the force frame.
+        enabled: whether force control is enabled.
+        axes: axes of the force frame along which the force is controlled instead of the position.
         wrench: the wrench that the TCP exerts on its surroundings, in the force frame.
         max_velocity: the maximum velocity of force control.
-        stiffness: of the TCP; None for the robot's nominal one.
-        damping_ratio: of the TCP, from 0.3 to 1.
-        in_tcp: the force frame is given in the TCP's frame, not in the base frame.
-        frame: x, y, z, then w, x, y, z.
-        thresholds: the external wrench at the TCP, in the base frame, beyond which the arm is stopped in any
-            mode while force control is enabled; watched every 10 ms.
-        limits: the same, beyond which rtloop ends a session, in every cycle; for sessions that begin later.
+        stiffness: stiffness of the TCP; None for the robot's nominal one.
+        damping_ratio: damping ratio of the TCP, from 0.3 to 1.
+        in_tcp: whether the force frame is given in the TCP frame; if not, in the base frame.
+        frame: pose of the force frame: x, y, z, then w, x, y, z.
+        thresholds: external wrench at the TCP, in the base frame, above which the arm is stopped. Checked
+            every 10 ms in any mode while force control is enabled.
+        limits: external wrench in the same form, above which rtloop ends a session. Checked in every cycle,
+            in sessions that begin later.
     """
 
     enabled: bool = False
@@ -64,7 +65,9 @@ class ForceSettings:
     limits: tuple[float, ...] = NO_LIMIT
 
     def describe(self, request: np.ndarray) -> None:
-        """Write all that is fixed when a session begins into a record of `cobot.ipc.layout.session_dtype`."""
+        """Write all settings that are fixed during a session into a record of
+        `cobot.ipc.layout.session_dtype`.
+        """
         request["force_axes"] = self.axes
         request["force_velocity"] = self.max_velocity
         if self.stiffness is not None:
@@ -75,14 +78,15 @@ class ForceSettings:
 
 
 class ForceService:
-    """Keeps the settings; while enabled it holds the TCP's pose and exerts the wrench along the force axes.
+    """Keeps the settings. While force control is enabled, it holds the TCP's pose and exerts the wrench along
+    the force axes.
 
     Another client's Cartesian session may take force control over: `lend` ends this session, and the other
     one uses `settings`, whose `wrench` may change at any time.
 
     Attributes:
-        settings: as they stand.
-        reason: why force control was switched off by itself the last time, "" for never.
+        settings: the present settings.
+        reason: reason why force control last ended by itself, "" if it never has.
     """
 
     def __init__(
@@ -108,10 +112,10 @@ class ForceService:
         self.reason = ""
 
     async def enable(self) -> None:
-        """Begin.
+        """Enable force control.
 
         Raises:
-            InputError: the settings are invalid, with the reason.
+            InputError: the settings are invalid; the error has the reason.
             ConflictError: another client moves the arm, or a servo session has begun without force axes.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
@@ -125,7 +129,7 @@ class ForceService:
             self._task = asyncio.create_task(self._run(), name="force control")
 
     async def disable(self) -> None:
-        """End; returns when the arm rests."""
+        """Disable force control. Returns when the arm is at rest."""
         async with self._changing:
             self.settings = replace(self.settings, enabled=False)
             if self._task is not None:
@@ -136,13 +140,14 @@ class ForceService:
     async def lend(self) -> None:
         """Lend the arm to another client's session, which then serves `settings`."""
         async with self._changing:
-            await self._end("another session goes on")
+            await self._end("another session takes over")
 
     async def take_back(self) -> None:
-        """That session has ended: go on where the arm is, unless force control was disabled or stopped.
+        """Continue at the arm's present position after the other session has ended, unless force control was
+        disabled or stopped.
 
         Raises:
-            see `enable`.
+            CobotError: see `enable`.
         """
         async with self._changing:
             if self.settings.enabled and self._session is None and self._link.stops == self._stops:
@@ -155,24 +160,24 @@ class ForceService:
     def set_target(
         self, axes: list[bool], wrench: list[float], max_velocity: list[float], frame: Array, *, in_tcp: bool
     ) -> None:
-        """Along which axes which wrench is exerted.
+        """Set the axes of force control and the wrench.
 
         Args:
-            axes: 6.
-            wrench: 6, N and N·m, what the TCP does to its surroundings.
-            max_velocity: 6, m/s and rad/s, 0 for the default; empty for all defaults.
-            frame: x, y, z, w, x, y, z.
+            axes: 6 values, true for an axis with force control.
+            wrench: 6 values, N and N·m: the wrench of the TCP on its surroundings.
+            max_velocity: 6 values, m/s and rad/s, 0 for the default; empty for all defaults.
+            frame: pose of the force frame, x, y, z, w, x, y, z.
 
         Raises:
-            InputError: not six numbers each, or none that make sense.
-            ConflictError: enabled, and more than the wrench would change.
+            InputError: a list has not six numbers, or a value is invalid.
+            ConflictError: force control is enabled, and more than the wrench would change.
         """
         if len(axes) != 6:
             raise InputError(f"axes must be 6 times true or false, got {axes}")
         force = vector(wrench, 6, name="wrench")
         speed = vector(max_velocity or [0.0] * 6, 6, name="max_velocity")
         if (speed < 0.0).any():
-            raise InputError(f"max_velocity must be from 0 (the default) up, got {speed.tolist()}")
+            raise InputError(f"max_velocity must be at least 0 (the default), got {speed.tolist()}")
         self._change(
             axes=tuple(axes),
             max_velocity=tuple(np.where(speed > 0.0, speed, MAX_VELOCITY).tolist()),
@@ -182,15 +187,16 @@ class ForceService:
         self.settings = replace(self.settings, wrench=tuple(force.tolist()))
 
     def set_impedance(self, damping_ratio: list[float], stiffness: list[float]) -> None:
-        """How the TCP gives way along the axes that keep their position.
+        """Set the compliance of the TCP along the axes that keep their position.
 
         Args:
-            damping_ratio: 6, from 0.3 to 1, 0 for 0.7; empty for all defaults.
-            stiffness: 6, N/m and N·m/rad, 0 for the nominal one; empty for all defaults.
+            damping_ratio: 6 values from 0.3 to 1, 0 for 0.7; empty for all defaults.
+            stiffness: 6 values, N/m and N·m/rad, 0 for the nominal one; empty for all defaults.
 
         Raises:
-            InputError: not six numbers, or beyond what the robot can do, with what it can.
-            ConflictError: enabled.
+            InputError: there are not six numbers, or a value is outside the robot's range; the error has the
+                range.
+            ConflictError: force control is enabled.
         """
         ratio = vector(damping_ratio or [0.0] * 6, 6, name="damping ratio")
         ratio = np.where(ratio == 0.0, DAMPING_RATIO, ratio)
@@ -204,27 +210,27 @@ class ForceService:
         self._change(damping_ratio=tuple(ratio.tolist()), stiffness=tuple(wanted.tolist()))
 
     def set_thresholds(self, thresholds: list[float]) -> None:
-        """The external wrench beyond which the arm is stopped: 6, N and N·m, 0 for none.
+        """Set the external wrench above which the arm is stopped: 6 values, N and N·m, 0 for no threshold.
 
         Raises:
-            InputError: not six numbers from 0 up.
+            InputError: there are not six numbers of at least 0.
         """
         self.settings = replace(self.settings, thresholds=_bounds(thresholds, "thresholds"))
 
     def set_limits(self, limits: list[float]) -> None:
-        """The external wrench beyond which rtloop ends a session: 6, N and N·m, 0 for none.
+        """Set the external wrench above which rtloop ends a session: 6 values, N and N·m, 0 for no limit.
 
         Raises:
-            InputError: not six numbers from 0 up.
-            ConflictError: enabled.
+            InputError: there are not six numbers of at least 0.
+            ConflictError: force control is enabled.
         """
         self._change(limits=_bounds(limits, "limits"))
 
     def external_wrench(self) -> Array:
-        """What the surroundings do to the TCP, as estimated, in the base frame: N, N·m, shape (6,).
+        """The estimated wrench of the surroundings on the TCP, in the base frame: N, N·m, shape (6,).
 
         Raises:
-            UnavailableError: rtloop has died while it published.
+            UnavailableError: rtloop has died while writing a state.
         """
         return self._link.state().wrench
 
@@ -274,7 +280,7 @@ class ForceService:
             await self._stopping.stop(STOP_TIMEOUT_S)
 
     def _step(self) -> str:
-        """Why force control has to end, "" if it goes on."""
+        """The reason why force control has to end, "" if it continues."""
         try:
             wrench = self.external_wrench()
             for axis, value, threshold in zip(AXES, wrench.tolist(), self.settings.thresholds, strict=True):
@@ -294,5 +300,5 @@ class ForceService:
 def _bounds(values: list[float], name: str) -> tuple[float, ...]:
     numbers = vector(values, 6, name=name)
     if (numbers < 0.0).any():
-        raise InputError(f"{name} must be from 0 (none) up, got {numbers.tolist()}")
+        raise InputError(f"{name} must be at least 0 (none), got {numbers.tolist()}")
     return tuple(np.where(numbers > 0.0, numbers, np.inf).tolist())

@@ -1,10 +1,10 @@
 """Motions with force: press, follow, search and insert, as jobs.
 
-Each is a session of poses with force control along the push. rtloop holds the force and watches its maximum
-in every cycle. The service commands the pose of the TCP and the force a hundred times a second, as the stages
-of `force_stages` want them. A pause keeps the contact and holds the TCP where it is.
+Each is a Cartesian session with force control along the push. rtloop controls the force and checks its
+maximum in every cycle. The service commands the pose of the TCP and the force a hundred times a second, as
+calculated by the stages in `force_stages`. A pause keeps the contact and holds the TCP where it is.
 
-Forces count from what was measured when the motion began, so a payload that is not quite known does no harm.
+Forces are relative to those at the beginning of the motion, so a small error in the payload has no effect.
 """
 
 from __future__ import annotations
@@ -51,14 +51,15 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 ANSWER_S = 2.0
-"""Timeout for rtloop's answer to a session that begins."""
+"""Timeout for rtloop's answer when a session begins, s."""
 MIN_ROOM_N = 20.0
-"""The default of `max_force` is at least this much above `force`, N."""
+"""Minimum margin of the default of `max_force` above `force`, N."""
 MOVED_RAD = 1e-3
-"""The arm may have moved by no more while the path of a motion was planned."""
+"""Maximum motion of a joint while the path was planned, rad."""
 INSERT_SHARE = 0.2
-"""Stiffness of the TCP of an insertion against a push from aside, as a share of the nominal one: a peg
-whose edge is caught by the hole must not turn in the hand."""
+"""Stiffness of the TCP across the push during an insertion, as a share of the nominal one. A higher one would
+turn the peg in the hand when its edge touches the hole.
+"""
 LET_GO = "the motion with force has ended"
 
 
@@ -88,18 +89,18 @@ class ForceMotionService:
         caller: Caller,
         until: Condition | None = None,
     ) -> ForceOutcome:
-        """Do it, and return when the arm rests.
+        """Run a motion with force. Returns when the arm is at rest.
 
         Args:
-            goal: of the path of a `FollowMotion`, else None.
-            until: the input that ends a search; None for none.
+            goal: goal of the path of a `FollowMotion`, otherwise None.
+            until: condition on an input that ends a search; None for none.
 
         Raises:
-            InputError: a path that has no length, or cannot be planned as it is written.
+            InputError: the path has no length, or its fields are invalid.
             NotSupportedError: the backend has no force control or measures no force. The error names it.
-            ConflictError, NotReadyError, ExecutionError, UnavailableError: nothing has moved; see
-                `StreamService.open`.
-            PlanningError: there is no such path.
+            ConflictError, NotReadyError, ExecutionError, UnavailableError: the session cannot begin; nothing
+                has moved. See `StreamService.open`.
+            PlanningError: the path cannot be planned.
         """
         self._require_able()
         direction = _unit(body)
@@ -149,7 +150,7 @@ class ForceMotionService:
         return outcome
 
     def _stages(self, work: ForceRun, path: Trajectory | None, until: Condition | None) -> Stage:
-        """All stages of a motion as one."""
+        """All stages of a motion, as one generator."""
         body, push, outcome = work.body, work.push, work.outcome
         felt = outcome.held.append
         touched = yield from approach(push)
@@ -170,7 +171,9 @@ class ForceMotionService:
         return last
 
     def _input_holds(self, until: Condition | None) -> Callable[[], bool]:
-        """Tells whether the device reports the input of a condition as that asks for."""
+        """A function that returns whether the device reports the input with the value that the condition
+        requires.
+        """
 
         def holds() -> bool:
             if until is None:
@@ -179,7 +182,7 @@ class ForceMotionService:
             points = () if report is None else report.points
             value = next((each.value for each in points if each.name == until.name), None)
             if value is None:
-                raise UnavailableError(f"until: the device does not report the input {until.name} any more")
+                raise UnavailableError(f"until: the device no longer reports the input {until.name}")
             return until.low < value < until.high
 
         return holds
@@ -192,13 +195,13 @@ class ForceMotionService:
         start = (await self._link.await_ready_state(ANSWER_S)).commanded_position
         path = await self._planning.plan(self._goals.request(goal, start), caller.timeout_s)
         if path is None:
-            raise InputError("motion: the TCP is at its end already; there is no path to follow")
+            raise InputError("motion: the TCP is already at the end; there is no path to follow")
         return path
 
     def _require_able(self) -> None:
         named = self._link.device()
         if named is None:
-            raise UnavailableError("what the robot's backend can do cannot be read")
+            raise UnavailableError("the capabilities of the robot's backend cannot be read")
         backend, device = named
         able = device.capabilities
         refusal = able.lacks(backend, "a motion with force", "impedance", "wrench") or able.does_not_measure(
@@ -230,7 +233,7 @@ class ForceMotionService:
 
 
 def _max_force(body: AnyForceMotion) -> float:
-    """Beyond which rtloop stops the arm, N."""
+    """The force above which rtloop stops the arm, N."""
     return body.max_force or max(2.0 * body.force, body.force + MIN_ROOM_N)
 
 

@@ -1,4 +1,4 @@
-"""One motion with force while it goes on: what is measured, what is commanded, and what has come of it."""
+"""A running motion with force: its measurements, its commands, and its result."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from cobot.pose import Pose
 
 PERIOD_S = 0.01
 FORCE_INTEGRAL_PER_S = 2.0
-"""Rate at which a lasting error of the force is made up for, as on a slope."""
+"""Gain of the integral that removes a lasting force error, for example on a slope, 1/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class TouchPoint:
-    """Where the TCP touched, and how far it had gone along the push."""
+    """The pose of the TCP at the first contact, and its distance along the push."""
 
     pose: Pose
     distance_m: float
@@ -34,12 +34,13 @@ class TouchPoint:
 
 @dataclass(slots=True)
 class ForceOutcome:
-    """How a motion with force ended. Forces are along the push, distances from the start, pose of the TCP.
+    """The result of a motion with force. Forces are along the push, distances from the start; the pose is
+    that of the TCP.
 
     Attributes:
-        error: None if its end was reached, or if that did not matter.
-        stopped_by: word for what ended it; "" before anything did.
-        force_n: mean while it was held; None if it was not.
+        error: None if the end was reached, or if the request does not require it.
+        stopped_by: word for the cause of the end; "" before the end.
+        force_n: mean while the force was held, N; None if it was not held.
     """
 
     error: CobotError | None = None
@@ -54,7 +55,7 @@ class ForceOutcome:
 
 
 def outcome_word(outcome: ForceOutcome) -> Callable[[str], None]:
-    """What notes the word for the end of a search."""
+    """A function that stores the word for the end of a search."""
 
     def note(word: str) -> None:
         outcome.stopped_by = word
@@ -63,10 +64,10 @@ def outcome_word(outcome: ForceOutcome) -> Callable[[str], None]:
 
 
 class ForceRun:
-    """A motion with force while it goes on.
+    """A running motion with force.
 
     Attributes:
-        free_n: external force when it began, in the base frame, shape (3,), N.
+        free_n: external force at the beginning, in the base frame, shape (3,), N.
     """
 
     def __init__(
@@ -87,11 +88,11 @@ class ForceRun:
         self._aim = Aim(push.start, 0.0)
 
     async def drive(self, session: StreamSession, stages: Stage) -> None:
-        """Run the stages, then let go, whatever the stages came to.
+        """Run the stages, then release the contact, whatever the result of the stages.
 
         Raises:
-            NotMet: a bound came first.
-            MotionStopped, ExecutionError: the session has been ended by something else.
+            NotMet: a limit was reached first.
+            MotionStopped, ExecutionError: the session was ended from outside.
         """
         try:
             most_s = self.caller.timeout_s if self.caller.waits else np.inf
@@ -130,7 +131,7 @@ class ForceRun:
                 return
 
     def _active_s(self) -> float:
-        """How long it has gone on, without the pauses that prolong its time."""
+        """Duration of the motion so far, without pauses that extend its timeout, s."""
         excused_s = self._ownership.speed_override.excused_s(self._paused_s)
         return self._link.clock.now_s() - self._begun_s - excused_s
 
@@ -164,11 +165,11 @@ class ForceRun:
         session.take_setpoint(self._number, setpoint)
 
     def _require_going(self, session: StreamSession) -> None:
-        """See that nothing has ended the motion.
+        """Check that nothing has ended the motion.
 
         Raises:
-            MotionStopped: a stop, a cancel, or a client that has gone.
-            ExecutionError: rtloop has ended the session, with its reason.
+            MotionStopped: a stop, a cancellation, or the client has disconnected.
+            ExecutionError: rtloop has ended the session; the error has the reason.
         """
         if self.caller.gone.is_set() and self.caller.job is not None:
             self._ownership.cancel(self.caller.job, MotionStopped("the client went away"))

@@ -1,8 +1,8 @@
-"""What the TCP does under force, one stage after the other: approach, hold, follow, look for, insert, let go.
+"""The stages of motions with force: approach, hold, follow, search, insert, release.
 
-A stage is a generator. It is sent samples of what is measured, and yields the commanded pose and force. It
-returns when it has reached its end, and raises `NotMet` when a bound comes first. It knows nothing
-of sessions and clocks, so a test can run it against any contact.
+A stage is a generator. It receives samples of the measurements, and yields the commanded pose and force. It
+returns when it has reached its end, and raises `NotMet` if a limit is reached first. It does not depend on
+sessions or clocks, so a test can run it with any model of a contact.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ from cobot.pose import Pose
 from cobot.types import Array
 
 CONTACT_SHARE = 0.5
-"""The TCP touches when it feels this share of the commanded force."""
+"""Share of the commanded force above which the TCP counts as touching."""
 MIN_CONTACT_N = 1.0
 FREE_SHARE = 0.1
-"""The TCP has let go when it feels no more than this share of the force."""
+"""Share of the force up to which the TCP counts as released."""
 LET_GO_S = 1.0
 RETRACT_S = 20.0
 AT_REST_S = 0.5
-"""A push that does not advance for this time has come to its end."""
+"""Time without progress after which a push has reached its end, s."""
 AT_REST_M = 2e-4
 GIVE_WAY_PER_S = 5.0
-"""Rate at which an insertion takes away what pushes and turns the TCP across the push."""
+"""Gain with which an insertion reduces forces and torques across the push, 1/s."""
 GETTING_UP_S = 0.3
-"""A search gets up to its speed in this time."""
+"""Time in which a search accelerates to its speed, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class ForceSample:
-    """What is measured now.
+    """A sample of the measurements.
 
     Attributes:
-        step_s: since the last sample, without pauses.
-        pose: of the TCP in the base frame.
-        force_n: that the TCP exerts along the push.
+        step_s: time since the last sample, without pauses, s.
+        pose: pose of the TCP in the base frame.
+        force_n: force of the TCP along the push, N.
     """
 
     step_s: float
@@ -50,7 +50,9 @@ class ForceSample:
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """Commanded pose of the TCP, which counts across the push, and force along it, N; below 0 it pulls."""
+    """Commanded pose of the TCP, which is controlled across the push, and commanded force along it, N. A
+    negative force pulls.
+    """
 
     pose: Pose
     force_n: float
@@ -61,11 +63,11 @@ class Push:
     """A push from a pose along an axis.
 
     Attributes:
-        start: pose of the TCP when the motion begins.
+        start: pose of the TCP at the beginning of the motion.
         axis: unit vector of the push in the base frame at the start, shape (3,).
         force_n: commanded force, N.
-        approach_n: that makes the TCP go at the speed of the approach while nothing is in its way.
-        max_distance_m: along the axis.
+        approach_n: commanded force that moves the free TCP at the speed of the approach, N.
+        max_distance_m: maximum distance along the axis, m.
     """
 
     start: Pose
@@ -76,20 +78,20 @@ class Push:
 
     @property
     def contact_n(self) -> float:
-        """From this force on the TCP touches something."""
+        """The force above which the TCP counts as touching, N."""
         return max(CONTACT_SHARE * self.force_n, MIN_CONTACT_N)
 
     def distance_m(self, pose: Pose) -> float:
-        """How far a pose is from the start along the axis."""
+        """The distance of a pose from the start along the axis, m."""
         return float((pose.position - self.start.position) @ self.axis)
 
     def beside(self, position: Array) -> Array:
-        """A place, moved along the axis to where the start is, shape (3,)."""
+        """A position, moved along the axis to the height of the start, shape (3,)."""
         moved: Array = position - float((position - self.start.position) @ self.axis) * self.axis
         return moved
 
     def shifted(self, offset: SearchOffset) -> Pose:
-        """The start, moved and leant over across the push."""
+        """The start pose, moved and tilted across the push."""
         x, y = across(self.axis, self.start.rotation)
         lean = Pose.from_numbers((0.0, 0.0, 0.0, *_turn(offset.rx * x + offset.ry * y)))
         turned = (lean @ replace(self.start, position=np.zeros(3))).quaternion
@@ -97,10 +99,10 @@ class Push:
 
 
 class NotMet(Exception):
-    """A bound has come before the end that was asked for.
+    """A limit was reached before the requested end.
 
     Attributes:
-        by: the word for it.
+        by: the word for the limit.
     """
 
     def __init__(self, by: str, sentence: str) -> None:
@@ -145,7 +147,7 @@ def hold(push: Push, duration_s: float, felt: Callable[[float], None]) -> Stage:
     """Hold the force for a time.
 
     Args:
-        felt: told of each force, N.
+        felt: called with each measured force, N.
     """
     left_s = duration_s
     while True:
@@ -165,12 +167,12 @@ def follow(
     max_deviation_m: float,
     felt: Callable[[float], None],
 ) -> Stage:
-    """Go along a path with the force held.
+    """Move along a path while holding the force.
 
     Args:
-        touched: when the TCP touched.
+        touched: the sample at the first contact.
         path: pose of the TCP at a time of the path, s.
-        felt: told of each force, N.
+        felt: called with each measured force, N.
     """
     in_tool = push.start.rotation.T @ push.axis
     touched_m = push.distance_m(touched.pose)
@@ -183,7 +185,7 @@ def follow(
         if abs(off) > max_deviation_m:
             raise NotMet(
                 "max_deviation",
-                f"{path_s:.2f} s along the path the TCP has left it by {1e3 * off:.1f} mm along the push, "
+                f"{path_s:.2f} s into the path the TCP is off it by {1e3 * off:.1f} mm along the push, "
                 f"allowed are {1e3 * max_deviation_m:g} mm",
             )
         if path_s >= duration_s:
@@ -192,7 +194,7 @@ def follow(
 
 
 def pattern_of(body: SearchMotion) -> Search:
-    """The pattern that a request names."""
+    """The search pattern of a request."""
     if body.pattern == "tilt":
         return tilt(body.angle)
     return (spiral if body.pattern == "spiral" else raster)(body.radius, body.pitch)
@@ -205,11 +207,11 @@ def search(
     input_holds: Callable[[], bool],
     found: Callable[[str], None],
 ) -> Stage:
-    """Go along a pattern in contact until the TCP drops, is at the target, or `input_holds`.
+    """Move along a pattern in contact until the TCP drops, reaches the target, or `input_holds` returns true.
 
     Args:
-        input_holds: tells whether the condition on the input holds.
-        found: told of the word for what has ended the search.
+        input_holds: returns whether the condition on the input is met.
+        found: called with the word for the cause of the end.
     """
     pattern, way_m, speed_m_s = pattern_of(body), 0.0, 0.0
     touched_m = push.distance_m(touched.pose)
@@ -217,7 +219,7 @@ def search(
     while True:
         offset = pattern(way_m)
         if offset is None:
-            raise NotMet("pattern_end", f"the {body.pattern} has come to its end and nothing was found")
+            raise NotMet("pattern_end", f"the {body.pattern} has ended and nothing was found")
         sample = yield Aim(push.shifted(offset), push.force_n)
         if push.distance_m(sample.pose) - touched_m >= body.drop:
             found("drop")
@@ -234,10 +236,10 @@ def search(
 
 
 def insert(push: Push, touched: ForceSample, found: ForceSample, body: InsertMotion) -> Stage:
-    """Push on where the search has ended, until the depth is reached.
+    """Push at the place where the search has ended, until the depth is reached.
 
-    The commanded pose gives way to the walls: a peg that is held by the spring of the wrong place or of the
-    wrong direction wedges.
+    The commanded pose yields to the walls. Otherwise a peg that is held at a wrong position or angle would
+    jam.
     """
     touched_m = push.distance_m(touched.pose)
     first = aim = Pose(push.beside(found.pose.position), push.start.quaternion)
@@ -255,13 +257,15 @@ def insert(push: Push, touched: ForceSample, found: ForceSample, body: InsertMot
         if rested_s >= AT_REST_S and sample.force_n >= push.contact_n:
             raise NotMet(
                 "force",
-                f"the TCP has come to rest {1e3 * (here_m - touched_m):.1f} mm beyond the contact at "
-                f"{sample.force_n:.1f} N; the depth asked for is {1e3 * body.depth:g} mm",
+                f"the TCP has stopped {1e3 * (here_m - touched_m):.1f} mm beyond the contact at "
+                f"{sample.force_n:.1f} N; the requested depth is {1e3 * body.depth:g} mm",
             )
 
 
 def _given_way(push: Push, first: Pose, aim: Pose, sample: ForceSample, body: InsertMotion) -> Pose:
-    """The commanded pose, nearer to the measured one: no further than `radius` and `angle` from the first."""
+    """The commanded pose, moved towards the measured one, at most `radius` and `angle` away from the first
+    pose.
+    """
     share = 1.0 - np.exp(-GIVE_WAY_PER_S * sample.step_s)
     position = aim.position + share * (push.beside(sample.pose.position) - aim.position)
     way = position - first.position
@@ -274,7 +278,7 @@ def _given_way(push: Push, first: Pose, aim: Pose, sample: ForceSample, body: In
 
 
 def let_go(push: Push, last: ForceSample, aim: Aim, retract_m: float) -> Stage:
-    """Take the force away, and go back if that is asked for."""
+    """Reduce the force to 0, and move back if this is requested."""
     pulls = retract_m > 0.0
     most_s = RETRACT_S if pulls else LET_GO_S
     begun_m, left_s = push.distance_m(last.pose), most_s
@@ -291,12 +295,9 @@ def let_go(push: Push, last: ForceSample, aim: Aim, retract_m: float) -> Stage:
 
 
 def _require_near(push: Push, sample: ForceSample) -> None:
-    """See that the TCP has not gone further than is allowed.
-
-    Raises:
-        NotMet: it has.
-    """
+    """Check that the TCP has not moved further than allowed. Raises NotMet if it has."""
     if push.distance_m(sample.pose) > push.max_distance_m:
         raise NotMet(
-            "max_distance", f"the TCP has gone {push.max_distance_m:g} m along the push, which is the maximum"
+            "max_distance",
+            f"the TCP has moved {push.max_distance_m:g} m along the push, which is the maximum",
         )

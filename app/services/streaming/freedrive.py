@@ -1,12 +1,12 @@
-"""Freedrive: the arm goes where a hand pushes it, and stays where it is let go.
+"""Freedrive: the arm moves where a hand pushes it, and stays where it is released.
 
-A streaming session with soft springs, so that the arm gives way at once; here, its targets follow the hand:
-what the surroundings exert on a joint, beyond a threshold, becomes that joint's velocity, as with a damper
-(admittance control). The velocity is made smaller the nearer the arm, as measured, is to a joint's limit or
-to an obstacle, as in a jog (`jog_limits`); a joint that is pushed further resists.
+It is a streaming session with soft springs, so that the arm yields at once. This module makes its targets
+follow the hand (admittance control): the external torque on a joint, above a threshold, becomes that joint's
+velocity, as with a damper. The nearer the measured arm is to a joint limit or an obstacle, the smaller is the
+velocity, as in a jog (`jog_limits`). A joint that is pushed further resists.
 
-It ends when it is switched off, by a stop, and when it is not renewed in time: the client that has it must
-stay connected. A renewal does not restart freedrive that has ended.
+Freedrive ends when it is switched off, by a stop, and when it is not renewed in time, for example because the
+client is disconnected. A renewal does not restart freedrive that has ended.
 """
 
 from __future__ import annotations
@@ -28,23 +28,30 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array
 
 TIMEOUTS_S = (0.5, 60.0)
-"""The shortest and the longest time after which freedrive has to be renewed."""
+"""Minimum and maximum time after which freedrive has to be renewed, s."""
 TIMEOUT_S = 3.0
 SOFTNESS = 16.0
 """Ratio of the robot's nominal stiffness to that of the springs: a quarter of the frequency."""
 FOLLOW_S = 0.15
-"""Time by which the arm lags behind a hand that moves it steadily, s. A shorter one would make the arm
-lighter, but unstable against hard objects: it must be longer than `SMOOTHING_S` and the cycle."""
+"""Delay of the arm behind a hand that moves it steadily, s. A shorter one would make the arm lighter, but
+unstable against hard objects. It must be longer than `SMOOTHING_S` and the cycle.
+"""
 SMOOTHING_S = 0.1
-"""Time constant with which the velocity follows the hand."""
+"""Time constant with which the velocity follows the hand, s."""
 TOUCH_SHARE = 0.005
-"""What is exerted on a joint counts beyond this share of its effort limit: no estimate is exact."""
+"""Threshold of the external torque of a joint, as a share of its effort limit. Smaller values are ignored,
+because estimates are not exact.
+"""
 PUSHED_SHARE = 0.02
-"""Maximum share of the effort limit before a hand takes hold of the arm. Above it, the arm would drift."""
+"""Maximum external torque at the start, as a share of the effort limit. Above it, the arm would drift without
+a hand.
+"""
 ROOM_RAD = 0.05
-"""From a joint's limit, rad or m, this much stays free: soft springs yield to a hand that does not stop."""
+"""Distance from a joint's limit that is kept free, rad or m, because soft springs yield to continued
+pushing.
+"""
 MAX_LEAD_RAD = 0.05
-"""No target is further ahead of what rtloop commands, which may have to wait for it, rad or m."""
+"""Maximum distance of a target from rtloop's command, which may lag behind it, rad or m."""
 OFF = "freedrive was switched off"
 
 
@@ -53,10 +60,10 @@ class FreedriveState:
     """State of freedrive.
 
     Attributes:
-        session: the session's number while it is on, else None.
-        left_s: after which it ends unless it is renewed; 0 while it is off.
-        limited_by: why the arm does not go where it is pushed, "" if it does.
-        ended: why it has ended the last time, "" for never.
+        session: number of the present session, None while freedrive is off.
+        left_s: time until it ends without a renewal, s; 0 while it is off.
+        limited_by: reason why the arm does not follow the push, "" if it does.
+        ended: reason of the last end, "" if it has never ended.
     """
 
     session: int | None
@@ -66,14 +73,14 @@ class FreedriveState:
 
 
 class Guidance:
-    """What a hand's push becomes, for one robot.
+    """Calculates the motion of one robot from the push of a hand.
 
     Attributes:
-        velocity: of the newest target, rad/s or m/s, shape (dof,).
+        velocity: velocity of the newest target, rad/s or m/s, shape (dof,).
     """
 
     def __init__(self, robot: RobotDescription, stiffness: Array) -> None:
-        """stiffness: of the springs in freedrive, shape (dof,), N·m/rad."""
+        """stiffness: stiffness of the springs in freedrive, shape (dof,), N·m/rad."""
         self._bounds = robot.limits
         self._limits = JogLimits(robot)
         self._damping = stiffness * FOLLOW_S
@@ -84,13 +91,13 @@ class Guidance:
         """The next target.
 
         Args:
-            target: the last one, rad or m, shape (dof,).
-            position: where the arm is, as measured.
-            external: what the surroundings exert on the joints, N·m or N.
-            step_s: since the last one.
+            target: the last target, rad or m, shape (dof,).
+            position: measured joint positions.
+            external: external torques or forces on the joints, N·m or N.
+            step_s: time since the last target, s.
 
         Returns:
-            The target, and why the arm does not go where it is pushed, "" if it does.
+            The target, and the reason why the arm does not follow the push, "" if it does.
         """
         asked = (external - np.clip(external, -self._touch, self._touch)) / self._damping
         bounded, why = self._within_limits(asked, position)
@@ -102,7 +109,9 @@ class Guidance:
         return np.clip(target + step_s * self.velocity, low, high), near or why
 
     def _within_limits(self, asked: Array, position: Array) -> tuple[Array, str]:
-        """Each joint slows down before its own limit; pushed beyond, it goes back."""
+        """The velocities, reduced near the joint limits. A joint that is pushed beyond its limit moves
+        back.
+        """
         bounds = self._bounds
         up = RATE_PER_S * (bounds.max_position - ROOM_RAD - position)
         down = RATE_PER_S * (bounds.min_position + ROOM_RAD - position)
@@ -134,23 +143,23 @@ class FreedriveService:
 
     @property
     def state(self) -> FreedriveState:
-        """How it stands."""
+        """The present state of freedrive."""
         if self._session is None or self._session.over:
             return FreedriveState(None, 0.0, "", self._ended if self._session is None else self._session.over)
         left_s = max(self._until_s - self._link.clock.now_s(), 0.0)
         return FreedriveState(self._session.number, left_s, self._limited_by, self._ended)
 
     async def begin(self, name: str, timeout_s: float, answer_s: float) -> None:
-        """Switch it on.
+        """Switch freedrive on.
 
         Args:
-            name: the name of the client, for people.
+            name: displayed name of the client.
             timeout_s: the time after which it ends unless `renew` is called.
-            answer_s: for rtloop's answer.
+            answer_s: timeout for rtloop's answer, s.
 
         Raises:
             NotSupportedError: the backend has no freedrive. The error names the backend.
-            ConflictError: another client moves the arm or has control; or something pushes it already.
+            ConflictError: another client moves the arm or has control, or the arm is already being pushed.
             NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
         """
         self._require_able()
@@ -170,21 +179,21 @@ class FreedriveService:
         self._task = asyncio.create_task(self._run(session, guidance), name="freedrive")
 
     def renew(self, session: int, timeout_s: float) -> None:
-        """Continue for this time.
+        """Renew freedrive for this time.
 
         Args:
-            session: its number.
+            session: number of the session.
 
         Raises:
-            ConflictError: it has ended, with the reason; another freedrive or another client's is on; or
-                another client has control.
+            ConflictError: the session has ended (the error has the reason), another freedrive session is on,
+                or another client has control.
         """
         if session != self._number:
-            raise ConflictError(f"there is no freedrive session {session}: begin one without `session`")
+            raise ConflictError(f"there is no freedrive session {session}: start one without `session`")
         if self.state.session is None:
             raise ConflictError(f"freedrive has ended: {self.state.ended}")
         if not CLIENT.get().same(self._client):  # the client that guides the arm has to be connected
-            raise ConflictError(f"freedrive was begun by {self._client}; no other client may renew it")
+            raise ConflictError(f"freedrive was started by {self._client}; no other client may renew it")
         self._streams.require_control()
         self._hold(timeout_s)
 
@@ -192,7 +201,7 @@ class FreedriveService:
         """Require that this client guides the arm now.
 
         Raises:
-            ConflictError: freedrive is off, or another client's.
+            ConflictError: freedrive is off, or another client has started it.
         """
         if self.state.session is None:
             raise ConflictError("hand guiding is off: begin it first (POST /robot/freedrive)")
@@ -200,13 +209,13 @@ class FreedriveService:
             raise ConflictError(f"the arm is guided by {self._client}")
 
     async def end(self, reason: str = OFF) -> None:
-        """Switch it off; returns when the arm rests. Nothing happens if it is off."""
+        """Switch freedrive off. Returns when the arm is at rest. Does nothing if it is off."""
         if (session := self._session) is not None:
             session.end(reason)
             await asyncio.shield(session.ended)
 
     def close(self) -> None:
-        """Let go; rtloop ends the session with this process."""
+        """Stop sending targets. rtloop ends the session when this process ends."""
         if self._task is not None:
             self._task.cancel()
 
@@ -217,26 +226,26 @@ class FreedriveService:
     def _require_able(self) -> None:
         named = self._link.device()
         if named is None:
-            raise ConflictError("freedrive: what the robot's backend can do cannot be read")
+            raise ConflictError("freedrive: the capabilities of the robot's backend cannot be read")
         backend, device = named
         refusal = device.capabilities.lacks(backend, "guiding the arm by hand", "freedrive")
         if refusal:
             raise NotSupportedError(refusal)
 
     def _require_untouched(self) -> None:
-        """Check that nothing pushes the arm yet: any effort that it measures now would move it."""
+        """Check that nothing pushes the arm yet, because any measured effort would move it."""
         external, limits = self._link.state().record["external_effort"], self._robot.limits
         shares = np.abs(external) / limits.max_effort
         joint = int(shares.argmax())
         if shares[joint] > PUSHED_SHARE:
             raise ConflictError(
-                f"freedrive: {limits.names[joint]} feels {external[joint]:.1f} N·m already, allowed are "
+                f"freedrive: {limits.names[joint]} already feels {external[joint]:.1f} N·m, allowed are "
                 f"{PUSHED_SHARE * limits.max_effort[joint]:.1f} N·m: let go of the arm, and see that its "
                 "tool is set (POST /robot/tool)"
             )
 
     async def _run(self, session: StreamSession, guidance: Guidance) -> None:
-        """Sends targets until the session is over, then waits until the arm rests."""
+        """Send targets until the session ends, then wait until the arm is at rest."""
         try:
             await self._guide(session, guidance)
         except CobotError as exc:

@@ -1,7 +1,9 @@
-"""Local streaming clients that hang: one that is stopped, as by SIGSTOP or a debugger, loses the arm.
+"""Hung local streaming clients: a process that is suspended, for example by SIGSTOP or a debugger, loses its
+session.
 
-rtloop brings the arm to rest when no targets come, and notices the end of the client's process; but a process
-that is stopped has not ended. A remote client that hangs answers no ping, so its connection ends.
+rtloop stops the arm when no targets arrive, and notices the end of the client's process. But a suspended
+process has not ended, so this module watches for it. The connection of a hung remote client ends because the
+client answers no ping.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ log = logging.getLogger("cobot.streams")
 
 @contextlib.asynccontextmanager
 async def watching_clients(link: RobotLink, timeout_s: float) -> AsyncIterator[None]:
-    """End sessions of clients whose process has been stopped for the timeout, until the context ends."""
+    """While the context is open, end the sessions of clients whose process was suspended for the timeout."""
     task = asyncio.create_task(_watch(link, timeout_s), name="hung clients")
     try:
         yield
@@ -37,7 +39,7 @@ async def _watch(link: RobotLink, timeout_s: float) -> None:
         stopped_s = stopped_s + PERIOD_S if process is not None and is_stopped(process) else 0.0
         if stopped_s >= timeout_s:
             log.warning(
-                "%sthe streaming client, process %s, is stopped: its session ends", link.label, process
+                "%sthe streaming client, process %s, is suspended: its session ends", link.label, process
             )
             link.request_stop()
             stopped_s = 0.0

@@ -76,7 +76,7 @@ def example(run: VirtualService, name: str) -> dict[str, Any]:
 
 def is_kept_out(answer: httpx.Response) -> bool:
     """Whether the reason is the control of another client."""
-    return answer.status_code == 409 and "under the control of" in answer.json()["detail"]
+    return answer.status_code == 409 and "has control of the robot" in answer.json()["detail"]
 
 
 def test_each_endpoint_that_changes_something_heeds_the_control_or_is_listed(pair: VirtualService) -> None:

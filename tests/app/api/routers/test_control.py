@@ -89,7 +89,7 @@ def test_who_has_taken_it_moves_and_others_are_told_who_has(run: VirtualService)
     assert 19.0 < until_s - run.clock.wall_ns() * 1e-9 <= 20.0 + 1e-6  # which ISO 8601 rounds it to
     refused = move(run)
     assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
-    assert "under the control of anonymous from 127.0.0.1" in refused.json()["detail"]
+    assert "anonymous from 127.0.0.1 has control of the robot" in refused.json()["detail"]
     assert run.post(PATH, {}).status_code == 409
     assert move(run, token).json()["success"]
     later_s = datetime.fromisoformat(run.get(PATH).json()["until"]).timestamp()
@@ -133,7 +133,7 @@ def test_what_decides_how_its_motions_go_is_its_holders_alone(run: VirtualServic
     ball = {"objects": {"ball": {"shape": "sphere", "radius": 0.05, "x": -0.8, "y": 0.0, "z": 0.9}}}
     refused = run.post("/scene", ball)
     assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
-    assert "under the control of anonymous from 127.0.0.1" in refused.json()["detail"]
+    assert "anonymous from 127.0.0.1 has control of the robot" in refused.json()["detail"]
     assert run.post("/robot/tool", {"mass": 0.5}).status_code == 409
     for refused in (
         run.post("/robot/positions", {"name": "beside", "joints": AWAY}),
@@ -391,7 +391,7 @@ def test_a_speed_fraction_set_during_a_session_does_not_slow_what_follows(run: V
         heard(socket, "session")
         refused = called(run, "MotionControl", "setSpeedFraction", fraction=0.1)
         assert refused["code"] == Code.CONFLICT
-        assert "a stream has no path" in refused["message"]
+        assert "because it has no path" in refused["message"]
         socket.send('{"type": "end"}')
         heard(socket, "session_ended")
     assert called(run, "MotionControl", "getSpeedFraction")["result"] == 1.0

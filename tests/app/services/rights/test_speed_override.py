@@ -225,7 +225,7 @@ def test_a_stream_cannot_be_paused(bench: Bench) -> None:
     async def check() -> None:
         assert bench.rig.stream() == ""
         bench.rig.step(50)
-        with pytest.raises(ConflictError, match="no path to pause on"):
+        with pytest.raises(ConflictError, match="no path on which it could pause"):
             await bench.ownership.speed_override.pause()
         assert not bench.ownership.speed_override.paused
 
@@ -238,6 +238,6 @@ def test_a_device_that_moves_by_itself_is_neither_slowed_down_nor_paused(bench: 
     device.publish()
     override = bench.ownership.speed_override
     for asked in (override.set_fraction(0.5), override.pause()):
-        with pytest.raises(NotSupportedError, match="takes whole motions: on its way"):
+        with pytest.raises(NotSupportedError, match="executes whole motions itself: a motion can be stopped"):
             asyncio.run(asked)
     assert (override.fraction, override.paused) == (1.0, False)

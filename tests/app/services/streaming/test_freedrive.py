@@ -169,7 +169,7 @@ def test_it_has_the_arm_alone_and_heeds_who_has_the_control(run: VirtualService)
     run.ask("DELETE", PATH).raise_for_status()
     token = run.post("/robot/control", {"timeout_s": 60.0}).json()["token"]
     try:
-        assert "under the control of" in refused(run.post(PATH, {}), 409)
+        assert "has control of the robot" in refused(run.post(PATH, {}), 409)
         assert run.ask("POST", PATH, json={}, headers={"X-Control-Token": token}).status_code == 200
     finally:
         run.ask("DELETE", PATH)
@@ -190,8 +190,8 @@ def test_only_who_has_begun_it_renews_it_and_not_against_who_has_the_control(run
 
         run.sleep(1.0)
         detail = refused(run.run(another()), 409)
-        assert detail == "freedrive was begun by anonymous from 127.0.0.1; no other client may renew it"
-        assert "under the control of" in refused(run.post(PATH, again), 409)
+        assert detail == "freedrive was started by anonymous from 127.0.0.1; no other client may renew it"
+        assert "has control of the robot" in refused(run.post(PATH, again), 409)
         assert state(run)["left_s"] < 59.5, "nobody has renewed it"
         assert run.ask("POST", PATH, json=again, headers=shown).status_code == 200
     finally:
